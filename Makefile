@@ -21,6 +21,8 @@ unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH PYTHONHOME _ROS_WHEELS_
 
 VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 PIP := -m pip --disable-pip-version-check --quiet install
+# The clone itself on the path: in the folder above it, it would be taken for a package otherwise.
+EDITABLE := --config-settings editable_mode=compat
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -104,12 +106,12 @@ clean: ## remove all that was made here
 
 $(VENV)/run: $(VENV)/python-$(VERSION) setup.py
 	@echo 'installing pneunet_ros and what it needs into $(VENV): a minute or two'
-	@$(VENV)/bin/python $(PIP) -e .
+	@$(VENV)/bin/python $(PIP) $(EDITABLE) -e .
 	@touch $@
 
 $(VENV)/all: $(VENV)/python-$(VERSION) setup.py
 	@echo 'installing pneunet_ros, ROS and the tools for testing into $(VENV): a minute or two'
-	@$(VENV)/bin/python $(PIP) -e '.[dev,ros]'
+	@$(VENV)/bin/python $(PIP) $(EDITABLE) -e '.[dev,ros]'
 	@touch $(VENV)/run $@
 
 # The kernels, once, before several test processes want them; seconds where they are compiled.

@@ -40,7 +40,7 @@ MODEL, CAMERA = share_path('config/lab_arm.yaml'), share_path('config/lab_camera
 NAMESPACE = '/pneunet'
 LOWEST, HIGHEST, PERIOD = 4e3, 46e3, 16.0  # Pa, Pa, s
 PULL, PULL_PERIOD = (0.03, 0.01), 11.0  # N, s
-START_TIMEOUT = 900.0  # s; the very first time kernels are compiled, by all nodes at once
+START_TIMEOUT = 900.0  # s; the very first time the virtual arm compiles its kernels
 STILL_STARTING = 30.0  # s, after which this is said, and again
 
 
@@ -230,7 +230,11 @@ def main() -> int:
     arguments = parser.parse_args()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    print('starting virtual_arm, estimator and tracker; the first time they compile for minutes')
+    print(
+        'starting virtual_arm, estimator, tracker and fusion; the first time they also compile, '
+        'some 20 s of CPU, and all but the virtual arm work meanwhile',
+        flush=True,
+    )
     try:
         with ExitStack() as stack:
             arm = [

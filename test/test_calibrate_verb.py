@@ -148,6 +148,7 @@ def test_people_are_shown_a_summary(run, lab, monkeypatch):
     assert 'unloaded_ramp.mcap' in out
     assert 'Intrinsic curvature' in out
     assert 'wrote free.yaml' in out
+    assert 'wrote free.knowledge.npz, which --continue goes on from' in out
     assert 'wrote report/index.html' in out
     assert reported == [Path('report')]
     arm = load_model('free.yaml')
@@ -207,7 +208,9 @@ def test_nothing_is_overwritten_unasked(run, lab, taken, monkeypatch):
     Path(taken).write_text('mine')
     code, _, err = run(*all_of(lab), '--output', 'model.yaml', '--report', 'report')
     assert code == 2
-    assert f'{taken} exists already; use --overwrite' in err
+    assert f'{taken} exists already' in err
+    assert ('it goes with model.yaml' in err) == taken.endswith('npz')
+    assert 'choose another name or pass --overwrite' in err
     assert Path(taken).read_text() == 'mine'
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pneunet_ros.reports.calibration.verdict import (
+    bending_stiffness,
     larger_under_load,
+    stiffness_text,
     stiffness_with_error,
     verdict_of,
 )
@@ -33,6 +35,15 @@ def test_a_model_that_misses_something_is_to_be_diagnosed():
     assert 'worse than the noise: 3 times it' in verdict.fit
     assert verdict.command.startswith('pneunet diagnose')
     assert '--model m.yaml' in verdict_of(poor, model='m.yaml').command
+
+
+def test_a_model_better_than_its_noise_says_that_the_noise_is_too_large():
+    found = calibration()
+    good = replace(found, joint=replace(found.joint, chi_squared=0.16 * found.joint.dof))
+    verdict = verdict_of(good)
+    assert verdict.fit.startswith('The model fits')
+    assert 'better than the noise that was assumed: 0.4 times it' in verdict.fit
+    assert 'too large' in verdict.fit
 
 
 def test_a_load_that_only_its_noise_explains_is_not_sure():
@@ -72,3 +83,8 @@ def test_a_fit_that_did_not_settle_gives_no_model():
 )
 def test_a_stiffness_stands_with_its_error(value, std, text):
     assert stiffness_with_error(value, std) == text
+
+
+def test_a_pressure_that_is_a_little_below_zero_is_shown_as_zero():
+    (item, *_) = bending_stiffness(calibration().joint)
+    assert stiffness_text([replace(item, pressure=-30.0)]).endswith(', at 0 kPa')

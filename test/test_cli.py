@@ -564,6 +564,10 @@ def test_track_reads_a_recording_that_is_cut_off_as_far_as_it_goes(run_json, tmp
         (['folder', '--camera', 'pose.yaml', '--camera-info', 'none'], 'focal length'),
         (['folder', '--preview', 'p.gif'], 'must end in .png, .mp4 or .html'),
         (['folder', '--with-images'], '--with-images needs --output'),
+        (
+            ['folder', '--output', 'w5.txt'],
+            'w5.txt cannot be written: a recording is an .mcap file',
+        ),
         (['folder', '--estimates', 'e.mcap'], '--preview FILE.html'),
         (['folder', '--estimates', 'e.mcap', '--preview', 'p.png'], '--preview FILE.html'),
         (['folder', '--table', 'p.png', '--preview', 'p.png'], 'must be different files'),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+
 import cv2
 import numpy as np
 from pneunet_ros.core.errors import CameraError, MessageError, RecordingError, RequestError
@@ -10,6 +12,7 @@ from pneunet_ros.messages.builders import IMAGE_TYPE
 from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE
 from pneunet_ros.recordings.image_files import picture_files, stamp_at
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest
+from pneunet_ros.recordings.matroska import is_cut, is_matroska, MAGIC, SEGMENT
 from pneunet_ros.vision.camera_model import Lens
 import pytest
 from support.films import (
@@ -32,6 +35,7 @@ from support.variable_rate import stretch_frames
 
 WIDTH, HEIGHT = 64, 48
 NONE = SourceRequest(camera_info='none', rate=RATE)
+DURATION = b'\x44\x89\x88'  # of a Matroska: its name, and that it has eight bytes
 
 
 def noise(seed: int, width: int = WIDTH, height: int = HEIGHT):
@@ -243,8 +247,9 @@ def test_what_is_no_video_is_an_error_that_names_it(tmp_path, content, capfd):
     assert capfd.readouterr() == ('', '')
 
 
-def test_a_video_that_breaks_off_gives_what_there_is_and_says_so(tmp_path, capfd):
-    path = video(tmp_path / 'film.avi', [noise(seed, 320, 240) for seed in range(40)])
+@pytest.mark.parametrize('name', ['film.avi', 'film.mkv'])
+def test_a_video_that_breaks_off_gives_what_there_is_and_says_so(tmp_path, capfd, name):
+    path = video(tmp_path / name, [noise(seed, 320, 240) for seed in range(40)])
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     items = read(path)
     assert 5 < len(images(items)) < 35
@@ -252,6 +257,35 @@ def test_a_video_that_breaks_off_gives_what_there_is_and_says_so(tmp_path, capfd
     assert str(path) in str(items[-1].reading)
     assert items[-1].topic == '/pneunet/image_raw'
     assert capfd.readouterr() == ('', '')
+
+
+def test_a_matroska_of_variable_rate_is_whole_though_its_duration_promises_more(tmp_path):
+    path = video(tmp_path / 'film.mkv')
+    before, mark, after = path.read_bytes().partition(DURATION)
+    (seconds,) = struct.unpack('>d', after[:8])
+    path.write_bytes(before + mark + struct.pack('>d', 2.0 * seconds) + after[8:])
+    assert open_images(path, NONE).frames == 2 * len(PICTURES)
+    assert [type(item.reading) for item in read(path)[1:]] == [Image] * len(PICTURES)
+
+
+@pytest.mark.parametrize(
+    ('content', 'cut'),
+    [
+        (MAGIC + b'\x80' + SEGMENT + b'\x82ab', False),
+        (MAGIC + b'\x80' + SEGMENT + b'\x83ab', True),
+        (MAGIC + b'\x81x' + SEGMENT + b'\x40\x03ab', True),
+        (MAGIC + b'\x80' + SEGMENT + b'\xff', False),  # it says no size
+        (MAGIC + b'\x80' + SEGMENT + b'\x40', False),
+        (MAGIC + b'\x80other', False),
+        (MAGIC + b'\x00', False),
+        (MAGIC, False),
+    ],
+)
+def test_a_matroska_is_cut_where_its_segment_is_longer_than_the_file(tmp_path, content, cut):
+    path = tmp_path / 'film.mkv'
+    path.write_bytes(content)
+    assert is_matroska(path)
+    assert is_cut(path) == cut
 
 
 # Recordings

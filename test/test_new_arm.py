@@ -75,6 +75,11 @@ def test_what_is_not_given_is_asked_for(run, tmp_path, monkeypatch):
     ('arguments', 'said'),
     [
         (('--length', '112mm'), 'give --weight, --pressure, --dot, --targets: nobody is here'),
+        (
+            ('--length', '112', *SIZES[2:], '--targets', '9'),
+            '--length 112 is 112 m: is 112mm meant?',
+        ),
+        ((*SIZES, '--places', '0', '10', '20'), '--places 20 is 20 m: is 20mm meant?'),
         ((*SIZES, '--targets', '2'), 'a whole number from 3 to 500'),
         ((*SIZES, '--targets', '40'), 'would be 2.5 mm apart, and need half a diameter'),
         (

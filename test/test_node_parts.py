@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -261,6 +262,21 @@ def test_the_log_repeats_itself_once_a_minute():
         log.warn('older', f'{second} older', float(second))
         log.error('no_wrench', f'{second} wrench', float(second))
     assert said == ['0 older', '0 wrench', '60 older', '60 wrench']
+
+
+def test_what_others_send_once_they_have_begun_is_an_error_only_when_it_does_not_come():
+    said = []
+    log = Log(
+        SimpleNamespace(
+            warning=lambda text: said.append(f'warning: {text}'),
+            error=lambda text: said.append(f'error: {text}'),
+        )
+    )
+    for since_ready in (-math.inf, 0.2, 4.0, 6.0, 7.0):
+        for reason in ('no_camera_info', 'wrong_size'):
+            refusal = Refusal(stamp_ns=1, reason=reason, sentence=reason, error=True)
+            log.refusal(refusal, since_ready, 100.0 + max(since_ready, 0.0))
+    assert said == ['warning: no_camera_info', 'error: wrong_size', 'error: no_camera_info']
 
 
 def test_what_controllers_need_is_published_first():

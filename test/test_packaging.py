@@ -225,7 +225,7 @@ def test_a_node_without_ros_says_so_in_one_sentence(module):
     done = subprocess.run(command, cwd=CHECKOUT, capture_output=True, text=True, timeout=300)
     assert (done.returncode, done.stdout) == (2, '')
     assert done.stderr.count('\n') == 1
-    assert "pip install 'pneunet_ros[ros]'" in done.stderr
+    assert "pip install '.[ros]' in a clone" in done.stderr
 
 
 def installed_command(python, *arguments, environment, cwd):

@@ -13,7 +13,16 @@ import shutil
 import pytest
 from support.cantilever import Cantilever
 from support.films import pictures, write_camera_info, write_folder, write_video
-from support.page_commands import agree, blocks_of, PAGES, rewrite, ROOT, run_block, started_node
+from support.page_commands import (
+    agree,
+    blocks_of,
+    folder_after,
+    PAGES,
+    rewrite,
+    ROOT,
+    run_block,
+    started_node,
+)
 
 # What no package index has, what needs a display, and arms of the reader's own; everything else
 # can be run, and is.
@@ -105,6 +114,7 @@ def test_a_page_runs_as_it_stands(page, blocks, tmp_path, request):
                 rewrite(page, before, shown, printed)
             else:
                 assert shown == printed, f'{block.page}:{block.line}'
+        folder = folder_after(block, folder)
 
 
 def clone(folder: Path) -> Path:

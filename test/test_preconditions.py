@@ -55,6 +55,15 @@ def test_good_recordings_pass():
     check_runs([], LOADED, PAPER, first=False)
 
 
+def test_a_gauge_pressure_above_that_of_the_air_is_one_of_a_model_known_there():
+    table, law = (
+        replace(part, pressure=part.pressure + 1e5)
+        for part in (PAPER.intrinsic_curvature, PAPER.moment_law)
+    )
+    stiff = replace(PAPER, intrinsic_curvature=table, moment_law=law, domain=None)
+    check_runs([bent(FREE[0], pressure=FREE[0].pressure + 101_325.0)], [], stiff)
+
+
 @pytest.mark.parametrize(
     ('free', 'loaded', 'sentence'),
     [
@@ -69,6 +78,11 @@ def test_good_recordings_pass():
         ([scaled(FREE[0], targets=1e-3)], [], 'up: the last target lies .* is the unit right'),
         ([scaled(FREE[0], pressure=1e3)], [], 'up: a pressure of .* gauge, in Pa'),
         ([scaled(FREE[0], pressure=1e-3)], [], 'up: .*never exceeds 6.* Pa.*not in kPa'),
+        (
+            [bent(FREE[0], pressure=FREE[0].pressure + 101_325.0)],
+            [],
+            'up: .* never below 101.3 kPa, as if it were absolute.*--pressure-reference absolute',
+        ),
         ([scaled(FREE[0], pressure=1e-2)], [], 'up: .*never exceeds 6.* Pa.*mbar'),
         (FREE, [scaled(LOADED[0], force=1e3)], 'weights: an end force .* must be in N'),
         ([bent(FREE[0], x=FREE[0].x[:, 1:], y=FREE[0].y[:, 1:])], [], 'up has 22 targets and the'),

@@ -122,6 +122,10 @@ def test_points_are_read_however_they_are_laid_out(message):
     [
         (cloud(frame_id='camera'), "frame 'camera', and must be in 'pneunet_base'"),
         (cloud(ids=(0, 1, 2)), 'there are 3 points in targets, and the arm has 4 targets'),
+        (
+            cloud(ids=(0, 1, 2)),
+            'named by --model .calibrate: --arm; a node: the parameter model_file',
+        ),
         (cloud(ids=(0, 1, 2, 2)), 'must be 0 to 3, each once, not 0, 1, 2, 2'),
         (cloud(ids=(0, 1, 2, 4)), 'must be 0 to 3, each once, not 0, 1, 2, 4'),
         (cloud(ids=(0, 1, 2, -1)), 'must be 0 to 3, each once'),

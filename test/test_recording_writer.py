@@ -184,13 +184,13 @@ def test_a_log_time_before_1970_is_refused(tmp_path):
         writer.write(writer.add(PRESSURE, PRESSURE_TYPE), -1, pressure(0))
 
 
-@pytest.mark.parametrize('name', ['out.db3', 'out.bag'])
+@pytest.mark.parametrize('name', ['out.db3', 'out.bag', 'out.txt', 'out.MCAP'])
 def test_names_of_other_formats_are_refused(tmp_path, name):
     with pytest.raises(RecordingError, match=r'cannot be written: a recording is an \.mcap'):
         write_readings(tmp_path / name)
 
 
-@pytest.mark.parametrize('name', ['file.mcap', 'folder'])
+@pytest.mark.parametrize('name', ['file.mcap', 'folder', 'day_25.11'])
 def test_an_existing_output_is_refused_or_replaced_at_the_end(tmp_path, name):
     path = write_readings(tmp_path / name)
     with pytest.raises(RecordingError, match=r'exists already.*--overwrite'):

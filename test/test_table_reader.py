@@ -188,6 +188,12 @@ def test_what_the_estimator_made_is_left_out(tmp_path):
         ),
         ('time_s;pressure_pa\n0.2;1,060\n', "'1,060' in line 2 seems .* as '0.2' in line 2 has"),
         ('time_s;pressure_pa\n1;1.234,5\n', "column pressure_pa: '1.234,5' is no number"),
+        ('time_s;pressure_pa\n1;1,220.9\n', r"'1,220.9' is no number \(nothing may set thousands"),
+        ('time_s,pressure_pa\n1,1 220.9\n', r"'1 220.9' is no number \(nothing may set thousands"),
+        ("time_s,pressure_pa\n1,1'220\n", 'is no number .nothing may set thousands apart'),
+        ('Logger XY\ntime_s;pressure_pa\n1;2\n', 'begin in line 2; .* put # before each of these'),
+        ('# a\nLogger\n\nSerial\nTime,Pressure\n1,2\n', 'the table seems to begin in line 5'),
+        ('# all\n# comments', 'is empty: the first line must name the columns'),
         ('Time,pressure_pa\n24:00:00,1\n', "line 2, column time_s: '24:00:00' is no number"),
         ('Time,pressure_pa\n2026-02-30 10:00:00,1\n', "'2026-02-30 10:00:00' is no number"),
         ('time_ms,pressure_pa\n10:00:00,1\n', "column time_ms: '10:00:00' is no number"),
@@ -231,6 +237,28 @@ def test_tables_that_cannot_be_read_are_refused_with_the_place(tmp_path, text, s
     with pytest.raises(RecordingError, match=said) as caught:
         read(tmp_path, text)
     assert 'table.csv' in str(caught.value)
+
+
+def test_a_preamble_that_is_ignored_as_a_column_is_none(tmp_path):
+    with pytest.raises(RecordingError, match='the table seems to begin in line 2'):
+        read(tmp_path, 'Logger XY\ntime_s,pressure_pa\n1,2\n', ignore=['Logger XY'])
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        '# Logger XY\n#, of 2024\ntime_s,pressure_kpa\n1,2\n3,\n4,x\n',
+        '#Logger\nsep=;\r\ntime_s;pressure_kpa\r\n\r\n1;2\r\n4;x',
+        '# numpy writes it so\n# time_s,pressure_kpa\n\n1,2\n3,4\n4,x\n',
+        '\ufeff# Logger\n# a\n\n# b\n\ntime_s,pressure_kpa\n1,2\n4,x\n',
+    ],
+)
+def test_lines_of_comment_stand_above_the_names(tmp_path, text):
+    (bad,) = (place for place, line in enumerate(text.splitlines()) if 'x' in line)
+    with pytest.raises(RecordingError, match=f'line {bad + 1}, column pressure_kpa'):
+        read(tmp_path, text)
+    table = read(tmp_path, '\n'.join(text.splitlines()[:bad]))
+    assert table.values['pressure'][0, 0] == 2000.0
 
 
 @pytest.mark.parametrize(

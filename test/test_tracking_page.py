@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 import base64
 import hashlib
 import json
+from pathlib import Path
 import re
 
 import cv2
 import numpy as np
+from pneunet_ros.cli.track_preview import typed
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.shape_error import Centerlines
 from pneunet_ros.files.camera_file import load_camera
@@ -68,6 +71,16 @@ def test_the_verdict_says_how_many_frames_and_what_next(steps):
     assert '--output TRACKED.mcap' in followed
     done = collected([step for step in steps if not step.outcome.reason]).html(METERS, 'o.mcap')
     assert 'pneunet check o.mcap' in done
+
+
+def test_the_command_that_is_next_names_the_arm_and_the_lens(steps):
+    page = collected([step for step in steps if not step.outcome.reason])
+    given = Namespace(model=Path('my arm.yaml'), camera_info='none', clamp_pixel=None)
+    page.arm_options = typed(given, 'model')
+    page.image_options = typed(given, 'camera_info', 'clamp_pixel')
+    assert 'pneunet check o.mcap --model &#39;my arm.yaml&#39;' in page.html(METERS, 'o.mcap')
+    track = '--model &#39;my arm.yaml&#39; --camera-info none --output TRACKED.mcap'
+    assert track in page.html(METERS, '')
 
 
 def test_every_frame_is_an_image_with_its_targets_where_they_were_found(steps):

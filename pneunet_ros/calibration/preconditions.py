@@ -146,6 +146,13 @@ def check_pressures(
         )
     if constant:
         return
+    if looks_absolute(float(pressures.min()), arm, settings):
+        raise RecordingError(
+            f'{names}: the pressure is never below {kilopascals(float(pressures.min())):.4g} kPa, '
+            'as if it were absolute; if it is, say so (--pressure-reference absolute); a gauge '
+            'pressure begins near zero: record that too, or start from a model that was '
+            'calibrated up there (--arm)'
+        )
     if np.ptp(pressures) < settings.smallest_span:
         raise RecordingError(
             f'{names} span {kilopascals(float(np.ptp(pressures))):.2g} kPa of pressure: kappa_p0 '
@@ -156,6 +163,13 @@ def check_pressures(
             f'{names}: the targets hardly move although the '
             'pressure changes; do the target topic and the pressure belong together?'
         )
+
+
+def looks_absolute(
+    lowest: float, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
+) -> bool:
+    """Whether a lowest pressure (Pa) is that of the air, and not one that the arm is known at."""
+    return lowest > max(settings.like_air, arm.pressure_range[1])
 
 
 def check_unloaded(run: RecordingData, settings: PreconditionSettings = PRECONDITIONS) -> None:

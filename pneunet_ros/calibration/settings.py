@@ -19,6 +19,9 @@ class PreconditionSettings:
     load_noise: float = tuning(8.0, 'loads that differ by more are two', unit='sigma')
     unloaded_force: float = tuning(0.02, 'more than the offset of a force sensor', unit='N')
     largest_pressure: float = tuning(1e6, 'gauge', unit='Pa')
+    like_air: float = tuning(
+        81e3, 'that a pressure is never below, beyond the range of the model: not gauge', unit='Pa'
+    )
     bending_motion: float = tuning(
         0.05, 'pressures that bend so much are no few Pa', unit='length'
     )

@@ -145,6 +145,7 @@ def run(arguments: Namespace) -> int:
         numbers_of(calibration, str(arguments.output))
         | {
             'output': arguments.output if calibration.joint.converged else None,
+            'knowledge': knowledge_file(arguments.output) if calibration.joint.converged else None,
             'report': arguments.report,
             'seconds': time.perf_counter() - started,
         }
@@ -159,10 +160,13 @@ def run(arguments: Namespace) -> int:
 
 def check_outputs(arguments: Namespace) -> None:
     """Refuse outputs that exist before a long computation, not after it."""
-    wanted = (arguments.output, knowledge_file(arguments.output), arguments.report)
-    for path in wanted:
+    knowledge = knowledge_file(arguments.output)
+    for path in (arguments.output, knowledge, arguments.report):
         if path is not None and path.exists() and not arguments.overwrite:
-            raise RecordingError(f'{path} exists already; use --overwrite to replace it')
+            why = f' (it goes with {arguments.output}, for --continue)' * (path == knowledge)
+            raise RecordingError(
+                f'{path} exists already{why}: choose another name or pass --overwrite'
+            )
     if arguments.output.suffix not in ('.yaml', '.yml'):
         raise RecordingError(f'{arguments.output} must end in .yaml: it becomes a model file')
 

@@ -115,6 +115,7 @@ def show(
         console.print(f'no model was written: {summary["status"]}')
     else:
         console.print(f'wrote {summary["output"]}')
+        console.print(f'wrote {summary["knowledge"]}, which --continue goes on from')
     if summary['report'] is not None:
         console.print(f'wrote {summary["report"]}/index.html')
     console.print(Text(f'{verdict["next_step"]} {verdict["command"]}'))
@@ -142,7 +143,7 @@ def law_table(calibration: Calibration, law: tuple[Row, ...]) -> Table:
         alphas = [f'moment_law.rigidity.{place}.{section}' for section in (0, 1)]
         names = [name for alpha in alphas for name in (alpha, f'EI of {alpha}')]
         shown = [texts[name] for name in (*names, f'moment_law.split.{place}')]
-        table.add_row(f'{kilopascals(pressure):.1f}', *shown)
+        table.add_row(f'{kilopascals(pressure):z.1f}', *shown)
     return table
 
 
@@ -156,7 +157,7 @@ def curvature_table(calibration: Calibration, rows: tuple[Row, ...]) -> Table:
     for place, pressure in enumerate(fitted.pressures):
         values, errors, _ = zip(*(cells[place] for _, cells in fitted.rows), strict=True)
         table.add_row(
-            f'{pressure:.1f}',
+            f'{pressure:z.1f}',
             *(f'{values[knot]:.2f}' for knot in (0, middle, -1)),
             f'{errors[middle]:.2f}, {max(errors):.2f}',
         )

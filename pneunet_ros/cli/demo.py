@@ -124,7 +124,7 @@ def show(
         table.add_column(name, justify='right')
     for row in rows:
         table.add_row(
-            f'{kilopascals(row["pressure"]):.1f}',
+            f'{kilopascals(row["pressure"]):z.1f}',
             f'{row["force_x"]:.3f}',
             f'{row["force_y"]:.3f}',
             f'{millimeters(row["tip_x"]):.2f}',

@@ -262,7 +262,7 @@ def wait_for_recording(experiment: Experiment, safe: SafeSet, path: Path) -> Non
     print(f'\nRecord next, {experiment.seconds:g} s: {experiment.words}.')
     print('  s      kPa    F1 (N)  F2 (N)')
     for seconds, pressure, x, y in safe.corners(experiment).tolist():
-        print(f'  {seconds:5.1f}  {kilopascals(pressure):5.1f}  {x:6.3f}  {y:6.3f}')
+        print(f'  {seconds:5.1f}  {kilopascals(pressure):z5.1f}  {x:6.3f}  {y:6.3f}')
     while not path.exists():
         print(f'Put it at {path}, then press Enter (Ctrl-C ends): ', end='', flush=True)
         if not sys.stdin.readline():

@@ -236,7 +236,7 @@ def see_to_kernels(given: Namespace) -> None:
         compile_meanwhile()
         say(given, 'the kernels are being compiled in the background, once; numpy answers')
         return
-    say(given, 'compiling the kernels, once: a minute or two of CPU')
+    say(given, 'compiling the kernels, once: about 20 s of CPU')
     from pneunet_ros.cli.verb import progress_bar
 
     with progress_bar(shown=not given.json) as bar:

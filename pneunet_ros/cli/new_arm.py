@@ -21,6 +21,7 @@ from pneunet_ros.model.starting_arm import even_places, starting_arm
 from pneunet_ros.reports.target_template import write_template
 
 FEWEST_TARGETS, MOST_TARGETS = 3, 500
+LONGEST = 10.0  # m, of an arm
 STEP = 0.0005  # m, to which places of targets are rounded, to be found on a ruler
 
 
@@ -145,7 +146,7 @@ def answers(
     if arguments.places:
         if arguments.targets:
             raise RequestError('give --targets or --places, not both')
-        given = [quantity_of('--places', text, 'length') for text in arguments.places]
+        given = [size_of('--places', text, 'length') for text in arguments.places]
         return sizes, np.array(given)
     text = arguments.targets
     if text is None and ask is not None:
@@ -165,7 +166,15 @@ def answers(
 
 def positive(option: str, text: str, kind: str) -> float:
     """Return a size above zero, SI; RequestError for what is none."""
-    value = quantity_of(option, text, kind)
+    value = size_of(option, text, kind)
     if not value > 0.0:
         raise RequestError(f'{option} {text} must be above zero')
+    return value
+
+
+def size_of(option: str, text: str, kind: str) -> float:
+    """Return a size, SI; RequestError for meters that will have been millimeters."""
+    value = quantity_of(option, text, kind)
+    if kind == 'length' and value > LONGEST and text[-1:].isdigit():
+        raise RequestError(f'{option} {text} is {value:g} m: is {text}mm meant?')
     return value

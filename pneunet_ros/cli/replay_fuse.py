@@ -138,8 +138,8 @@ def show(summary: dict[str, object], tally: FusionTally) -> None:
             touch = last.contact
             table.add_row(
                 'contact in it',
-                f'{touch.force:.4f} +- {touch.std_force:.4f} N at s = '
-                f'{millimeters(touch.arclength):.1f} +- {millimeters(touch.std_arclength):.1f} mm',
+                f'{touch.force:.4f} ± {touch.std_force:.4f} N at s = '
+                f'{millimeters(touch.arclength):.1f} ± {millimeters(touch.std_arclength):.1f} mm',
             )
     print_table(console, table)
     sentences = summary['sentences']

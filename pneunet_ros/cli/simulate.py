@@ -163,7 +163,7 @@ def show(scenario: Scenario, summary: dict[str, Any]) -> None:
     (low_x, low_y), (high_x, high_y) = summary['force_range']
     table.add_row('protocol', f'{scenario.protocol.kind}, {summary["duration"]:g} s')
     table.add_row('effects', ', '.join(effect_texts(scenario)) or 'none')
-    table.add_row('pressure', f'{low:.1f} to {high:.1f} kPa')
+    table.add_row('pressure', f'{low:z.1f} to {high:z.1f} kPa')
     force = f'F1 {low_x:.3f} to {high_x:.3f} N, F2 {low_y:.3f} to {high_y:.3f} N'
     table.add_row('end force', force if summary['loaded'] else 'none: unloaded')
     table.add_row('frames', f'{summary["frames"]} with {summary["targets"]} targets')

@@ -44,7 +44,11 @@ from pneunet_ros.offline.track import (
 from pneunet_ros.recordings.image_files import FOLDER_RATE, NO_LENS
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest, TOPIC_NAMES
 from pneunet_ros.recordings.image_stream import ImageStream
-from pneunet_ros.recordings.recording_writer import RecordingWriter, write_recording
+from pneunet_ros.recordings.recording_writer import (
+    check_name,
+    RecordingWriter,
+    write_recording,
+)
 from pneunet_ros.tables.length_unit import length_unit, LENGTHS, LengthUnit
 from pneunet_ros.tables.target_table import write_table
 from pneunet_ros.vision.camera_settings import CameraSettings, PosePlane
@@ -226,6 +230,8 @@ def check_request(arguments: Namespace, settings: CameraSettings) -> None:
     page = arguments.preview is not None and arguments.preview.suffix.lower() == '.html'
     if arguments.estimates is not None and not page:
         raise RequestError('--estimates are drawn into a page: give --preview FILE.html')
+    if arguments.output is not None:
+        check_name(arguments.output)
     if arguments.with_images and arguments.output is None:
         raise RequestError('--with-images needs --output OUT.mcap, where the images go')
     outputs = [arguments.output, arguments.table, arguments.preview]

@@ -18,6 +18,7 @@ from pneunet_ros.reports.tracking.preview import Preview, write_preview
 from pneunet_ros.tables.length_unit import LengthUnit
 
 PAGE = '.html'
+IMAGE_OPTIONS = ('camera_info', 'clamp_pixel', 'rate')
 
 
 def open_preview(
@@ -43,9 +44,25 @@ def open_preview(
         preview=Preview(frames=stream.frames, targets=targets),
         estimated=recorded_estimates(arguments, stream),
         film=film,
+        arm_options=typed(arguments, 'model', 'effects_path'),
+        image_options=[
+            *typed(arguments, *IMAGE_OPTIONS),
+            *(f'--topic={pair}' for pair in arguments.topic),
+        ],
     )
     output = '' if arguments.output is None else str(arguments.output)
     return write_page(arguments.preview, page, unit, output=output, **options)
+
+
+def typed(arguments: Namespace, *names: str) -> list[str]:
+    """Return the options of these names that were given, as they are typed."""
+    words: list[str] = []
+    for name in names:
+        given = getattr(arguments, name)
+        if given is not None:
+            values = given if isinstance(given, list) else [given]
+            words += [f'--{name.replace("_", "-")}', *(str(value) for value in values)]
+    return words
 
 
 def recorded_estimates(arguments: Namespace, stream: ImageStream) -> Centerlines | None:

@@ -49,7 +49,7 @@ class ForceSensorFault:
         """Say it in numbers."""
         read = ', '.join(f'{value:.4f}' for value in self.reading.tolist())
         pairs = zip(self.targets.tolist(), self.targets_std.tolist(), strict=True)
-        said = ', '.join(f'{value:.4f} +- {std:.4f}' for value, std in pairs)
+        said = ', '.join(f'{value:.4f} ± {std:.4f}' for value, std in pairs)
         return f'not used: it reads ({read}) N, the targets say ({said}) N'
 
     @property

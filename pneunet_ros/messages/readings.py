@@ -239,7 +239,8 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
     if targets is not None and points.size != targets:
         raise MessageError(
             f'there are {points.size} points in targets, and the arm has {targets} targets: '
-            'every message must hold a point for each, NaN where it was not seen'
+            'every message must hold a point for each, NaN where it was not seen; another arm is '
+            'named by --model (calibrate: --arm; a node: the parameter model_file)'
         )
     ids = points['id'].tolist()
     if ids != list(range(points.size)):  # they may come in any order

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping
+import math
 import time
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
@@ -64,6 +65,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.configuration: C = configured(table.declare(self), None)
         self.candidate = self.configuration
         self.log = Log(self.get_logger())
+        self.ready_at = math.inf  # s of a steady clock
         self.losses = Losses()
         self.open_diagnostics()
 
@@ -109,6 +111,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
             self.get_logger().warning(f'parameters that do not exist here: {", ".join(unknown)}')
         frame_id = self.get_parameter('frame_id').value
         self.get_logger().info(f'ready: {self.configuration.model}, frame {frame_id}')
+        self.ready_at = time.monotonic()
 
     def reset(self, request: Any, response: Any) -> Any:
         """Serve ~/reset."""
@@ -156,8 +159,8 @@ class ConfiguredNode(Node, ABC, Generic[C]):
 
     def log_refusal(self, refusal: Refusal) -> None:
         """Log a kind of refusal when it is new, and again when it goes on for long."""
-        say = self.log.error if refusal.error else self.log.warn
-        say(refusal.reason, refusal.sentence, time.monotonic())
+        now = time.monotonic()
+        self.log.refusal(refusal, now - self.ready_at, now)
 
     def rivals(self) -> str:
         """Say which other node stands in the place of this one; empty where none does."""

@@ -5,9 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.printable import printable
 
 SAY_AGAIN = 60.0  # s
+# What is no error while nodes that start together have not all begun.
+AWAITED = ('no_camera_info', 'too_uncertain')
+STARTING = 5.0  # s
 
 
 class Log:
@@ -26,6 +30,14 @@ class Log:
         """Say an error, unless one of its kind was said lately; now: s of a steady clock."""
         if self._is_new(kind, now):
             self._logger.error(printable(sentence))
+
+    def refusal(self, refusal: Refusal, since_ready: float, now: float) -> None:
+        """Say why there is no result; since_ready: for how long (s) the node has been ready."""
+        if refusal.reason in AWAITED and since_ready < STARTING:
+            self.warn(f'{refusal.reason} while starting', refusal.sentence, now)
+            return
+        say = self.error if refusal.error else self.warn
+        say(refusal.reason, refusal.sentence, now)
 
     def _is_new(self, kind: str, now: float) -> bool:
         if now - self._said.get(kind, -math.inf) < SAY_AGAIN:

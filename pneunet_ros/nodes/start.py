@@ -12,9 +12,9 @@ import sys
 
 from pneunet_ros.core.kernel_cache import answer_first, compile_meanwhile
 from pneunet_ros.core.threads import use_one_thread
+from pneunet_ros.core.without_ros import GET_ROS
 from pneunet_ros.nodes.signals import end_at_signal, refuse_signals
 
-WITHOUT_ROS = "no ROS 2 here: source it, or install its wheels by pip install 'pneunet_ros[ros]'"
 WRONG = 2  # exit code
 NODES = {
     'virtual_arm': 'VirtualArmNode',
@@ -36,7 +36,7 @@ def start(*names: str, usage: str = '', arguments: list[str] | None = None) -> i
     end_at_signal()
     use_one_thread()
     if find_spec('rclpy') is None:
-        print(f'{names[0]}: {WITHOUT_ROS}', file=sys.stderr)
+        print(f'{names[0]}: no ROS 2 here: {GET_ROS}', file=sys.stderr)
         return WRONG
     try:
         if 'virtual_arm' in names:

@@ -14,6 +14,7 @@ from pneunet_ros.calibration.preconditions import (
     check_runs,
     check_targets,
     check_units,
+    looks_absolute,
 )
 from pneunet_ros.calibration.settings import PRECONDITIONS
 from pneunet_ros.core.arrays import Array
@@ -53,7 +54,6 @@ STILL = 8.0  # standard deviations of a reading, over which it spreads while it 
 STILL_SHARE = 0.005  # of the calibrated range of pressure, the same
 FEW_PASCALS = 0.01  # of the range: a pressure that never exceeds this share is of another unit
 SOLVES_TRIED = 20  # readings without an equilibrium, after which no other is tried
-LIKE_AIR = 0.8  # of the ambient pressure: a pressure that is never lower is absolute
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -197,11 +197,11 @@ def doubts(series: Mapping[str, ReadingSeries], request: CheckRequest) -> list[s
     """Return sentences about pressures that do not look like gauge pressures of this arm."""
     if PRESSURE.name not in series:
         return []
-    arm, settings = request.arm, request.settings
+    arm = request.arm
     topic, values = series[PRESSURE.name].topic, series[PRESSURE.name].values[:, 0]
     lowest, highest = limits(values)
     low, high = arm.pressure_range
-    if lowest > LIKE_AIR * settings.ambient_pressure and lowest > high:
+    if looks_absolute(lowest, arm):
         return [f'{topic}: never below {kilopascals(lowest):.4g} kPa: if it is absolute, say so']
     if 0.0 < highest < FEW_PASCALS * high:
         return [f'{topic}: never above {highest:.3g} Pa: is it in another unit than Pa?']
@@ -258,7 +258,10 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
 
     def calibrates_unloaded() -> str:
         needs(PRESSURE)
-        check_runs([reads_as_run()], [], request.arm)
+        data = reads_as_run()
+        if data.loaded and (force := largest_force(data)) > PRECONDITIONS.unloaded_force:
+            raise RecordingError(f'its end force reaches {force:.3g} N: it is a loaded one')
+        check_runs([data], [], request.arm)
         return ''
 
     def calibrates_loaded() -> str:
@@ -266,11 +269,8 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         check_targets(data, request.arm)
         check_units(data, request.arm)
         check_clamp(data, request.arm)
-        largest = float(np.max(np.hypot(*data.force.T)))
-        if largest < (least := PRECONDITIONS.smallest_force):
-            raise RecordingError(
-                f'{data.name} has no end force above {least} N: it is an unloaded one'
-            )
+        if largest_force(data) < (least := PRECONDITIONS.smallest_force):
+            raise RecordingError(f'it has no end force above {least} N: it is an unloaded one')
         return '' if data.pressurized else f'of a beam: there is no {PRESSURE.name}'
 
     asked: dict[str, Callable[[], str]] = {
@@ -280,6 +280,11 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         'calibrate loaded': calibrates_loaded,
     }
     return {name: _answer(attempt) for name, attempt in asked.items()}
+
+
+def largest_force(data: RecordingData) -> float:
+    """Return the largest end force (N) of a recording."""
+    return float(np.max(np.hypot(*data.force.T)))
 
 
 def check_estimates(replayed: Iterable[Step]) -> None:

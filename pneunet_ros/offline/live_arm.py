@@ -11,6 +11,7 @@ import subprocess
 import sys
 
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.without_ros import GET_ROS
 from pneunet_ros.diagnosis.experiment_design import Experiment
 from pneunet_ros.exploration.safe_set import SafeSet
 
@@ -29,8 +30,7 @@ class LiveArm:
         """Refuse where there is no ROS."""
         if find_spec('rclpy') is None:
             raise RequestError(
-                "--live needs ROS 2: source it, or pip install 'pneunet_ros[ros]'; without it, "
-                '--by-hand says what to record'
+                f'--live needs ROS 2: {GET_ROS}; without it, --by-hand says what to record'
             )
 
     def record(self, experiment: Experiment, safe: SafeSet, path: Path) -> None:

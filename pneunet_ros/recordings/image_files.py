@@ -20,6 +20,7 @@ from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.messages.compressed_image import decode_compressed, decode_heard
 from pneunet_ros.recordings.file_kinds import COMPRESSED, PICTURES
 from pneunet_ros.recordings.image_stream import ImageStream, StreamItem, with_lens
+from pneunet_ros.recordings.matroska import is_cut, is_matroska
 
 LENS_FILES = ('camera_info.yaml', 'ost.yaml')  # looked for beside the images
 NO_LENS = 'none'  # what a person says instead of a file: the image is free of distortion
@@ -153,7 +154,7 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
 
     def items() -> Iterator[StreamItem]:
         video = _open_video(path)
-        index = 0
+        index, since = 0, 0.0
         while True:
             readable, pixels = video.read()
             if not readable:
@@ -165,12 +166,26 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
             )
             index += 1
         video.release()
-        if index < _BROKEN_OFF * frames:
-            error = MessageError(f'{path} breaks off: {index} of {frames} frames can be read')
+        if why := _breaks_off(path, index, 1 + since * own / 1e3, frames):
+            error = MessageError(f'{path} breaks off: {why}')
             yield StreamItem(stamp_at(index, used), IMAGE_TOPIC, error, b'')
 
     clock = 'presentation times in the file' if timed else _counted(used)
     return _stream('video', path, items, camera_info, frames, used, clock)
+
+
+def _breaks_off(path: Path, read: int, last: float, frames: int) -> str:
+    """Say how a video ends too early, '' where it does not.
+
+    read: how many frames could be read; last: where the last of them would be, counted at the
+    rate of the file; frames: how many there are, as the file says. An AVI counts frames, too,
+    that a variable rate leaves out, and a Matroska counts none.
+    """
+    if is_matroska(path):
+        return f'the file is cut, {read} frames can be read' if is_cut(path) else ''
+    if max(read, last if path.suffix.lower() == '.avi' else 0) < _BROKEN_OFF * frames:
+        return f'{read} of {frames} frames can be read'
+    return ''
 
 
 def _first_times(video: cv2.VideoCapture) -> list[float]:

@@ -31,7 +31,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 
 BARE = 'of-a-bare-file'  # name of the folder out of which such a file is taken
-OTHER_FORMATS = ('.bag', '.db3', '.sqlite3')
+BARE_SUFFIX = '.mcap'  # of a recording that is a single file
 _FOREVER = QosTime(9_223_372_036, 854_775_807)  # how rosbag2 writes an infinite duration
 
 # What `ros2 bag play` shall offer: what the estimator offers live.
@@ -93,6 +93,15 @@ class RecordingWriter:
         self._container.write(connection, log_time_ns, raw)
 
 
+def check_name(path: Path) -> None:
+    """Refuse the name of another kind of file; a folder may be named by a date, as day_25.11."""
+    if path.suffix != BARE_SUFFIX and any(letter.isalpha() for letter in path.suffix):
+        raise RecordingError(
+            f'{path} cannot be written: a recording is an {BARE_SUFFIX} file or a folder without '
+            'such an ending'
+        )
+
+
 @contextmanager
 def write_recording(
     path: str | Path, *, overwrite: bool = False, inputs: Iterable[str | Path] = ()
@@ -104,11 +113,8 @@ def write_recording(
     left.
     """
     path = Path(path)
-    if path.suffix in OTHER_FORMATS:
-        raise RecordingError(
-            f'{path} cannot be written: a recording is an .mcap file or a folder without suffix'
-        )
-    bare = path.suffix == '.mcap'
+    check_name(path)
+    bare = path.suffix == BARE_SUFFIX
     replaceable = () if bare else FOLDER_FILES
     with atomic_output(
         path, overwrite=overwrite, inputs=inputs, replaceable=replaceable
@@ -120,7 +126,7 @@ def write_recording(
                 yield RecordingWriter(path, container)
         except WriterError as error:
             raise RecordingError(f'{path} cannot be written: {error}') from error
-        written = folder / f'{folder.name}.mcap'
+        written = folder / f'{folder.name}{BARE_SUFFIX}'
         write_checksums(written)
         if bare:
             os.rename(written, temporary)

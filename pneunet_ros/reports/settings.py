@@ -14,6 +14,9 @@ class ReportSettings:
     as_noise: float = tuning(
         1.2, 'up to it a residual over its noise is called as good as the noise', source='invented'
     )
+    below_noise: float = tuning(
+        0.7, 'below it the noise is said to have been assumed too large', source='invented'
+    )
     hidden_under_load: float = tuning(
         6.0,
         'beyond it what loaded recordings leave, over unloaded ones, is no agreement, whatever '

@@ -28,6 +28,7 @@ MOST_CELLS = 25_000_000
 LONGEST_CELL = 200
 LONGEST_LINE = 2 * MOST_COLUMNS * LONGEST_CELL  # characters
 _NAMES_SHOWN = 30
+_LONGEST_PREAMBLE = 50  # lines above a table, to say where it begins
 CLOCK = f'{TIME}_s'  # a column that may hold dates and times of day
 _RULES = {
     ',': 'cells are separated by commas, and decimals by a point',
@@ -39,6 +40,7 @@ _SEPARATOR = re.compile(r'"?sep=(?P<mark>[;,\t])"?\s*', re.IGNORECASE)  # as Exc
 _HALF_A_DAY, _DAY = 43_200, 86_400  # s
 _QUOTED = re.compile(r'"[^"]*"')
 _THOUSANDS = re.compile(r'[-+]?[1-9]\d{0,2}(?:[.,]\d{3})+', re.ASCII)
+_APART = re.compile(r"[-+]?\d{1,3}([.,'’\s])\d{3}(?:\1\d{3})*(?:[.,]\d+)?", re.ASCII)
 _TIME_OF_DAY = re.compile(
     r'(?:(?P<date>\d{4}-\d\d?-\d\d?|\d\d?\.\d\d?\.\d{4}|\d\d?/\d\d?/\d{4})[T ]+)?'
     r'(?P<hour>[01]?\d|2[0-3]):(?P<minute>[0-5]\d)(?::(?P<second>[0-5]\d(?:[.,]\d{1,9})?))?'
@@ -112,14 +114,15 @@ def _read(
     exact: Collection[str],
     check_names: Callable[[Collection[str]], object],
 ) -> CsvTable:
-    given = _lines(path, stream)
+    given, above = _without_comments(_lines(path, stream))
     first = next(given, '')
     separator = _SEPARATOR.fullmatch(first)
-    above = 0 if separator is None else 1  # lines above the names
     if separator is not None:
+        above += 1
         first = next(given, '')
     mark = _delimiter(first) if separator is None else separator['mark']
-    reader = csv.reader(itertools.chain([first], given), strict=True, delimiter=mark)
+    ahead = list(itertools.islice(given, _LONGEST_PREAMBLE))
+    reader = csv.reader(itertools.chain([first], ahead, given), strict=True, delimiter=mark)
     header = [name.strip() for name in next(reader, [])]
     _check_header(path, header, request)
     renamed = [request.rename.get(name, name) for name in header]
@@ -131,7 +134,13 @@ def _read(
         if new[1] in places:
             raise RecordingError(f'{path}: two columns are called {new[1]}: --ignore one of them')
         places[new[1]] = place
-    check_names(places)
+    try:
+        check_names(places)
+    except RecordingError:
+        _check_no_preamble(path, len(header), ahead, above + 1)
+        raise
+    if not places:
+        _check_no_preamble(path, len(header), ahead, above + 1)
     selected = {header.index(name): (name, text) for name, text in request.select.items()}
     numbers = {name: array('d') for name in places}  # 8 bytes a number
     exactly: dict[str, list[Decimal | None]] = {name: [] for name in exact if name in places}
@@ -169,6 +178,43 @@ def _read(
         written=file_names,
         clock=clock.latest is not None,
     )
+
+
+def _without_comments(lines: Iterator[str]) -> tuple[Iterator[str], int]:
+    """Return the lines below those that begin with #, and blank ones, and how many.
+
+    The last of these names the columns where numbers are all that stands below it.
+    """
+    above, comment, first = 0, '', next(lines, '')
+    while first.startswith('#') or (comment and first.isspace()):
+        comment = first if first.startswith('#') else comment
+        above, first = above + 1, next(lines, '')
+    rest = itertools.chain([first], lines)
+    if comment and all(_is_number(cell) for cell in first.split(_delimiter(first))):
+        return itertools.chain([comment.lstrip('# ')], rest), above - 1
+    return rest, above
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _check_no_preamble(path: Path, names: int, ahead: Sequence[str], above: int) -> None:
+    """Refuse what stands above a table; names: cells in the line that should name its columns.
+
+    ahead: the lines below that one, which is the `above`th of the file.
+    """
+    cells = [_QUOTED.sub('', line).count(_delimiter(line)) + 1 for line in ahead]
+    table = next((place for place, count in enumerate(cells) if count > names), None)
+    if table is not None:
+        raise RecordingError(
+            f'{path}: the table seems to begin in line {above + table + 1}; the first line must '
+            'name the columns: remove what stands above, or put # before each of these lines'
+        )
 
 
 def _delimiter(header: str) -> str:
@@ -335,6 +381,8 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         hint = ' (decimals need a point)' if ',' in text else ''
+        if _APART.fullmatch(text):
+            hint = ' (nothing may set thousands apart, and decimals need a point)'
         raise RecordingError(
             f'{path}, line {line}, column {name}: {text[:40]!r} is no number{hint}; a missing '
             'value is an empty cell, NA or nan'

@@ -144,6 +144,14 @@ def run_block(block: Block, folder: Path) -> list[Printed]:
     return []
 
 
+def folder_after(block: Block, folder: Path) -> Path:
+    """Return the folder in which a reader is who typed the commands of a block in this one."""
+    for line in block.commands:
+        for name in re.findall(r'(?:^|&& )cd (\S+)', line):
+            folder = folder / name
+    return folder
+
+
 def shown_in(content: str) -> Iterator[tuple[str, str]]:
     """Yield every command of a console and what is shown below it."""
     parts = COMMAND.split(content)

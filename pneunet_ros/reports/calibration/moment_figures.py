@@ -165,8 +165,8 @@ def line_sentence(view: MomentView, data: FigureData) -> str:
             value / (scale * arm.length) for value in (item.rigidity, item.rigidity_std)
         )
         parts.append(
-            f'Section {place + 1}: alpha = {alpha:.4f} +- {alpha_std:.4f}, M_O = '
-            f'({item.offset / scale:.4f} +- {item.offset_std / scale:.4f}) mg l.'
+            f'Section {place + 1}: alpha = {alpha:.4f} ± {alpha_std:.4f}, M_O = '
+            f'({item.offset / scale:.4f} ± {item.offset_std / scale:.4f}) mg l.'
         )
     return ' '.join(parts)
 

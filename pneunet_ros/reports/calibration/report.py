@@ -95,7 +95,7 @@ def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, 
     missing = sum(int(np.count_nonzero(~item.solved)) for item in fit.runs)
     summary_rows = [
         ('Recordings', f'{len(runs) - loaded} unloaded, {loaded} loaded; {frames} frames'),
-        ('Pressures', f'{low:.1f} to {high:.1f} kPa'),
+        ('Pressures', f'{low:z.1f} to {high:z.1f} kPa'),
         *([] if arm.domain is None else [('The model is known for', arm.domain.words)]),
         ('Moment law', f'{arm.moment_law.kind}'),
         ('Fit', f'{fit.status} after {fit.steps} steps'),

@@ -140,7 +140,7 @@ def predicted_shapes(data: FigureData) -> Picture | None:
 def load_label(steady_state: SteadyState) -> str:
     """Name a load: kPa, and F1, F2 in mN."""
     f1, f2 = (round(1000.0 * value) for value in steady_state.force.tolist())
-    return f'{kilopascals(steady_state.pressure):.1f} kPa, F = ({f1}, {f2}) mN'
+    return f'{kilopascals(steady_state.pressure):z.1f} kPa, F = ({f1}, {f2}) mN'
 
 
 def run_label(data: FigureData) -> str:

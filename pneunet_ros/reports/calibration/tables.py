@@ -93,11 +93,11 @@ def describe_quantity(name: str, arm: Arm) -> str:
     if f'{first}.{second}' == CURVATURE:
         table = arm.intrinsic_curvature
         pressure = kilopascals(float(table.pressure[int(place[0])]))
-        return f'kappa_p0 at {pressure:.1f} kPa, s / l = {table.arclength[int(place[1])]:.2f}'
+        return f'kappa_p0 at {pressure:z.1f} kPa, s / l = {table.arclength[int(place[1])]:.2f}'
     if first != 'moment_law' or not place:
         return {'bending_stiffness': 'EI (N m^2)', 'modulus': 'E (Pa)'}.get(second, name)
     pressures = arm.moment_law.table_pressures
-    at = f'at {kilopascals(float(pressures[int(place[0])])):.1f} kPa'
+    at = f'at {kilopascals(float(pressures[int(place[0])])):z.1f} kPa'
     if second == 'split':
         return f'l1 / l {at}'
     return f'alpha{int(place[1]) + 1} {at}'
@@ -140,7 +140,7 @@ def linearity_rows(calibration: Calibration) -> list[dict[str, str]]:
             'place': f'{item.place:g}',
             'slope': f'{1000.0 * item.slope:.4f} ± {1000.0 * item.slope_std:.2g}',
             'departure': f'{item.departure[item.largest]:+.3g}',
-            'pressure': f'{kilopascals(float(item.pressure[item.largest])):.1f}',
+            'pressure': f'{kilopascals(float(item.pressure[item.largest])):z.1f}',
             'sigmas': f'{item.sigmas:.1f}',
         }
         for item in intrinsic_linearity(calibration.joint)

@@ -164,7 +164,7 @@ def verdict(lines: Sequence[Linearity], settings: ReportSettings) -> str:
     share = 100.0 * departure / max(float(np.max(np.abs(item.value))) for item in lines)
     departed = (
         f'the clearest departure is {departure:.2g} 1/m ({share:.1f} % of the largest value) at '
-        f's / l = {worst.place:g}, {kilopascals(float(worst.pressure[worst.largest])):.0f} kPa: '
+        f's / l = {worst.place:g}, {kilopascals(float(worst.pressure[worst.largest])):z.0f} kPa: '
         f'{worst.sigmas:.1f} standard errors'
     )
     if worst.sigmas > settings.linearity_sigmas:

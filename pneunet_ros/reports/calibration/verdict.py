@@ -77,6 +77,11 @@ def fit_sentence(calibration: Calibration, settings: ReportSettings) -> str:
         )
     if times <= settings.as_noise:
         larger = larger_under_load(fit)
+        if larger <= settings.hidden_under_load and times < settings.below_noise:
+            return (
+                f'The model fits: {size}, better than the noise that was assumed: {times:.2g} '
+                'times it. Standard errors that rest on that noise are too large.'
+            )
         if larger <= settings.hidden_under_load:
             return f'The model fits: {size}, as good as the noise.'
         return (
@@ -138,7 +143,7 @@ def stiffness_text(stiffness: Sequence[BendingStiffness]) -> str:
         f'{stiffness_with_error(item.value, item.std)} {item.section}'.rstrip()
         for item in stiffness
     ]
-    return f'{" and ".join(texts)}, at {kilopascals(stiffness[0].pressure):.0f} kPa'
+    return f'{" and ".join(texts)}, at {kilopascals(stiffness[0].pressure):z.0f} kPa'
 
 
 def stiffness_with_error(value: float, std: float) -> str:
@@ -156,7 +161,10 @@ def next_steps(
     joint = calibration.joint
     names, model = shlex.join(item.run.name for item in joint.runs), shlex.quote(model)
     if not joint.converged:
-        return 'Look for what these recordings lack.', f'pneunet check {names}'
+        return (
+            'Look for what these recordings lack.',
+            f'pneunet check {names} --model ARM.yaml',
+        )
     if noise_ratio(joint) > settings.as_noise or varies(calibration):
         return (
             'Ask what is missing; hold one recording out.',
@@ -165,7 +173,8 @@ def next_steps(
     if not loaded:
         return (
             'Record the arm under end loads, and calibrate again with both.',
-            f'pneunet calibrate --unloaded {names} --loaded LOADED.mcap --output NEW.yaml',
+            f'pneunet calibrate --unloaded {names} --loaded LOADED.mcap --arm ARM.yaml '
+            '--output NEW.yaml',
         )
     return (
         'Test the model on a recording that it has not seen.',

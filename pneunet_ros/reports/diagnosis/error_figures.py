@@ -108,7 +108,7 @@ def draw_arrows(axes: Axes, item: RecordingErrors, frame: int, times: float) -> 
     if last.size:
         pressure = kilopascals(float(item.run.frame_pressure[frame]))
         tip = tuple(measured[:, last[-1]].tolist())
-        axes.annotate(f'{pressure:.0f} kPa', tip, (5, 4), textcoords='offset points', fontsize=8)
+        axes.annotate(f'{pressure:z.0f} kPa', tip, (5, 4), textcoords='offset points', fontsize=8)
 
 
 def model_error(data: FigureData) -> Picture:
@@ -298,6 +298,6 @@ def frame_label(run: RecordingData, frame: int) -> str:
     """Name a frame: recording, time, pressure and end force."""
     seconds = seconds_between(int(run.stamp_ns[0]), int(run.stamp_ns[frame]))
     f1, f2 = (round(1000.0 * value) for value in run.force[frame].tolist())
-    pressure = f'{kilopascals(float(run.frame_pressure[frame])):.1f} kPa'
+    pressure = f'{kilopascals(float(run.frame_pressure[frame])):z.1f} kPa'
     load = f', F = ({f1}, {f2}) mN' if run.loaded else ', no load'
     return f'{short(run.name)}, {seconds:.1f} s\n{pressure}{load}'

@@ -86,7 +86,7 @@ def biased_parameters(data: FigureData) -> Picture | None:
                 linestyle=style,
                 color=colors(pressure),
                 linewidth=1.5,
-                label=f'{kilopascals(pressure):.0f} kPa' if side is after else None,
+                label=f'{kilopascals(pressure):z.0f} kPa' if side is after else None,
             )
     for side, color, name in ((before, BEFORE, 'before'), (after, AFTER, 'after')):
         draw_rigidities(rigidities, side, color, name)

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import base64
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 import hashlib
 import importlib.resources
 import math
 from pathlib import Path
+import shlex
 from typing import Any
 
 import cv2
@@ -50,6 +51,7 @@ class TrackingPage:
     source: what the user named; model: name of the arm; target_arclength (targets,) m; estimated:
     the shapes that the recording holds, None without; preview: what is drawn of all frames; film:
     the numbers of the delay of a film with a table, there when the page is made, empty without.
+    arm_options, image_options: what the user said of the arm and of the images, as it is typed.
     """
 
     source: str
@@ -58,6 +60,8 @@ class TrackingPage:
     preview: Preview
     estimated: Centerlines | None = None
     film: Mapping[str, Any] = field(default_factory=dict)
+    arm_options: Sequence[str] = ()
+    image_options: Sequence[str] = ()
     _every: int = 1
     _count: int = 0
     _explained: int = 0
@@ -233,24 +237,37 @@ class TrackingPage:
         return f'{self.film["delay_sentence"]}; {covered}.'
 
     def _next(self, output: str) -> tuple[str, str]:
+        track = ['pneunet', 'track', self.source, *self.arm_options, *self.image_options]
         if not self._good:
             return (
                 'Look at the frames that were not tracked, and say in a camera file what the '
                 'targets look like.',
-                f'pneunet track {self.source} --camera CAMERA.yaml --preview AGAIN.html',
+                shlex.join([*track, '--camera', 'CAMERA.yaml', '--preview', 'AGAIN.html']),
             )
         if self.film and not self.film['frames_covered']:
             return (
                 'Say by how much the film is ahead of the table; nothing was written.',
-                f'pneunet track {self.source} --readings {self.film["readings"]} --delay S '
-                f'--output {output}',
+                shlex.join(
+                    [
+                        *track,
+                        '--readings',
+                        self.film['readings'],
+                        '--delay',
+                        'S',
+                        '--output',
+                        output,
+                    ]
+                ),
             )
         if not output:
             return (
                 'Write the targets into a recording.',
-                f'pneunet track {self.source} --output TRACKED.mcap',
+                shlex.join([*track, '--output', 'TRACKED.mcap']),
             )
-        return 'Ask what the recording can be used for.', f'pneunet check {output}'
+        return (
+            'Ask what the recording can be used for.',
+            shlex.join(['pneunet', 'check', output, *self.arm_options]),
+        )
 
 
 def line_of(curve: MeasuredCurve) -> tuple[Array, Array]:

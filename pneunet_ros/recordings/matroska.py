@@ -1,0 +1,48 @@
+"""Matroska and WebM films: whether one was cut, which their frames do not tell.
+
+They do not count their frames, and their duration is where the last one ends on a clock that may
+start anywhere; but the segment, which holds everything, says how many bytes it has.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import BinaryIO
+
+from pneunet_ros.files.regular_file import open_regular
+
+MAGIC = b'\x1a\x45\xdf\xa3'
+SEGMENT = b'\x18\x53\x80\x67'
+
+
+def is_matroska(path: Path) -> bool:
+    """Whether a file begins as Matroska and WebM do."""
+    with open_regular(path) as stream:
+        return stream.read(len(MAGIC)) == MAGIC
+
+
+def is_cut(path: Path) -> bool:
+    """Whether a Matroska file ends before its segment does; False where that says no size."""
+    with open_regular(path) as stream:
+        there = stream.seek(0, 2)
+        stream.seek(len(MAGIC))
+        header = _size(stream)
+        if header is None:
+            return False
+        stream.seek(header, 1)
+        if stream.read(len(SEGMENT)) != SEGMENT:
+            return False
+        size = _size(stream)
+        return size is not None and stream.tell() + size > there
+
+
+def _size(stream: BinaryIO) -> int | None:
+    """Read a size of one to eight bytes, the first of which tells how many; None: not known."""
+    first = stream.read(1)
+    if not first or not first[0]:
+        return None
+    more = 8 - first[0].bit_length()
+    rest = stream.read(more)
+    bits = 7 * (1 + more)
+    value = int.from_bytes(first + rest, 'big') & ((1 << bits) - 1)
+    return None if len(rest) < more or value == (1 << bits) - 1 else value
