@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from pneunet_ros.reports.calibration.verdict import (
     bending_stiffness,
+    Files,
     larger_under_load,
     stiffness_text,
     stiffness_with_error,
@@ -23,7 +24,7 @@ def test_a_model_as_good_as_the_noise_is_to_be_tested():
     assert 'near the clamp' in verdict.certainty
     assert 'N m^2' in verdict.certainty
     assert verdict.command.startswith('pneunet replay')
-    named = verdict_of(calibration(), model='my arm/model.yaml')
+    named = verdict_of(calibration(), files=Files(model='my arm/model.yaml'))
     assert named.command == "pneunet replay FRESH.mcap --model 'my arm/model.yaml'"
 
 
@@ -34,7 +35,7 @@ def test_a_model_that_misses_something_is_to_be_diagnosed():
     assert 'does not fit' in verdict.fit
     assert 'worse than the noise: 3 times it' in verdict.fit
     assert verdict.command.startswith('pneunet diagnose')
-    assert '--model m.yaml' in verdict_of(poor, model='m.yaml').command
+    assert '--model m.yaml' in verdict_of(poor, files=Files(model='m.yaml')).command
 
 
 def test_a_model_better_than_its_noise_says_that_the_noise_is_too_large():
@@ -61,15 +62,16 @@ def test_without_load_stiffness_was_not_measured():
     free = replace(found.joint, runs=[item for item in found.joint.runs if not item.run.loaded])
     verdict = verdict_of(replace(found, joint=free))
     assert 'not measured' in verdict.certainty
-    assert '--loaded' in verdict.command
+    assert '--loaded LOADED.mcap --arm ARM.yaml' in verdict.command
 
 
 def test_a_fit_that_did_not_settle_gives_no_model():
     found = calibration()
     lost = replace(found, joint=replace(found.joint, converged=False, status='too few frames'))
-    verdict = verdict_of(lost)
+    verdict = verdict_of(lost, files=Files(arm='finger.yaml'))
     assert verdict.fit.startswith('No model')
     assert verdict.command.startswith('pneunet check')
+    assert verdict.command.endswith(' --model finger.yaml')
 
 
 @pytest.mark.parametrize(

@@ -217,6 +217,7 @@ def test_a_model_that_cannot_be_fitted_is_said_first_and_has_no_numbers(run, lab
     page = Path('out', PAGE).read_text()
     assert sentence in page
     assert f'pneunet check {lab}/' in page
+    assert f' --model {ARM}</code>' in page
     code, out, _ = run(*given(lab, '--overwrite', '--json'))
     said = json.loads(out)
     assert code == 1

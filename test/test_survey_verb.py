@@ -104,6 +104,7 @@ def test_a_fleet_is_done_once_and_what_failed_says_why(run, tmp_path):
     assert Path('out/arms/long/report.html').is_file()
     assert 'Too few arms to ask which is odd' in page
     assert f'pneunet check {tmp_path / "fleet/torn/unloaded.mcap"}' in page
+    assert f'--model {tmp_path / "fleet/torn/arm.yaml"}</code>' in page
     assert load_model('out/arms/long/model.yaml').effects[0].name == 'pressure_elongation'
 
     # The same command again does the arm that was mended meanwhile, and nothing else.

@@ -42,6 +42,7 @@ from pneunet_ros.offline.calibration_files import (
     save_knowledge,
 )
 from pneunet_ros.reports.calibration.report import write_report
+from pneunet_ros.reports.calibration.verdict import Files
 
 
 def options(parser: ArgumentParser) -> None:
@@ -131,18 +132,19 @@ def run(arguments: Namespace) -> int:
             calibration = replace(calibration, arm=arm)
             save_model(arm, arguments.output, overwrite=arguments.overwrite)
             save_knowledge(calibration.posterior, arguments.output, overwrite=arguments.overwrite)
+        files = files_of(arguments)
         if arguments.report is not None:
             bar.update(task, description='writing the report')
             write_report(
                 calibration,
                 arguments.report,
                 provenance=provenance,
-                model=str(arguments.output),
+                files=files,
                 overwrite=arguments.overwrite,
                 units=units_of(arguments, calibration.arm),
             )
     summary = (
-        numbers_of(calibration, str(arguments.output))
+        numbers_of(calibration, files)
         | {
             'output': arguments.output if calibration.joint.converged else None,
             'knowledge': knowledge_file(arguments.output) if calibration.joint.converged else None,
@@ -156,6 +158,13 @@ def run(arguments: Namespace) -> int:
     else:
         show(calibration, summary, read.sentences, output_console())
     return DONE if calibration.joint.converged else NEGATIVE
+
+
+def files_of(arguments: Namespace) -> Files:
+    """Return the files for the command that comes next."""
+    arm = arguments.arm or arguments.earlier
+    files = Files(model=str(arguments.output))
+    return files if arm is None else replace(files, arm=str(arm))
 
 
 def check_outputs(arguments: Namespace) -> None:

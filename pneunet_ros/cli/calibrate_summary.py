@@ -14,19 +14,19 @@ from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.reports.calibration import tables
 from pneunet_ros.reports.calibration.tables import law_rows, number_rows, Row
-from pneunet_ros.reports.calibration.verdict import bending_stiffness, verdict_of
+from pneunet_ros.reports.calibration.verdict import bending_stiffness, Files, verdict_of
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 
-def numbers_of(calibration: Calibration, model: str) -> dict[str, Any]:
-    """Return the summary for programs; model: the file that it is written to."""
+def numbers_of(calibration: Calibration, files: Files) -> dict[str, Any]:
+    """Return the summary for programs; files: for the command that comes next."""
     joint = calibration.joint
     return {
         'status': joint.status,
         'converged': joint.converged,
-        'verdict': asdict(verdict_of(calibration, model=model)),
+        'verdict': asdict(verdict_of(calibration, files=files)),
         'bending_stiffness': [asdict(item) for item in bending_stiffness(joint)],
         'quantities': [
             {'name': row.name, 'value': row.value, 'std': row.std, 'prior_std': row.prior_std}

@@ -235,6 +235,7 @@ class Survey:
                     found=found,
                     arm=load_model(folder / found['model']) if found else None,
                     recordings=tuple(map(str, item.recordings)),
+                    arm_file=str(item.arm),
                 )
             )
         return SurveyData(

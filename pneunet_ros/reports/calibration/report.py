@@ -23,7 +23,12 @@ from pneunet_ros.reports.calibration.tables import (
     number_rows,
     Row,
 )
-from pneunet_ros.reports.calibration.verdict import residual_rms, verdict_of
+from pneunet_ros.reports.calibration.verdict import (
+    Files,
+    residual_rms,
+    UNKNOWN_FILES,
+    verdict_of,
+)
 from pneunet_ros.reports.figure import Pictures, units_note
 from pneunet_ros.reports.page import render_page
 
@@ -38,15 +43,15 @@ def write_report(
     *,
     provenance: Mapping[str, Any],
     overwrite: bool = False,
-    model: str = 'MODEL.yaml',
+    files: Files = UNKNOWN_FILES,
     on_progress: OnProgress = say_nothing,
     units: UnitSystem = SI,
 ) -> Path:
     """Write the report of a calibration into a folder, and return the path of its page.
 
     The folder appears whole or not at all. provenance: what is known of the inputs, nested as it
-    pleases, shown as it is; model: the file that the model is written to; units: of the axes of
-    figures. Raises RecordingError when the folder
+    pleases, shown as it is; files: for the command that comes next; units: of the axes of figures.
+    Raises RecordingError when the folder
     exists (without `overwrite`), or holds something other than an earlier report, or cannot be
     written.
     """
@@ -55,7 +60,7 @@ def write_report(
         pictures = calibration_figures(calibration, on_progress, units)
         for item in itertools.chain(*pictures.values()):
             (folder / item.file).write_bytes(item.png)
-        page = report_page(calibration, pictures, provenance, units, model)
+        page = report_page(calibration, pictures, provenance, units, files)
         (folder / PAGE).write_text(page, encoding='utf-8')
     return Path(directory) / PAGE
 
@@ -65,14 +70,14 @@ def report_page(
     pictures: Pictures,
     provenance: Mapping[str, Any],
     units: UnitSystem = SI,
-    model: str = 'MODEL.yaml',
+    files: Files = UNKNOWN_FILES,
 ) -> str:
     """Return the page, pictures inside."""
     rows = number_rows(calibration)
     return render_page(
         TEMPLATE,
         arm=calibration.arm,
-        verdict=verdict_of(calibration, model=model),
+        verdict=verdict_of(calibration, files=files),
         summary=summary(calibration, rows),
         notes=calibration.notes,
         pictures=pictures,

@@ -18,6 +18,17 @@ SECTIONS = ('near the clamp', 'beyond l1')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Files:
+    """The files of a calibration that a command may name: its model, and the arm it was given."""
+
+    model: str = 'MODEL.yaml'
+    arm: str = 'ARM.yaml'
+
+
+UNKNOWN_FILES = Files()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
     """How well the model fits, how sure its numbers are, and what to do next.
 
@@ -44,15 +55,15 @@ def verdict_of(
     calibration: Calibration,
     settings: ReportSettings = REPORT_SETTINGS,
     *,
-    model: str = 'MODEL.yaml',
+    files: Files = UNKNOWN_FILES,
 ) -> Verdict:
-    """Return the verdict on a calibration; model: the file that it is written to."""
+    """Return the verdict on a calibration."""
     joint = calibration.joint
     stiffness = bending_stiffness(joint)
     certainty = 'The bending stiffness was not measured: no recording is under load.'
     if stiffness:
         certainty = f'Bending stiffness EI {stiffness_text(stiffness)}.'
-    next_step, command = next_steps(calibration, bool(stiffness), settings, model)
+    next_step, command = next_steps(calibration, bool(stiffness), settings, files)
     return Verdict(
         fit=fit_sentence(calibration, settings),
         certainty=certainty,
@@ -155,15 +166,16 @@ def stiffness_with_error(value: float, std: float) -> str:
 
 
 def next_steps(
-    calibration: Calibration, loaded: bool, settings: ReportSettings, model: str
+    calibration: Calibration, loaded: bool, settings: ReportSettings, files: Files
 ) -> tuple[str, str]:
     """Return what to do next, and the command to type."""
     joint = calibration.joint
-    names, model = shlex.join(item.run.name for item in joint.runs), shlex.quote(model)
+    names = shlex.join(item.run.name for item in joint.runs)
+    model, arm = shlex.quote(files.model), shlex.quote(files.arm)
     if not joint.converged:
         return (
             'Look for what these recordings lack.',
-            f'pneunet check {names} --model ARM.yaml',
+            f'pneunet check {names} --model {arm}',
         )
     if noise_ratio(joint) > settings.as_noise or varies(calibration):
         return (
@@ -173,7 +185,7 @@ def next_steps(
     if not loaded:
         return (
             'Record the arm under end loads, and calibrate again with both.',
-            f'pneunet calibrate --unloaded {names} --loaded LOADED.mcap --arm ARM.yaml '
+            f'pneunet calibrate --unloaded {names} --loaded LOADED.mcap --arm {arm} '
             '--output NEW.yaml',
         )
     return (

@@ -101,12 +101,13 @@ def unsettled_page(
     given: Given = NOTHING_GIVEN,
 ) -> str:
     """Return the page of a diagnosis that has no number; name: of the model."""
+    names = shlex.join(given.recordings) or 'REC...'
     return render_page(
         UNSETTLED,
         diagnosis=diagnosis,
         name=name,
         notes=(*given.notes, *diagnosis.notes),
-        recordings=shlex.join(given.recordings) or 'REC...',
+        command=f'pneunet check {names} --model {shlex.quote(given.model)}',
         provenance=flat(provenance),
     )
 

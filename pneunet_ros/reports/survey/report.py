@@ -102,7 +102,7 @@ def next_steps(data: SurveyData) -> tuple[str, str]:
         return (
             f'Look for what the recordings of {failed[0].name} lack; then give the command of the '
             'survey again, which keeps the arms that are done.',
-            f'pneunet check {shlex.join(failed[0].recordings)}',
+            f'pneunet check {shlex.join([*failed[0].recordings, "--model", failed[0].arm_file])}',
         )
     places = data.fleet.odd
     name = data.fleet.names[places[0]] if places else data.done[0].name

@@ -18,7 +18,8 @@ class SurveyedArm:
     failed: why, in a sentence, empty where it did not. found: what calibration and diagnosis came
     to, with the keys of `diagnosis.json`, `loaded`, `target_std`, `checks` and `notes`; arm: its
     model with what was missing. Both are empty where it failed. folder: of its files, relative to
-    the page; recordings: its files.
+    the page; recordings: its files;
+    arm_file: that it was calibrated from.
     """
 
     name: str
@@ -27,6 +28,7 @@ class SurveyedArm:
     found: Mapping[str, Any]
     arm: Arm | None
     recordings: tuple[str, ...]
+    arm_file: str
 
     @property
     def answer(self) -> str:
