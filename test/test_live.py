@@ -63,10 +63,11 @@ def test_estimate_camera_and_truth_agree(tmp_path):
         # A mN of noise of the force sensor moves the tip by up to 4 mm here.
         assert miss < 8.0
         assert targets == 23
-        # The arm moves between a frame and the estimate nearest to it.
-        assert beside < 1.5
+        # One estimate beside one frame: that noise again, over the whole shape.
+        assert beside < 4.0
         assert estimates > 10
         assert frames > 1
+    assert np.median([beside for *_, beside, _, _ in seen]) < 1.5
     # Where the machine is too busy for the tracker, frames are late and nothing is fused.
     assert np.nanmin([fused for *_, fused, _, _, _, _, _, _ in seen]) < 0.5
     assert np.nanmin([force for *_, force, _, _, _, _ in seen]) < 2.0
