@@ -64,7 +64,7 @@ def test_estimate_camera_and_truth_agree(tmp_path):
         assert miss < 8.0
         assert targets == 23
         # One estimate beside one frame: that noise again, over the whole shape.
-        assert beside < 4.0
+        assert beside < 8.0
         assert estimates > 10
         assert frames > 1
     assert np.median([beside for *_, beside, _, _ in seen]) < 1.5
