@@ -93,7 +93,7 @@ def sessions():
     for page, blocks in BLOCKS.items():
         name = page.relative_to(ROOT).as_posix()
         to_run = [block for block in blocks if block.is_run]
-        quick = [block for block in to_run if block.remark != 'slow']
+        quick = [block for block in to_run if not block.remark.startswith('slow')]
         starts_nodes = any(started_node(line) for block in to_run for line in block.commands)
         marks = [pytest.mark.ros] if starts_nodes else []
         if quick:

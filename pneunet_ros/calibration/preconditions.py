@@ -93,7 +93,7 @@ def check_loads(
     run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
 ) -> None:
     """Raise RecordingError where a loaded recording has no load, or one that no arm carries."""
-    if not run.loaded or float(np.max(np.hypot(*run.force.T))) < settings.smallest_force:
+    if not run.loaded or largest_force(run) < settings.smallest_force:
         raise RecordingError(
             f'{run.name} was given as loaded, but it has no end force above '
             f'{settings.smallest_force} N; name it after --unloaded'
@@ -172,12 +172,17 @@ def looks_absolute(
     return lowest > max(settings.like_air, arm.pressure_range[1])
 
 
+def largest_force(run: RecordingData) -> float:
+    """Return the largest end force (N) of a recording."""
+    return float(np.max(np.hypot(*run.force.T)))
+
+
 def check_unloaded(run: RecordingData, settings: PreconditionSettings = PRECONDITIONS) -> None:
     """Raise RecordingError where a recording that was given as unloaded has an end force."""
-    if run.loaded and float(np.max(np.hypot(*run.force.T))) > settings.unloaded_force:
+    if run.loaded and largest_force(run) > settings.unloaded_force:
         raise RecordingError(
             f'{run.name} was given as unloaded, but its end force reaches '
-            f'{np.max(np.hypot(*run.force.T)):.3g} N; take it from --unloaded (calibrate: name it '
+            f'{largest_force(run):.3g} N; take it from --unloaded (calibrate: name it '
             'after --loaded)'
         )
 

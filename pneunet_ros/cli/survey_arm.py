@@ -86,22 +86,19 @@ class SurveyWork:
             )
             kept = read_experiments((arm.roles['heldout'],), frame, of_heldout, bar)
             folder = Path(place) / 'arm'
-            told = [
+            notes = [
                 *(f'not used: {x}' for x in arm.ignored),
                 *read.sentences,
                 *kept.left_out,
             ]
             given = Given(
-                notes=tuple(told),
+                notes=tuple(notes),
                 model=f'DIR/{CALIBRATED}',
                 recordings=tuple(map(str, arm.recordings)),
             )
             groups = (*read.groups, *kept.groups)
             found = self.calibrate_and_diagnose(arm, frame, groups, folder, given)
-            found |= {
-                'checks': checks,
-                'notes': [*told, *found['notes']],
-            }
+            found |= {'checks': checks, 'notes': [*notes, *found['notes']]}
             (folder / FOUND).write_text(json_text(found), encoding='utf-8')
             return {
                 item.relative_to(folder).as_posix(): item.read_bytes()

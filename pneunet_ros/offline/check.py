@@ -14,6 +14,7 @@ from pneunet_ros.calibration.preconditions import (
     check_runs,
     check_targets,
     check_units,
+    largest_force,
     looks_absolute,
 )
 from pneunet_ros.calibration.settings import PRECONDITIONS
@@ -280,11 +281,6 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         'calibrate loaded': calibrates_loaded,
     }
     return {name: _answer(attempt) for name, attempt in asked.items()}
-
-
-def largest_force(data: RecordingData) -> float:
-    """Return the largest end force (N) of a recording."""
-    return float(np.max(np.hypot(*data.force.T)))
 
 
 def check_estimates(replayed: Iterable[Step]) -> None:

@@ -9,6 +9,7 @@ A fenced block is run by what stands behind the fence:
 The line before a fence may say more, in a comment that a forge does not show:
 
 - `<!-- slow -->`: takes longer than some seconds; run by `make test-all`.
+- `<!-- slow; answers no -->`: as well, and a verb may end with 1: done, the answer is negative.
 - `<!-- not run: why -->`: needs what no package index has, or a display.
 - `<!-- part of: file -->`: an extract; test_page_commands holds that it stands in that file.
 """
@@ -46,6 +47,7 @@ NODES = (
     'pneunet-virtual-arm',
     'pneunet-stack',
 )
+ANSWERS_NO = 'pneunet() { command pneunet "$@" || test $? = 1; }\n'
 RUN_KINDS = ('sh', 'console', 'python')
 START_TIMEOUT = 240.0  # s; kernels may have to be compiled
 COMMAND_TIMEOUT = 1800.0  # s; nothing takes that long, but a machine may be busy
@@ -140,7 +142,7 @@ def run_block(block: Block, folder: Path) -> list[Printed]:
     if any(started_node(line) for line in block.commands):
         run_nodes(block.commands, folder)
     else:
-        run_shell(block.content, folder)
+        run_shell(ANSWERS_NO * block.remark.endswith('answers no') + block.content, folder)
     return []
 
 
