@@ -89,6 +89,27 @@ def test_the_truth_is_found_within_the_errors(calibration, true):
     assert np.abs(sigmas).max() < 5.0
 
 
+@pytest.mark.parametrize('painted', [slice(3, None), slice(0, None, 3)], ids=['no clamp', 'eight'])
+def test_dots_that_do_not_tell_where_they_and_the_camera_are_do_not_make_a_stiffness_sure(painted):
+    def seen(name):
+        run = lab_run(name, 50)
+        return replace(run, x=run.x[:, painted], y=run.y[:, painted])
+
+    true = lab_arm()
+    frame = replace(PAPER, target_arclength=true.target_arclength[painted])
+    found = calibrate(
+        [seen('unloaded_ramp'), seen('unloaded_staircase')],
+        [seen(name) for name in ('dead_weights', 'force_sweeps', 'strings')],
+        frame,
+        compare=False,
+    )
+    assert found.joint.chi_squared < 1.15 * found.joint.dof
+    for pressure in (20e3, 50e3):
+        right = true.moment_law.sections(np.array([pressure]), true.length, true.weight)[0]
+        ours = found.arm.moment_law.sections(np.array([pressure]), true.length, true.weight)[0]
+        assert ours[:, RIGIDITY] == pytest.approx(right[:, RIGIDITY], rel=0.03)
+
+
 def weighed(arm, wrong=(0.0, 0.0), seed=0):
     """Return a free run and one under a weight of 0.2 N that is wrong by so much (N)."""
     pressures = np.linspace(2e3, 58e3, 10)

@@ -22,6 +22,13 @@ from pneunet_ros.solver.columns import END_LOAD_MOMENT
 MEDIAN_OF_TWO = math.log(2.0)  # of half the sum of two squares of normal numbers
 RESTS = 3.0  # sigma of a pressure reading, that it changes by from frame to frame
 ASSUMED = 'assumed; these recordings cannot tell'
+# What is never nothing, though many an arm file says so: taken for nothing, it would make the
+# stiffness wrong by many of its standard errors.
+NEVER_NOTHING = {
+    'placement_std': 'placement',
+    'registration_std': 'registration',
+    'drift_std': 'drift',
+}
 # What an arm file states of its sensors, and the unit.
 STATED = (('pressure_std', 'Pa'), ('force_std', 'N'), ('moment_std', 'N m'), ('target_std', 'm'))
 SMALLEST = 1e-9  # of a standard deviation that was found
@@ -48,8 +55,10 @@ def estimate_noise(
     """Estimate all standard deviations; what the runs cannot tell is kept as `assumed`.
 
     arclength (targets,) m of the targets. Runs of a few frames say nothing: they are no motion;
-    nor do static ones, which have no order in time. A load of exactly zero is no reading.
+    nor do static ones, which have no order in time. A load of exactly zero is no reading. Targets
+    and camera are never exactly where they are said to be, even where `assumed` says so.
     """
+    assumed = with_places_uncertain(assumed, arclength, settings)
     headings = [run.heading for run in runs if run.heading is not None]
     if headings and assumed.heading_std == 0.0:
         assumed = replace(assumed, heading_std=settings.heading)
@@ -109,7 +118,7 @@ def estimate_noise(
             f'and the noise of each is taken as {factor:.2g} times what is seen of it'
         )
     found['placement_std'] = (
-        placement(runs, arclength, white, settings),
+        placement(runs, arclength, white, assumed.placement_std, settings),
         'targets beside a smooth curve while the arm is straightest',
     )
     place, drift = camera(runs, arclength, white, settings)
@@ -127,6 +136,19 @@ def estimate_noise(
         noise = replace(noise, **{item.name: float(f'{max(std, SMALLEST):.3g}')})
     notes += differing_noise(noise, assumed, sources, settings)
     return NoiseEstimate(noise=noise, sources=sources, notes=tuple(notes))
+
+
+def with_places_uncertain(
+    assumed: SensorNoise, arclength: Array, settings: NoiseEstimateSettings
+) -> SensorNoise:
+    """Return the noise with places of targets and camera that are not known exactly."""
+    length = float(arclength[-1]) if arclength.size else 0.0
+    nothing = {
+        name: getattr(settings, share) * length
+        for name, share in NEVER_NOTHING.items()
+        if getattr(assumed, name) == 0.0
+    }
+    return replace(assumed, **nothing)
 
 
 def differing_noise(
@@ -288,28 +310,36 @@ def resting_differences(run: RecordingData, pressure_std: float) -> Array:
 
 
 def placement(
-    runs: Sequence[RecordingData], arclength: Array, white: float, settings: NoiseEstimateSettings
+    runs: Sequence[RecordingData],
+    arclength: Array,
+    white: float,
+    assumed: float,
+    settings: NoiseEstimateSettings,
 ) -> float | None:
-    """Return the standard deviation of the painted places, per coordinate (m)."""
-    if arclength.size < settings.fewest_targets:
-        return None
-    free = [run for run in runs if not run.loaded]
+    """Return the standard deviation of the painted places, per coordinate (m).
+
+    A few targets may lie on a smooth curve by chance: of them it is no less than `assumed` (m).
+    None where nothing tells.
+    """
+    free = [run.points for run in runs if not run.loaded]
     if not free:
         return None
-    frames = np.concatenate([run.points for run in free])
+    frames = np.concatenate(free)
+    often = np.isfinite(frames[:, 0]).mean(axis=0) > settings.often
+    arclength, frames = arclength[often], frames[:, :, often]
     complete = frames[np.all(np.isfinite(frames), axis=(1, 2))]
-    if len(complete) < settings.fewest:
+    if arclength.size < settings.fewest_targets or len(complete) < settings.fewest:
         return None
     chord = np.hypot(*(complete[:, :, -1] - complete[:, :, 0]).T)
     count = max(settings.fewest, round(settings.straightest * len(complete)))
     mean = complete[np.argsort(-chord)[:count]].mean(axis=0)
-    smooth = np.polynomial.chebyshev.chebvander(
-        2.0 * arclength / arclength[-1] - 1.0, settings.smooth_degree
-    )
+    degree = min(settings.smooth_degree, arclength.size - settings.freedom - 1)
+    smooth = np.polynomial.chebyshev.chebvander(2.0 * arclength / arclength[-1] - 1.0, degree)
     coefficients, *_ = np.linalg.lstsq(smooth, mean.T, rcond=None)
     residual = mean.T - smooth @ coefficients
-    variance = np.sum(residual**2) / (2 * (arclength.size - settings.smooth_degree - 1))
-    return float(np.sqrt(max(variance - white**2 / count, 0.0)))
+    variance = np.sum(residual**2) / (2 * (arclength.size - degree - 1))
+    found = float(np.sqrt(max(variance - white**2 / count, 0.0)))
+    return found if arclength.size >= settings.many_targets else max(found, assumed)
 
 
 def camera(
