@@ -21,11 +21,13 @@ from support.made_datasets import made, USUAL
 PAPER = paper_arm()
 FEW = np.linspace(0.0, 6e4, 5)
 NOISE = replace(USUAL, target_std=1e-4, placement_std=0.0, registration_std=0.0, drift_std=0.0)
+# Nothing at all is stated of none: then as much is assumed as arms have by hand.
+EXACT = replace(NOISE, placement_std=1e-9, registration_std=1e-9, drift_std=1e-9)
 
 
 def with_targets(*shares: float, arm: Arm = PAPER) -> Arm:
     places = arm.length * np.array(shares)
-    return replace(arm, target_arclength=places, sensors=NOISE, covariance=None)
+    return replace(arm, target_arclength=places, sensors=EXACT, covariance=None)
 
 
 def uniform(arm: Arm) -> Arm:
