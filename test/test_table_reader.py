@@ -330,6 +330,12 @@ def test_how_names_were_read_is_said(tmp_path):
     assert read_table(path, ImportRequest())[1] == (f"{path}: columns were read 'Time' as time_s",)
 
 
+def test_columns_without_any_number_are_said(tmp_path):
+    path = tmp_path / 'table.csv'
+    path.write_text('time_s,pressure_pa,x0_m,y0_m,x1_m,y1_m\n1,2,0,0,nan,\n2,3,,,NA,nan\n')
+    assert read_table(path, ImportRequest())[1] == (f'{path}: no row has a number in x1_m, y1_m',)
+
+
 @pytest.mark.parametrize(
     ('clock', 'seconds'),
     [
