@@ -39,6 +39,14 @@ ELSEWHERE = {
     'bags/lab_day/README.md': 'bag_lab_day.md',
     'bags/camera_demo/README.md': 'bag_camera_demo.md',
 }
+# Files to which pages link: a link out of the folder of the pages would be dead in the site.
+DOWNLOADS = (
+    'CITATION.cff',
+    'LICENSE',
+    'config/paper_arm.yaml',
+    'examples/soft_wall.py',
+    'examples/tip_controller.py',
+)
 LINK = re.compile(r'\]\((?!https?:|#)([^)#\s]+)(#[^)\s]*)?\)')
 HELP_WIDTH = 88  # characters
 SECTION = re.compile(r'^## (.+)$', re.MULTILINE)
@@ -75,7 +83,7 @@ def write_site_pages(docs: Path) -> None:
 
 
 def site_pages(docs: Path) -> dict[str, str]:
-    """Return the pages that only the site has, by their place in the folder of the pages."""
+    """Return the pages and files that only the site has, by their place in `docs`."""
     reference = {
         f'{GENERATED}/commands.md': commands_page(),
         f'{GENERATED}/effects.md': effects_page(),
@@ -87,8 +95,12 @@ def site_pages(docs: Path) -> dict[str, str]:
     for page, name in ELSEWHERE.items():
         text = (CHECKOUT / page).read_text(encoding='utf-8')
         moved[f'{GENERATED}/{name}'] = with_links_of_the_site(text, page, f'docs/{GENERATED}')
+    copied = {
+        f'{GENERATED}/{posixpath.basename(file)}': (CHECKOUT / file).read_text(encoding='utf-8')
+        for file in DOWNLOADS
+    }
     index = index_page((docs / 'README.md').read_text(encoding='utf-8'), list(reference))
-    return {**reference, **moved, 'index.md': index}
+    return {**reference, **moved, **copied, 'index.md': index}
 
 
 def with_links_of_the_site(text: str, page: str, folder: str) -> str:
@@ -104,6 +116,8 @@ def with_links_of_the_site(text: str, page: str, folder: str) -> str:
             file = 'docs/index.md'
         elif file in ELSEWHERE:
             file = f'docs/{GENERATED}/{ELSEWHERE[file]}'
+        elif file in DOWNLOADS:
+            file = f'docs/{GENERATED}/{posixpath.basename(file)}'
         return f']({posixpath.relpath(file, folder)}{anchor or ""})'
 
     return LINK.sub(moved, text)

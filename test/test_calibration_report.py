@@ -123,6 +123,7 @@ def test_without_load_only_what_needs_none_is_drawn(coarse):
     assert [item.name[3:] for item in drawn['residuals']] == [
         'residuals_over_frames', 'residuals_over_targets', 'residuals_over_recordings',
     ]  # fmt: skip
+    assert 'all well below 1: the stated noise is too large' in drawn['residuals'][-1].caption
 
 
 @pytest.mark.slow

@@ -138,6 +138,18 @@ def test_what_cannot_tell_is_refused(protocol, said):
     assert re.search(said, found.trouble), found
 
 
+@pytest.mark.parametrize(
+    ('rate', 'said'),
+    [
+        (25.0, 'irregular times and to irregular levels would tell'),
+        (6.0, 'or too few times; more'),
+    ],
+)
+def test_a_short_film_with_steps_is_not_told_that_it_has_none(rate, said):
+    series, _ = filmed(steps, 10, rate=rate, seconds=10.0)
+    assert said in estimate_delay(*series).trouble
+
+
 def test_film_and_table_of_two_runs_are_refused():
     frames, motion = filmed(steps, 10)[0][:2]
     table, pressure = filmed(steps, 11)[0][2:]

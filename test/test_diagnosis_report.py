@@ -218,6 +218,7 @@ def test_when_nothing_is_missing_there_is_less_to_show(coarse, monkeypatch):
     assert names == ['01_errors', '02_model_error', '03_shapes', '05_shares']
     text = report_page(nothing, pictures, PROVENANCE)
     assert 'No effect was added' in text
+    assert 'that the stated noise is too large.' in text
     assert error_sentence(nothing).endswith(' mm: nothing was added.')
     assert Page(text).tags.count('img') == 4
 

@@ -124,6 +124,7 @@ def test_the_number_of_stations_is_a_setting():
 def test_without_an_end_wrench_there_is_no_estimate():
     refusal = last(PLAIN, pressure(1))
     assert (refusal.reason, refusal.error) == ('no_wrench', True)
+    assert refusal.awaits_others
     assert 'wrench_required' in refusal.sentence
 
 

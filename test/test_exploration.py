@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from pneunet_ros import load_model
+from pneunet_ros.cli.explore import show_round
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.exploration.choice import (
@@ -26,6 +27,7 @@ from pneunet_ros.lab.scenario import Detail
 from pneunet_ros.offline.simulated_arm import scenario_of_model, SimulatedArm
 from pneunet_ros.recordings.dataset_reader import read_run
 import pytest
+from rich.console import Console
 
 SAFE = SafeSet(low=0.0, high=55e3, force=0.25)
 MODEL = load_model(share_path('config/lab_arm.yaml'))
@@ -72,7 +74,7 @@ def simulated(effects: dict[str, dict[str, float]]) -> SimulatedArm:
     return SimulatedArm(scenario=scenario.with_effects(effects))
 
 
-def test_a_load_effect_is_found_by_a_loaded_recording_that_was_chosen(tmp_path: Path):
+def test_a_load_effect_is_found_by_a_loaded_recording_that_was_chosen(tmp_path: Path, capsys):
     arm = simulated({'load_offset': {'offset': 0.006}})
 
     def record(experiment, safe, number):
@@ -99,6 +101,12 @@ def test_a_load_effect_is_found_by_a_loaded_recording_that_was_chosen(tmp_path: 
     assert second.predicted > 2.0 * rounds[-1].predicted  # the model knows it by then
     stamps = [item.run.reading_stamp_ns for item in rounds]
     assert all(one[-1] < other[0] for one, other in itertools.pairwise(stamps))
+    for count in (1, 2):
+        show_round(rounds[:count], Console(width=300))
+    _, begun, _, gone_on = capsys.readouterr().out.splitlines()
+    assert begun.startswith('   none; model error 0.')
+    assert 'mm rms; most possible: ' in begun  # nothing was there to predict it
+    assert f'; {1e3 * second.predicted:.3f} mm in the new recording, predicted' in gone_on
 
 
 def test_without_a_choice_the_experiments_come_in_turn():

@@ -103,6 +103,10 @@ def test_what_cannot_tell_the_delay_gives_no_recording(track, tmp_path):
     assert 'frames show the targets, and 40 are needed; give --delay S' in found['delay_sentence']
     assert found['output'] is None
     assert not output.exists()
+    said = track('film.avi')[1]
+    assert 'No recording written: at which pressures' in said
+    assert '--output OUT.mcap writes' not in said  # it was given
+    assert 'within the table' not in said
 
 
 def test_the_table_of_targets_has_the_stamps_of_the_recording(track, tmp_path):

@@ -51,6 +51,19 @@ def test_every_part_says_of_what_it_is():
     assert sum('Detection limits' in line for line in lines) == 1
 
 
+def test_names_of_topics_and_types_break_after_a_slash():
+    table = Table()
+    for name in ('topic', 'type', 'count'):
+        table.add_column(name)
+    table.add_row('/pneunet/image_raw/compressed', 'sensor_msgs/msg/CompressedImage', '241')
+    table.add_row('/pneunet/pressure', 'sensor_msgs/msg/FluidPressure', '481')
+    lines = printed(60, table)
+    assert max(map(len, lines)) <= 60
+    words = {word for line in lines for word in line.split()}
+    assert {'/pneunet/image_raw/', 'compressed', '/pneunet/pressure'} <= words
+    assert {'sensor_msgs/msg/', 'CompressedImage', 'FluidPressure'} <= words
+
+
 def test_a_word_that_no_width_holds_is_folded():
     table = Table(show_header=False)
     for _ in range(2):

@@ -707,6 +707,7 @@ def test_frames_that_are_stamped_ahead_are_told_of_and_not_taken_for_now():
     far = fused_with_clock(10_000_000_000)
     assert isinstance(far, Refusal)
     assert far.reason == 'too_uncertain'
+    assert far.error and far.awaits_others
     assert 'stamped 10 s later than the pressure: are the clocks of camera' in far.sentence
 
 

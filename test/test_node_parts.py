@@ -274,7 +274,13 @@ def test_what_others_send_once_they_have_begun_is_an_error_only_when_it_does_not
     )
     for since_ready in (-math.inf, 0.2, 4.0, 6.0, 7.0):
         for reason in ('no_camera_info', 'wrong_size'):
-            refusal = Refusal(stamp_ns=1, reason=reason, sentence=reason, error=True)
+            refusal = Refusal(
+                stamp_ns=1,
+                reason=reason,
+                sentence=reason,
+                error=True,
+                awaits_others=reason == 'no_camera_info',
+            )
             log.refusal(refusal, since_ready, 100.0 + max(since_ready, 0.0))
     assert said == ['warning: no_camera_info', 'error: wrong_size', 'error: no_camera_info']
 

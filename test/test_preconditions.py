@@ -69,7 +69,11 @@ def test_a_gauge_pressure_above_that_of_the_air_is_one_of_a_model_known_there():
     [
         ([], LOADED, 'no unloaded recording: .* --unloaded'),
         ([], [], 'no unloaded recording'),
-        ([at_one_pressure()], [], 'one.mcap span 0.* kPa.*at least two pressures; record a ramp'),
+        (
+            [at_one_pressure()],
+            [],
+            'pressure spans 0.* kPa in one.mcap: .*at least two pressures; record a ramp',
+        ),
         ([LOADED[0]], [], 'weights was given as unloaded, but its end force .*--loaded'),
         (FREE, [FREE[0]], 'up was given as loaded, but it has no end force .*--unloaded'),
         ([still(FREE[0])], [], 'up: the targets hardly move although the pressure changes'),

@@ -4,8 +4,9 @@ import json
 import math
 
 from pneunet_ros.cli.main import main
-from pneunet_ros.cli.quantity_option import parse_quantity, UNITS
+from pneunet_ros.cli.quantity_option import parse_quantity
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import SI_PER_UNIT
 import pytest
 
 
@@ -48,7 +49,7 @@ def test_what_is_no_pressure_is_refused_with_what_is_allowed(text):
         parse_quantity(text, 'pressure')
 
 
-@pytest.mark.parametrize('kind', UNITS)
+@pytest.mark.parametrize('kind', SI_PER_UNIT)
 def test_the_example_of_a_refusal_is_allowed(kind):
     """What a refusal shows as right is right."""
     with pytest.raises(RequestError) as refusal:

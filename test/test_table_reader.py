@@ -68,6 +68,9 @@ def test_the_pose_of_the_tip_may_be_known_in_part(tmp_path):
         ('pressure_bar', 1e5),
         ('pressure_psi', 0.45359237 * 9.80665 / 0.0254**2),
         ('force_x_gf', 9.80665e-3),
+        ('force_y_g', 9.80665e-3),
+        ('force_a_kg', 9.80665),
+        ('force_b_kgf', 9.80665),
         ('moment_mn_m', 1e-3),
         ('x3_um', 1e-6),
         ('y17_cm', 1e-2),
@@ -193,6 +196,8 @@ def test_what_the_estimator_made_is_left_out(tmp_path):
         ("time_s,pressure_pa\n1,1'220\n", 'is no number .nothing may set thousands apart'),
         ('Logger XY\ntime_s;pressure_pa\n1;2\n', 'begin in line 2; .* put # before each of these'),
         ('# a\nLogger\n\nSerial\nTime,Pressure\n1,2\n', 'the table seems to begin in line 5'),
+        ('Logger XY,No 7\nTime,Pressure\n1,2\n', 'the table seems to begin in line 2'),
+        ('Rig;B;3\nDate;;\nTime [s];p;fx (g)\n1;2;3\n', 'the table seems to begin in line 3'),
         ('# all\n# comments', 'is empty: the first line must name the columns'),
         ('Time,pressure_pa\n24:00:00,1\n', "line 2, column time_s: '24:00:00' is no number"),
         ('Time,pressure_pa\n2026-02-30 10:00:00,1\n', "'2026-02-30 10:00:00' is no number"),
@@ -323,6 +328,12 @@ def test_how_names_were_read_is_said(tmp_path):
     path = tmp_path / 'table.csv'
     path.write_text('Time,pressure_pa\n1,2\n')
     assert read_table(path, ImportRequest())[1] == (f"{path}: columns were read 'Time' as time_s",)
+
+
+def test_columns_without_any_number_are_said(tmp_path):
+    path = tmp_path / 'table.csv'
+    path.write_text('time_s,pressure_pa,x0_m,y0_m,x1_m,y1_m\n1,2,0,0,nan,\n2,3,,,NA,nan\n')
+    assert read_table(path, ImportRequest())[1] == (f'{path}: no row has a number in x1_m, y1_m',)
 
 
 @pytest.mark.parametrize(

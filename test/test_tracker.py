@@ -446,7 +446,7 @@ def test_no_camera_info_is_an_error():
     outcome = film.show(film.picture()[0])
     assert isinstance(outcome, Refusal)
     assert outcome.reason == 'no_camera_info'
-    assert outcome.error
+    assert outcome.error and outcome.awaits_others
     assert film.state.rejected == {'no_camera_info': 1}
 
 
@@ -455,7 +455,7 @@ def test_an_image_of_another_size_is_an_error(watching):
     outcome = watching.show(grey[:-2])
     assert isinstance(outcome, Refusal)
     assert outcome.reason == 'wrong_size'
-    assert outcome.error
+    assert outcome.error and not outcome.awaits_others
     assert '640 x 478' in outcome.sentence
     assert '640 x 480' in outcome.sentence
 

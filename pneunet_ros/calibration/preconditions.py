@@ -155,7 +155,7 @@ def check_pressures(
         )
     if np.ptp(pressures) < settings.smallest_span:
         raise RecordingError(
-            f'{names} span {kilopascals(float(np.ptp(pressures))):.2g} kPa of pressure: kappa_p0 '
+            f'pressure spans {kilopascals(float(np.ptp(pressures))):.2g} kPa in {names}: kappa_p0 '
             'needs at least two pressures; record a ramp or a staircase'
         )
     if moved < settings.smallest_motion and motion(unloaded) < settings.smallest_motion:

@@ -287,10 +287,13 @@ def show_round(rounds: list[Round], console: Console) -> None:
     """Print what a round came to."""
     row = round_row(len(rounds), rounds[-1])
     console.print(f'{row["number"]}. {row["recorded"]} ({row["why"]})')
-    console.print(
-        f'   {row["answer"]}; gap {row["before"]} -> {row["after"]} mm, the new recording '
-        f'predicted to {row["predicted"]} mm; most possible: {row["rivals"]}'
-    )
+    parts = [row['answer']]
+    if rounds[-1].diagnosis is not None:
+        parts.append(f'model error {row["before"]} -> {row["after"]} mm rms')
+    if rounds[-1].predicted is not None:
+        parts.append(f'{row["predicted"]} mm in the new recording, predicted before it came')
+    parts.append(f'most possible: {row["rivals"]}')
+    console.print(f'   {"; ".join(parts)}')
 
 
 def write_end(

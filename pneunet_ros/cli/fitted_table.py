@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import re
 
 from rich.console import Console
 from rich.measure import Measurement
@@ -15,7 +16,8 @@ FRAME, EDGE = 3, 1  # letters beside the text: of each column, and of the table
 def print_table(console: Console, table: Table) -> None:
     """Print a table; where it is too wide, texts break, and then columns stand below each other.
 
-    Texts break between words. Each part of a table begins with its first column.
+    Texts break between words, and a word that no width holds after a slash, where it has one.
+    Each part of a table begins with its first column.
     """
     needs = [need(console, column) for column in table.columns]
     if width_of([item.maximum for item in needs]) <= console.width:
@@ -29,9 +31,14 @@ def print_table(console: Console, table: Table) -> None:
         for column, width in zip(columns, shares, strict=True):
             part.add_column(column.header, justify=column.justify, overflow='fold', width=width)
         for cells in zip(*(column.cells for column in columns), strict=True):
-            part.add_row(*cells)
+            part.add_row(*map(broken_at_slashes, cells, shares))
         console.print(part)
         title = None
+
+
+def broken_at_slashes(text: object, width: int) -> str:
+    """Return a text whose words that are too long break after a slash: names of topics, files."""
+    return re.sub(rf'(?=\S{{{width + 1}}})\S{{,{width - 1}}}/', r'\g<0>\n', str(text))
 
 
 def need(console: Console, column: Column) -> Measurement:

@@ -12,9 +12,6 @@ from pneunet_ros.core.units import SI_PER_UNIT
 
 _NUMBER_AND_UNIT = re.compile(r'\s*([-+0-9.eE]+?)\s*([A-Za-z][A-Za-z_ .*·]*)?\s*')
 _BETWEEN_UNITS = re.compile(r'[_ .*·]')
-# A mass on a scale is a weight in gram-force.
-_WEIGHTS = {'g': SI_PER_UNIT['force']['gf'], 'kg': 1000.0 * SI_PER_UNIT['force']['gf']}
-UNITS = {**SI_PER_UNIT, 'force': {**SI_PER_UNIT['force'], **_WEIGHTS}}
 KIND_OF_UNIT = {  # of SI
     'Pa': 'pressure',
     'N': 'force',
@@ -45,9 +42,9 @@ _SHOWN = {
 
 
 def parse_quantity(text: str, kind: str) -> float:
-    """Return a number in SI; kind is one of UNITS. RequestError says which units are allowed."""
+    """Return a number in SI; kind: of SI_PER_UNIT. RequestError says which units are allowed."""
     match = _NUMBER_AND_UNIT.fullmatch(text)
-    units = {_joined(name): size for name, size in UNITS[kind].items()}
+    units = {_joined(name): size for name, size in SI_PER_UNIT[kind].items()}
     value = math.nan
     if match is not None:
         unit = _joined(match[2] or '').lower()
@@ -56,7 +53,7 @@ def parse_quantity(text: str, kind: str) -> float:
         except (ValueError, KeyError):
             value = math.nan
     if not math.isfinite(value):
-        names = [_SHOWN.get(name, name) for name in UNITS[kind]]
+        names = [_SHOWN.get(name, name) for name in SI_PER_UNIT[kind]]
         article = 'an' if kind == 'angle' else 'a'
         raise RequestError(
             f'{text[:40]!r} is not {article} {kind}: write a number in '

@@ -76,6 +76,7 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
         )
     if 'delay_sentence' in summary:
         table.add_row('delay', summary['delay_sentence'])
+    if summary.get('frames_covered'):
         table.add_row('frames within the table', share(summary['frames_covered'], frames))
     seconds, rate = summary['seconds'], summary['frames_per_second']
     table.add_row('took', f'{seconds:.2f} s, at {rate:.0f} frames/s')
@@ -86,7 +87,11 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
     written = [summary[name] for name in ('output', 'table', 'preview') if summary[name]]
     for path in written:
         console.print(f'wrote {path}')
-    if not written:
+    if 'delay_sentence' in summary and not summary['output']:
+        console.print(
+            'No recording written: at which pressures the frames were taken is not known.'
+        )
+    elif not written:
         console.print('Nothing written; --output OUT.mcap writes the tracker topics.')
 
 

@@ -10,9 +10,11 @@ class Refusal:
     """A reading that gave no estimate: `reason` is a key for counting, `sentence` for a person.
 
     `error` tells that the estimator has stopped giving estimates, not just dropped one reading.
+    `awaits_others`: what is missing comes from another node, which may still be starting.
     """
 
     stamp_ns: int
     reason: str
     sentence: str
     error: bool
+    awaits_others: bool = False

@@ -17,7 +17,8 @@ NANOSECONDS_PER_SECOND = 1_000_000_000
 PASCALS_PER_KILOPASCAL = 1000.0
 STANDARD_ATMOSPHERE = 101_325.0  # Pa
 
-# How much of the SI unit a unit is, by what is measured: the units in names of table columns.
+# How much of the SI unit a unit is, by what is measured: the units in names of table columns and
+# on the command line.
 SI_PER_UNIT: dict[str, dict[str, float]] = {
     'time': {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'min': 60.0, 'h': 3600.0, 'd': 86400.0},
     'pressure': {
@@ -29,7 +30,15 @@ SI_PER_UNIT: dict[str, dict[str, float]] = {
         'bar': 1e5,
         'psi': 6894.757293168,
     },
-    'force': {'n': 1.0, 'mn': 1e-3, 'gf': 9.80665e-3},
+    # What a scale shows in g or kg is the weight of that mass.
+    'force': {
+        'n': 1.0,
+        'mn': 1e-3,
+        'gf': 9.80665e-3,
+        'kgf': 9.80665,
+        'g': 9.80665e-3,
+        'kg': 9.80665,
+    },
     'moment': {'n_m': 1.0, 'n_mm': 1e-3, 'mn_m': 1e-3},
     'length': {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'um': 1e-6},
     'angle': {'rad': 1.0, 'deg': math.pi / 180.0},

@@ -161,7 +161,7 @@ def estimate_delay(
     if not trouble and np.mean([detail.distinct for detail in details]) < settings.distinct:
         trouble = (
             'the pressure goes the same way again and again, where hysteresis looks like a delay: '
-            'a quick step or two would tell'
+            'quick steps at irregular times and to irregular levels would tell'
         )
     return replace(clock, trouble=trouble)
 
@@ -209,7 +209,7 @@ def _cannot_tell(
         return (
             f'the delay is {clock.delay:.2f} s with a standard error of {clock.std:.2g} s, which '
             f'moves a frame by more than {100.0 * settings.blur:g} % of the motion: the pressure '
-            'changes too evenly; a quick step or two would tell'
+            'changes too evenly, or too few times; more quick steps would tell'
         )
     return ''
 

@@ -187,7 +187,8 @@ class Estimator:
             if not self.settings.wrench_required:
                 return unloaded, None, None
             sentence = 'no end wrench received; set wrench_required to false if there is no load'
-            return unloaded, None, refuse(stamp_ns, 'no_wrench', sentence)
+            refusal = refuse(stamp_ns, 'no_wrench', sentence, awaits_others=True)
+            return unloaded, None, refusal
         age = seconds_between(state.wrench.stamp_ns, stamp_ns)
         if abs(age) <= self.settings.wrench_timeout:
             return state.wrench, age, None
@@ -214,6 +215,12 @@ def reference_hint(arm: Arm, settings: EstimatorSettings, raw: float) -> str:
     )
 
 
-def refuse(stamp_ns: int, reason: str, sentence: str) -> Refusal:
+def refuse(stamp_ns: int, reason: str, sentence: str, *, awaits_others: bool = False) -> Refusal:
     """Return a refusal that stops the estimates."""
-    return Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=True)
+    return Refusal(
+        stamp_ns=stamp_ns,
+        reason=reason,
+        sentence=sentence,
+        error=True,
+        awaits_others=awaits_others,
+    )

@@ -42,8 +42,8 @@ def experiments() -> Iterator[Experiment]:
     for (x, y), words in DIRECTIONS:
         for low, high in LEVELS:
             yield Experiment(
-                words=f'a force {words}, swept up and down at {low:.0%} and {high:.0%} of the '
-                'pressure',
+                words=f'a force {words}, swept up and down at {100 * low:.0f} % and '
+                f'{100 * high:.0f} % of the pressure',
                 corners=(
                     (0, low, 0, 0), (7, low, x, y), (14, low, 0, 0), (16, high, 0, 0),
                     (23, high, x, y), (30, high, 0, 0),

@@ -293,6 +293,7 @@ def shape_estimate(
             f'the tip is known to {1e3 * largest:.3g} mm only, more than largest_tip_std = '
             f'{1e3 * bench.settings.largest_tip_std:.3g} mm'
             + (': no target was seen lately' if mode is Mode.PREDICTION else ''),
+            awaits_others=True,
         )
     return estimate_of(
         stamp_ns=stamp_ns,

@@ -9,9 +9,7 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.printable import printable
 
 SAY_AGAIN = 60.0  # s
-# What is no error while nodes that start together have not all begun.
-AWAITED = ('no_camera_info', 'too_uncertain')
-STARTING = 5.0  # s
+STARTING = 5.0  # s, until nodes that start together have all begun
 
 
 class Log:
@@ -33,7 +31,7 @@ class Log:
 
     def refusal(self, refusal: Refusal, since_ready: float, now: float) -> None:
         """Say why there is no result; since_ready: for how long (s) the node has been ready."""
-        if refusal.reason in AWAITED and since_ready < STARTING:
+        if refusal.awaits_others and since_ready < STARTING:
             self.warn(f'{refusal.reason} while starting', refusal.sentence, now)
             return
         say = self.error if refusal.error else self.warn

@@ -19,7 +19,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.files.regular_file import open_regular
-from pneunet_ros.tables.columns import standard_name, TIME
+from pneunet_ros.tables.columns import column_of, standard_name, TIME
 
 MOST_BYTES = 500_000_000
 MOST_ROWS = 2_000_000
@@ -208,13 +208,24 @@ def _check_no_preamble(path: Path, names: int, ahead: Sequence[str], above: int)
 
     ahead: the lines below that one, which is the `above`th of the file.
     """
-    cells = [_QUOTED.sub('', line).count(_delimiter(line)) + 1 for line in ahead]
-    table = next((place for place, count in enumerate(cells) if count > names), None)
+    table = next(
+        (
+            place
+            for place, line in enumerate(ahead)
+            if len(_cells(line)) > names
+            or any(column_of(standard_name(cell)) for cell in _cells(line))
+        ),
+        None,
+    )
     if table is not None:
         raise RecordingError(
             f'{path}: the table seems to begin in line {above + table + 1}; the first line must '
             'name the columns: remove what stands above, or put # before each of these lines'
         )
+
+
+def _cells(line: str) -> list[str]:
+    return next(csv.reader([line], delimiter=_delimiter(line)), [])
 
 
 def _delimiter(header: str) -> str:

@@ -34,6 +34,7 @@ MOST_PLACES = 15_000_000  # rows by targets; 650 MB while they are read
 # apart, and rows of 1 Hz in days 1.2e-5. Invented.
 LARGEST_STEP, SMALLEST_STEP = 1.0, 2e-5
 SPREADSHEET_EPOCH = 25_569  # 1970 in the days of spreadsheets, which count from 1899-12-30
+NAMES_SHOWN = 12
 FIRST_STAMP = NANOSECONDS_PER_SECOND  # of a table without stamps: 0 means "no stamp" in a header
 
 
@@ -65,6 +66,11 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     names = _readings(table.numbers)
     if len(names) + (STAMP in table.numbers) < len(table.numbers):
         sentences.append(f'{path}: columns {ESTIMATE}... are not readings and were left out')
+    empty = [name for name in names if np.all(np.isnan(table.numbers[name]))]
+    if empty:
+        more = f' and {len(empty) - NAMES_SHOWN} more' if len(empty) > NAMES_SHOWN else ''
+        shown = ', '.join(empty[:NAMES_SHOWN])
+        sentences.append(f'{path}: no row has a number in {shown}{more}')
     columns = {(item.quantity, item.target): item for item in columns_of(names, str(path))}
     for name in request.offsets:
         if name not in table.numbers or name == STAMP:

@@ -325,5 +325,9 @@ class Tracker:
         if not reason:
             return state, None
         return state, Refusal(
-            stamp_ns=image.stamp_ns, reason=reason, sentence=sentence, error=error
+            stamp_ns=image.stamp_ns,
+            reason=reason,
+            sentence=sentence,
+            error=error,
+            awaits_others=reason == 'no_camera_info',
         )

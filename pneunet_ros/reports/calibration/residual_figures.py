@@ -161,8 +161,9 @@ def draw_residuals_by_run(data: FigureData) -> Picture:
         '14_residuals_over_recordings',
         'Residuals over recordings',
         'Blue: unloaded, red: loaded. (a) may lie above the noise of targets, since errors of the '
-        'pressure and force readings move the whole arm; (b) counts them and should be near 1 for '
-        'every recording. One bar that stands out: look at that recording, or its role.',
+        'pressure and force readings move the whole arm; (b) counts them. One bar that stands '
+        'out: look at that recording, or its role; all well below 1: the stated noise is too '
+        'large.',
         figure,
     )
 

@@ -149,8 +149,8 @@ def model_error(data: FigureData) -> Picture:
         'Model error before and after',
         'How far measured targets are from predicted ones, registration of each recording '
         f'removed. Dashed: what noise alone would leave. {error_sentence(diagnosis)} Blue bars '
-        'should stand near the dashed line, on recordings that no fit has seen as well as on '
-        'those it has; where red and blue are equal, the added effect explains nothing.',
+        'well above the dashed line mean that model error is left, well below it that the stated '
+        'noise is too large. Where red and blue are equal, the added effect explains nothing.',
         figure,
     )
 

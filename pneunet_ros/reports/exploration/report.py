@@ -73,7 +73,7 @@ def answer_of(item: Round) -> str:
 
 
 def gap_picture(rounds: Sequence[Round]) -> Picture:
-    """Draw the gap and what is still possible over the rounds."""
+    """Draw the model error and what is still possible over the rounds."""
     figure, (gap, chance) = panels(2, height=4.2)
     number = np.arange(1, len(rounds) + 1)
     known = [item.diagnosis for item in rounds]
@@ -85,7 +85,7 @@ def gap_picture(rounds: Sequence[Round]) -> Picture:
     gap.plot(number, after, 'o-', color=FIRST, label='all so far, with what is missing')
     gap.plot(number, predicted, 'D:', color=GREY, label='the new one, by the model before it')
     gap.plot(number, floors, '-', color='0.75', label='noise alone')
-    gap.set(title='(a) the gap', xlabel='recording', ylabel='rms per coordinate (mm)')
+    gap.set(title='(a) model error', xlabel='recording', ylabel='rms per coordinate (mm)')
     gap.set_ylim(bottom=0.0)
     names = sorted(
         {name for item in rounds for name in item.rivals},
@@ -102,8 +102,8 @@ def gap_picture(rounds: Sequence[Round]) -> Picture:
         legend(panel, loc='best')
     return picture(
         'gap',
-        'How the gap shrinks, recording by recording',
-        '(a) Errors of predicted targets. Red: the best that the given kind of model can do; '
+        'How the model error shrinks, recording by recording',
+        '(a) Red: the best that the given kind of model can do; '
         'blue: with the effect that is named so far; diamonds: the newest recording as the model '
         'of the round before predicts it, which knew nothing of it. (b) How probable it is that '
         'an effect is missing beside what is named, or that nothing is; the likeliest ones.',
