@@ -40,10 +40,17 @@ from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.scenario import Changes
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
-from pneunet_ros.model.arm import Arm
 from rich.console import Console
 from rich.table import Table
-from rigs import missed_goals, read_sensors, rig_command, run_bench, sightings_of, wrench_of
+from rigs import (
+    missed_goals,
+    model_of,
+    read_sensors,
+    rig_command,
+    run_bench,
+    sightings_of,
+    wrench_of,
+)
 
 RATE = 10.0  # Hz, of frames and readings
 FORCES = 8e-3, 60e-3  # N, of pushes, evenly in their logarithm
@@ -157,8 +164,9 @@ def row_of(fused: FusedEstimate) -> list[float]:
     ]
 
 
-def try_model(arm: Arm, seed: int, recordings: int) -> dict[str, Array]:
+def try_model(seed: int, recordings: int) -> dict[str, Array]:
     """Fuse recordings of a rig by a model of it: (recordings, frames, COLUMNS) by case."""
+    arm = model_of(seed)
     usual = Fusion(arm=arm)
     free_tip = Fusion(arm=arm, settings=dataclasses.replace(FUSION, free_tip=True))
     rows: dict[str, Array] = {}

@@ -352,9 +352,9 @@ def long_run(seed: int, name: str) -> Array:
     return rows[: len(rows) // PARTS * PARTS].reshape(PARTS, -1, len(COLUMNS))
 
 
-def try_model(arm: Arm, seed: int, recordings: int) -> dict[str, Array]:
+def try_model(seed: int, recordings: int) -> dict[str, Array]:
     """Fuse recordings of a rig by a model of it."""
-    fusion = Fusion(arm=arm)
+    fusion = Fusion(arm=model_of(seed))
     rows: dict[str, list[Array]] = {name: [] for name in WAYS}
     for which in range(recordings):
         recordings_of: dict[tuple, LabRecording] = {}

@@ -36,15 +36,20 @@ from rich.progress import track
 FIRST_SEED = 5000
 QUICK = 1, 4  # rigs, and recordings of each
 Rows = dict[str, Array]  # of a rig, by what was tried
-Try = Callable[[Arm, int, int], Rows]  # a model, its seed, and how many recordings
+Try = Callable[[int, int], Rows]  # of the seed of a rig, and how many recordings
+ALL = slice(None)
 
 
-def model_of(seed: int) -> Arm:
-    """Return the model of a rig, calibrated."""
+def model_of(seed: int, dots: slice | list[int] = ALL) -> Arm:
+    """Return the model of a rig, calibrated; dots: those that are painted."""
     runs, scenario = record(seed)
     frame = load_model(share_path('config/paper_arm.yaml'))
-    frame = dataclasses.replace(frame, target_arclength=scenario.arm.targets)
-    unloaded, loaded = [runs[name] for name in UNLOADED], [runs[name] for name in LOADED]
+    frame = dataclasses.replace(frame, target_arclength=scenario.arm.targets[dots])
+    unloaded, loaded = (
+        [dataclasses.replace(runs[name], x=runs[name].x[:, dots], y=runs[name].y[:, dots])
+         for name in names]
+        for names in (UNLOADED, LOADED)
+    )  # fmt: skip
     return calibrate(unloaded, loaded, frame, compare=False).arm
 
 
@@ -151,7 +156,7 @@ def rows_of_rig(
     if kept is not None and kept.exists():
         with np.load(kept) as rows:
             return dict(rows)
-    found = try_model(model_of(seed), seed, recordings)
+    found = try_model(seed, recordings)
     if kept is not None:
         kept.parent.mkdir(parents=True, exist_ok=True)
         np.savez(kept, **found)
