@@ -1,7 +1,7 @@
 """How well force and tip are known from pressure and targets, with and without a force sensor.
 
     python acceptance/fusion.py [--quick] [--json] [--rigs N] [--recordings N] [--first N]
-                                [--keep FOLDER] [--long WAY] [--workers N]
+                                [--keep FOLDER] [--long WAY] [--true-arm] [--workers N]
 
 A rig is an arm of the virtual lab (parameters up to 15 % off); `calibrate` makes its model from
 six recordings. Then the camera is put up anew, and pressure and load go through random mixes: 10
@@ -9,7 +9,8 @@ frames a second, readings at the instants of the frames and between two. The dot
 calibration, but for `other targets`, where they are painted anew for each recording.
 The truth is that of the lab, which shares no solver with the model. `at frames` is the estimate at
 the stamp of a frame, `between` that half a period later, when the arm may have moved on. NEES: e^T
-P^-1 e of two coordinates, on average 2 where the covariance is right. Exit code 1 where a goal is
+P^-1 e of two coordinates, on average 2 where the covariance is right. With `--true-arm` the fusion
+knows the arm and its dots exactly: what no calibration can better. Exit code 1 where a goal is
 missed.
 """
 
@@ -25,6 +26,7 @@ from pneunet_ros.core.threads import use_one_thread
 if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
     use_one_thread()
 
+from calibration import true_model
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import PressureReading, TargetSightings
@@ -46,6 +48,7 @@ from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
 from pneunet_ros.vision.smoother import smoother_for
 from rich.console import Console
 from rich.table import Table
@@ -69,6 +72,7 @@ LONG_RATE = 5.0  # Hz; the lab keeps no more of half an hour
 LIGHT = 0.02  # N, below which a share of the force means nothing
 SURE = 0.05  # of the force: sigma of one that counts
 PRESSED = 10e3  # Pa
+EXACT = 1e-9  # one sigma of what is known
 Intervals = tuple[tuple[float, float], ...]
 COLUMNS = (
     'tip', 'tip_nees', 'share', 'sigma', 'force_nees', 'pressed', 'ambiguous', 'age', 'mode',
@@ -352,9 +356,36 @@ def long_run(seed: int, name: str) -> Array:
     return rows[: len(rows) // PARTS * PARTS].reshape(PARTS, -1, len(COLUMNS))
 
 
+def true_arm(seed: int) -> Arm:
+    """Return the arm of a rig as it is, with the places where its targets are painted."""
+    scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
+    scenario = dataclasses.replace(scenario, arm=vary_arm(scenario.arm, seed))
+    arm, painted = true_model(scenario), recording_of(seed, 0).truth.placement.T.ravel()
+    known = ModelCovariance(
+        quantities=('moment_law.rigidity.0.0',),
+        factor=np.full((1, 1), EXACT),
+        placement=PlacementKnown(
+            mean=painted,
+            std=np.full(painted.size, EXACT),
+            factor=np.zeros((painted.size, 1)),
+        ),
+    )
+    return dataclasses.replace(arm, covariance=known)
+
+
 def try_model(seed: int, recordings: int) -> dict[str, Array]:
     """Fuse recordings of a rig by a model of it."""
-    fusion = Fusion(arm=model_of(seed))
+    return try_arm(model_of(seed), seed, recordings)
+
+
+def try_truth(seed: int, recordings: int) -> dict[str, Array]:
+    """Fuse recordings of a rig by the arm as it is."""
+    return try_arm(true_arm(seed), seed, recordings)
+
+
+def try_arm(arm: Arm, seed: int, recordings: int) -> dict[str, Array]:
+    """Fuse recordings of a rig by an arm."""
+    fusion = Fusion(arm=arm)
     rows: dict[str, list[Array]] = {name: [] for name in WAYS}
     for which in range(recordings):
         recordings_of: dict[tuple, LabRecording] = {}
@@ -485,12 +516,15 @@ def show(summary: dict, title: str) -> None:
 def main() -> int:
     """Run and print."""
     command = rig_command(__doc__.splitlines()[0], recordings=20)
+    command.add_argument('--true-arm', action='store_true', help='the arm is known exactly')
     command.add_argument('--long', choices=list(WAYS), help='half an hour in one way, by parts')
     arguments = command.parse_args()
     if arguments.long:
         rows = long_run(arguments.first, arguments.long)
         show({'ways': part_numbers(rows)}, f'Half an hour: {arguments.long}')
         return 0
+    if arguments.true_arm:
+        return run_bench('fusion_true', arguments, try_truth, summary_of, show)
     return run_bench('fusion', arguments, try_model, summary_of, show)
 
 
