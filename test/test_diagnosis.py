@@ -71,6 +71,22 @@ def test_few_recordings_are_enough_to_say_that_nothing_is_missing():
     assert set(answer.detectable) == set(EFFECTS)
 
 
+def test_a_camera_that_no_dot_at_the_clamp_shows_is_no_finding():
+    dots = slice(2, None, 2)
+    ramp, _, strings, _, mix = (
+        replace(run, x=run.x[:, dots], y=run.y[:, dots]) for run in recorded()
+    )
+    given = frame()
+    nothing = dict.fromkeys(STRUCTURE, 0.0)
+    arm = replace(
+        given,
+        target_arclength=given.target_arclength[dots],
+        sensors=replace(given.sensors, **nothing),
+        covariance=None,
+    )
+    assert diagnose(arm, [strings, ramp], [mix], seed=3).answer == 'none'
+
+
 def test_a_picture_that_is_a_little_tilted_is_no_finding():
     def askew(run):
         scale = 1.0 + 0.008 * (run.x / frame().length - 0.5)
