@@ -25,6 +25,7 @@ def rows(exact: bool) -> np.ndarray:
     return fuse(Fusion(arm=arm), seen, WAYS['no wrench'], 77)[None]
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_taken_for_exact_misses_the_goals():
     found = {}
     for exact in (False, True):
