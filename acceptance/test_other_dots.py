@@ -8,6 +8,7 @@ from fusion import COLUMNS, fuse, recording_of, WAYS
 import numpy as np
 import other_dots as bench
 from pneunet_ros.fusion.fusion import Fusion
+import pytest
 from support.lab_run import true_model
 
 

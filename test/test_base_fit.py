@@ -57,8 +57,9 @@ def test_it_stays_so_and_few_frames_are_enough():
     frame = bent((1.0, 1.0))
     base = fit_base(frame, [recorded()], quiet)
     assert base.frame.moment_law == frame.moment_law
-    for name in ('target_std', 'pressure_std', 'placement_std'):  # too few frames to tell
+    for name in ('target_std', 'pressure_std'):  # too few frames to tell
         assert getattr(base.noise.noise, name) == getattr(NOISE, name)
+    assert base.noise.noise.placement_std == pytest.approx(1e-3 * frame.length)  # never nothing
     table = base.fit.arm.intrinsic_curvature
     assert table.arclength.tolist() == [0.0, 1.0]
     assert table.curvature[:, 0] == pytest.approx(table.curvature[:, 1], abs=0.02)
