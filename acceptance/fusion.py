@@ -516,8 +516,9 @@ def show(summary: dict, title: str) -> None:
 def main() -> int:
     """Run and print."""
     command = rig_command(__doc__.splitlines()[0], recordings=20)
-    command.add_argument('--true-arm', action='store_true', help='the arm is known exactly')
-    command.add_argument('--long', choices=list(WAYS), help='half an hour in one way, by parts')
+    either = command.add_mutually_exclusive_group()
+    either.add_argument('--true-arm', action='store_true', help='the arm is known exactly')
+    either.add_argument('--long', choices=list(WAYS), help='half an hour in one way, by parts')
     arguments = command.parse_args()
     if arguments.long:
         rows = long_run(arguments.first, arguments.long)

@@ -22,13 +22,6 @@ from pneunet_ros.solver.columns import END_LOAD_MOMENT
 MEDIAN_OF_TWO = math.log(2.0)  # of half the sum of two squares of normal numbers
 RESTS = 3.0  # sigma of a pressure reading, that it changes by from frame to frame
 ASSUMED = 'assumed; these recordings cannot tell'
-# What is never nothing, though many an arm file says so: taken for nothing, it would make the
-# stiffness wrong by many of its standard errors.
-NEVER_NOTHING = {
-    'placement_std': 'placement',
-    'registration_std': 'registration',
-    'drift_std': 'drift',
-}
 # What an arm file states of its sensors, and the unit.
 STATED = (('pressure_std', 'Pa'), ('force_std', 'N'), ('moment_std', 'N m'), ('target_std', 'm'))
 SMALLEST = 1e-9  # of a standard deviation that was found
@@ -141,14 +134,17 @@ def estimate_noise(
 def with_places_uncertain(
     assumed: SensorNoise, arclength: Array, settings: NoiseEstimateSettings
 ) -> SensorNoise:
-    """Return the noise with places of targets and camera that are not known exactly."""
-    length = float(arclength[-1]) if arclength.size else 0.0
-    nothing = {
-        name: getattr(settings, share) * length
-        for name, share in NEVER_NOTHING.items()
-        if getattr(assumed, name) == 0.0
-    }
-    return replace(assumed, **nothing)
+    """Return the noise with places of targets and camera that are not known exactly.
+
+    Many an arm file says 0: taken at its word, a stiffness would be wrong by many of its errors.
+    """
+    way = float(arclength[-1]) if arclength.size else 0.0
+    return replace(
+        assumed,
+        placement_std=assumed.placement_std or settings.placement * way,
+        registration_std=assumed.registration_std or settings.registration * way,
+        drift_std=assumed.drift_std or settings.drift * way,
+    )
 
 
 def differing_noise(
@@ -281,7 +277,7 @@ def likeness(
     targets do together is the camera's, and is taken off.
     """
     rest = [resting_differences(run, pressure_std) for run in runs if not run.loaded]
-    rest = [values for values in rest if values.shape[-1] >= settings.fewest_targets]
+    rest = [values for values in rest if values.shape[-1] >= settings.many_targets]
     if not rest or sum(len(values) for values in rest) < settings.fewest:
         return 1.0, 0.0
     errors = np.concatenate(rest)

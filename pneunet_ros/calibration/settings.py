@@ -70,20 +70,26 @@ class NoiseEstimateSettings:
     smooth_degree: int = tuning(6, 'of the polynomial that a straight arm follows, at most')
     fewest_targets: int = tuning(8, 'for a placement')
     freedom: int = tuning(3, 'targets more than the polynomial has numbers, at least')
-    many_targets: int = tuning(12, 'with which a placement may be less than is assumed')
+    many_targets: int = tuning(12, 'that tell a small placement, and noise that is alike')
     often: float = tuning(0.5, 'share of the frames, in which a target counts as seen')
     straightest: float = tuning(0.1, 'share of the unloaded frames')
     placement: float = tuning(
         1e-3,
         'of the painted place of a target, where nothing tells',
-        unit='length',
-        source='invented: twice that of the virtual lab, which costs no more than 1 % of an error',
+        unit='way to the last target',
+        source='invented: twice that of the virtual lab',
     )
     registration: float = tuning(
-        2e-3, "of the camera's place, where nothing tells", unit='length', source='invented'
+        2e-3,
+        "of the camera's place, where nothing tells",
+        unit='way to the last target',
+        source='invented: twice that of the virtual lab',
     )
     drift: float = tuning(
-        1e-3, 'of its drift, where nothing tells', unit='length', source='invented'
+        1e-3,
+        'of its drift, where nothing tells',
+        unit='way to the last target',
+        source='invented: twice that of the virtual lab',
     )
     fewest_levels: int = tuning(12, 'of readings, for a sensor that reads in steps')
     repeats: float = tuning(
