@@ -8,8 +8,10 @@ from functools import cache
 import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.calibration.calibration import calibrate, Calibration
-from pneunet_ros.calibration.nonuniformity import shape_std
+from pneunet_ros.calibration.map_estimation import posterior_at
+from pneunet_ros.calibration.nonuniformity import departure_prior, shape_std
 from pneunet_ros.calibration.resolution import resolve
+from pneunet_ros.calibration.settings import CALIBRATION
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
@@ -123,6 +125,27 @@ def test_where_no_target_shows_it_the_shape_is_uncertain_and_is_so():
     largest, share = shape_std(found.joint)
     assert std.max() == pytest.approx(largest, rel=0.3)
     assert 0.2 < share <= 1.0
+
+
+def test_targets_are_misplaced_with_the_bend_that_a_fit_cannot_have():
+    arm = uniform(with_targets(0.0, 0.4, 1.0))
+    noise = replace(EXACT, placement_std=2e-4)
+    run = made(arm, np.linspace(0.0, 6e4, 9), noise=noise)
+    found = calibrate([run], [], replace(arm, sensors=noise))
+    fit, size = found.free, found.free.values.size
+    # What all unknowns come to when the arm departs: the normal equations, solved in full.
+    posterior, linear = posterior_at(fit, found.noise.noise)
+    scale, rest = posterior.prior.scale, np.eye(linear.scaled.size)
+    come_to = scale @ np.linalg.solve(linear.normal + rest, linear.normal) @ np.linalg.inv(scale)
+    cells, shared = fit.parameters.cells, fit.shared_covariance.shape[0]
+    errors = (come_to - rest)[:shared, :cells]
+    prior = departure_prior(fit.parameters, fit.values, CALIBRATION.resolution)
+    wanted = errors @ prior @ errors.T
+    added = found.joint.shared_covariance - fit.shared_covariance
+    std = np.sqrt(np.diag(wanted))
+    assert std[size:].max() > 1e-5  # placements too
+    np.testing.assert_allclose(added, wanted, rtol=0.0, atol=1e-3 * np.outer(std, std).max())
+    np.testing.assert_allclose(np.sqrt(np.diag(added)), std, rtol=0.01, atol=1e-8)
 
 
 def test_what_a_constant_curvature_cannot_have_is_said():

@@ -5,7 +5,9 @@ an estimate and no knowledge. What such a curve leaves out is no parameter of th
 considered: a departure d with a known prior S changes what the fit finds by C I d, where C is the
 covariance of the fit and I the information of the data, so that the error is E d with E = C I - 1,
 and the covariance in all C + E S E^T (Schmidt's consider covariance: S. F. Schmidt, Advances in
-Control Systems 3, 1966). What the targets determine stays as sure as they make it.
+Control Systems 3, 1966). What the targets determine stays as sure as they make it. Where the fit
+is wrong by E d, the painted places of the targets, found from the same pictures, are wrong by
+G E d: G is what the posterior says that they take with them.
 """
 
 from __future__ import annotations
@@ -43,13 +45,16 @@ def consider_nonuniformity(fit: Fit, settings: CalibrationSettings = CALIBRATION
     prior = departure_prior(parameters, fit.values, settings.resolution)
     errors = fit.covariance @ all_information(fit)[:, : parameters.cells]
     errors[: parameters.cells] -= np.eye(parameters.cells)
+    size = fit.values.size
+    taken_with = np.linalg.solve(fit.covariance, fit.shared_covariance[:size, size:]).T
+    errors = np.concatenate([errors, taken_with @ errors])
     missed = fit.chi_squared / max(fit.dof, 1)
     scale = missed if missed > settings.consistency.misfit else 1.0
-    covariance = scale * fit.covariance + errors @ prior @ errors.T
-    shared, size = scale * fit.shared_covariance, fit.values.size
-    shared[:size, :size] = covariance
+    shared = scale * fit.shared_covariance + errors @ prior @ errors.T
     return replace(
-        fit, covariance=frozen_array(covariance), shared_covariance=frozen_array(shared)
+        fit,
+        covariance=frozen_array(shared[:size, :size]),
+        shared_covariance=frozen_array(shared),
     )
 
 
