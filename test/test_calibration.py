@@ -196,7 +196,9 @@ def test_half_after_half_comes_to_what_all_at_once_does():
     at, inner = np.linspace(10e3, 50e3, 4), np.linspace(0.1, 0.9, 9)
     one, other = law_view(both.joint, at), law_view(calibrated().joint, at)
     assert np.all(np.abs(one.rigidity - other.rigidity) < 1.5 * other.rigidity_std)
-    assert np.all(np.abs(one.split - other.split) < 1.5 * other.split_std)
+    # Less is known of it after two halves: at first two loads hardly tell, and not as a Gaussian.
+    assert np.all(np.abs(one.split - other.split) < 1.5 * one.split_std)
+    assert np.all(one.split_std < 2.0 * other.split_std)
     before = law_view(first.joint, at)
     assert np.all(one.rigidity_std < before.rigidity_std)
     std = curvature_std(calibrated().joint, at, inner)

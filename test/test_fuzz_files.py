@@ -191,6 +191,7 @@ HOSTILE = {
     'hexadecimal': f'schema_version: 0x{"f" * 100_000}\n',
     'many documents': '---\na: 1\n' * 10_000,
     'many anchors': ''.join(f'- &a{index} 1\n' for index in range(3000)),
+    'an anchor twice': '&a name: &a 1\nschema_version: *a\n',
     'a zero in a text': 'schema_version: 1\nname: "a\\0b"\n',
     'half a character in a text': 'schema_version: 1\nname: "\\ud800"\n',
     'zeros': '\0' * 1000,

@@ -99,10 +99,13 @@ def found_again(seeds, negative):
         start = solve(arm, pressure, (0.97 * force[0], 0.97 * force[1]), moment, start=shape)
         near = solve_tip(arm, pressure, shape.tip[:2], moment, start=start)
         cold = solve_tip(arm, pressure, shape.tip[:2], moment)
-        if weakest(arm, shape) < SEARCH.determined:
+        weak = weakest(arm, shape)
+        if weak < SEARCH.determined:
             assert_failed(near, 'the end force is not determined')
             continue
-        assert near.force == pytest.approx(force, abs=1e-9), seed
+        # Where it is hardly determined, a tip as good as any is one of many forces.
+        exact = 1e-9 if weak > 10.0 * SEARCH.determined else 1e-6
+        assert near.force == pytest.approx(force, abs=exact), seed
         near_by += 1
         # From nothing another equilibrium may be found: it must be one, at the same tip.
         if not cold.converged:

@@ -91,6 +91,7 @@ class YamlFile:
         try:
             yaml = YAML(typ='safe', pure=True)
             yaml.Constructor = PlainConstructor
+            yaml.composer.warn_double_anchors = False  # YAML allows it: the last one holds
             content = yaml.load(text)
         except (YAMLError, ValueError, LookupError, TypeError, RecursionError) as error:
             raise self.error(f'{path} is not valid YAML: {one_line(error)}') from None
