@@ -152,6 +152,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
             np.full(known - guessed, np.inf),
             np.full(guessed, settings.guess_time),
             np.full(further, settings.bias_time),
+            np.full(len(settings.lag_times) + 1, settings.memory_time),
         ]
     )
     return Unknowns(

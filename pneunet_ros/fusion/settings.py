@@ -78,6 +78,9 @@ class FusionSettings:
         0.1, 'std of the part of the curvature that comes late, with each time; invented'
     )
     play_share: float = tuning(0.5, 'std of the part of that play; invented')
+    memory_time: float = tuning(
+        200.0, 'correlation time of how much comes late, and of the part of that play', unit='s'
+    )
     bias_time: float = tuning(20.0, 'correlation time of what the model lacks', unit='s')
     guess_time: float = tuning(
         0.5,
