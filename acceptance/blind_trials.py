@@ -1,6 +1,7 @@
 """Blind trials of the diagnosis: effects hidden by the virtual lab, named or not, and scored.
 
     python acceptance/blind_trials.py --block all [--output FILE.jsonl] [--json] [--baselines]
+                                      [--dots 0 4 9 13 18 22]
 
 Labels are sealed: the diagnosing function is given recordings alone, the truth goes to a file of
 its own (FILE.sealed.jsonl) that only the scorer opens. A bench that was stopped goes on with the
@@ -26,7 +27,7 @@ from blind.record import Record
 from blind.running import one_trial
 from blind.scoring import Row
 from blind.summary import baseline_rates, summary_of, TARGETS
-from blind.trials import BLOCKS, DEVELOPMENT, SCORING
+from blind.trials import BLOCKS, DEVELOPMENT, key_of, SCORING
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.executor import open_executor
 from pneunet_ros.files.json_text import json_text
@@ -53,7 +54,8 @@ def wanted(arguments: argparse.Namespace) -> list[tuple[str, int]]:
 def run(arguments: argparse.Namespace, record: Record) -> list[str]:
     """Do the trials that are not done yet; return a sentence for each that broke off."""
     done, broken = record.done(), []
-    left = [(block, seed) for block, seed in wanted(arguments) if f'{block}/{seed}' not in done]
+    dots = arguments.dots
+    left = [item for item in wanted(arguments) if key_of(*item, dots) not in done]
     columns = TextColumn('trials'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with (
         open_executor(arguments.workers, arguments.scheduler) as executor,
@@ -61,8 +63,8 @@ def run(arguments: argparse.Namespace, record: Record) -> list[str]:
     ):
         bar = progress.add_task('trials', total=len(left))
         futures = {
-            executor.submit(one_trial, block, seed, arguments.baselines): f'{block}/{seed}'
-            for block, seed in left
+            executor.submit(one_trial, *item, arguments.baselines, dots): key_of(*item, dots)
+            for item in left
         }
         try:
             for future in as_completed(futures):
@@ -148,6 +150,15 @@ def main() -> None:
     command.add_argument('--scheduler', metavar='ADDRESS', help='of a Dask cluster')
     command.add_argument('--output', type=Path, metavar='FILE.jsonl', help='resumable')
     command.add_argument('--baselines', action='store_true', help='other methods on the same data')
+    command.add_argument(
+        '--dots',
+        type=int,
+        nargs='+',
+        choices=range(23),
+        default=[],
+        metavar='N',
+        help='only these are painted, of 0 (clamp) to 22 (tip); default: all',
+    )
     command.add_argument('--json', action='store_true', help='print one JSON object')
     arguments = command.parse_args()
     with tempfile.TemporaryDirectory() as folder:
@@ -156,7 +167,7 @@ def main() -> None:
             broken = run(arguments, record)
         except PneunetError as error:
             sys.exit(f'{error}')
-        asked = {f'{block}/{seed}' for block, seed in wanted(arguments)}
+        asked = {key_of(*item, arguments.dots) for item in wanted(arguments)}
         pairs = [pair for pair in record.opened() if pair[0]['key'] in asked]
     summary = summary_of(pairs) | {'baselines': baseline_rates(pairs)}
     if arguments.json:

@@ -330,6 +330,21 @@ def test_the_same_seed_is_the_same_trial_and_blocks_differ(hidden_trial):
     assert made('nothing', label.seed)[0].label.arm_seed != label.arm_seed
 
 
+def test_a_trial_of_few_dots_is_that_trial_without_the_others(hidden_trial):
+    (whole, every), dots = hidden_trial, [4, 13, 22]
+    sealed, trial = made('single', whole.label.seed, dots)
+    assert trial.key == f'{whole.label.key}/4-13-22'
+    assert dataclasses.replace(sealed.label, dots=()) == whole.label
+    assert np.array_equal(trial.frame.target_arclength, every.frame.target_arclength[dots])
+    assert np.array_equal(trial.frame.target_arclength, sealed.arm.target_arclength)
+    seen = np.isin(every.training[0].stamp_ns, trial.training[0].stamp_ns)
+    left = every.training[0].x[seen][:, dots]
+    assert np.array_equal(trial.training[0].x, left, equal_nan=True)
+    # What the lab says of the truth is of those dots, too.
+    assert 8e-5 < truth_of(sealed, trial)['rms'] < 3e-4
+    assert signals(sealed.recordings[:1], 'gravity')[0][1].shape[1] == len(dots)
+
+
 def test_free_recordings_have_no_load():
     protocols = (*DESIGNS['free'].training, *DESIGNS['free'].held_out)
     assert not any(protocol.timeline().loaded for protocol in protocols)
@@ -404,6 +419,7 @@ def asked(**changes):
         'workers': 1,
         'scheduler': None,
         'baselines': False,
+        'dots': [],
         'json': True,
     }
     return argparse.Namespace(**(given | changes))
@@ -412,7 +428,7 @@ def asked(**changes):
 def test_only_what_is_not_done_is_done(tmp_path, monkeypatch):
     done = []
 
-    def one_trial(block, seed, baselines):
+    def one_trial(block, seed, baselines, dots):
         done.append((block, seed))
         if seed == 2 and len(done) < 5:
             raise ValueError('lost')

@@ -139,7 +139,6 @@ def test_without_the_structure_of_noise_clean_data_raise_a_false_alarm(monkeypat
         return replace(estimate, noise=noise)
 
     monkeypatch.setattr(base, 'estimate_noise', white)
-    monkeypatch.setattr(base, 'with_camera_motion', lambda noise, least: noise)
     wrong = found()
     assert wrong.answer != 'none'
     assert wrong.adequacy_before.p_value < 1e-9

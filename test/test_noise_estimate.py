@@ -74,6 +74,18 @@ def test_what_is_not_there_is_not_found():
     assert found.target_std == pytest.approx(noise.target_std, rel=0.08)
 
 
+def test_a_camera_is_never_found_to_be_still_by_chance():
+    noise = replace(TRUE, target_std=5e-5, registration_std=1e-4, drift_std=5e-5)
+    found = [
+        estimate_noise(runs(noise, seed, frames=40), PAPER.target_arclength, ASSUMED).noise
+        for seed in range(12)
+    ]
+    for name in ('registration_std', 'drift_std'):
+        ratio = np.array([getattr(item, name) / getattr(noise, name) for item in found])
+        assert ratio.min() > 0.4, name
+        assert ratio.max() < 2.5, name
+
+
 def test_what_recordings_cannot_tell_is_assumed_and_said():
     free = [run for run in runs(TRUE) if not run.loaded]
     estimate = estimate_noise(free, PAPER.target_arclength, ASSUMED)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import dataclasses
 import time
 
@@ -18,9 +18,9 @@ from blind.visibility import shown_apart, shown_beside
 Investigate = Callable[..., Investigation]
 
 
-def one_trial(block: str, seed: int, baselines: bool) -> tuple[Row, Row]:
+def one_trial(block: str, seed: int, baselines: bool, dots: Sequence[int] = ()) -> tuple[Row, Row]:
     """Return (answer, truth) of a trial; runs in a process of its own."""
-    sealed, trial = made(block, seed)
+    sealed, trial = made(block, seed, dots)
     answer, found = answered(trial, investigate_as_said)
     if baselines and found is not None:
         from blind.baselines import baselines_of

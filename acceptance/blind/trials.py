@@ -5,7 +5,7 @@ The diagnosing function is given a `Trial`, which names nothing that is hidden i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass
 import itertools
@@ -75,11 +75,12 @@ class Label:
     arm_seed: int
     elements: int
     slipping: tuple[int, ...] = ()  # recordings in which a base slips
+    dots: tuple[int, ...] = ()  # those that are painted; none: all
 
     @property
     def key(self) -> str:
         """Name of the trial, which tells nothing but block and seed."""
-        return f'{self.block}/{self.seed}'
+        return key_of(self.block, self.seed, self.dots)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,11 +102,19 @@ class Sealed:
     recordings: tuple[LabRecording, ...]
 
 
-def made(block: str, seed: int) -> tuple[Sealed, Trial]:
-    """Make a trial; effects that the arm cannot stand are drawn anew."""
+def key_of(block: str, seed: int, dots: Sequence[int] = ()) -> str:
+    """Return the name of a trial: block, seed, and the dots that are painted where not all are."""
+    return '/'.join([block, str(seed), *(['-'.join(map(str, dots))] if dots else [])])
+
+
+def made(block: str, seed: int, dots: Sequence[int] = ()) -> tuple[Sealed, Trial]:
+    """Make a trial; effects that the arm cannot stand are drawn anew.
+
+    dots: those that are painted, counted from the clamp; all if none are said.
+    """
     for attempt in itertools.count():
         random = np.random.default_rng([zlib.crc32(block.encode()), seed, attempt])
-        label = labelled(block, seed, random)
+        label = dataclasses.replace(labelled(block, seed, random), dots=tuple(dots))
         try:
             return recorded(label)
         except RequestError:
@@ -185,7 +194,7 @@ def recorded(label: Label) -> tuple[Sealed, Trial]:
     for place, protocol in enumerate((*design.training, *design.held_out)):
         scenario = Scenario(
             name=f'recording_{place + 1}',
-            seed=zlib.crc32(f'{label.key}/{place}'.encode()),
+            seed=zlib.crc32(f'{key_of(label.block, label.seed)}/{place}'.encode()),
             start=place * (protocol.duration + PAUSE),
             arm=arm,
             effects=tuple(
@@ -200,11 +209,32 @@ def recorded(label: Label) -> tuple[Sealed, Trial]:
         )
         recordings.append(simulate(scenario, memory))
         memory = recordings[-1].memory
+    if label.dots:
+        recordings = [with_dots(recording, list(label.dots)) for recording in recordings]
     runs = tuple(run_of(recording) for recording in recordings)
     frame = dataclasses.replace(
-        load_model(share_path('config/paper_arm.yaml')), target_arclength=arm.targets
+        load_model(share_path('config/paper_arm.yaml')),
+        target_arclength=recordings[0].scenario.arm.targets,
     )
     count = len(design.training)
     trial = Trial(key=label.key, frame=frame, training=runs[:count], held_out=runs[count:])
     model = true_model(recordings[0].scenario)
     return Sealed(label=label, arm=model, recordings=tuple(recordings)), trial
+
+
+def with_dots(recording: LabRecording, dots: list[int]) -> LabRecording:
+    """Return the recording of an arm on which these dots alone are painted."""
+    scenario, truth = recording.scenario, recording.truth
+    arm = dataclasses.replace(scenario.arm, targets=scenario.arm.targets[dots])
+    return dataclasses.replace(
+        recording,
+        scenario=dataclasses.replace(scenario, arm=arm),
+        x=recording.x[:, dots],
+        y=recording.y[:, dots],
+        truth=dataclasses.replace(
+            truth,
+            target_x=truth.target_x[:, dots],
+            target_y=truth.target_y[:, dots],
+            placement=truth.placement[dots],
+        ),
+    )

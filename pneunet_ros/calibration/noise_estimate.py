@@ -341,7 +341,11 @@ def placement(
 def camera(
     runs: Sequence[RecordingData], arclength: Array, white: float, settings: NoiseEstimateSettings
 ) -> tuple[float | None, float | None]:
-    """Return the spread of the camera's place between runs and its drift within a run (m)."""
+    """Return the spread of the camera's place between runs and its drift within a run (m).
+
+    Both come from few values, and what is left of their variance without the white noise may be
+    nothing by chance: it is no less than its own standard error.
+    """
     if arclength.size == 0 or arclength[0] > settings.at_clamp * arclength[-1]:
         return None, None
     places, walked, own = [], [], []
@@ -360,10 +364,12 @@ def camera(
     # Means of neighboring blocks of a random walk differ by 2/3 of its variance over a block.
     # The median of both coordinates' squares, so that a base that slips once is no drift.
     steps = np.concatenate([item.sum(axis=1) for item in walked])
-    excess = 0.5 * float(np.median(steps)) / MEDIAN_OF_TWO - float(np.mean(own))
-    drift = float(np.sqrt(max(excess, 0.0) * 1.5 * settings.blocks))
+    square = 0.5 * float(np.median(steps)) / MEDIAN_OF_TWO
+    error = square / (MEDIAN_OF_TWO * math.sqrt(steps.size))
+    drift = math.sqrt(max(square - float(np.mean(own)), error) * 1.5 * settings.blocks)
     if len(places) < 3:
         return None, drift
     # The mean over a run of a walk that starts at zero has a third of the variance of its end.
-    spread = float(np.var(places, axis=0, ddof=1).mean()) - drift**2 / 3.0
-    return float(np.sqrt(max(spread, 0.0))), drift
+    spread = float(np.var(places, axis=0, ddof=1).mean())
+    error = spread / math.sqrt(len(places) - 1)
+    return math.sqrt(max(spread - drift**2 / 3.0, error)), drift

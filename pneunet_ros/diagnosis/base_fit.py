@@ -18,7 +18,6 @@ from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.settings import BaseFitSettings, DEFAULTS
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.uncertainty import SensorNoise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -50,8 +49,6 @@ def fit_base(
     noise = estimate_noise(
         training, frame.target_arclength, frame.sensors, calibration.noise_estimate
     )
-    least = settings.harmless_camera * frame.length
-    noise = replace(noise, noise=with_camera_motion(noise.noise, least))
     frame = replace(frame, sensors=noise.noise, covariance=None, domain=None)
     most = settings.first_frames
     unloaded, loaded = ([run.thin(most) for run in runs] for runs in (unloaded, loaded))
@@ -82,15 +79,3 @@ def has_uniform_curvature(arm: Arm) -> bool:
     """Whether curvature without knots between the ends, the same at both, is part of a model."""
     table = arm.intrinsic_curvature
     return table.arclength.size == 2 and bool(np.all(np.ptp(table.curvature, axis=1) == 0.0))
-
-
-def with_camera_motion(noise: SensorNoise, least: float) -> SensorNoise:
-    """Return the noise with a camera that moves by so much (m) at least.
-
-    Its place and its drift are known from few values, and may be estimated to be nothing.
-    """
-    return replace(
-        noise,
-        registration_std=max(noise.registration_std, least),
-        drift_std=max(noise.drift_std, least),
-    )

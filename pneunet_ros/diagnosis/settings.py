@@ -19,7 +19,6 @@ class BaseFitSettings:
 
     frames: int = tuning(48, 'frames of every run; neighbors differ by white noise alone')
     first_frames: int = tuning(24, 'frames of every run for the fit of the base model')
-    harmless_camera: float = tuning(5e-4, 'camera motion that is no finding', unit='length')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
