@@ -20,7 +20,7 @@ from pneunet_ros.core.printable import printable
 
 
 class WrongUsageError(SystemExit):
-    """The command line was wrong, and a person has been told so; `sentence` is for programs."""
+    """The command line was wrong, which stderr says; `sentence` is for programs."""
 
     def __init__(self, sentence: str) -> None:
         """Exit with the code of a wrong request."""
