@@ -305,6 +305,7 @@ def test_predict_without_a_force_is_the_unloaded_arm(run_json):
     [
         (['--pressure', '90e3'], 'outside the calibrated range'),
         (['--pressure', '31e3', '--tip', '0.5', '0.5'], 'no end force brings the tip'),
+        (['--pressure', '31e3', '--tip', '103', '39'], '0.112 m long, are these millimeters?'),
         (['--pressure', '31e3', '--force', '0', '-5'], 'is outside the calibrated loads'),
         (['--pressure', '31e3', '--tip', '0.06', '-0.09'], 'is outside the calibrated loads'),
     ],
