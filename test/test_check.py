@@ -9,6 +9,7 @@ from pathlib import Path
 import re
 
 import numpy as np
+from pneunet_ros.cli.check import range_lines, sync_lines
 from pneunet_ros.cli.main import main
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.steady_states import held_spans
@@ -209,7 +210,10 @@ def test_shipped_recordings(capsys):
     assert len(table1['holds']) == 29
     assert table1['uses']['track']['reason'] == 'there are no images'
     assert camera['uses']['track'] == {'usable': True, 'reason': ''}
-    assert 'no topic targets' in camera['uses']['calibrate unloaded']['reason']
+    reason = camera['uses']['calibrate unloaded']['reason']
+    assert 'no topic targets' in reason
+    assert '`pneunet track` makes it of the images' in reason
+    assert 'pneunet track' not in table1['uses']['calibrate unloaded']['reason']
     assert camera['sentences'] == []
 
 
@@ -275,6 +279,15 @@ def test_it_is_told_to_people(tmp_path, capsys):
     assert 'pressure: 0 to 5.9 kPa' in told
     assert 'targets: 3 in 30 frames; all always seen' in told
     assert 'calibrate loaded: no, ' in told
+
+
+def test_a_range_has_no_negative_zero():
+    assert range_lines({'force_x': [-0.0, 0.5]}) == ['force_x: 0 to 0.5 N']
+
+
+def test_what_begins_before_the_pressure_is_earlier():
+    (line,) = sync_lines({'targets': {'share': 1.0, 'offset': 1e-3, 'starts': -1.35}})
+    assert line.endswith('1 ms later than the nearest, first one 1.35 s earlier')
 
 
 def test_a_file_that_cannot_be_read_is_an_error(tmp_path, capsys):

@@ -15,7 +15,7 @@ from typing import ClassVar
 from matplotlib.image import imread
 import numpy as np
 from pneunet_ros import __version__, load_model, solve
-from pneunet_ros.cli.main import main, VERBS
+from pneunet_ros.cli.main import main, parser, VERBS
 from pneunet_ros.cli.predict import estimate_uncertainty
 from pneunet_ros.core.frames import rotate
 from pneunet_ros.core.share import share_path
@@ -137,27 +137,43 @@ def test_help_of_predict_has_units_and_defaults(run):
 
 
 @pytest.mark.parametrize(
-    'arguments',
+    ('arguments', 'words'),
     [
-        [],
-        ['walk'],
-        ['predict'],
-        ['predict', '--pressure', 'high'],
-        ['predict', '--pressure', '1', '--force', '1'],
-        ['predict', '--press', '1'],
-        ['replay'],
-        ['replay', 'x.mcap', '--wrench-sign', '2'],
-        ['track'],
-        ['track', 'x.mcap', '--lengths', 'mm'],
-        ['effects', 'all'],
+        ([], 'VERB is missing; a whole command is: pneunet demo'),
+        (['replai'], "'replai' is no verb (replay?)"),
+        (['walk'], "'walk' is no verb; "),
+        (['predict'], '--pressure is missing; a whole command is: pneunet predict --pressure'),
+        (['predict', '--pressure', 'high'], "--pressure: 'high' is not a pressure"),
+        (['predict', '--pressure', '1', '--force', '1'], '--force: expected 2 arguments'),
+        (['predict', '--presure', '1'], '--presure is no option (--pressure?), and --pressure is'),
+        (['predict', '--pressure=1', '--output=x'], '--output is no option; '),
+        (['predict', '--pressure', '1', '-5'], '-5 belongs to no option; '),
+        (['replay'], 'REC is missing; '),
+        (['replay', 'x.mcap', '--wrench-sign', '2'], '--wrench-sign: invalid choice'),
+        (['track'], 'REC_OR_IMAGES is missing; '),
+        (['track', 'x.mcap', '--lengths', 'mm'], '--lengths: invalid choice'),
+        (['effects', 'all'], 'all belongs to no option; a whole command is: pneunet effects'),
+        (['calibrate', 'u.mcap'], 'u.mcap belongs to no option, and --output is missing; '),
+        (['calibrate', 'u', 'l', '--output', 'm.yaml'], 'u l belong to no option; a whole'),
+        (['calibrate'], 'calibrate --unloaded FREE.mcap --loaded PULLED.mcap --arm arm.yaml --ou'),
+        (['diagnose', 'u'], 'u belongs to no option, and --model, --train and --output are mis'),
+        (['explore', '--output', 'x'], 'one of --simulated, --live, --by-hand is missing; '),
     ],
-    ids=' '.join,
+    ids=lambda given: ' '.join(given) if isinstance(given, list) else '',
 )
-def test_misuse_exits_2_with_the_usage_on_stderr(run, arguments):
+def test_misuse_is_one_sentence_that_says_what_to_type(run, arguments, words):
     code, out, err = run(*arguments)
     assert (code, out) == (2, '')
-    assert err.startswith('usage: pneunet')
-    assert 'error: ' in err
+    assert err.startswith('pneunet')
+    assert err.count('\n') == 1
+    assert words in err
+
+
+@pytest.mark.parametrize('verb', VERBS, ids=lambda verb: verb.name)
+def test_the_example_of_a_verb_is_a_whole_command(verb):
+    words = verb.example.split()
+    assert words[:2] == ['pneunet', verb.name]
+    assert parser(words[1:]).parse_args(words[1:]).verb == verb.name
 
 
 @pytest.mark.parametrize(
@@ -289,6 +305,7 @@ def test_predict_without_a_force_is_the_unloaded_arm(run_json):
     [
         (['--pressure', '90e3'], 'outside the calibrated range'),
         (['--pressure', '31e3', '--tip', '0.5', '0.5'], 'no end force brings the tip'),
+        (['--pressure', '31e3', '--tip', '103', '39'], '0.112 m long, are these millimeters?'),
         (['--pressure', '31e3', '--force', '0', '-5'], 'is outside the calibrated loads'),
         (['--pressure', '31e3', '--tip', '0.06', '-0.09'], 'is outside the calibrated loads'),
     ],

@@ -26,6 +26,7 @@ from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.scenario import Detail
 from pneunet_ros.offline.simulated_arm import scenario_of_model, SimulatedArm
 from pneunet_ros.recordings.dataset_reader import read_run
+from pneunet_ros.reports.exploration.report import last_sentence
 import pytest
 from rich.console import Console
 
@@ -98,6 +99,10 @@ def test_a_load_effect_is_found_by_a_loaded_recording_that_was_chosen(tmp_path: 
     assert [item.name for item in rounds[-1].diagnosis.effects] == ['load_offset']
     assert [item.name for item in rounds[-2].diagnosis.effects] == ['load_offset']
     assert 2 < len(rounds) <= 4
+    assert last_sentence(rounds).endswith(
+        f'The answer stayed when recording {len(rounds)} came, which had no part in finding it.'
+    )
+    assert last_sentence(rounds[:1]).endswith('(after 1 recording)')  # no name, nothing to test
     assert second.predicted > 2.0 * rounds[-1].predicted  # the model knows it by then
     stamps = [item.run.reading_stamp_ns for item in rounds]
     assert all(one[-1] < other[0] for one, other in itertools.pairwise(stamps))

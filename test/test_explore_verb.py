@@ -71,6 +71,21 @@ def test_after_a_recording_all_files_are_there(run):
     assert 'exists already' in err
 
 
+def test_it_ends_with_what_tested_the_answer_and_what_to_type(run):
+    hidden = ('--effect', 'pressure_elongation.strain_per_pascal=2e-6')
+    code, out, _ = run(
+        '--simulated', 'small.yaml', *hidden, '--recordings', '1', '--output', 'out'
+    )
+    assert code == 0
+    said = ' '.join(out.split())
+    assert 'The model lacks pressure_elongation' in said
+    assert '(after 1 recording) No recording has come since that could test it.' in said
+    assert 'held out' not in said
+    assert 'pneunet diagnose --model' in said or 'pneunet replay FRESH.mcap' in said
+    page = ' '.join(Path('out/exploration.html').read_text().split())
+    assert 'No recording has come since that could test it.' in page
+
+
 def test_a_name_that_a_law_overrules_is_taken_back_in_every_file(run, monkeypatch):
     def overruled(investigation, *, on_progress):
         diagnosis = take_back(investigation, 'a law says it better')
@@ -97,7 +112,7 @@ def test_a_name_that_a_law_overrules_is_taken_back_in_every_file(run, monkeypatc
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
-        ((), 'one of the arguments --simulated --live --by-hand is required'),
+        ((), 'one of --simulated, --live, --by-hand is missing'),
         (('--simulated', 'small.yaml', '--recordings', '0'), 'must be 1 or more'),
         (('--simulated', 'nothing'), 'is no scenario file'),
         (('--simulated', 'small.yaml', '--pressure', '0', '1e6'), 'known from 0 to 66000 Pa'),

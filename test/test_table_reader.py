@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 from pneunet_ros.core.errors import RecordingError, RequestError
@@ -322,6 +323,41 @@ def test_exports_of_spreadsheets_and_of_measuring_programs_are_read(tmp_path, te
     table = read(tmp_path, text)
     assert table.stamp_ns.tolist() == [500_000_000, 750_000_000]
     np.testing.assert_array_equal(table.values['pressure'][:, 0], [1250.0, 2000.0])
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'Time,Pressure,x0,y0\ns,kPa,mm,mm\n0,1.5,2,3\n',
+        'Time,Pressure,x0,y0\n\n[s],[kPa],(mm),(mm)\n0,1.5,2,3\n',
+        'Time;Pressure;x0;y0\r\ns;kPa;mm;mm\r\n0;1,5;2;3\r\n',
+        'time_s,Pressure [kPa],x0_mm,y0_mm\ns,kPa,,mm\n0,1.5,2,3\n',
+        'Time,p,x0,y0,Temp\nms,kPa(g),mm,mm,°C\n0,1.5,2,3,20\n',
+        'Time,p,x0,y0,Temp [°C]\nms,-,mm,mm,-\n0,1.5,2,3,20\n',
+    ],
+)
+def test_units_below_the_names_are_units(tmp_path, text):
+    asked = {'rename': {'p': 'pressure_kpa'}, 'ignore': ['Temp [°C]']} if 'Temp' in text else {}
+    table = read(tmp_path, text, **asked)
+    assert table.stamp_ns.tolist() == [1_000_000_000]
+    np.testing.assert_allclose(table.values['pressure'], [[1500.0]])
+    np.testing.assert_allclose(table.values['targets'][0, :, 0], [2e-3, 3e-3])
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('Time,Pressure\ns,psig\n0,1\n', "'Pressure [psig]'"),
+        ('time_s,pressure_kpa\ns,mbar\n0,1\n', "'pressure_kpa [mbar]'"),
+        ('Time,Pressure\ns,kPa\n0,1\nx,2\n', 'line 4, column time_s'),
+        ('Time,Pressure\ns,kPa\n', 'no rows'),
+        ('time_s,pressure_kpa\ns,1\n', "line 2, column time_s: 's' is no number"),
+        ('time_s,pressure_kpa\nhello,world\n', "line 2, column time_s: 'hello' is no number"),
+    ],
+)
+def test_a_line_of_units_that_does_not_fit_is_refused(tmp_path, text, said):
+    with pytest.raises(RecordingError, match=re.escape(said)):
+        read(tmp_path, text)
 
 
 def test_how_names_were_read_is_said(tmp_path):

@@ -86,7 +86,7 @@ def calibrate(
             tell no more.
         compare: fit the other laws too, each time without one of the loaded recordings.
         earlier: go on from what another calibration knew, on its tables.
-        on_progress: is told the stage, how far it is, and of how much (0: unknown).
+        on_progress: called with the stage, how far it is, and of how much (0: unknown).
         settings: the numbers by which is decided.
 
     Returns:

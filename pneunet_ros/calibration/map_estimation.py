@@ -174,7 +174,7 @@ def fit(
         noise: one sigma of every sensor, SI.
         targets: (targets,) m, arclength of the targets.
         start: (n,) values to begin with; the prior's mean where None.
-        on_progress: is told the number of each step and the cost.
+        on_progress: called with the number of each step and the cost.
         settings: when the search ends.
 
     Returns:

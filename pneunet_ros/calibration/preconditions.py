@@ -123,7 +123,7 @@ def check_different_loads(
     if reach < max(settings.smallest_force, settings.load_noise * arm.sensors.force_std):
         raise RecordingError(
             f'{names_of(loaded)}: one load at one pressure; how the arm bends at rest and how '
-            'stiff it is cannot be told apart: record another load, or the arm without one '
+            'stiff it is cannot be distinguished: record another load, or the arm without one '
             '(--unloaded)'
         )
 

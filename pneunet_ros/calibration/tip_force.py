@@ -93,7 +93,7 @@ def end_forces(
         largest = np.maximum(np.abs(step).max(axis=1), 1e-12)
         share = np.minimum(1.0, settings.largest_step / largest)
         loads[active, :2] += share[:, None] * step
-        # Beyond buckling another equilibrium fits as well: no force is told apart there.
+        # Beyond buckling another equilibrium fits as well: the force is not unique there.
         converged[active] = solved & model.stable & (size < settings.small_step)
         left = np.flatnonzero(solved & (size >= settings.small_step))
         active, model, errors = active[left], model.subset(left), errors[left]

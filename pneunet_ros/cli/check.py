@@ -96,10 +96,15 @@ def sync_lines(sync: dict[str, Any]) -> list[str]:
     """Tell how other stamps lie to those of the pressure."""
     return [
         f'{name} to pressure: {100.0 * numbers["share"]:.4g} % within half a period, '
-        f'{1e3 * numbers["offset"]:.3g} ms later than the nearest, first one '
-        f'{numbers["starts"]:.3g} s later'
+        f'{later(1e3 * numbers["offset"], "ms")} than the nearest, first one '
+        f'{later(numbers["starts"], "s")}'
         for name, numbers in sync.items()
     ]
+
+
+def later(time: float, unit: str) -> str:
+    """Return by how much something is later, or earlier."""
+    return f'{abs(time):.3g} {unit} {"earlier" if time < 0.0 else "later"}'
 
 
 def range_lines(ranges: dict[str, Any]) -> list[str]:
@@ -108,7 +113,7 @@ def range_lines(ranges: dict[str, Any]) -> list[str]:
     for component in (item for sensor in SENSORS for item in sensor.components):
         if component.name in ranges:
             low, high = (component.shown_per_si * limit for limit in ranges[component.name])
-            lines.append(f'{component.name}: {low:.4g} to {high:.4g} {component.shown_unit}')
+            lines.append(f'{component.name}: {low:z.4g} to {high:z.4g} {component.shown_unit}')
     if 'targets' in ranges:
         frames, seen = ranges['frames'], ranges['seen_per_target'].tolist()
         missing = ', '.join(

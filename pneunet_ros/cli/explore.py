@@ -26,7 +26,7 @@ from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.diagnosis.experiment_design import Experiment
-from pneunet_ros.diagnosis.result import CLEAR
+from pneunet_ros.diagnosis.result import CLEAR, Diagnosis
 from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.discovery.discovery import discover
 from pneunet_ros.discovery.result import Discovery
@@ -46,11 +46,12 @@ from pneunet_ros.offline.live_arm import LiveArm, NAMESPACE
 from pneunet_ros.offline.simulated_arm import scenario_of_model, SimulatedArm
 from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.reports.diagnosis.files import write_diagnosis
-from pneunet_ros.reports.diagnosis.report import Given
+from pneunet_ros.reports.diagnosis.report import Given, next_steps
 from pneunet_ros.reports.exploration.report import (
     exploration_content,
     exploration_page,
     gap_picture,
+    last_sentence,
     round_row,
     safe_sentence,
 )
@@ -199,7 +200,10 @@ def run(arguments: Namespace) -> int:
         content = exploration_content(rounds, safe, provenance)
         print_json(content | {'output': folder, 'seconds': time.perf_counter() - started})
     else:
-        console.print(last.sentence)
+        console.print(last_sentence(rounds))
+        if isinstance(last, Diagnosis):
+            for sentence in next_steps(last, discovery, given):
+                console.print(sentence)
         for name in (PAGE, NUMBERS, f'{DIAGNOSIS}/report.html'):
             if (folder / name).exists():
                 console.print(f'wrote {folder / name}')

@@ -5,11 +5,12 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from decimal import Decimal
+from difflib import get_close_matches
 from importlib import import_module
 import os
 import re
 import sys
-from typing import Literal, NamedTuple, NoReturn
+from typing import Any, Literal, NamedTuple, NoReturn
 
 from pneunet_ros import __version__
 from pneunet_ros.core import jit
@@ -19,7 +20,7 @@ from pneunet_ros.core.printable import printable
 
 
 class WrongUsageError(SystemExit):
-    """The command line was wrong, and a person has been told so; `sentence` is for programs."""
+    """The command line was wrong, which stderr says; `sentence` is for programs."""
 
     def __init__(self, sentence: str) -> None:
         """Exit with the code of a wrong request."""
@@ -28,29 +29,82 @@ class WrongUsageError(SystemExit):
 
 
 class CommandParser(ArgumentParser):
-    """A parser whose complaints may be shown, whatever words it was given."""
+    """A parser that says in one sentence what is wrong, and shows a whole command."""
+
+    def __init__(self, *arguments: Any, example: str = '', **options: Any) -> None:
+        """Make a parser with a whole command as an example, with which one may begin."""
+        super().__init__(*arguments, **options)
+        self._example = example
+        self._words: Sequence[str] | None = None
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse; words that belong nowhere are refused by the verb that was given them."""
+        self._words = args
+        given, stray = super().parse_known_args(args, namespace)
+        if stray:
+            self.refuse(self._about_stray(stray))
+        return given, stray
 
     def error(self, message: str) -> NoReturn:
-        """Print usage and what was wrong, and exit."""
-        sentence = printable(shortened(message))
-        if UNIT_APART.search(sentence):
-            sentence += '; a number and its unit are one word, as in 31kPa'
-        self.print_usage(sys.stderr)
-        print(f'{self.prog}: error: {sentence}', file=sys.stderr)
-        raise WrongUsageError(sentence)
+        """Print what was wrong, and exit."""
+        missing = MISSING.fullmatch(message)
+        if missing is None:
+            self.refuse(message.removeprefix('argument '), example=False)
+        if missing['one']:
+            about = f'one of {missing["one"].replace(" ", ", ")} is missing'
+        else:
+            *others, last = missing['all'].split(', ')
+            about = (
+                f'{", ".join(others)} and {last} are missing' if others else f'{last} is missing'
+            )
+        stray = self._stray_words()
+        self.refuse(f'{self._about_stray(stray)}, and {about}' if stray else about)
+
+    def refuse(self, sentence: str, *, example: bool = True) -> NoReturn:
+        """Print what was wrong, an example of what to type where it helps, and exit."""
+        line = printable(shortened(sentence))
+        if example:
+            line += f'; a whole command is: {self._example} ({self.prog} --help says all)'
+        print(f'{self.prog}: {line}', file=sys.stderr)
+        raise WrongUsageError(line)
+
+    def _stray_words(self) -> list[str]:
+        """Return the words that belong nowhere, though others are missing."""
+        for action in self._actions:
+            action.required = False
+        for group in self._mutually_exclusive_groups:
+            group.required = False
+        stray: list[str] = super().parse_known_args(self._words)[1]
+        return stray
+
+    def _about_stray(self, words: Sequence[str]) -> str:
+        """Say which words belong nowhere; what follows an unknown option is its value."""
+        if unknown := next((word for word in words if OPTION.match(word)), None):
+            name = unknown.partition('=')[0]
+            options = [option for action in self._actions for option in action.option_strings]
+            return f'{name} is no option{likely(name, options)}'
+        hint = '; a number and its unit are one word, as in 31kPa' * bool(UNIT.match(words[0]))
+        return f'{" ".join(words)} belong{"s" * (len(words) == 1)} to no option{hint}'
+
+
+def likely(word: str, known: Sequence[str]) -> str:
+    """Return the known word that may be meant, as a question."""
+    near = get_close_matches(word, known, 1, 0.75)
+    return f' ({near[0]}?)' if near else ''
 
 
 class Verb(NamedTuple):
     """A verb: its name, one line of help, and its module, which is imported when it is called.
 
     The module has `options(parser)`, which adds the options, and `run(arguments)`, which does it
-    and returns the exit code. kernels: 'meanwhile' where it answers while they are compiled,
-    'first' where it waits for them, as it has long work for them.
+    and returns the exit code. example: a whole command. kernels: 'meanwhile' where it answers
+    while they are compiled, 'first' where it waits for them, as it has long work for them.
     """
 
     name: str
     help: str
     module: str
+    example: str
     kernels: Literal['none', 'meanwhile', 'first'] = 'none'
 
 
@@ -59,107 +113,132 @@ VERBS = (
         'demo',
         "replay the loads of the paper's Table 1: the first minute",
         'pneunet_ros.cli.demo',
+        'pneunet demo',
         'meanwhile',
     ),
     Verb(
         'predict',
         'predict the shape under pressure and end load, or find the force from the tip',
         'pneunet_ros.cli.predict',
+        'pneunet predict --pressure 31kPa --force 175mN 70mN',
         'meanwhile',
     ),
     Verb(
         'replay',
         'run the estimator on a recording of pressure and end wrench',
         'pneunet_ros.cli.replay',
+        'pneunet replay REC.mcap --model model.yaml --output replayed.mcap',
         'first',
     ),
     Verb(
         'track',
         'track the targets in camera images: points, smoothed centerline, curvature',
         'pneunet_ros.cli.track',
+        'pneunet track FILM.mp4 --readings TABLE.csv --model arm.yaml --output REC.mcap',
         'meanwhile',
     ),
     Verb(
         'calibrate',
         'calibrate a model with error bars from recordings without and with end load',
         'pneunet_ros.cli.calibrate',
+        'pneunet calibrate --unloaded FREE.mcap --loaded PULLED.mcap --arm arm.yaml '
+        '--output model.yaml',
         'first',
     ),
     Verb(
         'diagnose',
         'find the physical effect that a model lacks; write the augmented model and a report',
         'pneunet_ros.cli.diagnose',
+        'pneunet diagnose --model model.yaml --train REC1.mcap REC2.mcap --heldout REC3.mcap '
+        '--output diagnosis',
         'first',
     ),
     Verb(
         'explore',
         'record, diagnose and choose the next recording until the missing effect has a name',
         'pneunet_ros.cli.explore',
+        'pneunet explore --by-hand --model model.yaml --output exploration',
         'first',
     ),
     Verb(
         'survey',
         'check, calibrate and diagnose each of many arms; show them side by side on one page',
         'pneunet_ros.cli.survey',
+        'pneunet survey FOLDER --output survey',
         'first',
     ),
     Verb(
         'compare',
         'measure the distance of two recordings, or of an estimate and a truth',
         'pneunet_ros.cli.compare',
+        'pneunet compare REPLAYED.mcap TRACKED.mcap',
     ),
     Verb(
         'check',
         'list what recordings contain and lack, and what they can be used for',
         'pneunet_ros.cli.check',
+        'pneunet check REC.mcap',
     ),
     Verb(
         'export',
         'write the readings of a recording as a table, CSV or npz',
         'pneunet_ros.cli.export',
+        'pneunet export REC.mcap --output table.csv',
     ),
     Verb(
         'import',
         'convert a CSV table, whose columns name their units, to a recording',
         'pneunet_ros.cli.import_table',
+        'pneunet import TABLE.csv --output rec.mcap',
     ),
     Verb(
         'new-arm',
         'write arm.yaml for an arm of your own, and a printable sheet of its dots',
         'pneunet_ros.cli.new_arm',
+        'pneunet new-arm --length 112mm --weight 17g --pressure 60kPa --dot 3mm --targets 12',
     ),
     Verb(
         'effects',
         'list the physical effects that a model can have, with their parameters',
         'pneunet_ros.cli.effects',
+        'pneunet effects',
     ),
     Verb(
         'simulate',
         'simulate a recording in the virtual lab, and write its truth to a file beside it',
         'pneunet_ros.cli.simulate',
+        'pneunet simulate random_mix --output rec.mcap',
         'first',
     ),
     Verb(
         'urdf',
         'write a URDF of the arm as a chain of links, for robot_state_publisher',
         'pneunet_ros.cli.urdf',
+        'pneunet urdf --model model.yaml --output arm.urdf',
     ),
     Verb(
         'compile',
         'compile all kernels ahead and keep them on the disk',
         'pneunet_ros.cli.compile',
+        'pneunet compile',
     ),
 )
 WRONG = 2  # exit code
 NEGATIVE_NUMBER = re.compile(r'-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?')
-UNIT_APART = re.compile(r'^unrecognized arguments: ([kMm]?(Pa|Nm?)|[mc]?m|m?bar|psi|k?g)\b')
+MISSING = re.compile(
+    r'the following arguments are required: (?P<all>.*)'
+    r'|one of the arguments (?P<one>.*) is required'
+)
+OPTION = re.compile(r'--?[A-Za-z]')
+UNIT = re.compile(r'([kMm]?(Pa|Nm?)|[mc]?m|m?bar|psi|k?g)\b')
 NEGATIVE_WITH_UNIT = re.compile(rf'({NEGATIVE_NUMBER.pattern})([A-Za-z_]+)')
 
 
-def parser(words: Sequence[str]) -> ArgumentParser:
+def parser(words: Sequence[str]) -> CommandParser:
     """Build the command line of all verbs, with the options of the one among the words."""
     command = CommandParser(
         prog='pneunet',
+        example='pneunet demo',
         description='The shape of a pneu-net arm, by a rod model and by camera.',
         epilog='Exit codes: 0 done; 1 done, with a negative answer; 2 wrong request or file.',
         allow_abbrev=False,
@@ -168,7 +247,11 @@ def parser(words: Sequence[str]) -> ArgumentParser:
     verbs = command.add_subparsers(dest='verb', metavar='VERB', required=True)
     for verb in VERBS:
         options = verbs.add_parser(
-            verb.name, help=verb.help, description=verb.help, allow_abbrev=False
+            verb.name,
+            help=verb.help,
+            description=verb.help,
+            example=verb.example,
+            allow_abbrev=False,
         )
         if words and words[0] == verb.name:
             if verb.kernels != 'none':
@@ -202,7 +285,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complete()
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        given = parser(words).parse_args([negative_number(word) for word in words])
+        command = parser(words)
+        names = [verb.name for verb in VERBS]
+        if words and words[0] not in names and not words[0].startswith('-'):
+            command.refuse(f'{words[0]!r} is no verb{likely(words[0], names)}')
+        given = command.parse_args([negative_number(word) for word in words])
     except WrongUsageError as error:
         if '--json' in words:
             print_error(error.sentence)

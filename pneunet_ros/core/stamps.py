@@ -39,7 +39,7 @@ def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StampGate:
-    """The stamps of messages of one kind so far, by which the next one is judged.
+    """The stamps of messages of one kind so far, by which the next one is checked.
 
     last_ns: of the last one; before_ns: of the one before it, if more than a second lies between:
     then the next one says whether time has gone on from there or that stamp was wrong.

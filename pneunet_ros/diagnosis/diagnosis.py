@@ -580,8 +580,6 @@ def describe_verdict(verdict: Verdict, before: Evaluation, after: Evaluation) ->
         f'adding {"it" if len(verdict.trial.names) == 1 else "them"} {verb} the model error from '
         f'{start} to {end} mm rms.'
     )
-    if before.held_out is None:
-        reduced += ' No recording was held out: it was not tested on anything new.'
     match verdict.answer:
         case 'none':
             return 'The residuals are consistent with noise: no effect is missing that is visible.'

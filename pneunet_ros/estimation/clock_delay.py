@@ -3,7 +3,7 @@
 A frame stamped t shows the arm of t - delay. At the right delay the places of the targets are a
 smooth function of pressure and load; at a wrong one the same pressure is seen with many shapes.
 What a soft arm does beside that function (plays, slow relaxations) is fitted with it, so that it
-is not taken for a delay; a line that fills within a few frames cannot be told from one.
+is not taken for a delay; a line that fills within a few frames looks the same as one.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class ClockDelaySettings:
     )
     law_range: float = tuning(0.5, 'in which the delay without plays is looked for', unit='s')
     relaxations: tuple[float, ...] = tuning((1.0, 3.0, 10.0, 30.0), 'time constants', unit='s')
-    ridge: float = tuning(1e-7, 'for columns that are hardly told apart', unit='variance')
+    ridge: float = tuning(1e-7, 'for columns that are nearly collinear', unit='variance')
     blocks: int = tuning(16, 'of the film, of which each is left out once', unit='number')
     stamps: float = tuning(0.05, 'error of stamps of frames and readings', unit='period')
     blur: float = tuning(0.02, 'by which its error may move a frame', unit='range of motion')
@@ -352,7 +352,7 @@ class DelayFit:
         """Return how sure a delay is: the fit made linear, without each block of frames in turn.
 
         Few blocks may hold all that tells the delay: Student's t has as many degrees of freedom
-        as blocks would tell as much if all told alike, less one.
+        as there are blocks, were all of them equally informative, less one.
         """
         frames = self.inside(delay)
         at, scores = self.time[frames] - delay, self.scores[frames]

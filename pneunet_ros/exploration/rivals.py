@@ -28,7 +28,7 @@ def named_effects(investigation: Investigation) -> frozenset[str]:
 def trial_in_question(investigation: Investigation) -> Trial | None:
     """Return what rivals stand on top of: what is named, else the base; None for nothing settled.
 
-    Where effects cannot be told apart each is a rival of the other, on top of the base.
+    Where effects cannot be distinguished each is a rival of the other, on top of the base.
     """
     return investigation.trial if investigation.diagnosis.answer == 'named' else investigation.base
 

@@ -38,7 +38,8 @@ class Contact:
 
     x, y (m) in the base frame; arclength, std_arclength (m) along the arm; force, std_force (N)
     along its normal (-sin theta, cos theta); log_odds: of a contact against none; correlation: of
-    its force with the tip force; ambiguous: the two cannot be told apart, and no sensor reads one.
+    its force with the tip force; ambiguous: the two cannot be distinguished, and no sensor reads
+    one.
     """
 
     x: float

@@ -229,7 +229,7 @@ class FusionSettings:
         unit='of the force scale',
     )
     contact_alike: float = tuning(
-        0.95, 'correlation from which on contact and tip force cannot be told apart'
+        0.95, 'correlation from which on contact and tip force cannot be distinguished'
     )
     nis_time: float = tuning(2.0, 'time over which the NIS is averaged', unit='s')
 

@@ -95,7 +95,7 @@ def gauss_newton(
     search ends. lower: where a step leads, None where that is not lower by enough. relinearize:
     there; None where it cannot be. foresee: the search ends one step earlier, where gains fall so
     fast that the step after the next one would gain less than `small`; the caller takes the next
-    one, which is then as good as linear. on_step: is told the number of each step and where it
+    one, which is then as good as linear. on_step: called with the number of each step and where it
     starts.
     """
     last, gain = start, float('inf')

@@ -41,6 +41,7 @@ class TipSearchSettings:
     rounding: float = tuning(1e-13, 'tip error where no step helps', unit='of the length')
     arrived: float = tuning(1e-10, 'tip error of a solution', unit='of the length')
     near: float = tuning(1e-3, 'tip error that blames the force', unit='of the length')
+    far: float = tuning(10.0, 'tip that will be in millimeters', unit='of the length')
     pulls: tuple[float, ...] = tuning((-1.5, 1.5, 5.0, 15.0, 50.0), 'first forces', unit='B / l^2')
     most_trials: int = tuning(150, 'most trials from one initial guess')
 
@@ -189,6 +190,8 @@ class TipSearch:
                 f'no end force brings the tip to ({self.tip[0]:.6g}, {self.tip[1]:.6g}) m; '
                 f'the nearest equilibrium found is {1000.0 * distance:.3g} mm away'
             )
+            if float(np.hypot(*self.tip)) > self.settings.far * self.arm.length:
+                sentence += f': the arm is {self.arm.length:g} m long, are these millimeters?'
         else:
             load = replace(self.load, force_x=shape.force[0], force_y=shape.force[1])
             return with_position(self.arm, shape, load, self.chamber)

@@ -35,7 +35,7 @@ class Report:
 class InputHealth:
     """Collects what happens to the input that a node cannot be without: readings or images.
 
-    All times are seconds of one steady clock. What stopped the results is told in every report
+    All times are seconds of one steady clock. What stopped the results is in every report
     until there is a result again, all else in the next report.
     """
 

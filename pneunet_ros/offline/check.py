@@ -221,11 +221,15 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
     """Return for each use whether the recording serves it, and why not or how."""
     run: list[RecordingData] = []
     settings, overrides = request.settings, request.overrides
+    images = {topic.type for topic in recording.topics} & set(IMAGE_TYPES.values())
 
     def needs(sensor: Sensor[Any]) -> None:
         """Refuse shortly where a topic is simply not there."""
         if find_series(recording, sensor, overrides, required=False) is None:
-            raise RecordingError(f'there is no topic {sensor.name} of type {sensor.type}')
+            lacks = f'there is no topic {sensor.name} of type {sensor.type}'
+            if sensor is TARGETS and images:
+                lacks += ': `pneunet track` makes it of the images'
+            raise RecordingError(lacks)
 
     def reads_as_run() -> RecordingData:
         """Read it once; raises each time where it cannot be read."""
@@ -248,8 +252,7 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         return '' if loaded else f'with --no-wrench-required: there is no {END_WRENCH.name}'
 
     def tracks() -> str:
-        there = {topic.type for topic in recording.topics}
-        if 'image_raw' not in overrides and not there & set(IMAGE_TYPES.values()):
+        if 'image_raw' not in overrides and not images:
             raise RecordingError('there are no images')
         topic = recording.find_any(IMAGE_TYPES, overrides.get('image_raw'), label='with images')
         find_info_topic(recording, topic, overrides.get('camera_info'))

@@ -50,6 +50,7 @@ _UNIT_SPELLINGS = {
     'hours': 'h',
     'days': 'd',
 }
+_UNITS = {'ns', *(unit for units in SI_PER_UNIT.values() for unit in units)}
 # What others call a time in some unit: to ask whether it was meant.
 _OTHER_TIMES = {'ms': 'time_ms', 'micros': 'time_us', 'us': 'time_us'}
 # What others call a quantity: to ask whether it was meant, as a letter alone can mean much.
@@ -116,6 +117,24 @@ def _plain(name: str) -> str:
     plain = _BETWEEN_WORDS.sub('_', text).strip('_')
     head, _, unit = plain.rpartition('_')
     return f'{head}_{_UNIT_SPELLINGS[unit]}' if unit in _UNIT_SPELLINGS else plain
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit that a column may have: 'kPa', '[mm]', 'N m'."""
+    return _unit(text) in _UNITS
+
+
+def with_unit(name: str, text: str) -> str:
+    """Return a name of a column with the unit that stands below it, unless it ends with it."""
+    unit = _unit(text)
+    if not unit or _plain(name).endswith(f'_{unit}'):
+        return name
+    return f'{name} [{text.strip("[]() ")}]'
+
+
+def _unit(text: str) -> str:
+    """Return a unit as names of columns end with it: 'n_mm' for '[N mm]', '' for '-'."""
+    return _plain(f'in [{text.strip("[]() ")}]').removeprefix('in').strip('_')
 
 
 def likely_name(name: str) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.files.regular_file import open_regular
-from pneunet_ros.tables.columns import column_of, standard_name, TIME
+from pneunet_ros.tables.columns import column_of, is_unit, standard_name, TIME, with_unit
 
 MOST_BYTES = 500_000_000
 MOST_ROWS = 2_000_000
@@ -38,6 +38,7 @@ _RULES = {
 _MISSING = {'', 'nan', 'na', 'n/a', '#n/a', 'null', 'none'}
 _SEPARATOR = re.compile(r'"?sep=(?P<mark>[;,\t])"?\s*', re.IGNORECASE)  # as Excel writes it
 _HALF_A_DAY, _DAY = 43_200, 86_400  # s
+_DIGIT = re.compile(r'\d')
 _QUOTED = re.compile(r'"[^"]*"')
 _THOUSANDS = re.compile(r'[-+]?[1-9]\d{0,2}(?:[.,]\d{3})+', re.ASCII)
 _APART = re.compile(r"[-+]?\d{1,3}([.,'’\s])\d{3}(?:\1\d{3})*(?:[.,]\d+)?", re.ASCII)
@@ -124,8 +125,10 @@ def _read(
     ahead = list(itertools.islice(given, _LONGEST_PREAMBLE))
     reader = csv.reader(itertools.chain([first], ahead, given), strict=True, delimiter=mark)
     header = [name.strip() for name in next(reader, [])]
-    _check_header(path, header, request)
-    renamed = [request.rename.get(name, name) for name in header]
+    below = next(filter(str.strip, ahead), '') if reader.line_num == 1 else ''
+    units = _units_below(header, next(csv.reader([below], delimiter=mark), []), request)
+    renamed = _renamed(header, units, request)
+    _check_header(path, header, renamed, request)
     standard = [standard_name(name) for name in renamed]
     places: dict[str, int] = {}
     for place, (name, *new) in enumerate(zip(header, renamed, standard, strict=True)):
@@ -148,7 +151,10 @@ def _read(
     others: dict[str, None] = {}
     decimals: dict[str, str] = {}
     clock = Clock()
-    for line, cells in _rows(path, reader, len(header), mark, above):
+    rows = _rows(path, reader, len(header), mark, above)
+    if units:
+        next(rows)
+    for line, cells in rows:
         if any(cells[place].strip() != text for place, (_, text) in selected.items()):
             others.update({', '.join(cells[place].strip() for place in selected): None})
             continue
@@ -201,6 +207,35 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _units_below(header: Sequence[str], cells: Sequence[str], request: TableRequest) -> list[str]:
+    """Return the units of all columns where the line below the names holds such; else nothing.
+
+    That is a line without any digit in the columns to be read, and with a unit in one of them.
+    """
+    left_out = {'', *request.ignore, *request.select}
+    units = [cell.strip() for cell in cells]
+    if len(units) != len(header):
+        return []
+    to_read = [unit for name, unit in zip(header, units, strict=True) if name not in left_out]
+    if any(map(_DIGIT.search, to_read)) or not any(map(is_unit, to_read)):
+        return []
+    return units
+
+
+def _renamed(header: Sequence[str], units: Sequence[str], request: TableRequest) -> list[str]:
+    """Return the names that were asked for, with the units below them.
+
+    A new name that says a unit is the last word on it.
+    """
+    names = [request.rename.get(name, name) for name in header]
+    if not units:
+        return names
+    return [
+        new if new != old and column_of(new) else with_unit(new, unit)
+        for old, new, unit in zip(header, names, units, strict=True)
+    ]
 
 
 def _check_no_preamble(path: Path, names: int, ahead: Sequence[str], above: int) -> None:
@@ -362,7 +397,9 @@ def _rows(
         yield line, cells
 
 
-def _check_header(path: Path, header: Sequence[str], request: TableRequest) -> None:
+def _check_header(
+    path: Path, header: Sequence[str], renamed: Sequence[str], request: TableRequest
+) -> None:
     if not header or not any(header):
         raise RecordingError(f'{path} is empty: the first line must name the columns')
     if len(header) > MOST_COLUMNS:
@@ -372,7 +409,7 @@ def _check_header(path: Path, header: Sequence[str], request: TableRequest) -> N
             raise RecordingError(f'{path}: a name of a column has {len(name)} characters')
         if name and header.count(name) > 1:
             raise RecordingError(f'{path}: two columns are called {name!r}')
-    there = {*header, *request.rename.values()}
+    there = {*header, *request.rename.values(), *renamed}
     asked = {'--select': request.select, '--rename': request.rename, '--ignore': request.ignore}
     for option, names in asked.items():
         for name in names:

@@ -46,5 +46,5 @@ FIGURES: Figures[FigureData] = {
 def calibration_figures(
     calibration: Calibration, on_progress: OnProgress, units: UnitSystem = SI
 ) -> Pictures:
-    """Draw all figures that these recordings allow; `on_progress` is told how far it is."""
+    """Draw all figures that these recordings allow; `on_progress` is called with how far it is."""
     return draw_figures(FIGURES, figure_data(calibration, on_progress), on_progress, units)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.exploration.exploration import Round
-from pneunet_ros.exploration.rivals import NOTHING
+from pneunet_ros.exploration.rivals import named_effects, NOTHING
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.files.json_text import plain
 from pneunet_ros.reports.calibration.tables import flat
@@ -34,9 +34,18 @@ def exploration_page(rounds: Sequence[Round], safe: SafeSet, provenance: Mapping
 
 
 def last_sentence(rounds: Sequence[Round]) -> str:
-    """Say what is known after the last round."""
+    """Say what is known after the last round, and what tested a name."""
     count = f'after {len(rounds)} recording{"" if len(rounds) == 1 else "s"}'
-    return f'{rounds[-1].investigation.diagnosis.sentence} ({count})'
+    sentence = f'{rounds[-1].investigation.diagnosis.sentence} ({count})'
+    names, *before = [named_effects(item.investigation) for item in rounds[:-3:-1]]
+    if not names:
+        return sentence
+    if before == [names]:
+        return (
+            f'{sentence} The answer stayed when recording {len(rounds)} came, which had no part '
+            'in finding it.'
+        )
+    return f'{sentence} No recording has come since that could test it.'
 
 
 def safe_sentence(safe: SafeSet) -> str:
