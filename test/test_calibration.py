@@ -20,7 +20,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.model.moment_law import LinearLaw
-from pneunet_ros.model.uncertainty import MOST_COLUMNS
+from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS
 from pneunet_ros.reports.paper_views.moment_curvature import curvature_std, law_view
 from pneunet_ros.solver.columns import RIGIDITY
 import pytest
@@ -321,6 +321,20 @@ def test_forces_scatter_as_much_as_their_sigma_says(tip_only):
     assert white.size > 0.9 * 24 * LOAD.size
     assert np.sqrt(np.mean(white**2)) == pytest.approx(1.0, abs=0.25)
     assert np.mean(np.abs(white) < 1.96) == pytest.approx(0.95, abs=0.04)
+
+
+def test_a_force_is_found_where_the_model_misses_by_much_more_than_noise():
+    # A stretched arm of a stiffness that is known to 5 %: full steps swing, and never settled.
+    arm = replace(PAPER, moment_law=LinearLaw(bending_stiffness=3e-4), covariance=None)
+    pressure = np.linspace(30e3, 64e3, 8)
+    force = np.column_stack([np.linspace(0.1, 0.2, 8), np.linspace(0.05, 0.3, 8)])
+    run = made(arm, pressure, force, noise=USUAL)
+    run = replace(run, x=1.02 * run.x, y=1.02 * run.y)
+    known = ModelCovariance(
+        quantities=('moment_law.bending_stiffness',), factor=np.array([[0.05 * 3e-4]])
+    )
+    found = end_forces(replace(arm, sensors=USUAL, covariance=known), run)
+    assert found.force == pytest.approx(force, rel=0.3)
 
 
 def test_what_the_tip_does_not_tell_is_not_said():

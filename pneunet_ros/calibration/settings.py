@@ -247,6 +247,7 @@ class TipForceSettings:
     most_steps: int = tuning(30, 'Gauss-Newton steps at most')
     small_step: float = tuning(1e-4, 'step that ends the search', unit='sigma of the force')
     largest_step: float = tuning(0.1, 'of a component in one step', unit='N')
+    least_share: float = tuning(0.05, 'of a step that is taken, where steps swing')
     smallest_normal: float = tuning(1e-4, 'of a force not determined at all', unit='1/N^2')
     largest_sigma: float = tuning(10.0, 'what is less certain is not determined', unit='N')
 

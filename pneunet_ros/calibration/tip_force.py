@@ -71,6 +71,7 @@ def end_forces(
     converged, covariance = np.zeros(frames, dtype=bool), np.full((frames, 2, 2), np.nan)
     active = np.flatnonzero(np.count_nonzero(seen, axis=1) >= 2)
     errors = np.zeros((0, seen.shape[1], 0))
+    taken, before = np.ones(frames), np.zeros((frames, 2))
     for count in range(settings.most_steps):
         if active.size == 0:
             break
@@ -91,8 +92,12 @@ def end_forces(
         step = np.matmul(covariance[active], gradient)[:, :, 0]
         size = np.sqrt(np.einsum('fi,fij,fj->f', step, normal, step))
         largest = np.maximum(np.abs(step).max(axis=1), 1e-12)
-        share = np.minimum(1.0, settings.largest_step / largest)
+        share = np.minimum(
+            relaxation(step, before[active], taken[active], settings),
+            settings.largest_step / largest,
+        )
         loads[active, :2] += share[:, None] * step
+        taken[active], before[active] = share, step
         # Beyond buckling another equilibrium fits as well: the force is not unique there.
         converged[active] = solved & model.stable & (size < settings.small_step)
         left = np.flatnonzero(solved & (size >= settings.small_step))
@@ -101,3 +106,18 @@ def end_forces(
     determined = np.diagonal(covariance, axis1=1, axis2=2) < settings.largest_sigma**2
     covariance = np.where(determined[:, :, None] & determined[:, None, :], covariance, np.nan)
     return EndForces(force=np.where(determined, loads[:, :2], np.nan), covariance=covariance)
+
+
+def relaxation(step: Array, before: Array, taken: Array, settings: TipForceSettings) -> Array:
+    """Return the share of each step (frames, 2) after which the next one should be nothing.
+
+    before: the steps before, of which the shares `taken` were taken. Where a model misses the
+    targets by much more than noise, full steps swing around the best force, or away from it.
+
+    Source: Irons and Tuck, Int. J. Numer. Methods Eng. 1 (1969).
+    """
+    change = before - step
+    along, size = np.sum(before * change, axis=1), np.sum(change**2, axis=1)
+    known = before.any(axis=1) & (size > 0.0)
+    share = np.divide(taken * along, size, out=np.ones(len(step)), where=known)
+    return np.clip(share, settings.least_share, 1.0)
