@@ -61,10 +61,22 @@ def test_what_does_not_move_stays():
     belief = believed()
     late = move_belief(UNKNOWNS, belief, SECOND * 50, SCALE)
     still = [*range(CAMERA.start, CAMERA.stop)]
-    still += range(UNKNOWNS.of_memory.start, belief.mean.size)
+    still += range(UNKNOWNS.along.start, belief.mean.size)
     assert late.mean[still] == pytest.approx(belief.mean[still])
     was, found = (covariance(item)[np.ix_(still, still)] for item in (belief, late))
     assert found == pytest.approx(was, rel=1e-9, abs=1e-18)
+
+
+def test_how_much_comes_late_is_forgotten_slowly():
+    belief, memory = believed(), UNKNOWNS.of_memory
+    soon, late = (
+        move_belief(UNKNOWNS, belief, SECOND + int(seconds * SECOND), SCALE)
+        for seconds in (1.0, 10.0 * FUSION.memory_time)
+    )
+    assert soon.mean[memory] == pytest.approx(belief.mean[memory], rel=0.006)
+    assert late.mean[memory] == pytest.approx(np.zeros(memory.stop - memory.start), abs=1e-3)
+    std = np.sqrt(np.diagonal(covariance(late))[memory])
+    assert std == pytest.approx(UNKNOWNS.std[memory], rel=1e-3)
 
 
 def test_a_linear_measurement_is_the_kalman_update():

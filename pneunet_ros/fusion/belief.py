@@ -6,8 +6,8 @@ like), the camera's drift and place, by how much it is turned, by how much the f
 targets along and across the arm, the force and place of a contact, and the noise of the readings
 at this stamp. Without a contact its force and place are known to be zero; a camera that nobody
 moved and a force sensor in order are known to be right, to a hair. In time the first ones move,
-each with a largest std of its own; model, camera, force sensor and dots stay; noise is new in
-every reading.
+and how much of the curvature comes late, each with a largest std of its own; model, camera, force
+sensor and dots stay; noise is new in every reading.
 """
 
 from __future__ import annotations
@@ -50,14 +50,14 @@ class Unknowns:
     """The unknowns of an arm: how many, how uncertain without any frame, and how they move.
 
     std (n,): before any frame and reading, N, Pa, m, sigma, m; times (k,): correlation times (s)
-    of bias, drift, camera, force sensor and columns, which follow the force. force_scale: the
-    largest force (N) that is likely; length (m): of the arm. lacking: where the unknowns are that
-    stand for what the model lacks, whose std is that of a lack of all of the range; range (Pa): of
-    the pressure; causes (causes, n): what one of each changes of every cause of `target_jacobian`,
-    but for what goes with what was read. placement: of the targets that the model was calibrated
-    with, None where it is not known. moving, moving_times, moving_std (m,): which of the unknowns
-    move, how fast (the force: 1 s) and how far at most; lacking_moves: where those that are
-    lacking stand among them.
+    of bias, drift, camera, force sensor, columns and memory, which follow the force. force_scale:
+    the largest force (N) that is likely; length (m): of the arm. lacking: where the unknowns are
+    that stand for what the model lacks, whose std is that of a lack of all of the range; range
+    (Pa): of the pressure; causes (causes, n): what one of each changes of every cause of
+    `target_jacobian`, but for what goes with what was read. placement: of the targets that the
+    model was calibrated with, None where it is not known. moving, moving_times, moving_std (m,):
+    which of the unknowns move, how fast (the force: 1 s) and how far at most; lacking_moves: where
+    those that are lacking stand among them.
     """
 
     columns: int

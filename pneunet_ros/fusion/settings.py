@@ -79,7 +79,9 @@ class FusionSettings:
     )
     play_share: float = tuning(0.5, 'std of the part of that play; invented')
     memory_time: float = tuning(
-        200.0, 'correlation time of how much comes late, and of the part of that play', unit='s'
+        200.0,
+        'correlation time of how much comes late, and of the part of that play; invented',
+        unit='s',
     )
     bias_time: float = tuning(20.0, 'correlation time of what the model lacks', unit='s')
     guess_time: float = tuning(
