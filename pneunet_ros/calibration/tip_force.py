@@ -119,5 +119,5 @@ def relaxation(step: Array, before: Array, taken: Array, settings: TipForceSetti
     change = before - step
     along, size = np.sum(before * change, axis=1), np.sum(change**2, axis=1)
     known = before.any(axis=1) & (size > 0.0)
-    share = np.divide(taken * along, size, out=np.ones(len(step)), where=known)
+    share: Array = np.divide(taken * along, size, out=np.ones(len(step)), where=known)
     return np.clip(share, settings.least_share, 1.0)
