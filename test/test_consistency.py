@@ -504,6 +504,8 @@ def test_a_model_without_targets_has_nothing_to_compare():
             False,
             'in 10 % of 100 frames (it holds up to 5 %); run pneunet',
         ),
+        ([1.0] * 5, None, 'too few frames to say whether the model holds (fewer than 10): median'),
+        ([3.0] * 9, None, 'too few frames to say whether the model holds'),
     ],
 )
 def test_whether_a_model_holds_is_said_in_words(rms, holds, words):

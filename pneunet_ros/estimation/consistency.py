@@ -135,8 +135,8 @@ class Agreement:
     exceeds; beyond: share of frames beyond that, and most: the share up to which the model holds.
     tips_outside: share of frames whose tip is outside of its 95 % ellipse, NaN where no tip was
     seen, tips_chance: how often that many are, of a model that holds, and sure: below it that is
-    no chance. force_read: whether the end load was measured in all of them. persistent: what all
-    frames say together, None where they are too few.
+    no chance. fewest: frames before anything is claimed. force_read: whether the end load was
+    measured in all of them. persistent: what all frames say together, None where they are too few.
     """
 
     frames: int
@@ -147,6 +147,7 @@ class Agreement:
     tips_outside: float
     tips_chance: float
     sure: float
+    fewest: int
     force_read: bool
     persistent: PersistentErrors | None = None
 
@@ -156,8 +157,10 @@ class Agreement:
         return self.tips_chance >= self.sure
 
     @property
-    def holds(self) -> bool:
-        """Whether noise explains nearly all frames, and where their tips are."""
+    def holds(self) -> bool | None:
+        """Whether noise explains nearly all frames, and where their tips are; None: too few."""
+        if self.frames < self.fewest:
+            return None
         return self.frames_hold and (self.persistent is None or self.persistent.holds)
 
     @property
@@ -169,7 +172,9 @@ class Agreement:
     def sentence(self) -> str:
         """Say it to a person."""
         verdict, advice = 'the model holds on this recording', ''
-        if not self.holds:
+        if self.holds is None:
+            verdict = f'too few frames to say whether the model holds (fewer than {self.fewest})'
+        elif not self.holds:
             verdict, advice = 'the model does not hold on this recording', '; run pneunet diagnose'
         together = ''
         if self.persistent is not None and not self.persistent.holds:
@@ -281,6 +286,7 @@ def agreement_of(
         tips_outside=outside / tips.size if tips.size else math.nan,
         tips_chance=float(bdtrc(outside - 1, tips.size, settings.most_tips)),
         sure=settings.sure,
+        fewest=settings.fewest_frames,
         force_read=all(frame.force_read for frame in compared),
         persistent=persistent,
     )

@@ -287,10 +287,13 @@ def shape_estimate(
         largest = math.sqrt(np.linalg.eigvalsh(errors.tip_covariance[:2, :2])[-1])
         held = largest <= bench.settings.largest_tip_std
     if errors is None or not held:
+        known = f'{1e3 * largest:.3g} mm'
+        if largest > bench.arm.length:
+            known = 'more than the length of the arm'
         return refuse(
             stamp_ns,
             'too_uncertain',
-            f'the tip is known to {1e3 * largest:.3g} mm only, more than largest_tip_std = '
+            f'the tip is known to {known} only, and largest_tip_std is '
             f'{1e3 * bench.settings.largest_tip_std:.3g} mm'
             + (': no target was seen lately' if mode is Mode.PREDICTION else ''),
             awaits_others=True,
