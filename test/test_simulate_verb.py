@@ -98,7 +98,7 @@ def test_a_scenario_file_of_the_user(run, tmp_path):
         (['strings', '--effect', 'drag.c=1'], 'unknown effect drag; known here: pressure_offset'),
         (['strings', '--effect', 'gravity.g=1'], 'has no parameter g; known here: richness'),
         (['strings', '--effect', 'load_offset.offset=9'], 'offset = 9.0 is not within'),
-        (['strings', '--seed', '-1'], "argument --seed: '-1' is no whole number from 0 on"),
+        (['strings', '--seed', '-1'], "--seed: '-1' is no whole number from 0 on"),
         (['strings', '--after', 'none.mcap'], 'none.truth.npz is no truth of a recording'),
         (['strings', '--output', 'out.csv.db3'], 'a recording is an .mcap file or a folder'),
     ],
