@@ -105,12 +105,12 @@ clean: ## remove all that was made here
 	@touch $@
 
 $(VENV)/run: $(VENV)/python-$(VERSION) setup.py
-	@echo 'installing pneunet_ros and what it needs into $(VENV): a minute or two'
+	@echo 'installing pneunet_ros and what it needs into $(VENV): some minutes'
 	@$(VENV)/bin/python $(PIP) $(EDITABLE) -e .
 	@touch $@
 
 $(VENV)/all: $(VENV)/python-$(VERSION) setup.py
-	@echo 'installing pneunet_ros, ROS and the tools for testing into $(VENV): a minute or two'
+	@echo 'installing pneunet_ros, ROS and the tools for testing into $(VENV): some minutes'
 	@$(VENV)/bin/python $(PIP) $(EDITABLE) -e '.[dev,ros]'
 	@touch $(VENV)/run $@
 

@@ -324,6 +324,13 @@ def test_a_predict_without_answer_exits_1_with_nulls(run_json, run, arguments, w
     assert words in ' '.join(out.split())
 
 
+@pytest.mark.parametrize(('pressure', 'asked'), [('31', True), ('310', False), ('0', False)])
+def test_a_pressure_that_may_be_meant_in_kilopascals_is_asked_for(run, pressure, asked):
+    code, out, _ = run('predict', '--pressure', pressure)
+    assert code == 0
+    assert (f'is --pressure {pressure}kPa meant?' in ' '.join(out.split())) == asked
+
+
 def test_a_predict_beyond_the_loads_is_flagged_and_far_less_sure(run_json, run):
     _, inside = run_json(*LOADED)
     code, beyond = run_json('predict', '--pressure', '31e3', '--force', '-0.1', '0')

@@ -26,7 +26,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.core.unit_system import DIMENSIONLESS, SHOWN_SI, Unit, UnitSystem
-from pneunet_ros.core.units import PASCALS_PER_KILOPASCAL
+from pneunet_ros.core.units import kilopascals, PASCALS_PER_KILOPASCAL
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
@@ -286,3 +286,16 @@ def show(arm: Arm, prediction: Prediction, units: UnitSystem) -> None:
     left_out = error_left_out(arm.covariance, arm.sources)
     if left_out:
         console.print(f'note: {left_out}')
+    if meant := likely_pressure(arm, shape.pressure):
+        console.print(f'note: {meant}')
+
+
+def likely_pressure(arm: Arm, pressure: float) -> str:
+    """Ask whether kPa were meant, where a pressure (Pa) would be next to none of the range."""
+    largest = max(map(abs, arm.pressure_range))
+    if not 0.0 < abs(pressure) <= largest / PASCALS_PER_KILOPASCAL:
+        return ''
+    return (
+        f'{pressure:g} Pa is next to nothing: the model goes to {kilopascals(largest):g} kPa; is '
+        f'--pressure {pressure:g}kPa meant?'
+    )
