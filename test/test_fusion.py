@@ -623,6 +623,15 @@ def test_the_camera_lost_and_back():
     assert found.tip_sigmas() < 4.0
 
 
+def test_a_frame_that_the_shape_of_before_does_not_lead_to_is_used_at_once():
+    frames = [*range(15, 23), 42, 43]  # meanwhile the load went far away
+    found = fuse(with_wrench=True, targets=lambda frame: frame != 42, frames=frames)
+    assert found.state.unused == {}
+    assert found.estimates[-1].mode is Mode.FUSED
+    assert found.estimates[-1].ambiguous is False
+    assert found.tip_sigmas() < 4.0
+
+
 def test_without_camera_and_wrench_it_stops():
     found = fuse(targets=lambda frame: frame < 80, frames=range(60, 160))
     last = recorded().stamp_ns[found.frame[-1]]

@@ -87,7 +87,7 @@ def take_frame(
 
     cold: nothing is known of the force; found_better: another one explained the last frame better;
     with either the search begins everywhere. force_read: a sensor tells the force, and no other
-    one is looked for.
+    one is looked for, unless there is no shape at it.
     """
     if np.count_nonzero(problem.used) < problem.settings.fewest_targets:
         return FrameUpdate(belief=None, reason='too_few_targets')
@@ -95,10 +95,11 @@ def take_frame(
     if force_read or not cold:
         followed = problem.search(np.zeros(problem.root.shape[1]), problem.prior.solution)
         tracked = None if followed is None else leave_out(problem, followed)
-    if force_read or (tracked is not None and not found_better and excess(tracked) <= 1.0):
+    fits = tracked is not None and not found_better and excess(tracked) <= 1.0
+    if tracked is not None and (force_read or fits):
         unchecked = None if force_read else tracked
         update = FrameUpdate(belief=None, unchecked=unchecked, settled=force_read)
-    else:  # the force may have jumped
+    else:  # the force may have jumped; the shape of before may lead nowhere
         tracked, ambiguous = search_everywhere(problem, tracked)
         update = FrameUpdate(belief=None, ambiguous=ambiguous, settled=True)
     if tracked is None:
