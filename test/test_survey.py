@@ -45,9 +45,9 @@ def test_a_folder_per_arm(tmp_path):
         'one/heldout_1.truth.npz',
         'one/strings.mcap',
         'one/arm.yaml',
-        'two/unloaded/a.mcap',
-        'two/unloaded/b/metadata.yaml',
-        'two/unloaded/notes.txt',
+        'two/Unloaded/a.mcap',
+        'two/Unloaded/b/metadata.yaml',
+        'two/Unloaded/notes.txt',
         'photos/finger.png',
         '.hidden/unloaded.mcap',
         'README.md',
@@ -60,7 +60,7 @@ def test_a_folder_per_arm(tmp_path):
     assert named(one.roles['heldout'], tmp_path) == ['one/heldout_1.mcap']
     assert one.ignored == ('strings.mcap',)
     assert (one.arm, two.arm) == (tmp_path / 'one/arm.yaml', DEFAULT)
-    assert named(two.roles['unloaded'], tmp_path) == ['two/unloaded/a.mcap', 'two/unloaded/b']
+    assert named(two.roles['unloaded'], tmp_path) == ['two/Unloaded/a.mcap', 'two/Unloaded/b']
     assert two.roles['loaded'] == ()
     shared = touch(tmp_path / 'arm.yaml')
     assert [item.arm for item in read_fleet(tmp_path, DEFAULT)] == [one.arm, shared]

@@ -114,10 +114,13 @@ def fleet_of_folder(folder: Path, arm: Path) -> tuple[FleetArm, ...]:
 
 
 def recordings_of(folder: Path, role: str) -> tuple[Path, ...]:
-    """Return the recordings of a role: those whose name begins with it, or its folder's name."""
+    """Return the recordings of a role: those whose name begins with it, or its folder's name.
+
+    Small letters or capitals.
+    """
     found: list[Path] = []
     for place in sorted(folder.iterdir()):
-        if not place.name.startswith(role):
+        if not place.name.lower().startswith(role):
             continue
         if is_recording(place):
             found.append(place)

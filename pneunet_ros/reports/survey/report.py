@@ -53,7 +53,8 @@ def survey_sentences(data: SurveyData) -> list[str]:
         *rare_sentences(data),
         *(f'{item.name} failed: {item.failed}' for item in failed),
         *(
-            f'{name} is left out: no recording in it has a name that says what it is for.'
+            f'{name} is left out: no recording in it has a name that says what it is for, and '
+            'begins with unloaded, loaded or heldout.'
             for name in data.left_out
         ),
     ]
