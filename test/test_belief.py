@@ -171,6 +171,17 @@ def test_the_walk_rises_at_once_and_falls_slowly():
     assert with_walk(UNKNOWNS, FUSION, noisy, replace(noisy, stamp_ns=after.stamp_ns)).walk < 0.05
 
 
+def test_a_force_that_rests_from_the_first_frame_is_soon_trusted_between_frames():
+    belief = replace(believed(), root=1e-6 * believed().root, frames=0)
+    first = belief.usual_walk
+    for frame in range(151):
+        after = replace(belief, stamp_ns=belief.stamp_ns + SECOND // 10, frames=frame + 1)
+        belief = with_walk(UNKNOWNS, FUSION, belief, after)
+    # Fifteen seconds of frames beside the five for which the guess counts.
+    assert belief.usual_walk == pytest.approx(first * np.sqrt(5.0 / 20.0), rel=0.05)
+    assert belief.walk == pytest.approx(belief.usual_walk, rel=0.05)
+
+
 def test_a_force_that_moved_now_and_then_is_not_held_for_certain():
     belief = replace(believed(), root=1e-6 * believed().root, frames=1)
     random, force = np.random.default_rng(3), 0.0

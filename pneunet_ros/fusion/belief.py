@@ -423,7 +423,8 @@ def with_walk(
         found.append((change - explained) / seconds)
         weights.append(explained**-2.0 if force in TIP_FORCES else 0.0)
     average = sum(weight * one for weight, one in zip(weights, found, strict=True)) / sum(weights)
-    share = -math.expm1(-seconds / settings.usual_time)
+    watched = settings.guess_counts + seconds * before.frames
+    share = -math.expm1(-seconds / min(watched, settings.usual_time))
     usual = before.usual_walk**2 + share * (average - before.usual_walk**2)
     least = (unknowns.force_scale * settings.least_walk) ** 2
     largest = (unknowns.force_scale * settings.largest_walk) ** 2

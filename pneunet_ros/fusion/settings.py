@@ -24,6 +24,9 @@ class FusionSettings:
     )
     walk_time: float = tuning(0.5, 'time in which a force that rests is trusted again', unit='s')
     usual_time: float = tuning(30.0, 'time over which the walk of the force is averaged', unit='s')
+    guess_counts: float = tuning(
+        5.0, 'time of frames for which the walk before any frame counts; invented', unit='s'
+    )
     force_gate: float = tuning(
         6.0, 'of a wrench, beyond which the last frame tells no force', unit='chi squared'
     )
