@@ -326,6 +326,25 @@ def test_a_folder_of_images_is_sent_to_the_verb_that_takes_it(tmp_path):
         open_recording(tmp_path)
 
 
+def test_pictures_beside_recordings_make_no_folder_of_images(tmp_path):
+    folder = write_readings(tmp_path / 'bag')
+    (tmp_path / 'plot.png').write_bytes(b'')
+    with pytest.raises(RecordingError, match=r'a folder of recordings: .* of those in it \(bag\)'):
+        open_recording(tmp_path)
+    (folder / 'metadata.yaml').unlink()
+    (folder / 'plot.png').write_bytes(b'')
+    with pytest.raises(RecordingError, match=r'it holds bag\.mcap\): name an \.mcap file itself'):
+        open_recording(folder)
+    for number in range(20):
+        (folder / f'{number}.mcap').write_bytes(b'')
+    with pytest.raises(RecordingError, match=r'19\.mcap and 9 more\): name'):
+        open_recording(folder)
+    for file in folder.iterdir():
+        file.unlink()
+    with pytest.raises(RecordingError, match=r'without a recording: no metadata\.yaml and no'):
+        open_recording(folder)
+
+
 @pytest.mark.parametrize('name', [r'a\0b', r'\ud800', r'..', r''])
 def test_a_name_that_no_file_of_a_folder_can_have_is_refused(tmp_path, name):
     folder = write_readings(tmp_path / 'bag')

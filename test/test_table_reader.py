@@ -257,6 +257,9 @@ def test_a_preamble_that_is_ignored_as_a_column_is_none(tmp_path):
         '#Logger\nsep=;\r\ntime_s;pressure_kpa\r\n\r\n1;2\r\n4;x',
         '# numpy writes it so\n# time_s,pressure_kpa\n\n1,2\n3,4\n4,x\n',
         '\ufeff# Logger\n# a\n\n# b\n\ntime_s,pressure_kpa\n1,2\n4,x\n',
+        '# Logger XY\n# time, pressure\n# s, kPa\n1,2\n3,4\n4,x\n',
+        '# time;pressure\n\n# [s];[kPa]\n\n1;2\n4;x\n',
+        '# Logger XY, s\n# time [s], pressure [kPa]\n1,2\n4,x\n',
     ],
 )
 def test_lines_of_comment_stand_above_the_names(tmp_path, text):

@@ -12,6 +12,7 @@ from pneunet_ros.recordings.file_kinds import holds_pictures, recording_from
 
 METADATA = 'metadata.yaml'
 FOLDER_FILES = (METADATA, '*.mcap')  # patterns of all that belongs to such a folder
+NAMES_SHOWN = 12
 LONGEST_NAME = 40  # characters of a way of storing, in a sentence
 FILE = YamlFile(kind='metadata of rosbag2', error=RecordingError)
 
@@ -26,13 +27,7 @@ def mcap_files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
     if not (path / METADATA).exists():
-        if holds_pictures(path):
-            raise RecordingError(f'{path} {recording_from(path)}')
-        loose = ', '.join(sorted(file.name for file in path.glob('*.mcap'))) or 'no .mcap file'
-        raise RecordingError(
-            f'{path} is a folder without {METADATA} (it holds {loose}): name an .mcap file '
-            'itself, or complete the folder with `ros2 bag reindex`'
-        )
+        raise RecordingError(f'{path} {_other_folder(path)}')
     names, storage, compression = FILE.load(path / METADATA, _describe_folder)
     if storage != 'mcap' or compression.lower() not in ('', 'none'):
         raise RecordingError(
@@ -43,6 +38,27 @@ def mcap_files(path: Path) -> list[Path]:
         if number > 1:
             raise RecordingError(f'{path / METADATA} names {name} {number} times: name it once')
     return [path / name for name in names]
+
+
+def _other_folder(path: Path) -> str:
+    """Say what a folder is that is no recording, and what to do."""
+    loose = sorted(file.name for file in path.glob('*.mcap'))
+    if loose:
+        return (
+            f'is a folder without {METADATA} (it holds {_listed(loose)}): name an .mcap file '
+            'itself, or complete the folder with `ros2 bag reindex`'
+        )
+    inner = sorted(file.parent.name for file in path.glob(f'*/{METADATA}'))
+    if inner:
+        return f'is a folder of recordings: name one of those in it ({_listed(inner)})'
+    if holds_pictures(path):
+        return recording_from(path)
+    return f'is a folder without a recording: no {METADATA} and no .mcap file is in it'
+
+
+def _listed(names: list[str]) -> str:
+    more = f' and {len(names) - NAMES_SHOWN} more' if len(names) > NAMES_SHOWN else ''
+    return ', '.join(names[:NAMES_SHOWN]) + more
 
 
 def _describe_folder(content: Any) -> tuple[list[str], str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 import csv
 from dataclasses import dataclass, field
@@ -189,16 +190,22 @@ def _read(
 def _without_comments(lines: Iterator[str]) -> tuple[Iterator[str], int]:
     """Return the lines below those that begin with #, and blank ones, and how many.
 
-    The last of these names the columns where numbers are all that stands below it.
+    The last of these names the columns where numbers are all that stands below it, or the last but
+    one where the last holds their units.
     """
-    above, comment, first = 0, '', next(lines, '')
-    while first.startswith('#') or (comment and first.isspace()):
-        comment = first if first.startswith('#') else comment
+    above, first = 0, next(lines, '')
+    comments: deque[str] = deque(maxlen=2)
+    while first.startswith('#') or (comments and first.isspace()):
+        if first.startswith('#'):
+            comments.append(first.lstrip('# '))
         above, first = above + 1, next(lines, '')
     rest = itertools.chain([first], lines)
-    if comment and all(_is_number(cell) for cell in first.split(_delimiter(first))):
-        return itertools.chain([comment.lstrip('# ')], rest), above - 1
-    return rest, above
+    if not comments or not all(_is_number(cell) for cell in first.split(_delimiter(first))):
+        return rest, above
+    names, below = _stripped_cells(comments[0]), _stripped_cells(comments[-1])
+    if len(comments) == 2 and not _units_below(names, below, TableRequest()):
+        comments.popleft()
+    return itertools.chain(comments, rest), above - len(comments)
 
 
 def _is_number(text: str) -> bool:
@@ -261,6 +268,10 @@ def _check_no_preamble(path: Path, names: int, ahead: Sequence[str], above: int)
 
 def _cells(line: str) -> list[str]:
     return next(csv.reader([line], delimiter=_delimiter(line)), [])
+
+
+def _stripped_cells(line: str) -> list[str]:
+    return [cell.strip() for cell in _cells(line)]
 
 
 def _delimiter(header: str) -> str:
