@@ -18,7 +18,7 @@ from pneunet_ros.exploration.choice import (
     separations,
 )
 from pneunet_ros.exploration.experiments import BEGINNING, experiments
-from pneunet_ros.exploration.exploration import explore
+from pneunet_ros.exploration.exploration import explore, is_clear
 from pneunet_ros.exploration.rivals import NOTHING
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.exploration.settings import EXPLORATION
@@ -102,7 +102,20 @@ def test_a_load_effect_is_found_by_a_loaded_recording_that_was_chosen(tmp_path: 
     assert last_sentence(rounds).endswith(
         f'The answer stayed when recording {len(rounds)} came, which had no part in finding it.'
     )
-    assert last_sentence(rounds[:1]).endswith('(after 1 recording)')  # no name, nothing to test
+    unseen = (
+        'force_misalignment, softening, stiffening, extensibility, clamp_compliance, load_offset'
+    )
+    assert last_sentence(rounds[:1]).endswith(f'each of them may be missing: {unseen}.')
+    assert is_clear(rounds)
+    assert not is_clear(rounds[:-1])  # a name that nothing has tested
+    assert not is_clear(rounds[:1])
+    seen = {
+        name: replace(item, observable=True) for name, item in first.diagnosis.detectable.items()
+    }
+    shown = replace(first.investigation, diagnosis=replace(first.diagnosis, detectable=seen))
+    shown = replace(first, investigation=shown)
+    assert last_sentence([shown]).endswith('(after 1 recording)')  # no name, nothing to test
+    assert is_clear([shown])
     assert second.predicted > 2.0 * rounds[-1].predicted  # the model knows it by then
     stamps = [item.run.reading_stamp_ns for item in rounds]
     assert all(one[-1] < other[0] for one, other in itertools.pairwise(stamps))

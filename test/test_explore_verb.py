@@ -53,9 +53,10 @@ def test_after_a_recording_all_files_are_there_and_it_says_what_to_type(run):
     code, out, err = run(
         '--simulated', 'small.yaml', *hidden, '--recordings', '1', '--output', 'out'
     )
-    assert code == 0, err
+    assert code == 1, err  # nothing has tested the name yet
     content = json.loads(Path('out/exploration.json').read_text())
     assert content['answer'] == 'named'
+    assert content['clear'] is False
     (row,) = content['rounds']
     assert row['effects'] == ['pressure_elongation']
     assert row['recorded'] == BEGINNING.words
@@ -75,6 +76,19 @@ def test_after_a_recording_all_files_are_there_and_it_says_what_to_type(run):
     code, _, err = run('--simulated', 'small.yaml', '--output', 'out')
     assert code == 2
     assert 'exists already' in err
+
+
+def test_nothing_missing_without_a_load_says_what_could_not_have_been_seen(run):
+    code, out, err = run('--simulated', 'small.yaml', '--recordings', '1', '--output', 'out')
+    assert code == 1, err
+    content = json.loads(Path('out/exploration.json').read_text())
+    assert content['answer'] == 'none'
+    assert content['clear'] is False
+    assert {'load_offset', 'stiffening', 'extensibility'} <= {*content['undetectable']}
+    assert 'pressure_gain' not in content['undetectable']  # no recording could ever show it
+    said = ' '.join(out.split())
+    assert 'could not have shown some effects at any usual size' in said
+    assert 'load_offset' in said.partition('could not have shown')[2]
 
 
 def test_a_name_that_a_law_overrules_is_taken_back_in_every_file(run, monkeypatch):

@@ -26,11 +26,11 @@ from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.diagnosis.experiment_design import Experiment
-from pneunet_ros.diagnosis.result import CLEAR, Diagnosis
+from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.discovery.discovery import discover
 from pneunet_ros.discovery.result import Discovery
-from pneunet_ros.exploration.exploration import explore, Round
+from pneunet_ros.exploration.exploration import explore, is_clear, Round
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.exploration.settings import EXPLORATION
 from pneunet_ros.files.atomic import atomic_output
@@ -65,7 +65,8 @@ WriteRecording = Callable[[Experiment, SafeSet, Path], None]
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
     parser.epilog = (
-        'Exit codes: 0 the answer is "named" or "none"; 1 the budget is used up without a clear '
+        'Exit codes: 0 a name stayed when a new recording came, or the answer is "none" and these '
+        'recordings would have shown every effect; 1 the budget is used up without such an '
         'answer, or a law took the last name back; 2 request or file was wrong. Files: '
         'recording_NN.mcap, exploration.html and exploration.json after every recording, and at '
         'the end diagnosis/, as `diagnose` writes it.'
@@ -207,7 +208,7 @@ def run(arguments: Namespace) -> int:
         for name in (PAGE, NUMBERS, f'{DIAGNOSIS}/report.html'):
             if (folder / name).exists():
                 console.print(f'wrote {folder / name}')
-    return DONE if last.answer in CLEAR else NEGATIVE
+    return DONE if is_clear(rounds) else NEGATIVE
 
 
 def safe_set(arguments: Namespace, model: Arm) -> SafeSet:

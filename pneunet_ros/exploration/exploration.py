@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from pneunet_ros.calibration.held_out import score
@@ -43,6 +43,16 @@ class Round:
         diagnosis = self.investigation.diagnosis
         return diagnosis if isinstance(diagnosis, Diagnosis) else None
 
+    @property
+    def undetectable(self) -> tuple[str, ...]:
+        """The rivals that the recordings so far could not have shown at any usual size."""
+        detectable = {} if self.diagnosis is None else self.diagnosis.detectable
+        return tuple(
+            name
+            for name, item in detectable.items()
+            if name in self.rivals and not item.observable
+        )
+
     def overruled(self, diagnosis: Diagnosis) -> Round:
         """Return the round without the name that it gave."""
         revised = self.investigation.overruled(diagnosis)
@@ -79,7 +89,7 @@ def explore(
     runs: list[RecordingData] = []
     choice = Choice(experiment=BEGINNING, seconds=BEGINNING.seconds, rate=0.0, divergence={})
     before: Diagnosis | None = None
-    names: list[frozenset[str]] = []
+    rounds: list[Round] = []
     while len(runs) < settings.recordings:
         on_progress(f'recording {len(runs) + 1}: {choice.experiment.words}', 0, 0)
         run = record(choice.experiment, safe, len(runs))
@@ -94,20 +104,32 @@ def explore(
             settings=diagnosis_settings(len(runs)),
         )
         rivals = rival_probabilities(investigation)
-        yield Round(
+        item = Round(
             choice=choice, run=run, investigation=investigation, rivals=rivals, predicted=predicted
         )
-        before = (
-            investigation.diagnosis if isinstance(investigation.diagnosis, Diagnosis) else before
-        )
-        names.append(named_effects(investigation))
-        if names[-1] and len(names) >= settings.stays and len({*names[-settings.stays :]}) == 1:
+        rounds.append(item)
+        yield item
+        before = item.diagnosis or before
+        if name_stayed(rounds, settings):
             return
         on_progress('the next recording', 0, 0)
         if in_order:
             choice = choice_in_order(len(runs))
         else:
             choice = next_choice(investigation, rivals, safe, len(runs), settings)
+
+
+def name_stayed(rounds: Sequence[Round], settings: ExplorationSettings = EXPLORATION) -> bool:
+    """Whether the last name was there in the rounds before, too, so that a recording tested it."""
+    names = [named_effects(item.investigation) for item in rounds[-settings.stays :]]
+    return len(names) == settings.stays and bool(names[-1]) and len({*names}) == 1
+
+
+def is_clear(rounds: Sequence[Round], settings: ExplorationSettings = EXPLORATION) -> bool:
+    """Whether the last answer counts: a name that stayed, or `none` that leaves nothing hidden."""
+    last = rounds[-1]
+    nothing_missing = last.investigation.diagnosis.answer == 'none' and not last.undetectable
+    return nothing_missing or name_stayed(rounds, settings)
 
 
 def diagnosis_settings(count: int) -> DiagnosisSettings:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.core.units import kilopascals, millimeters
-from pneunet_ros.exploration.exploration import Round
+from pneunet_ros.exploration.exploration import is_clear, name_stayed, Round
 from pneunet_ros.exploration.rivals import named_effects, NOTHING
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.files.json_text import plain
@@ -37,10 +37,15 @@ def last_sentence(rounds: Sequence[Round]) -> str:
     """Say what is known after the last round, and what tested a name."""
     count = f'after {len(rounds)} recording{"" if len(rounds) == 1 else "s"}'
     sentence = f'{rounds[-1].investigation.diagnosis.sentence} ({count})'
-    names, *before = [named_effects(item.investigation) for item in rounds[:-3:-1]]
-    if not names:
+    if rounds[-1].investigation.diagnosis.answer == 'none' and rounds[-1].undetectable:
+        unseen = ', '.join(rounds[-1].undetectable)
+        return (
+            f'{sentence} But these recordings could not have shown some effects at any usual '
+            f'size, and each of them may be missing: {unseen}.'
+        )
+    if not named_effects(rounds[-1].investigation):
         return sentence
-    if before == [names]:
+    if name_stayed(rounds):
         return (
             f'{sentence} The answer stayed when recording {len(rounds)} came, which had no part '
             'in finding it.'
@@ -152,6 +157,8 @@ def exploration_content(
         {
             'answer': last.answer,
             'sentence': last.sentence,
+            'clear': is_clear(rounds),
+            'undetectable': rounds[-1].undetectable,
             'recordings': len(rounds),
             'safe': {'pressure': [safe.low, safe.high], 'force': safe.force},
             'rounds': rows,
