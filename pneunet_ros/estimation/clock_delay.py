@@ -63,6 +63,9 @@ class ClockDelaySettings:
 
 
 NO_PLAYS: Plays = ((), 1)
+# Of 30 films of 10 s, 25 frames/s, of the arm of test_clock_delay.py, five such steps told the delay
+# in 25, six in 28, eight in all.
+REMEDY = 'eight quick steps to different levels, at irregular times, would tell'
 CLOCK_DELAY = ClockDelaySettings()
 
 
@@ -161,7 +164,7 @@ def estimate_delay(
     if not trouble and np.mean([detail.distinct for detail in details]) < settings.distinct:
         trouble = (
             'the pressure goes the same way again and again, where hysteresis looks like a delay: '
-            'quick steps at irregular times and to irregular levels would tell'
+            f'{REMEDY}'
         )
     return replace(clock, trouble=trouble)
 
@@ -203,13 +206,13 @@ def _cannot_tell(
         if abs(rival - clock.delay) > settings.apart * fit.period and ratio < settings.rival:
             return (
                 f'delays of {clock.delay:.2f} s and {rival:.2f} s fit alike: the pressure repeats '
-                'itself, or changes too evenly'
+                f'itself, or changes too evenly; {REMEDY}'
             )
     if not clock.std * rate < settings.blur:
         return (
             f'the delay is {clock.delay:.2f} s with a standard error of {clock.std:.2g} s, which '
             f'moves a frame by more than {100.0 * settings.blur:g} % of the motion: the pressure '
-            'changes too evenly, or too few times; more quick steps would tell'
+            f'changes too evenly, or too few times; {REMEDY}'
         )
     return ''
 
