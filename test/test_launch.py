@@ -25,6 +25,7 @@ from pneunet_ros.nodes.virtual_arm.configuration import PARAMETERS as ARM  # noq
 
 TABLES = {'estimator': ESTIMATOR, 'tracker': TRACKER, 'fusion': FUSION, 'virtual_arm': ARM}
 SHARED = 'pneunet_ros.nodes.launch_description'  # what the files have in common
+PARAMS = str(share_path('config/estimator.yaml'))
 OF_ROS = {'use_sim_time'}  # a parameter of every node
 EVERYWHERE = {'namespace', 'params_file', 'model_file', 'use_sim_time', 'log_level'}
 FILES = {
@@ -127,7 +128,7 @@ def test_all_arguments_are_declared_with_a_meaning_and_used(described, name):
     'said, wanted', [('True', True), ('ON', True), ('0', False), ('No', False)]
 )
 def test_true_and_false_are_read_as_people_write_them(described, said, wanted):
-    given = dict.fromkeys(FILES['demo'][0], '1.0')
+    given = dict.fromkeys(FILES['demo'][0], '1.0') | {'params_file': PARAMS}
     given |= {'fusion': said, 'rviz': said, 'use_sim_time': said}
     nodes = list(found(described('demo', **given), 'Node'))
     assert ('fusion' in [node.named['executable'] for node in nodes]) is wanted
@@ -137,9 +138,15 @@ def test_true_and_false_are_read_as_people_write_them(described, said, wanted):
 
 
 def test_what_is_neither_true_nor_false_is_refused(described):
-    given = dict.fromkeys(FILES['demo'][0], '1.0')
+    given = dict.fromkeys(FILES['demo'][0], '1.0') | {'params_file': PARAMS}
     with pytest.raises(RequestError, match='rviz:=perhaps: one of true, 1, yes, on, false'):
         described('demo', **given | {'fusion': 'true', 'use_sim_time': 'true', 'rviz': 'perhaps'})
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_a_file_of_parameters_that_is_not_there_starts_nothing(described, name):
+    with pytest.raises(RequestError, match=r'params_file:=missing\.yaml: there is no such file'):
+        described(name, params_file='missing.yaml')
 
 
 @pytest.mark.parametrize('name', FILES)
@@ -148,6 +155,7 @@ def test_every_node_exists_and_has_the_parameters_it_is_given(described, name):
         'rviz': 'true',
         'fusion': 'true',
         'use_sim_time': 'true',
+        'params_file': PARAMS,
         'namespace': '/left',
         'log_level': 'debug',
     }
@@ -164,7 +172,7 @@ def test_every_node_exists_and_has_the_parameters_it_is_given(described, name):
         assert commands[executable] == f'pneunet_ros.nodes.{executable}.__main__:main'
         assert node.named['namespace'] == '/left'
         file, parameters = node.named['parameters']  # those of the file first: others go before
-        assert file == '1.0'
+        assert file == PARAMS
         defaults = {field.name: field.default for field in TABLES[executable].fields}
         assert set(parameters) - OF_ROS <= set(defaults)
         for parameter, value in parameters.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from launch import LaunchDescription
@@ -52,7 +53,8 @@ def node(executable: str, given: Given, **parameters: Any) -> Any:
     """Return a node of this package.
 
     given: namespace, params_file (empty: none), use_sim_time and log_level. parameters go before
-    those of params_file; those that are empty are not given.
+    those of params_file; those that are empty are not given. Raises RequestError where params_file
+    is no file, without which launch_ros would start a node with other parameters than asked for.
     """
     parameters['use_sim_time'] = is_true('use_sim_time', given)
     wanted = {
@@ -61,6 +63,8 @@ def node(executable: str, given: Given, **parameters: Any) -> Any:
         if value
     }
     file = [given['params_file']] if given['params_file'] else []
+    if file and not Path(file[0]).is_file():
+        raise RequestError(f'params_file:={file[0]}: there is no such file')
     return Node(
         package='pneunet_ros',
         executable=executable,
