@@ -9,6 +9,7 @@ from discovery_trials import judge, label_of, one_trial, summary_of, wanted
 from pneunet_ros.discovery.covariates import MEANINGS
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS
+import pytest
 from unnamed.causes import add_causes, CAUSES, NEW
 
 
@@ -83,6 +84,7 @@ def test_rates_are_over_causes_that_are_large_enough():
     assert (found['above'], found['given'], found['in_set'], found['alone']) == (2, 1, 1, 1)
 
 
+@pytest.mark.slow
 def test_a_law_that_is_not_in_the_library_takes_a_name_back():
     """A smooth play without `hysteresis` in the library: `creep` leaves noise, and is wrong."""
     add_causes()

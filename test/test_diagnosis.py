@@ -87,6 +87,7 @@ def test_a_camera_that_no_dot_at_the_clamp_shows_is_no_finding():
     assert diagnose(arm, [strings, ramp], [mix], seed=3).answer == 'none'
 
 
+@pytest.mark.slow
 def test_a_picture_that_is_a_little_tilted_is_no_finding():
     def askew(run):
         scale = 1.0 + 0.008 * (run.x / frame().length - 0.5)

@@ -91,6 +91,7 @@ def test_nothing_missing_without_a_load_says_what_could_not_have_been_seen(run):
     assert 'load_offset' in said.partition('could not have shown')[2]
 
 
+@pytest.mark.slow
 def test_a_name_that_a_law_overrules_is_taken_back_in_every_file(run, monkeypatch):
     def overruled(investigation, *, on_progress):
         diagnosis = take_back(investigation, 'a law says it better')

@@ -196,6 +196,7 @@ def test_a_process_that_dies_is_a_row_and_not_the_end(tmp_path):
     assert len(opened) > 1
 
 
+@pytest.mark.slow
 def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(tmp_path):
     distributed = pytest.importorskip('distributed')
     arms = fleet_of(tmp_path, *('done', 'once', 'fails') * 3)
