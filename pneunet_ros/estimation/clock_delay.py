@@ -63,8 +63,8 @@ class ClockDelaySettings:
 
 
 NO_PLAYS: Plays = ((), 1)
-# Of 30 films of 10 s, 25 frames/s, of the arm of test_clock_delay.py, five such steps told the
-# delay in 25, six in 28, eight in all.
+# Of 30 films of 10 s, 25 frames/s, of the arm of test_clock_delay.py, five such steps were
+# enough in 25, six in 28, eight in all.
 REMEDY = 'eight quick steps to different levels, at irregular times, would tell'
 CLOCK_DELAY = ClockDelaySettings()
 

@@ -64,7 +64,10 @@ def node(executable: str, given: Given, **parameters: Any) -> Any:
     }
     file = [given['params_file']] if given['params_file'] else []
     if file and not Path(file[0]).is_file():
-        raise RequestError(f'params_file:={file[0]}: there is no such file')
+        raise RequestError(
+            f'params_file:={file[0]}: there is no such file; '
+            'name a YAML file of parameters, like config/estimator.yaml, or leave it out'
+        )
     return Node(
         package='pneunet_ros',
         executable=executable,
