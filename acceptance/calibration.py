@@ -31,7 +31,7 @@ if __name__ == '__main__':  # not where a test imports this: its processes would
 import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.calibration.calibration import calibrate, Calibration
-from pneunet_ros.calibration.held_out import score
+from pneunet_ros.calibration.checks.held_out import score
 from pneunet_ros.calibration.tip_force import end_forces
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.json_text import plain

@@ -25,7 +25,7 @@ from pneunet_ros import load_model
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.json_text import plain
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.vision.camera_settings import CameraSettings
+from pneunet_ros.vision.camera.camera_settings import CameraSettings
 from pneunet_ros.vision.tracker import Tracking
 from rich.console import Console
 from rich.table import Table

@@ -26,7 +26,7 @@ import time
 
 import numpy as np
 from pneunet_ros import load_model, solve
-from pneunet_ros.core.jit import kernel
+from pneunet_ros.core.kernels.jit import kernel
 from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.effects import EFFECTS
@@ -38,6 +38,7 @@ from pneunet_ros.model.equilibrium import changes_on_mesh, linearized_ends
 from pneunet_ros.model.perturbation import with_pressure_change
 from pneunet_ros.solver.batch import newton_batch
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
+from pneunet_ros.solver.branches.energy_descent import loaded_guess
 from pneunet_ros.solver.collocation import newton, prepare
 from pneunet_ros.solver.columns import (
     CLAMP_ANGLE,
@@ -50,7 +51,6 @@ from pneunet_ros.solver.columns import (
     PANEL_WIDTH,
     START,
 )
-from pneunet_ros.solver.energy_descent import loaded_guess
 from pneunet_ros.solver.interpolation import resolution
 from pneunet_ros.solver.sensitivity import sensitivities
 from pneunet_ros.solver.settings import SOLVER

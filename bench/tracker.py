@@ -29,11 +29,11 @@ import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.json_text import plain
-from pneunet_ros.lab.lens import looking_down
-from pneunet_ros.lab.renderer import Renderer
-from pneunet_ros.lab.scene import Dots, FrameState, Scene
-from pneunet_ros.vision.blobs import find_blobs
-from pneunet_ros.vision.camera_settings import CameraSettings
+from pneunet_ros.lab.pictures.lens import looking_down
+from pneunet_ros.lab.pictures.renderer import Renderer
+from pneunet_ros.lab.pictures.scene import Dots, FrameState, Scene
+from pneunet_ros.vision.camera.camera_settings import CameraSettings
+from pneunet_ros.vision.dots.blobs import find_blobs
 from pneunet_ros.vision.settings import VISION
 from pneunet_ros.vision.tracker import Tracker, TrackerState
 from rich.console import Console

@@ -18,8 +18,8 @@ from types import ModuleType
 from typing import Any
 
 import pneunet_ros
-from pneunet_ros.cli.effects import PLACES
 from pneunet_ros.cli.main import parser, VERBS
+from pneunet_ros.cli.verbs.effects import PLACES
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.model.arm import Arm

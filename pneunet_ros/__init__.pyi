@@ -23,7 +23,7 @@ from pneunet_ros.model.equilibrium import solve as solve
 from pneunet_ros.model.inverse import solve_tip as solve_tip
 from pneunet_ros.model.shape import Shape as Shape
 from pneunet_ros.recordings.dataset_reader import read_run as read_run
-from pneunet_ros.vision.camera_settings import CameraSettings as CameraSettings
+from pneunet_ros.vision.camera.camera_settings import CameraSettings as CameraSettings
 from pneunet_ros.vision.tracker import Tracker as Tracker
 from pneunet_ros.vision.tracker import TrackerState as TrackerState
 

@@ -12,7 +12,7 @@ import tempfile
 import zlib
 
 import hypothesis
-from pneunet_ros.core.kernel_cache import kernels_kept
+from pneunet_ros.core.kernels.cache import kernels_kept
 from pneunet_ros.core.threads import THREADS as NAMES_OF_THREADS
 from pneunet_ros.core.threads import use_one_thread
 import pytest

@@ -7,7 +7,8 @@ from functools import cache
 import cv2
 import numpy as np
 from pneunet_ros.core.image import ENCODINGS, Image
-from pneunet_ros.vision.blobs import (
+from pneunet_ros.vision.camera.camera_settings import AdaptiveBand, AreaLimits, FixedBand
+from pneunet_ros.vision.dots.blobs import (
     Appearance,
     Blobs,
     blobs_at,
@@ -15,8 +16,7 @@ from pneunet_ros.vision.blobs import (
     find_blobs,
     nearest_blobs,
 )
-from pneunet_ros.vision.camera_settings import AdaptiveBand, AreaLimits, FixedBand
-from pneunet_ros.vision.centroid import axes_of, BLUR, MAJOR, MINOR, outlines, SMEAR, STD
+from pneunet_ros.vision.dots.centroid import axes_of, BLUR, MAJOR, MINOR, outlines, SMEAR, STD
 import pytest
 from support.center_bound import center_bound, draw_dot
 

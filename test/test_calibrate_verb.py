@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.cli import calibrate, experiments
+from pneunet_ros.cli import experiments
 from pneunet_ros.cli.main import main
+from pneunet_ros.cli.verbs import calibrate
 from pneunet_ros.core.errors import ModelError, RecordingError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.calibration.calibration import calibrate, Calibration
-from pneunet_ros.calibration.held_out import score
+from pneunet_ros.calibration.checks.held_out import score
 from pneunet_ros.calibration.low_rank import shape_jacobian
 from pneunet_ros.calibration.tip_force import end_forces
 from pneunet_ros.core.errors import RequestError

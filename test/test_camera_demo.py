@@ -13,7 +13,7 @@ from pneunet_ros.messages.readings import decode_pressure
 from pneunet_ros.offline.track import track_steps
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest
 from pneunet_ros.recordings.recording import open_recording
-from pneunet_ros.vision.camera_settings import CameraSettings
+from pneunet_ros.vision.camera.camera_settings import CameraSettings
 from pneunet_ros.vision.tracker import Tracker
 import pytest
 from rosbags.rosbag2 import Reader

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 import numpy as np
 from pneunet_ros.core.errors import CameraError
 from pneunet_ros.files.camera_file import load_camera, load_camera_info, settings_from_mapping
-from pneunet_ros.vision.camera_model import Lens
-from pneunet_ros.vision.camera_settings import (
+from pneunet_ros.vision.camera.camera_model import Lens
+from pneunet_ros.vision.camera.camera_settings import (
     AdaptiveBand,
     AreaLimits,
     CameraSettings,

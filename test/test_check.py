@@ -9,8 +9,8 @@ from pathlib import Path
 import re
 
 import numpy as np
-from pneunet_ros.cli.check import range_lines, sync_lines
 from pneunet_ros.cli.main import main
+from pneunet_ros.cli.verbs.check import range_lines, sync_lines
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.steady_states import held_spans
 from pneunet_ros.offline.check import check_recording, CheckRequest

@@ -16,7 +16,7 @@ from matplotlib.image import imread
 import numpy as np
 from pneunet_ros import __version__, load_model, solve
 from pneunet_ros.cli.main import main, parser, VERBS
-from pneunet_ros.cli.predict import estimate_uncertainty
+from pneunet_ros.cli.verbs.predict import estimate_uncertainty
 from pneunet_ros.core.frames import rotate
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import quantities

@@ -34,7 +34,7 @@ from pneunet_ros.estimation.persistent_errors import persistent_errors
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.noise_jacobian import PRESSURE
+from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.predicted_targets import (
     innovation,
     predict_targets,

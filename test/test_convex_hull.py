@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pneunet_ros.solver.convex_hull import way_from_hull
+from pneunet_ros.solver.branches.convex_hull import way_from_hull
 import pytest
 from scipy.optimize import nnls
 

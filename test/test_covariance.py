@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pneunet_ros.measurement.covariance import chi_squared, Whitening
+from pneunet_ros.measurement.errors.covariance import chi_squared, Whitening
 import pytest
 from scipy.linalg import sqrtm
 

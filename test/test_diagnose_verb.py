@@ -9,8 +9,8 @@ import json
 from pathlib import Path
 
 from pneunet_ros import load_model
-from pneunet_ros.cli import diagnose
 from pneunet_ros.cli.main import main
+from pneunet_ros.cli.verbs import diagnose
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis.diagnosis import Investigation

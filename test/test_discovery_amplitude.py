@@ -11,7 +11,7 @@ from pneunet_ros.discovery.covariates import Covariate
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Cause, choose_law
 from pneunet_ros.discovery.time_law import find_swing
-from pneunet_ros.measurement.gaussian_model import GaussianModel
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from scipy.stats import multivariate_normal
 

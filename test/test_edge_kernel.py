@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pneunet_ros.core import jit
-from pneunet_ros.vision import edge_kernel
-from pneunet_ros.vision.centroid import outlines
-from pneunet_ros.vision.ellipse_fit import fit_ellipses, MOMENTS
+from pneunet_ros.core.kernels import jit
+from pneunet_ros.vision.dots import edge_kernel
+from pneunet_ros.vision.dots.centroid import outlines
+from pneunet_ros.vision.dots.ellipse_fit import fit_ellipses, MOMENTS
 import pytest
 from scipy.special import ndtr
 from support.center_bound import draw_dot

@@ -9,7 +9,7 @@ import numpy as np
 from pneunet_ros.diagnosis.evaluation import distances, misfit, noise_floor, removed_share, scores
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.noise_model import attached_std
+from pneunet_ros.measurement.errors.noise_model import attached_std
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 import pytest

@@ -16,7 +16,7 @@ from pneunet_ros.diagnosis.experiment_design import (
 )
 from pneunet_ros.diagnosis.score_test import Candidate
 from pneunet_ros.diagnosis.settings import ExperimentDesignSettings
-from pneunet_ros.measurement.gaussian_model import GaussianModel
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from support.lab_designs import asked, fitted
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from pneunet_ros import load_model
-from pneunet_ros.cli.explore import show_round
+from pneunet_ros.cli.verbs.explore import show_round
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.exploration.choice import (

@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.calibration.calibration import calibrate, Calibration
+from pneunet_ros.calibration.checks.nonuniformity import departure_prior, shape_std
+from pneunet_ros.calibration.checks.resolution import resolve
 from pneunet_ros.calibration.map_estimation import posterior_at
-from pneunet_ros.calibration.nonuniformity import departure_prior, shape_std
-from pneunet_ros.calibration.resolution import resolve
 from pneunet_ros.calibration.settings import CALIBRATION
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.model.arm import Arm

@@ -9,7 +9,7 @@ from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.frame_prediction import predict_frame
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.measurement.noise_jacobian import PRESSURE
+from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 from pneunet_ros.model.equilibrium import solve
 import pytest
 from support.example_arms import paper_arm

@@ -17,8 +17,8 @@ from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.recordings.bag_folder import mcap_files, METADATA
 from pneunet_ros.recordings.recording_writer import write_recording
-from pneunet_ros.vision.camera_model import Lens
-from pneunet_ros.vision.camera_settings import CameraSettings
+from pneunet_ros.vision.camera.camera_model import Lens
+from pneunet_ros.vision.camera.camera_settings import CameraSettings
 import pytest
 from ruamel.yaml import YAML
 from support.fuzzing import AMOUNTS, answer, damaged_text, damaged_tree, fuzz

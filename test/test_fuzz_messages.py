@@ -25,7 +25,7 @@ from pneunet_ros.messages.tracker import (
     decode_image,
 )
 from pneunet_ros.recordings.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
-from pneunet_ros.vision.camera_model import Lens
+from pneunet_ros.vision.camera.camera_model import Lens
 import pytest
 from support.fuzzing import AMOUNTS, answer, damaged_bytes, fuzz
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 from pneunet_ros.measurement.gauss_newton import Bounds
-from pneunet_ros.measurement.gaussian_model import GaussianModel
 import pytest
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal

@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
-from pneunet_ros.calibration.identifiability import undetermined_quantities
+from pneunet_ros.calibration.checks.identifiability import undetermined_quantities
 
 NAMES = [f'moment_law.rigidity.{place}.0' for place in range(2)] + [
     'moment_law.transition.0.0',

@@ -10,7 +10,8 @@ import time
 from types import SimpleNamespace
 
 from pneunet_ros.cli.main import main
-from pneunet_ros.core import jit, kernel_cache
+from pneunet_ros.core.kernels import cache as kernel_cache
+from pneunet_ros.core.kernels import jit
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -18,7 +19,7 @@ ROOT = Path(__file__).parents[1]
 UNKEPT = """
 import sys
 from pathlib import Path
-from pneunet_ros.core import kernel_cache
+from pneunet_ros.core.kernels import cache as kernel_cache
 kept = Path(sys.argv.pop(1))
 kernel_cache.kept_file = lambda: kept
 kernel_cache.COMPILE = (sys.executable, '-c', 'import time; time.sleep(600)')
@@ -27,7 +28,7 @@ BOTH_WAYS = (
     UNKEPT
     + """
 import json
-from pneunet_ros.core import jit
+from pneunet_ros.core.kernels import jit
 kernel_cache.answer_first()
 from pneunet_ros import load_model, solve
 arm = load_model('config/paper_arm.yaml')

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from pneunet_ros.core.errors import CameraError
-from pneunet_ros.lab.lens import Camera, looking_down
+from pneunet_ros.lab.pictures.lens import Camera, looking_down
 import pytest
 
 PLUMB_BOB = (-0.31, 0.12, 0.0015, -0.0008, -0.02)

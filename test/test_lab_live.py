@@ -15,7 +15,7 @@ from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.messages.builders import header, image
 from pneunet_ros.messages.tracker import camera_info_message, decode_camera_info, decode_image
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
-from pneunet_ros.vision.camera_settings import PosePlane
+from pneunet_ros.vision.camera.camera_settings import PosePlane
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 import pytest
 from support.lab_pairs import NOISELESS, recorded

@@ -7,9 +7,9 @@ import dataclasses
 import cv2
 import numpy as np
 from pneunet_ros.core.errors import MessageError, RequestError
-from pneunet_ros.lab.lens import looking_down
-from pneunet_ros.lab.renderer import draw_dots, Renderer, Truth
-from pneunet_ros.lab.scene import (
+from pneunet_ros.lab.pictures.lens import looking_down
+from pneunet_ros.lab.pictures.renderer import draw_dots, Renderer, Truth
+from pneunet_ros.lab.pictures.scene import (
     Body,
     Dots,
     FrameState,

@@ -19,7 +19,7 @@ from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import linearize_all_runs
 from pneunet_ros.diagnosis.settings import LackOfFitSettings
-from pneunet_ros.measurement.gaussian_model import GaussianModel
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from scipy.stats import chi2
 from support.lab_designs import design, fitted, TRAINING

@@ -12,7 +12,7 @@ from pneunet_ros.diagnosis.law_errors import along_arm, LawErrors, OpenLaws
 from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.diagnosis.score_test import score_effects
 from pneunet_ros.diagnosis.settings import LawErrorSettings
-from pneunet_ros.measurement.gaussian_model import GaussianModel
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from support.lab_designs import asked, fitted
 

@@ -11,7 +11,7 @@ from pneunet_ros.diagnosis.settings import LinearizationSettings
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
-from pneunet_ros.measurement.covariance import Whitening
+from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.solver.columns import THETA
 import pytest
 from scipy.linalg import sqrtm

@@ -9,10 +9,10 @@ import math
 import numpy as np
 from pneunet_ros import load_model, solve, solve_tip
 from pneunet_ros.calibration.tip_force import end_forces
-from pneunet_ros.cli.predict import predict
+from pneunet_ros.cli.verbs.predict import predict
 from pneunet_ros.core.share import share_path
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.noise_model import measured_tip_std
+from pneunet_ros.measurement.errors.noise_model import measured_tip_std
 from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
 

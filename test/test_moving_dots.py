@@ -6,9 +6,9 @@ import math
 
 import cv2
 import numpy as np
-from pneunet_ros.vision.centroid import AREA, CONTRAST, EXACT, outlines, rows_of, STD, U, V
-from pneunet_ros.vision.ellipse_fit import BEHIND, PLATEAU, SMEAR_U, SMEAR_V, WIDTH
-from pneunet_ros.vision.moving_dots import (
+from pneunet_ros.vision.dots.centroid import AREA, CONTRAST, EXACT, outlines, rows_of, STD, U, V
+from pneunet_ros.vision.dots.ellipse_fit import BEHIND, PLATEAU, SMEAR_U, SMEAR_V, WIDTH
+from pneunet_ros.vision.dots.moving_dots import (
     as_fitted,
     end_of_arm,
     fit_moving_dot,

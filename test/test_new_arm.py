@@ -8,12 +8,12 @@ import re
 import matplotlib
 from matplotlib.patches import Rectangle
 import numpy as np
-from pneunet_ros.cli import new_arm
 from pneunet_ros.cli.main import main
+from pneunet_ros.cli.verbs import new_arm
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.model.starting_arm import even_places, INVENTED
 from pneunet_ros.reports.target_template import PAGES, RULER, STRIPS, template_page, write_template
-from pneunet_ros.vision.camera_settings import CameraSettings
+from pneunet_ros.vision.camera.camera_settings import CameraSettings
 from pneunet_ros.vision.tracker import Tracker
 import pytest
 

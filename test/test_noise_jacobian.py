@@ -8,7 +8,7 @@ import numpy as np
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.effects.pressure_gain import PressureGain
-from pneunet_ros.measurement.noise_jacobian import noise_jacobian, propagate_covariance
+from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian, propagate_covariance
 from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest

@@ -11,9 +11,7 @@ from pneunet_ros.effects.effect import Effect
 from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.measurement.between_readings import interpolated_noise
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES
-from pneunet_ros.measurement.forward_model import ForwardModel
-from pneunet_ros.measurement.inputs import inputs_of
-from pneunet_ros.measurement.noise_model import (
+from pneunet_ros.measurement.errors.noise_model import (
     attached_std,
     camera_errors,
     coordinate_stds,
@@ -24,6 +22,8 @@ from pneunet_ros.measurement.noise_model import (
     reading_errors,
     target_std,
 )
+from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.uncertainty import SensorNoise
 import pytest
 from support.example_arms import paper_arm

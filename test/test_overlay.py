@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.vision.camera_model import Lens
+from pneunet_ros.vision.camera.camera_model import Lens
+from pneunet_ros.vision.camera.working_plane import Plane
 from pneunet_ros.vision.overlay import BAD, CURVE, curve_in_image, draw, GOOD, headline, SEEN
 from pneunet_ros.vision.smoother import MeasuredCurve
 from pneunet_ros.vision.tracker import Tracking
-from pneunet_ros.vision.working_plane import Plane
 import pytest
 
 WIDTH, HEIGHT, COUNT = 640, 480, 23

@@ -5,8 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.calibration.consistency import check_same_arm, outlier_recordings, tip_distance
-from pneunet_ros.calibration.preconditions import check_runs
+from pneunet_ros.calibration.checks.consistency import (
+    check_same_arm,
+    outlier_recordings,
+    tip_distance,
+)
+from pneunet_ros.calibration.checks.preconditions import check_runs
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CONSISTENCY
 from pneunet_ros.core.errors import RecordingError, RequestError

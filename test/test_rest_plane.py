@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pneunet_ros.vision.camera_settings import CurvedRestPlane, RestPlane
+from pneunet_ros.vision.camera.camera_settings import CurvedRestPlane, RestPlane
 from pneunet_ros.vision.rest_plane import (
     bow,
     Failure,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pneunet_ros.vision.centroid import (
+from pneunet_ros.vision.dots.centroid import (
     ANGLE,
     AREA,
     BEYOND,
@@ -23,7 +23,7 @@ from pneunet_ros.vision.centroid import (
     U,
     V,
 )
-from pneunet_ros.vision.ellipse_fit import (
+from pneunet_ros.vision.dots.ellipse_fit import (
     AXIS_XX,
     AXIS_XY,
     AXIS_YY,

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.calibration.preconditions import check_runs, describe_clamp
+from pneunet_ros.calibration.checks.preconditions import check_runs, describe_clamp
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.measurement.row_order import clamp_motion, end_turns, numbered_from_tip
 import pytest

@@ -15,7 +15,7 @@ from pneunet_ros.diagnosis.score_test import (
     score_effects,
 )
 from pneunet_ros.diagnosis.settings import ScoreTestSettings
-from pneunet_ros.measurement.gaussian_model import GaussianModel
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from scipy.stats import chi2
 from support.lab_designs import asked, fitted

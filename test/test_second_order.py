@@ -12,9 +12,13 @@ from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.measurement.errors.propagated_errors import (
+    PlaceChanges,
+    propagate_errors,
+    SeenShape,
+)
+from pneunet_ros.measurement.errors.second_order import leading_error
 from pneunet_ros.measurement.predicted_targets import predict_targets
-from pneunet_ros.measurement.propagated_errors import PlaceChanges, propagate_errors, SeenShape
-from pneunet_ros.measurement.second_order import leading_error
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 import pytest

@@ -9,7 +9,7 @@ import shutil
 
 import numpy as np
 from pneunet_ros.cli.main import main
-from pneunet_ros.cli.simulate import shipped_names
+from pneunet_ros.cli.verbs.simulate import shipped_names
 from pneunet_ros.core.share import share_path
 from pneunet_ros.recordings.dataset_reader import read_run
 import pytest

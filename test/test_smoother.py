@@ -332,7 +332,7 @@ import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.vision.smoother import smoother_for
 from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.core.jit import HAVE_NUMBA
+from pneunet_ros.core.kernels.jit import HAVE_NUMBA
 
 assert not HAVE_NUMBA
 x, y = np.array({FRAME.tolist()!r})

@@ -12,8 +12,8 @@ import sys
 
 import numpy as np
 from pneunet_ros import solve
-from pneunet_ros.core import jit
-from pneunet_ros.core.jit import HAVE_NUMBA
+from pneunet_ros.core.kernels import jit
+from pneunet_ros.core.kernels.jit import HAVE_NUMBA
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.effects.stiffening import Stiffening
 from pneunet_ros.model import equilibrium
@@ -21,6 +21,7 @@ from pneunet_ros.model.equilibrium import solve_rod
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.solver import collocation, collocation_numpy
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
+from pneunet_ros.solver.branches.energy_descent import loaded_guess
 from pneunet_ros.solver.columns import (
     FIELD_COUNT,
     NODE_MOMENT,
@@ -28,7 +29,6 @@ from pneunet_ros.solver.columns import (
     PANEL_START,
     SLOPE_WIDTH,
 )
-from pneunet_ros.solver.energy_descent import loaded_guess
 from pneunet_ros.solver.interpolation import at_stations, resolution
 from pneunet_ros.solver.panel import curvature_change, sine_cosine
 from pneunet_ros.solver.settings import ACCEPTED, SOLVER
@@ -394,7 +394,7 @@ def test_steep_boundary_layers_are_solved():
 WITHOUT_NUMBA = f"""
 import json, sys
 from pneunet_ros import load_model, solve, solve_tip
-from pneunet_ros.core.jit import HAVE_NUMBA
+from pneunet_ros.core.kernels.jit import HAVE_NUMBA
 assert not HAVE_NUMBA
 arm = load_model({str(PAPER_ARM)!r})
 shape = solve(arm, 44.9e3, (0.15, 0.125))
@@ -455,12 +455,12 @@ def test_a_kernel_without_numba_says_nothing_of_what_is_not_finite():
 def toy_of_kernels(folder: Path) -> Path:
     """Return a package with a kernel that calls another, and the compiler of this one."""
     toy = folder / 'toy'
-    (toy / 'core').mkdir(parents=True)
-    for module in ('jit', 'kernel_compiler', 'kernel_links'):
+    (toy / 'core' / 'kernels').mkdir(parents=True)
+    for module in ('jit', 'compiler', 'links'):
         text = Path(jit.__file__).with_name(f'{module}.py').read_text()
-        (toy / 'core' / f'{module}.py').write_text(text.replace('pneunet_ros', 'toy'))
+        (toy / 'core' / 'kernels' / f'{module}.py').write_text(text.replace('pneunet_ros', 'toy'))
     (toy / 'whole.py').write_text(
-        'from toy.core.jit import kernel\n'
+        'from toy.core.kernels.jit import kernel\n'
         'from toy.piece import piece\n\n\n'
         '@kernel\ndef whole(x: float) -> float:\n    return 2.0 * piece(x)\n\n\n'
         'print(whole(1.0), sum(whole.stats.cache_hits.values()))\n'
@@ -471,7 +471,7 @@ def toy_of_kernels(folder: Path) -> Path:
 def write_piece(toy: Path, kind: str, factor: float) -> None:
     """Write the kernel that is called."""
     (toy / 'piece.py').write_text(
-        f'from toy.core.jit import {kind}\n\n\n'
+        f'from toy.core.kernels.jit import {kind}\n\n\n'
         f'@{kind}\ndef piece(x: float) -> float:\n    return {factor} * x\n'
     )
 
@@ -586,7 +586,7 @@ def test_kept_kernels_take_their_places_where_one_of_them_is_lost(tmp_path, fore
     assert run_toy(toy, foreign_environment, program) == ('6.0', 'CPUDispatcher')
     for file in (tmp_path / 'cache').rglob('whole.whole-*.nbc'):
         file.unlink()
-    answer_first = 'from toy.core import jit; jit.answer_first()\n'
+    answer_first = 'from toy.core.kernels import jit; jit.answer_first()\n'
     take_over = program.replace(' print', ' jit.use_compiled(); print')
     found = run_toy(toy, foreign_environment, answer_first + take_over)
     assert found == ('6.0', 'CPUDispatcher')
@@ -594,7 +594,7 @@ def test_kept_kernels_take_their_places_where_one_of_them_is_lost(tmp_path, fore
 
 def test_the_fingerprint_is_of_the_files_with_kernels_alone_whatever_their_order(tmp_path):
     one, other = tmp_path / 'one', tmp_path / 'other'
-    kernels = {name: f'from p.core.jit import kernel  # {name}\n' for name in 'abc'}
+    kernels = {name: f'from p.core.kernels.jit import kernel  # {name}\n' for name in 'abc'}
     for package, names in ((one, 'abc'), (other, 'cba')):
         (package / 'inner').mkdir(parents=True)
         for name in names:

@@ -10,8 +10,8 @@ from functools import cache
 
 import numpy as np
 from pneunet_ros.calibration.calibration import calibrate, Calibration
+from pneunet_ros.calibration.checks.stiffness_variation import describe_variation
 from pneunet_ros.calibration.moment_law_parameters import MajidiParameters, MOMENT_LAW_PARAMETERS
-from pneunet_ros.calibration.stiffness_variation import describe_variation
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature

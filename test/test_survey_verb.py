@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 from pneunet_ros import load_model, save_model
-from pneunet_ros.cli import survey
 from pneunet_ros.cli.main import main
+from pneunet_ros.cli.verbs import survey
 from pneunet_ros.core.share import share_path
 from pneunet_ros.messages.readings import PRESSURE, TARGETS
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature

@@ -14,11 +14,10 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.stamps import StampGate
-from pneunet_ros.lab.renderer import Renderer
-from pneunet_ros.lab.scene import Dots, FrameState, Scene
+from pneunet_ros.lab.pictures.renderer import Renderer
+from pneunet_ros.lab.pictures.scene import Dots, FrameState, Scene
 from pneunet_ros.vision.beam_search import BeamSearchSettings
-from pneunet_ros.vision.blobs import BlobSettings
-from pneunet_ros.vision.camera_settings import (
+from pneunet_ros.vision.camera.camera_settings import (
     CameraSettings,
     CurvedRestPlane,
     FixedBand,
@@ -26,7 +25,8 @@ from pneunet_ros.vision.camera_settings import (
     PosePlane,
 )
 from pneunet_ros.vision.curvature_prior import PriorSettings
-from pneunet_ros.vision.ellipse_fit import EllipseSettings
+from pneunet_ros.vision.dots.blobs import BlobSettings
+from pneunet_ros.vision.dots.ellipse_fit import EllipseSettings
 from pneunet_ros.vision.gating import GatingSettings
 from pneunet_ros.vision.settings import RestPlaneSettings, RowTrackerSettings, VisionSettings
 from pneunet_ros.vision.smoother import SmootherSettings

@@ -30,7 +30,7 @@ from pneunet_ros.messages.tracker import (
     TARGET_POINT,
 )
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
-from pneunet_ros.vision.camera_settings import (
+from pneunet_ros.vision.camera.camera_settings import (
     CameraSettings,
     HomographyPlane,
     PosePlane,

@@ -9,9 +9,9 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 import numpy as np
 from pneunet_ros.core.errors import CameraError
-from pneunet_ros.vision.camera_model import check_whole_image, Lens
-from pneunet_ros.vision.camera_settings import HomographyPlane, PosePlane
-from pneunet_ros.vision.working_plane import (
+from pneunet_ros.vision.camera.camera_model import check_whole_image, Lens
+from pneunet_ros.vision.camera.camera_settings import HomographyPlane, PosePlane
+from pneunet_ros.vision.camera.working_plane import (
     Plane,
     plane_from_homography,
     plane_from_pose,

@@ -21,9 +21,9 @@ import numpy as np
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.files.model_file import load_model
-from pneunet_ros.lab.lens import looking_down
-from pneunet_ros.lab.renderer import Renderer, Truth
-from pneunet_ros.lab.scene import Dots, Glint, Label, Light, Occluder, Scene, Spot
+from pneunet_ros.lab.pictures.lens import looking_down
+from pneunet_ros.lab.pictures.renderer import Renderer, Truth
+from pneunet_ros.lab.pictures.scene import Dots, Glint, Label, Light, Occluder, Scene, Spot
 from pneunet_ros.messages.readings import PRESSURE_TYPE
 from pneunet_ros.recordings.bag_folder import METADATA
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES

@@ -10,25 +10,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pneunet_ros.calibration.consistency import describe_misfit, outlier_recordings
-from pneunet_ros.calibration.experiments import FitSequence, LawScore
-from pneunet_ros.calibration.identifiability import undetermined_quantities
-from pneunet_ros.calibration.low_rank import low_rank
-from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
-from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
-from pneunet_ros.calibration.nonuniformity import consider_nonuniformity, describe_nonuniformity
-from pneunet_ros.calibration.posterior import posterior_of, PosteriorState
-from pneunet_ros.calibration.preconditions import check_runs, describe_clamp
-from pneunet_ros.calibration.resolution import resolve
-from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
-from pneunet_ros.calibration.stiffness_variation import (
+from pneunet_ros.calibration.checks.consistency import describe_misfit, outlier_recordings
+from pneunet_ros.calibration.checks.identifiability import undetermined_quantities
+from pneunet_ros.calibration.checks.nonuniformity import (
+    consider_nonuniformity,
+    describe_nonuniformity,
+)
+from pneunet_ros.calibration.checks.preconditions import check_runs, describe_clamp
+from pneunet_ros.calibration.checks.resolution import resolve
+from pneunet_ros.calibration.checks.stiffness_variation import (
     describe_variation,
     guessed_columns,
     hold_variation,
     stiffness_variation,
     StiffnessVariation,
 )
+from pneunet_ros.calibration.experiments import FitSequence, LawScore
+from pneunet_ros.calibration.low_rank import low_rank
+from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
+from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
+from pneunet_ros.calibration.posterior import posterior_of, PosteriorState
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.measurement.dataset import RecordingData

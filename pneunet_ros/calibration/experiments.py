@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pneunet_ros.calibration.held_out import Score, score
+from pneunet_ros.calibration.checks.held_out import Score, score
+from pneunet_ros.calibration.checks.resolution import Resolution
 from pneunet_ros.calibration.hyperparameters import most_likely_hyperparameters
 from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.moment_law_parameters import (
@@ -16,7 +17,6 @@ from pneunet_ros.calibration.moment_law_parameters import (
 from pneunet_ros.calibration.noise_estimate import NoiseEstimate
 from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
 from pneunet_ros.calibration.posterior import PosteriorState
-from pneunet_ros.calibration.resolution import Resolution
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.arrays import Array

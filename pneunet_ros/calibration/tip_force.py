@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from pneunet_ros.calibration.settings import TIP_FORCE, TipForceSettings
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.errors.covariance import Whitening
+from pneunet_ros.measurement.errors.noise_model import camera_errors, model_errors, target_std
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
-from pneunet_ros.measurement.noise_model import camera_errors, model_errors, target_std
 from pneunet_ros.model.arm import Arm
 
 ERROR_STEPS = (0, 3)  # when what the model leaves open is computed: it changes little

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
-from pneunet_ros.calibration.stiffness_variation import StiffnessVariation
+from pneunet_ros.calibration.checks.stiffness_variation import StiffnessVariation
 from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw

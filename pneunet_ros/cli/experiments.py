@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import itertools
 from pathlib import Path
 
-from pneunet_ros.calibration.preconditions import check_unloaded
+from pneunet_ros.calibration.checks.preconditions import check_unloaded
 from pneunet_ros.cli.quantity_option import quantity_of
 from pneunet_ros.cli.verb import add_settings, add_topics, SENSOR_SETTINGS, settings_of, topics_of
 from pneunet_ros.core.errors import RequestError

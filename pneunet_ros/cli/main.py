@@ -13,9 +13,9 @@ import sys
 from typing import Any, Literal, NamedTuple, NoReturn
 
 from pneunet_ros import __version__
-from pneunet_ros.core import jit
 from pneunet_ros.core.errors import PneunetError, shortened
-from pneunet_ros.core.kernel_cache import answer_first, compile_first, compile_meanwhile
+from pneunet_ros.core.kernels import jit
+from pneunet_ros.core.kernels.cache import answer_first, compile_first, compile_meanwhile
 from pneunet_ros.core.printable import printable
 
 
@@ -112,35 +112,35 @@ VERBS = (
     Verb(
         'demo',
         "replay the loads of the paper's Table 1: the first minute",
-        'pneunet_ros.cli.demo',
+        'pneunet_ros.cli.verbs.demo',
         'pneunet demo',
         'meanwhile',
     ),
     Verb(
         'predict',
         'predict the shape under pressure and end load, or find the force from the tip',
-        'pneunet_ros.cli.predict',
+        'pneunet_ros.cli.verbs.predict',
         'pneunet predict --pressure 31kPa --force 175mN 70mN',
         'meanwhile',
     ),
     Verb(
         'replay',
         'run the estimator on a recording of pressure and end wrench',
-        'pneunet_ros.cli.replay',
+        'pneunet_ros.cli.verbs.replay',
         'pneunet replay REC.mcap --model model.yaml --output replayed.mcap',
         'first',
     ),
     Verb(
         'track',
         'track the targets in camera images: points, smoothed centerline, curvature',
-        'pneunet_ros.cli.track',
+        'pneunet_ros.cli.verbs.track',
         'pneunet track FILM.mp4 --readings TABLE.csv --model arm.yaml --output REC.mcap',
         'meanwhile',
     ),
     Verb(
         'calibrate',
         'calibrate a model with error bars from recordings without and with end load',
-        'pneunet_ros.cli.calibrate',
+        'pneunet_ros.cli.verbs.calibrate',
         'pneunet calibrate --unloaded FREE.mcap --loaded PULLED.mcap --arm arm.yaml '
         '--output model.yaml',
         'first',
@@ -148,7 +148,7 @@ VERBS = (
     Verb(
         'diagnose',
         'find the physical effect that a model lacks; write the augmented model and a report',
-        'pneunet_ros.cli.diagnose',
+        'pneunet_ros.cli.verbs.diagnose',
         'pneunet diagnose --model model.yaml --train REC1.mcap REC2.mcap --heldout REC3.mcap '
         '--output diagnosis',
         'first',
@@ -156,70 +156,70 @@ VERBS = (
     Verb(
         'explore',
         'record, diagnose and choose the next recording until the missing effect has a name',
-        'pneunet_ros.cli.explore',
+        'pneunet_ros.cli.verbs.explore',
         'pneunet explore --by-hand --model model.yaml --output exploration',
         'first',
     ),
     Verb(
         'survey',
         'check, calibrate and diagnose each of many arms; show them side by side on one page',
-        'pneunet_ros.cli.survey',
+        'pneunet_ros.cli.verbs.survey',
         'pneunet survey FOLDER --output survey',
         'first',
     ),
     Verb(
         'compare',
         'measure the distance of two recordings, or of an estimate and a truth',
-        'pneunet_ros.cli.compare',
+        'pneunet_ros.cli.verbs.compare',
         'pneunet compare REPLAYED.mcap TRACKED.mcap',
     ),
     Verb(
         'check',
         'list what recordings contain and lack, and what they can be used for',
-        'pneunet_ros.cli.check',
+        'pneunet_ros.cli.verbs.check',
         'pneunet check REC.mcap',
     ),
     Verb(
         'export',
         'write the readings of a recording as a table, CSV or npz',
-        'pneunet_ros.cli.export',
+        'pneunet_ros.cli.verbs.export',
         'pneunet export REC.mcap --output table.csv',
     ),
     Verb(
         'import',
         'convert a CSV table, whose columns name their units, to a recording',
-        'pneunet_ros.cli.import_table',
+        'pneunet_ros.cli.verbs.import_table',
         'pneunet import TABLE.csv --output rec.mcap',
     ),
     Verb(
         'new-arm',
         'write arm.yaml for an arm of your own, and a printable sheet of its dots',
-        'pneunet_ros.cli.new_arm',
+        'pneunet_ros.cli.verbs.new_arm',
         'pneunet new-arm --length 112mm --weight 17g --pressure 60kPa --dot 3mm --targets 12',
     ),
     Verb(
         'effects',
         'list the physical effects that a model can have, with their parameters',
-        'pneunet_ros.cli.effects',
+        'pneunet_ros.cli.verbs.effects',
         'pneunet effects',
     ),
     Verb(
         'simulate',
         'simulate a recording in the virtual lab, and write its truth to a file beside it',
-        'pneunet_ros.cli.simulate',
+        'pneunet_ros.cli.verbs.simulate',
         'pneunet simulate random_mix --output rec.mcap',
         'first',
     ),
     Verb(
         'urdf',
         'write a URDF of the arm as a chain of links, for robot_state_publisher',
-        'pneunet_ros.cli.urdf',
+        'pneunet_ros.cli.verbs.urdf',
         'pneunet urdf --model model.yaml --output arm.urdf',
     ),
     Verb(
         'compile',
         'compile all kernels ahead and keep them on the disk',
-        'pneunet_ros.cli.compile',
+        'pneunet_ros.cli.verbs.compile',
         'pneunet compile',
     ),
 )

@@ -13,9 +13,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from pneunet_ros.calibration.calibration import calibrate
-from pneunet_ros.cli.calibrate import provenance_of
-from pneunet_ros.cli.diagnose import versions
 from pneunet_ros.cli.experiments import read_experiments
+from pneunet_ros.cli.provenance import provenance_of, versions
 from pneunet_ros.cli.verb import progress_bar, settings_of, topics_of
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.diagnosis.diagnosis import investigate

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pneunet_ros.calibration.checks.preconditions import check_runs, has_one_pressure
+from pneunet_ros.calibration.checks.resolution import resolve
 from pneunet_ros.calibration.experiments import FitSequence
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
-from pneunet_ros.calibration.preconditions import check_runs, has_one_pressure
-from pneunet_ros.calibration.resolution import resolve
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CalibrationSettings
 from pneunet_ros.core.errors import RequestError

@@ -13,7 +13,7 @@ from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
-from pneunet_ros.calibration.held_out import Score
+from pneunet_ros.calibration.checks.held_out import Score
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.hypothesis import carries_time

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.calibration.held_out import Score, score
+from pneunet_ros.calibration.checks.held_out import Score, score
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.result import Misfit
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.errors.noise_model import coordinate_stds, target_std, target_stds
 from pneunet_ros.measurement.inputs import inputs_of
-from pneunet_ros.measurement.noise_model import coordinate_stds, target_std, target_stds
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 

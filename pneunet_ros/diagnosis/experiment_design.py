@@ -14,7 +14,7 @@ from pneunet_ros.diagnosis.refit import effect_direction, linearize_all_runs, Re
 from pneunet_ros.diagnosis.score_test import Candidate
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, ExperimentDesignSettings
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.gaussian_model import GaussianModel
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,8 +1,8 @@
 """Lack-of-fit tests: score tests on generic fields, in training and held-out recordings.
 
-A statistic is z^T C^-1 z of a group of fields (gaussian_model.py). What clean data reach is
-simulated: normal scores of the linearized refit, with standard deviations of placement and camera
-that are themselves known from few values only.
+A statistic is z^T C^-1 z of a group of fields (measurement/errors/gaussian_model.py). What clean
+data reach is simulated: normal scores of the linearized refit, with standard deviations of
+placement and camera that are themselves known from few values only.
 """
 
 from __future__ import annotations

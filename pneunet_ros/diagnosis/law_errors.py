@@ -17,8 +17,8 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizedRun
 from pneunet_ros.diagnosis.refit import Refit, split_numbers
 from pneunet_ros.diagnosis.settings import DEFAULTS, LawErrorSettings
-from pneunet_ros.measurement.covariance import Whitening
-from pneunet_ros.measurement.gaussian_model import GaussianModel
+from pneunet_ros.measurement.errors.covariance import Whitening
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -19,9 +19,9 @@ from pneunet_ros.core.errors import ModelError
 from pneunet_ros.diagnosis.generic_field import Fields, fields_of, Regressors
 from pneunet_ros.diagnosis.settings import DEFAULTS, LinearizationSettings
 from pneunet_ros.effects.effect import Effect
-from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import tilt_jacobian
+from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.gauss_newton import Bounds
 from pneunet_ros.measurement.inputs import Inputs, inputs_of

@@ -1,8 +1,8 @@
 """Whether an arm that bends unevenly, where no target shows it, explains what an effect does.
 
 With a target at the tip alone a constant curvature is an assumption, and what an arm does beside
-it looks like an effect. `calibration.nonuniformity` puts the departure into the covariance of a
-fit; here its linear part, with the same prior, is one more unknown beside the effects.
+it looks like an effect. `calibration.checks.nonuniformity` puts the departure into the covariance
+of a fit; here its linear part, with the same prior, is one more unknown beside the effects.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.calibration.nonuniformity import linear_departure
+from pneunet_ros.calibration.checks.nonuniformity import linear_departure
 from pneunet_ros.calibration.settings import RESOLUTION, ResolutionSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.score_test import Candidate
-from pneunet_ros.measurement.gaussian_model import GaussianModel
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 LEAST_INFORMATION = 1e-300  # of an effect of which nothing is left
 FIELD = 'curvature 1 x p'  # of `generic_field`: linear along the arm, proportional to pressure

@@ -16,8 +16,8 @@ from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.settings import DEFAULTS, RefitSettings
 from pneunet_ros.effects.effect import Effect
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 from pneunet_ros.measurement.gauss_newton import Bounds, gauss_newton
-from pneunet_ros.measurement.gaussian_model import GaussianModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

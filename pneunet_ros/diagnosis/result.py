@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from pneunet_ros.calibration.held_out import Score
+from pneunet_ros.calibration.checks.held_out import Score
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings

@@ -17,7 +17,7 @@ from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.refit import effect_direction, Refit
 from pneunet_ros.diagnosis.result import Detectable
 from pneunet_ros.diagnosis.settings import DEFAULTS, ScoreTestSettings
-from pneunet_ros.measurement.gaussian_model import GaussianModel
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -20,7 +20,7 @@ from pneunet_ros.diagnosis.nonuniform_arm import (
 from pneunet_ros.diagnosis.refit import linearize_all_runs, Refit, refit, settle, split_numbers
 from pneunet_ros.diagnosis.score_test import Candidate, largest_clean_score, score_effects
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SelectionSettings
-from pneunet_ros.measurement.gaussian_model import GaussianModel
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 from scipy.stats import chi2, norm
 
 

@@ -19,7 +19,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.effects.effect import Effect
-from pneunet_ros.measurement.gaussian_model import GaussianModel
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 from scipy.linalg import cho_factor, cho_solve
 
 Runs = tuple[int, ...]

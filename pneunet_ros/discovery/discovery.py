@@ -48,7 +48,7 @@ from pneunet_ros.discovery.settings import (
     DiscoverySettings,
     LawConfirmationSettings,
 )
-from pneunet_ros.measurement.gaussian_model import GaussianModel
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.measurement.propagated_errors import propagate_errors, PropagatedErrors
-from pneunet_ros.measurement.second_order import SecondOrder
+from pneunet_ros.measurement.errors.propagated_errors import propagate_errors, PropagatedErrors
+from pneunet_ros.measurement.errors.second_order import SecondOrder
 from pneunet_ros.model.domain_position import DomainPosition
 from pneunet_ros.model.shape import Shape
 

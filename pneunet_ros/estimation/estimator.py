@@ -20,9 +20,9 @@ from pneunet_ros.estimation.out_of_plane import out_of_plane, OutOfPlane
 from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit, EstimatorState
-from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
-from pneunet_ros.measurement.noise_jacobian import noise_jacobian
-from pneunet_ros.measurement.propagated_errors import propagate_errors
+from pneunet_ros.measurement.errors.extrapolation_error import with_extrapolation_error
+from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian
+from pneunet_ros.measurement.errors.propagated_errors import propagate_errors
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.domain_position import DomainPosition, locate_load, OUT_OF_RANGE
 from pneunet_ros.model.equilibrium import (

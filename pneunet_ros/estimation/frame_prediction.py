@@ -25,7 +25,7 @@ from pneunet_ros.measurement.between_readings import (
     places_between,
 )
 from pneunet_ros.measurement.disturbances import SMALLEST_STD
-from pneunet_ros.measurement.noise_jacobian import PRESSURE
+from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.predicted_targets import (
     predict_targets,
     PredictedTargets,

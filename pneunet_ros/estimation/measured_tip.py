@@ -14,8 +14,8 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
-from pneunet_ros.measurement.noise_jacobian import propagate_covariance
+from pneunet_ros.measurement.errors.extrapolation_error import with_extrapolation_error
+from pneunet_ros.measurement.errors.noise_jacobian import propagate_covariance
 from pneunet_ros.solver.columns import FORCE_Y, LOADS
 
 

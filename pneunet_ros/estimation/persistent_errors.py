@@ -20,7 +20,6 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import millimeters
-from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.disturbances import (
     BETWEEN_NODES,
     path_prior,
@@ -28,9 +27,10 @@ from pneunet_ros.measurement.disturbances import (
     placement_jacobian,
     SMALLEST_STD,
 )
-from pneunet_ros.measurement.gaussian_model import GaussianModel
-from pneunet_ros.measurement.noise_jacobian import PRESSURE
-from pneunet_ros.measurement.noise_model import camera_errors
+from pneunet_ros.measurement.errors.covariance import Whitening
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
+from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
+from pneunet_ros.measurement.errors.noise_model import camera_errors
 from pneunet_ros.measurement.predicted_targets import PredictedTargets
 from pneunet_ros.model.arm import Arm
 from scipy.special import chdtrc, gammaincc

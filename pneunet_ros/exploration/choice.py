@@ -26,7 +26,7 @@ from pneunet_ros.exploration.rivals import (
 )
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.exploration.settings import EXPLORATION, ExplorationSettings
-from pneunet_ros.measurement.gaussian_model import GaussianModel
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

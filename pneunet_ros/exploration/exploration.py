@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from pneunet_ros.calibration.held_out import score
+from pneunet_ros.calibration.checks.held_out import score
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.diagnosis.diagnosis import investigate, Investigation
 from pneunet_ros.diagnosis.experiment_design import Experiment

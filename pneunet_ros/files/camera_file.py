@@ -10,8 +10,8 @@ from pneunet_ros.core.arrays import Array, table_array
 from pneunet_ros.core.errors import CameraError
 from pneunet_ros.core.units import quantities
 from pneunet_ros.files.yaml_file import or_default, YamlFile
-from pneunet_ros.vision.camera_model import Lens
-from pneunet_ros.vision.camera_settings import (
+from pneunet_ros.vision.camera.camera_model import Lens
+from pneunet_ros.vision.camera.camera_settings import (
     AdaptiveBand,
     AreaLimits,
     CameraSettings,

@@ -22,7 +22,7 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.fusion.lack import first_weights, lack_columns, scale_of, span_of
 from pneunet_ros.fusion.settings import FusionSettings
-from pneunet_ros.measurement.noise_jacobian import PRESSURE
+from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import PlacementKnown
 from pneunet_ros.solver.columns import END_LOAD_MOMENT

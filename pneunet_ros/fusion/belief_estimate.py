@@ -39,9 +39,13 @@ from pneunet_ros.fusion.judgement import confirmed
 from pneunet_ros.fusion.lack import scale_of
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
 from pneunet_ros.fusion.state import FusionState
-from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
-from pneunet_ros.measurement.noise_model import target_std
-from pneunet_ros.measurement.propagated_errors import PlaceChanges, propagate_errors, SeenShape
+from pneunet_ros.measurement.errors.extrapolation_error import with_extrapolation_error
+from pneunet_ros.measurement.errors.noise_model import target_std
+from pneunet_ros.measurement.errors.propagated_errors import (
+    PlaceChanges,
+    propagate_errors,
+    SeenShape,
+)
 from pneunet_ros.model.domain_position import DomainPosition, locate_load
 from pneunet_ros.model.equilibrium import jacobian_of, Sensitivity
 from pneunet_ros.model.shape import Shape

@@ -30,8 +30,8 @@ from pneunet_ros.fusion.frame_fit import contact_of, FrameInputs
 from pneunet_ros.fusion.lack import lack_columns, remember, scale_of
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
 from pneunet_ros.fusion.settings import FusionSettings
-from pneunet_ros.measurement.noise_jacobian import noise_jacobian, PRESSURE
-from pneunet_ros.measurement.propagated_errors import Indices
+from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian, PRESSURE
+from pneunet_ros.measurement.errors.propagated_errors import Indices
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import station_arclength
 from pneunet_ros.model.part_load import PartLoad

@@ -35,8 +35,8 @@ from pneunet_ros.fusion.belief import (
 from pneunet_ros.fusion.lack import LackGrowth, weights_after
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.measurement.disturbances import SMALLEST_STD
+from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.gauss_newton import End, gauss_newton
-from pneunet_ros.measurement.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.predicted_targets import target_jacobian
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import linearize_shape, Sensitivity, solve_rod

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inner, kernel
+from pneunet_ros.core.kernels.jit import inner, kernel
 
 SETTLED = 1e-11  # rad, of the last step
 NEAR = 1e-6  # rad, of a step that is taken whole

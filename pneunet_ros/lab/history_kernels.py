@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import kernel
+from pneunet_ros.core.kernels.jit import kernel
 
 
 @kernel

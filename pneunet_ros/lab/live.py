@@ -17,10 +17,10 @@ from pneunet_ros.core.image import Bytes
 from pneunet_ros.core.units import check_quantities, quantity
 from pneunet_ros.lab.chain import ChainShape, equilibrium_shape
 from pneunet_ros.lab.lab_effect import Course, Past
-from pneunet_ros.lab.lens import looking_down
-from pneunet_ros.lab.renderer import Renderer
+from pneunet_ros.lab.pictures.lens import looking_down
+from pneunet_ros.lab.pictures.renderer import Renderer
+from pneunet_ros.lab.pictures.scene import Body, Dots, FrameState, Light, Scene
 from pneunet_ros.lab.scenario import Scenario
-from pneunet_ros.lab.scene import Body, Dots, FrameState, Light, Scene
 from pneunet_ros.lab.sensors import draw_placement, random_stream
 from pneunet_ros.lab.simulation import (
     apply_effects,

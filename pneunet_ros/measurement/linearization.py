@@ -8,12 +8,12 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import acting_inputs, disturbance_jacobian
+from pneunet_ros.measurement.errors.covariance import Whitening
+from pneunet_ros.measurement.errors.noise_model import reading_errors
 from pneunet_ros.measurement.forward_model import as_points, Columns, ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
-from pneunet_ros.measurement.noise_model import reading_errors
 from pneunet_ros.measurement.probable_load import probable_load_errors
 from pneunet_ros.measurement.tip_pose import heading_residual
 from pneunet_ros.model.arm import Arm

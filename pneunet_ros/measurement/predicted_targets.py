@@ -13,11 +13,11 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.measurement.covariance import chi_squared
 from pneunet_ros.measurement.disturbances import placement_jacobian, SMALLEST_STD
-from pneunet_ros.measurement.noise_jacobian import PRESSURE
-from pneunet_ros.measurement.noise_model import camera_errors, target_stds
-from pneunet_ros.measurement.second_order import SecondOrder
+from pneunet_ros.measurement.errors.covariance import chi_squared
+from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
+from pneunet_ros.measurement.errors.noise_model import camera_errors, target_stds
+from pneunet_ros.measurement.errors.second_order import SecondOrder
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.perturbation import PerturbationTable

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.measurement.covariance import probable_errors
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.errors.covariance import probable_errors
+from pneunet_ros.measurement.errors.noise_model import attached_std
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
-from pneunet_ros.measurement.noise_model import attached_std
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 

@@ -16,7 +16,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.image import Bytes, Image
 from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.lab.lens import Camera
+from pneunet_ros.lab.pictures.lens import Camera
 from pneunet_ros.messages.builders import (
     ARRAY_TYPE,
     header,
@@ -34,7 +34,7 @@ from pneunet_ros.messages.builders import (
     UNFIT,
 )
 from pneunet_ros.messages.compressed_image import decode_compressed
-from pneunet_ros.vision.camera_model import check_whole_image, Lens
+from pneunet_ros.vision.camera.camera_model import check_whole_image, Lens
 from pneunet_ros.vision.smoother import MeasuredCurve
 from pneunet_ros.vision.tracker import Tracking
 

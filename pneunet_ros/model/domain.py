@@ -13,10 +13,10 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze, table_array
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.core.jit import kernel
+from pneunet_ros.core.kernels.jit import kernel
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import kilopascals
-from pneunet_ros.solver.convex_hull import way_from_hull
+from pneunet_ros.solver.branches.convex_hull import way_from_hull
 
 MOST_LOADS = 64  # rows of `domain.end_load`: each costs time at every reading
 FAR = 1e6  # sizes of a hull, or newtons; what lies further is no further

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.jit import is_compiled
+from pneunet_ros.core.kernels.jit import is_compiled
 from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.domain_position import locate_load, out_of_range
@@ -22,6 +22,7 @@ from pneunet_ros.model.perturbation import Perturbation, with_pressure_change
 from pneunet_ros.model.record import moved_to
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
+from pneunet_ros.solver.branches.following import follow
 from pneunet_ros.solver.columns import (
     CLAMP_WIDTH,
     CURVATURE,
@@ -36,7 +37,6 @@ from pneunet_ros.solver.columns import (
     THETA,
     TIP_WIDTH,
 )
-from pneunet_ros.solver.following import follow
 from pneunet_ros.solver.interpolation import at_stations
 from pneunet_ros.solver.linearization import panel_changes, station_changes
 from pneunet_ros.solver.rod import Rods

@@ -10,8 +10,8 @@ import time
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from pneunet_ros.core import jit
 from pneunet_ros.core.errors import PneunetError
+from pneunet_ros.core.kernels import jit
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.nodes.health import count_texts, Level, Report
 from pneunet_ros.nodes.log import Log

@@ -10,7 +10,7 @@ from importlib import import_module
 from importlib.util import find_spec
 import sys
 
-from pneunet_ros.core.kernel_cache import answer_first, compile_meanwhile
+from pneunet_ros.core.kernels.cache import answer_first, compile_meanwhile
 from pneunet_ros.core.threads import use_one_thread
 from pneunet_ros.core.without_ros import GET_ROS
 from pneunet_ros.nodes.signals import end_at_signal, refuse_signals

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from pneunet_ros.calibration.preconditions import (
+from pneunet_ros.calibration.checks.preconditions import (
     check_clamp,
     check_runs,
     check_targets,
@@ -48,7 +48,7 @@ from pneunet_ros.recordings.recorded_series import (
     ReadingSeries,
 )
 from pneunet_ros.recordings.recording import open_recording, Recording
-from pneunet_ros.vision.camera_model import Lens
+from pneunet_ros.vision.camera.camera_model import Lens
 
 GAP = 2.5  # median periods without a message
 STILL = 8.0  # standard deviations of a reading, over which it spreads while it stands still

@@ -20,7 +20,7 @@ from pneunet_ros.recordings.image_sources import IMAGE_TYPES
 from pneunet_ros.recordings.image_stream import ImageStream, StreamItem
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recording_writer import RecordingWriter
-from pneunet_ros.vision.camera_model import Lens
+from pneunet_ros.vision.camera.camera_model import Lens
 from pneunet_ros.vision.rest_plane import RESTING, UPRIGHT
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 

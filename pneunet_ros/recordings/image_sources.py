@@ -23,7 +23,7 @@ from pneunet_ros.recordings.image_files import (
 from pneunet_ros.recordings.image_stream import ImageStream, StreamItem, with_lens
 from pneunet_ros.recordings.message_store import deserialize, store_for
 from pneunet_ros.recordings.recording import open_recording, Recording
-from pneunet_ros.vision.camera_model import Lens
+from pneunet_ros.vision.camera.camera_model import Lens
 
 IMAGE_TYPES = {'image_raw': IMAGE_TYPE, 'image_raw/compressed': COMPRESSED_TYPE}
 TOPIC_NAMES = ('image_raw', 'camera_info')  # what --topic may name

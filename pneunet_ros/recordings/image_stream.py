@@ -10,7 +10,7 @@ import numpy as np
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.image import Image
 from pneunet_ros.recordings.recording import Recording
-from pneunet_ros.vision.camera_model import Lens
+from pneunet_ros.vision.camera.camera_model import Lens
 
 
 class StreamItem(NamedTuple):

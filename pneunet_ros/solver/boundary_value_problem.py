@@ -7,11 +7,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.core.jit import is_compiled
+from pneunet_ros.core.kernels.jit import is_compiled
 from pneunet_ros.solver import collocation, collocation_numpy
 from pneunet_ros.solver import columns as col
-from pneunet_ros.solver.continuation import continue_in_load
-from pneunet_ros.solver.energy_descent import loaded_guess
+from pneunet_ros.solver.branches.continuation import continue_in_load
+from pneunet_ros.solver.branches.energy_descent import loaded_guess
 from pneunet_ros.solver.interpolation import resolution
 from pneunet_ros.solver.panel import GAUSS_ABSCISSAE, GAUSS_POINTS
 from pneunet_ros.solver.rod import Rods

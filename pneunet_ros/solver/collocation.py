@@ -14,7 +14,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inner, kernel, not_literal
+from pneunet_ros.core.kernels.jit import inner, kernel, not_literal
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.columns import end_load, four, powers, read_panel, set_four
 from pneunet_ros.solver.panel import (

@@ -7,7 +7,7 @@ quantity stands at the four Gauss points of a panel, the name is that of the fir
 from __future__ import annotations
 
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inlined
+from pneunet_ros.core.kernels.jit import inlined
 from pneunet_ros.solver.panel import Four, Law, Mechanics, Turn
 
 # Sections of the rod: start m, rigidity N m^2, moment offset N m, cubic term m^2, axial compliance

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import kernel
+from pneunet_ros.core.kernels.jit import kernel
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import newton, prepare, unloaded_nodes
 from pneunet_ros.solver.columns import set_ends, write

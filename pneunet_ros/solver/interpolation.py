@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inlined, inner, kernel
+from pneunet_ros.core.kernels.jit import inlined, inner, kernel
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import rotation_at
 from pneunet_ros.solver.columns import four, panel_force, powers, read_panel, set_four

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inlined, inner, kernel, not_literal
+from pneunet_ros.core.kernels.jit import inlined, inner, kernel, not_literal
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import prepare, rotation_at
 from pneunet_ros.solver.columns import four, powers, read_panel

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pneunet_ros.core.jit import inlined
+from pneunet_ros.core.kernels.jit import inlined
 
 Four = tuple[float, float, float, float]
 Triangle = tuple[Four, Four, Four, Four, Four]

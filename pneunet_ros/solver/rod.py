@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array
-from pneunet_ros.core.jit import inlined, kernel
+from pneunet_ros.core.kernels.jit import inlined, kernel
 from pneunet_ros.solver.columns import LOAD_X, LOAD_Y
 
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inlined, kernel
+from pneunet_ros.core.kernels.jit import inlined, kernel
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import ONES, scale_of_moments
 from pneunet_ros.solver.columns import end_load, four, panel_force, read_panel, set_four

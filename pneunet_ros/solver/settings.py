@@ -1,7 +1,7 @@
 """The numbers by which the solver decides: meshes, Newton's method, ways to a first solution.
 
 The capitals are constants of compiled kernels. A change of one compiles the kernels anew, as this
-line makes this file one of those with a core.jit import (see `core.jit.fingerprint`).
+line makes this file one of those with a core.kernels.jit import (see its `fingerprint`).
 """
 
 from __future__ import annotations

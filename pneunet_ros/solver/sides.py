@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inner, kernel, not_literal
+from pneunet_ros.core.kernels.jit import inner, kernel, not_literal
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import newton
 from pneunet_ros.solver.columns import write

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inlined, kernel, not_literal
+from pneunet_ros.core.kernels.jit import inlined, kernel, not_literal
 from pneunet_ros.core.settings import numbers_type, tuning
 
 Indices = npt.NDArray[np.int64]

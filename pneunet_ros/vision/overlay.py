@@ -10,10 +10,10 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.image import Bytes, Image
 from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.vision.camera_model import Lens
+from pneunet_ros.vision.camera.camera_model import Lens
+from pneunet_ros.vision.camera.working_plane import Plane
 from pneunet_ros.vision.smoother import MeasuredCurve
 from pneunet_ros.vision.tracker import Tracking
-from pneunet_ros.vision.working_plane import Plane
 
 # Blue, green, red.
 SEEN, CURVE, GOOD, BAD, SHADE = (60, 160, 255), (80, 220, 80), (255, 255, 255), (80, 80, 255), 0.45

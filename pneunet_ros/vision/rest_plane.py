@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.vision.association import rows_anywhere, share_of_blobs, TargetRow
-from pneunet_ros.vision.camera_settings import CurvedRestPlane, PlaneMethod
+from pneunet_ros.vision.camera.camera_settings import CurvedRestPlane, PlaneMethod
+from pneunet_ros.vision.camera.working_plane import Plane, plane_from_rest
 from pneunet_ros.vision.gating import consistent_spacing, gating_numbers
 from pneunet_ros.vision.settings import RestPlaneSettings, VISION, VisionSettings
-from pneunet_ros.vision.working_plane import Plane, plane_from_rest
 
 HEADING_CHORDS, HEADING_SHARE = 5, 0.4  # chords from the clamp that tell the heading there
 UPRIGHT = 'upright'  # reason: which end is the clamp is not known

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.vision.centroid import (
+from pneunet_ros.vision.dots.centroid import (
     AREA,
     axes_of,
     BEYOND,
@@ -27,7 +27,7 @@ from pneunet_ros.vision.centroid import (
     SMEAR,
     STD,
 )
-from pneunet_ros.vision.ellipse_fit import (
+from pneunet_ros.vision.dots.ellipse_fit import (
     AXIS_XX,
     AXIS_XY,
     AXIS_YY,

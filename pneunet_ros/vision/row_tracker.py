@@ -14,10 +14,11 @@ from pneunet_ros.core.image import Image
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.vision.association import least_seen, row_from_clamp
-from pneunet_ros.vision.blobs import Appearance, Blobs, blobs_at, find_blobs, nearest_blobs
-from pneunet_ros.vision.camera_model import Lens
-from pneunet_ros.vision.camera_settings import CameraSettings, CurvedRestPlane
-from pneunet_ros.vision.centroid import (
+from pneunet_ros.vision.camera.camera_model import Lens
+from pneunet_ros.vision.camera.camera_settings import CameraSettings, CurvedRestPlane
+from pneunet_ros.vision.camera.working_plane import Plane
+from pneunet_ros.vision.dots.blobs import Appearance, Blobs, blobs_at, find_blobs, nearest_blobs
+from pneunet_ros.vision.dots.centroid import (
     ANGLE,
     AREA,
     axes_of,
@@ -34,13 +35,23 @@ from pneunet_ros.vision.centroid import (
     U,
     V,
 )
-from pneunet_ros.vision.ellipse_fit import (
+from pneunet_ros.vision.dots.ellipse_fit import (
     AXIS_XX,
     AXIS_YY,
     CENTER_U,
     CENTER_V,
     SMEAR_U,
     SMEAR_V,
+)
+from pneunet_ros.vision.dots.moving_dots import (
+    as_fitted,
+    end_of_arm,
+    fit_moving_dot,
+    is_dot,
+    known_by,
+    moves_far,
+    MovingDot,
+    nothing_known,
 )
 from pneunet_ros.vision.gating import (
     consistent_motion,
@@ -50,16 +61,6 @@ from pneunet_ros.vision.gating import (
     gating_numbers,
     initial_area,
     Mask,
-)
-from pneunet_ros.vision.moving_dots import (
-    as_fitted,
-    end_of_arm,
-    fit_moving_dot,
-    is_dot,
-    known_by,
-    moves_far,
-    MovingDot,
-    nothing_known,
 )
 from pneunet_ros.vision.rest_plane import (
     Failure,
@@ -77,7 +78,6 @@ from pneunet_ros.vision.row_look import (
     whole_targets,
 )
 from pneunet_ros.vision.settings import VisionSettings
-from pneunet_ros.vision.working_plane import Plane
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

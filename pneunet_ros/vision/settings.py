@@ -8,12 +8,12 @@ from typing import Any
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.vision.association import ASSOCIATION, AssociationSettings
 from pneunet_ros.vision.beam_search import BEAM_SEARCH, BeamSearchSettings
-from pneunet_ros.vision.blobs import Appearance, BLOBS, BlobSettings
-from pneunet_ros.vision.camera_settings import CameraSettings
+from pneunet_ros.vision.camera.camera_settings import CameraSettings
 from pneunet_ros.vision.curvature_prior import PRIOR, PriorSettings
-from pneunet_ros.vision.ellipse_fit import ELLIPSE, EllipseSettings
+from pneunet_ros.vision.dots.blobs import Appearance, BLOBS, BlobSettings
+from pneunet_ros.vision.dots.ellipse_fit import ELLIPSE, EllipseSettings
+from pneunet_ros.vision.dots.moving_dots import MOVING_DOTS, MovingDotSettings
 from pneunet_ros.vision.gating import GATING, GatingSettings
-from pneunet_ros.vision.moving_dots import MOVING_DOTS, MovingDotSettings
 from pneunet_ros.vision.row_look import ROW_LOOK, RowLookSettings
 from pneunet_ros.vision.smoother import SMOOTHER, SmootherSettings
 

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import CameraError, RequestError
-from pneunet_ros.core.jit import inner, kernel
+from pneunet_ros.core.kernels.jit import inner, kernel
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.settings import numbers_type, tuning
 from pneunet_ros.model.arm import Arm

@@ -14,8 +14,8 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import TargetSightings, unseen_targets
 from pneunet_ros.core.stamps import AHEAD, count_reason, StampGate, STARTS_ANEW
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.vision.camera_model import Lens
-from pneunet_ros.vision.camera_settings import (
+from pneunet_ros.vision.camera.camera_model import Lens
+from pneunet_ros.vision.camera.camera_settings import (
     AUTO,
     BRIGHT,
     CameraSettings,
@@ -23,6 +23,7 @@ from pneunet_ros.vision.camera_settings import (
     HomographyPlane,
     PosePlane,
 )
+from pneunet_ros.vision.camera.working_plane import Plane, plane_from_homography, plane_from_pose
 from pneunet_ros.vision.rest_plane import (
     Failure,
     plane_at_rest,
@@ -42,7 +43,6 @@ from pneunet_ros.vision.row_tracker import (
 )
 from pneunet_ros.vision.settings import VISION, VisionSettings
 from pneunet_ros.vision.smoother import FEWEST_TARGETS, MeasuredCurve, smoother_for
-from pneunet_ros.vision.working_plane import Plane, plane_from_homography, plane_from_pose
 
 # Reasons of frames that do not show the arm, those that tell most first.
 TELLING = ('not_straight', 'wrong_clamp', UPRIGHT, 'several_rows', 'no_row', 'no_areas')

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.image import Bytes, ENCODINGS, Image
-from pneunet_ros.lab.scene import Occluder, turn_points
+from pneunet_ros.lab.pictures.scene import Occluder, turn_points
 
 
 def bar(

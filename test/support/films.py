@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros import load_model, solve
 from pneunet_ros.core.share import share_path
-from pneunet_ros.lab.lens import looking_down
-from pneunet_ros.lab.renderer import Renderer
-from pneunet_ros.lab.scene import Dots, FrameState, Scene
+from pneunet_ros.lab.pictures.lens import looking_down
+from pneunet_ros.lab.pictures.renderer import Renderer
+from pneunet_ros.lab.pictures.scene import Dots, FrameState, Scene
 from pneunet_ros.messages.builders import IMAGE_TYPE
 from pneunet_ros.messages.readings import PRESSURE_TYPE
 from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, COMPRESSED_TYPE

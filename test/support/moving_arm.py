@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.lab.scene import Body, Dots, FrameState, Occluder
+from pneunet_ros.lab.pictures.scene import Body, Dots, FrameState, Occluder
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve, station_arclength
 from scipy.interpolate import CubicSpline

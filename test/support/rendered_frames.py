@@ -7,11 +7,11 @@ import math
 
 import numpy as np
 from pneunet_ros.core.image import Image
-from pneunet_ros.lab.lens import Camera, looking_down
-from pneunet_ros.lab.renderer import Renderer, Truth
-from pneunet_ros.lab.scene import Dots, Glint, Label, Light, Occluder, Scene, Spot
+from pneunet_ros.lab.pictures.lens import Camera, looking_down
+from pneunet_ros.lab.pictures.renderer import Renderer, Truth
+from pneunet_ros.lab.pictures.scene import Dots, Glint, Label, Light, Occluder, Scene, Spot
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.vision.camera_model import Lens
+from pneunet_ros.vision.camera.camera_model import Lens
 
 from support.camera_images import as_image, bar, hand
 from support.moving_arm import motion_of

@@ -8,8 +8,8 @@ import functools
 import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.calibration.calibration import Calibration
+from pneunet_ros.calibration.checks.held_out import score
 from pneunet_ros.calibration.experiments import LawScore
-from pneunet_ros.calibration.held_out import score
 from pneunet_ros.calibration.low_rank import low_rank
 from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS

@@ -7,7 +7,7 @@ from dataclasses import replace
 import functools
 
 import numpy as np
-from pneunet_ros.calibration.held_out import Score, score
+from pneunet_ros.calibration.checks.held_out import Score, score
 from pneunet_ros.calibration.low_rank import low_rank
 from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS

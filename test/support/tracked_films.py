@@ -11,8 +11,8 @@ import numpy as np
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.vision.camera_model import Lens
-from pneunet_ros.vision.camera_settings import CameraSettings
+from pneunet_ros.vision.camera.camera_model import Lens
+from pneunet_ros.vision.camera.camera_settings import CameraSettings
 from pneunet_ros.vision.rest_plane import RESTING
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 

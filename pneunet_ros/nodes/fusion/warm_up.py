@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.core import jit
+from pneunet_ros.core.kernels import jit
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, unseen_targets, WrenchReading
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND

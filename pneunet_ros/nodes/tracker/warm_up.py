@@ -9,8 +9,8 @@ import numpy as np
 from pneunet_ros.core.image import Image
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.messages.tracker import outputs_of
-from pneunet_ros.vision.camera_model import Lens
-from pneunet_ros.vision.camera_settings import BRIGHT, CameraSettings, FixedBand, RestPlane
+from pneunet_ros.vision.camera.camera_model import Lens
+from pneunet_ros.vision.camera.camera_settings import BRIGHT, CameraSettings, FixedBand, RestPlane
 from pneunet_ros.vision.overlay import curve_in_image, draw
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 

@@ -10,8 +10,8 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.discovery.result import Discovery, NOTHING_SEARCHED
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.errors.noise_model import coordinate_stds
 from pneunet_ros.measurement.inputs import inputs_of
-from pneunet_ros.measurement.noise_model import coordinate_stds
 from pneunet_ros.reports.settings import REPORT_SETTINGS, ReportSettings
 from pneunet_ros.reports.style import FIRST, SECOND, THIRD
 

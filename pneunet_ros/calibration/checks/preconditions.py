@@ -1,0 +1,286 @@
+"""What recordings must hold to calibrate from; the sentence says what to do where they do not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from pneunet_ros.calibration.checks.consistency import check_same_arm
+from pneunet_ros.calibration.settings import (
+    CALIBRATION,
+    CalibrationSettings,
+    PRECONDITIONS,
+    PreconditionSettings,
+    ResolutionSettings,
+)
+from pneunet_ros.core.errors import RecordingError, RequestError
+from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.row_order import (
+    clamp_motion,
+    end_turns,
+    numbered_from_tip,
+    ROW_ORDER,
+    RowOrderSettings,
+)
+from pneunet_ros.model.arm import Arm
+
+
+def check_runs(
+    unloaded: Sequence[RecordingData],
+    loaded: Sequence[RecordingData],
+    arm: Arm,
+    *,
+    first: bool = True,
+    settings: CalibrationSettings = CALIBRATION,
+) -> None:
+    """Raise RequestError or RecordingError where the recordings cannot give a calibration.
+
+    first: nothing is known of the arm yet.
+    """
+    limits = settings.preconditions
+    runs = [*unloaded, *loaded]
+    constant = bool(loaded) and has_one_pressure(runs, arm, settings.resolution)
+    if not unloaded and ((first and not constant) or not loaded):
+        raise RequestError(
+            'no unloaded recording: the curvature kappa_p0 comes from an arm without end load; '
+            'name such recordings after --unloaded'
+        )
+    without = [run for run in runs if not run.pressurized]
+    if without and len(without) < len(runs):
+        raise RecordingError(
+            f'{names_of(without)}: there is no pressure topic, and the other recordings have one; '
+            'record the pressure (see --topic), also where it is zero'
+        )
+    if without and not loaded:
+        raise RecordingError(
+            f'{names_of(without)}: there is no pressure topic (see --topic); of an arm that has '
+            'no pressure recordings under load are needed, after --loaded'
+        )
+    frames = sum(len(run.stamp_ns) for run in runs)
+    if first and frames < limits.fewest_frames:
+        raise RecordingError(
+            f'{names_of(runs)}: {frames} frames with targets and a pressure; at least '
+            f'{limits.fewest_frames} are needed, of all recordings together'
+        )
+    for run in runs:
+        check_targets(run, arm, limits)
+        check_units(run, arm, limits)
+        check_clamp(run, arm)
+    for run in unloaded:
+        check_unloaded(run, limits)
+    for run in loaded:
+        check_loads(run, arm, limits)
+    check_same_arm(unloaded, arm.length, settings.consistency)
+    if first and constant and not unloaded:
+        check_different_loads(loaded, arm, limits)
+    if loaded:
+        check_bending(runs if constant else loaded, limits)
+    if first and unloaded:
+        check_pressures(unloaded, arm, limits, constant=constant)
+
+
+def has_one_pressure(
+    runs: Sequence[RecordingData], arm: Arm, settings: ResolutionSettings
+) -> bool:
+    """Whether the pressure of these recordings never changes by more than its sensor's noise."""
+    pressures = np.concatenate([run.frame_pressure for run in runs])
+    same = max(settings.same_pressure, settings.noise_span * arm.sensors.pressure_std)
+    return bool(np.ptp(pressures) <= same)
+
+
+def check_loads(
+    run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
+) -> None:
+    """Raise RecordingError where a loaded recording has no load, or one that no arm carries."""
+    if not run.loaded or largest_force(run) < settings.smallest_force:
+        raise RecordingError(
+            f'{run.name} was given as loaded, but it has no end force above '
+            f'{settings.smallest_force} N; name it after --unloaded'
+        )
+    if float(np.max(np.abs(run.force))) > settings.largest_force * arm.weight:
+        raise RecordingError(
+            f'{run.name}: an end force of {np.max(np.abs(run.force)):.3g} N on an arm that '
+            f'weighs {arm.weight:.3g} N; forces must be in N (see --arm)'
+        )
+
+
+def check_bending(runs: Sequence[RecordingData], settings: PreconditionSettings) -> None:
+    """Raise RecordingError where the targets stay in one place under all loads."""
+    if motion(runs) < settings.smallest_motion:
+        raise RecordingError(
+            f'{names_of(runs)}: the targets hardly move, so they say nothing of the moment law; '
+            'change the pressure or the load, within a recording or between them'
+        )
+
+
+def check_different_loads(
+    loaded: Sequence[RecordingData], arm: Arm, settings: PreconditionSettings
+) -> None:
+    """Raise RecordingError where one load alone, at one pressure, is all there is."""
+    force = np.concatenate([run.force for run in loaded])
+    reach = float(np.max(np.ptp(force, axis=0)))
+    if reach < max(settings.smallest_force, settings.load_noise * arm.sensors.force_std):
+        raise RecordingError(
+            f'{names_of(loaded)}: one load at one pressure; how the arm bends at rest and how '
+            'stiff it is cannot be distinguished: record another load, or the arm without one '
+            '(--unloaded)'
+        )
+
+
+def check_pressures(
+    unloaded: Sequence[RecordingData], arm: Arm, settings: PreconditionSettings, *, constant: bool
+) -> None:
+    """Raise RecordingError where unloaded recordings do not show what the pressure does.
+
+    constant: it never changes, also under load.
+    """
+    pressures = np.concatenate([run.frame_pressure for run in unloaded])
+    names = names_of(unloaded)
+    moved = max(motion([run]) for run in unloaded)
+    highest = float(np.max(np.abs(pressures)))
+    if highest < settings.smallest_span and moved > settings.bending_motion * arm.length:
+        raise RecordingError(
+            f'{names}: the pressure never exceeds {highest:.3g} Pa, and yet the arm moves by '
+            f'{millimeters(moved):.3g} mm; pressure must be gauge, in Pa, not in kPa, mbar or psi'
+        )
+    if constant:
+        return
+    if looks_absolute(float(pressures.min()), arm, settings):
+        raise RecordingError(
+            f'{names}: the pressure is never below {kilopascals(float(pressures.min())):.4g} kPa, '
+            'as if it were absolute; if it is, say so (--pressure-reference absolute); a gauge '
+            'pressure begins near zero: record that too, or start from a model that was '
+            'calibrated up there (--arm)'
+        )
+    if np.ptp(pressures) < settings.smallest_span:
+        raise RecordingError(
+            f'pressure spans {kilopascals(float(np.ptp(pressures))):.2g} kPa in {names}: kappa_p0 '
+            'needs at least two pressures; record a ramp or a staircase'
+        )
+    if moved < settings.smallest_motion and motion(unloaded) < settings.smallest_motion:
+        raise RecordingError(
+            f'{names}: the targets hardly move although the '
+            'pressure changes; do the target topic and the pressure belong together?'
+        )
+
+
+def looks_absolute(
+    lowest: float, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
+) -> bool:
+    """Whether a lowest pressure (Pa) is that of the air, and not one that the arm is known at."""
+    return lowest > max(settings.like_air, arm.pressure_range[1])
+
+
+def largest_force(run: RecordingData) -> float:
+    """Return the largest end force (N) of a recording."""
+    return float(np.max(np.hypot(*run.force.T)))
+
+
+def check_unloaded(run: RecordingData, settings: PreconditionSettings = PRECONDITIONS) -> None:
+    """Raise RecordingError where a recording that was given as unloaded has an end force."""
+    if run.loaded and largest_force(run) > settings.unloaded_force:
+        raise RecordingError(
+            f'{run.name} was given as unloaded, but its end force reaches '
+            f'{largest_force(run):.3g} N; take it from --unloaded (calibrate: name it '
+            'after --loaded)'
+        )
+
+
+def check_targets(
+    run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
+) -> None:
+    """Raise RecordingError where a recording has too few targets or others."""
+    if run.x.shape[1] != arm.target_arclength.size:
+        raise RecordingError(
+            f'{run.name} has {run.x.shape[1]} targets and the arm {arm.target_arclength.size}; '
+            'recordings of different arms cannot be calibrated together (see --arm)'
+        )
+    seen = np.count_nonzero(run.seen, axis=0) > 0
+    if np.count_nonzero(seen) < settings.fewest_targets and not seen[-1]:
+        raise RecordingError(
+            f'{run.name} shows fewer than {settings.fewest_targets} targets, and never the last'
+        )
+
+
+def check_units(
+    run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
+) -> None:
+    """Raise RecordingError where numbers are of a size that no arm has: another unit."""
+    highest = float(np.max(np.abs(run.frame_pressure)))
+    if highest > settings.largest_pressure:
+        raise RecordingError(
+            f'{run.name}: a pressure of {highest:.3g} Pa; pressure must be gauge, in Pa'
+        )
+    reach = float(np.nanmax(np.hypot(run.x, run.y)))
+    if reach > settings.longest * arm.reach:
+        raise RecordingError(
+            f'{run.name}: a target {reach:.3g} m from the clamp, and the arm is '
+            f'{arm.reach:.3g} m long; targets must be in m, in the base frame at the clamp, and '
+            'of this arm (see --arm)'
+        )
+    middle = np.nanmedian(np.hypot(run.x[:, -1], run.y[:, -1])) if run.seen[:, -1].any() else reach
+    if middle < settings.nearest * arm.length:
+        raise RecordingError(
+            f'{run.name}: the last target lies {middle:.3g} m from the clamp, and the arm is '
+            f'{arm.length:.3g} m long; is the unit right, and the first target that at the clamp?'
+        )
+
+
+def check_clamp(run: RecordingData, arm: Arm, settings: RowOrderSettings = ROW_ORDER) -> None:
+    """Raise RecordingError where the first target is that at the free end, or the clamp moves."""
+    places = arm.target_arclength
+    if numbered_from_tip(run.points, places, settings):
+        first, last = np.degrees(end_turns(run.points, places, settings) or (0.0, 0.0))
+        raise RecordingError(
+            f'{run.name}: the targets are numbered from the free end: the arm turns by '
+            f'{first:.3g} degrees at target 0 and by {last:.3g} at target {places.size - 1}, and '
+            'at the clamp it does not turn; track it again with --clamp-pixel U V (clamp_pixel in '
+            'the camera file), or reverse the ids'
+        )
+    moved = clamp_motion(run.points, run.frame_pressure, places, arm.length, settings)
+    if moved > settings.clamp_loose * arm.length:
+        raise RecordingError(
+            f'{run.name}: the first target moves by {millimeters(moved):.3g} mm as the pressure '
+            'changes, and it should be at the clamp, which stays where it is; fix the clamp, or '
+            'put the first target there (target_arclength of --arm)'
+        )
+
+
+def describe_clamp(
+    runs: Sequence[RecordingData], arm: Arm, settings: RowOrderSettings = ROW_ORDER
+) -> tuple[str, ...]:
+    """Say where the clamp moves a little with the pressure."""
+    places = arm.target_arclength
+    least = max(settings.clamp_moves * arm.length, settings.clamp_noise * arm.sensors.target_std)
+    moved = {
+        run.name: clamp_motion(run.points, run.frame_pressure, places, arm.length, settings)
+        for run in runs
+    }
+    loose = [
+        f'{name} ({millimeters(size):.2g} mm)' for name, size in moved.items() if size > least
+    ]
+    if not loose:
+        return ()
+    return (
+        f'the first target moves as the pressure changes: {", ".join(loose)}. The clamp gives, or '
+        'the camera moved meanwhile; the model knows neither, and its errors hold this motion '
+        'as if it were noise',
+    )
+
+
+def motion(runs: Sequence[RecordingData]) -> float:
+    """Return how far the last target that is ever seen moves (m), in all of the recordings."""
+    x, y = (np.concatenate([getattr(run, name) for run in runs]) for name in 'xy')
+    last = int(np.flatnonzero(np.isfinite(x).any(axis=0))[-1])
+    return float(
+        np.hypot(
+            np.nanmax(x[:, last]) - np.nanmin(x[:, last]),
+            np.nanmax(y[:, last]) - np.nanmin(y[:, last]),
+        )
+    )
+
+
+def names_of(runs: Sequence[RecordingData]) -> str:
+    """Return the names of recordings as a list for a sentence."""
+    return ', '.join(run.name for run in runs)

@@ -1,0 +1,123 @@
+"""What targets and pressures can resolve: how many numbers describe kappa_p0 and the moment law.
+
+What the recordings cannot show is not fitted. Along the arm the rule is plain: one number for
+every target beyond the clamp that stands apart from the one before. What such a curve leaves out
+is in the covariance (`nonuniformity`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.calibration.checks.preconditions import has_one_pressure
+from pneunet_ros.calibration.settings import RESOLUTION, ResolutionSettings
+from pneunet_ros.core.units import kilopascals
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resolution:
+    """How finely recordings resolve an arm.
+
+    shapes: numbers of kappa_p0 along the arm, at most its knots. pressures: distinct ones, without
+    load or with. constant_pressure: it never changes, so nothing is said of another. law: the kind
+    of moment law that the loaded frames can tell the constants of. notes say so in sentences,
+    law_notes of the law, where no other is asked for.
+    """
+
+    shapes: int
+    knots: int
+    pressures: int
+    constant_pressure: bool
+    law: str
+    notes: tuple[str, ...]
+    law_notes: tuple[str, ...]
+
+    @property
+    def free_shapes(self) -> int | None:
+        """The number of shapes where they are fewer than the knots."""
+        return self.shapes if self.shapes < self.knots else None
+
+
+def resolve(
+    arm: Arm,
+    unloaded: Sequence[RecordingData],
+    loaded: Sequence[RecordingData],
+    settings: ResolutionSettings = RESOLUTION,
+) -> Resolution:
+    """Return what these recordings of an arm can resolve."""
+    runs = [*unloaded, *loaded]
+    seen = np.any([run.seen.any(axis=0) for run in runs], axis=0)
+    targets = arm.target_arclength[seen].tolist()
+    shapes = count_apart([0.0, *targets], settings.apart * arm.length) - 1
+    with_heading = any(run.heading is not None for run in runs)
+    shapes = min(max(shapes + with_heading, 1), settings.knots)
+    pressure = np.sort(np.concatenate([run.frame_pressure for run in runs]))
+    same = max(settings.same_pressure, settings.noise_span * arm.sensors.pressure_std)
+    pressures = count_apart(pressure.tolist(), same)
+    constant = has_one_pressure(runs, arm, settings)
+    notes = []
+    if shapes == 1:
+        notes.append(
+            'the curvature along the arm is taken as constant, as no more is seen than '
+            f'{count_of(targets, "target")}, {places(targets)}'
+        )
+    elif shapes < settings.knots:
+        heading = ' and a heading of the tip' if with_heading else ''
+        notes.append(
+            f'the curvature along the arm is described by {shapes} numbers, as many as there are '
+            f'targets beyond the clamp that stand apart{heading} '
+            f'({count_of(targets, "target")} seen)'
+        )
+    if constant:
+        notes.append(
+            f'the pressure is {kilopascals(float(np.median(pressure))):.3g} kPa throughout: the '
+            'model has one row of curvature and says nothing of any other pressure'
+        )
+    elif pressures < settings.few_pressures:
+        notes.append(
+            f'there are {pressures} pressures: between them the curvature is a smooth course '
+            'through them, as sure as that is'
+        )
+    frames = sum(len(run.stamp_ns) for run in loaded)
+    law, law_notes = PiecewiseLinearLaw.kind, []
+    if loaded and (frames < settings.law_frames or shapes < settings.law_shapes or constant):
+        law = LinearLaw.kind
+        other = '' if constant else f' (if it does not fit: --law {PiecewiseLinearLaw.kind})'
+        law_notes.append(
+            'the moment law is one stiffness EI, as no more is seen than '
+            f'{count_of(range(frames), "loaded frame")} of {count_of(targets, "target")} at '
+            f'{count_of(range(pressures), "pressure")}{other}'
+        )
+    return Resolution(
+        shapes=shapes,
+        knots=settings.knots,
+        pressures=pressures,
+        constant_pressure=constant,
+        law=law,
+        notes=tuple(notes),
+        law_notes=tuple(law_notes),
+    )
+
+
+def count_apart(values: Sequence[float], distance: float) -> int:
+    """Return how many of increasing values lie further than a distance above one another."""
+    last, count = values[0], 1
+    for value in values:
+        if value - last > distance:
+            last, count = value, count + 1
+    return count
+
+
+def count_of(items: Sequence[object], name: str) -> str:
+    """Return a number with its noun."""
+    return f'{len(items)} {name}{"" if len(items) == 1 else "s"}'
+
+
+def places(targets: Sequence[float]) -> str:
+    """Return where targets (m) stand, as words for a person."""
+    return 'at s = ' + ', '.join(f'{1000.0 * target:.4g}' for target in targets) + ' mm'

@@ -1,0 +1,46 @@
+"""Where what a verb writes comes from: recordings, settings, and versions."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+import platform
+
+import numpy as np
+from pneunet_ros import __version__
+from pneunet_ros.calibration.calibration import Calibration
+from pneunet_ros.cli.verb import PAPER_ARM
+from pneunet_ros.core.printable import printable
+from pneunet_ros.core.settings import settings_changed
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.offline.calibration_files import inputs_of
+import scipy
+
+
+def provenance_of(
+    arguments: Namespace, calibration: Calibration, roles: Mapping[str, Sequence[RecordingData]]
+) -> dict[str, object]:
+    """Return from what and how the model was made; nothing in it is random, so no seed."""
+    joint = calibration.joint
+    paths = [(role, [Path(run.name) for run in runs]) for role, runs in roles.items()]
+    return {
+        'source': f'pneunet calibrate {__version__}',
+        'recordings': inputs_of(paths),
+        'arm': printable((arguments.arm or arguments.earlier or Path(PAPER_ARM)).name),
+        'continued': None if arguments.earlier is None else printable(arguments.earlier.name),
+        'chi_squared_per_coordinate': round(joint.chi_squared / joint.dof, 4),
+        'coordinates': joint.dof,
+        'settings': settings_changed(calibration.settings),
+        'covariance_share': round(calibration.explained_variance, 4),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what the numbers depend on."""
+    return {
+        'pneunet_ros': __version__,
+        'python': platform.python_version(),
+        'numpy': np.__version__,
+        'scipy': scipy.__version__,
+    }

@@ -1,0 +1,175 @@
+"""`pneunet calibrate`: the two experiments of the paper -> a model file with error bars."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from dataclasses import replace
+from pathlib import Path
+import time
+
+from pneunet_ros.calibration.calibration import calibrate
+from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
+from pneunet_ros.cli.calibrate_summary import numbers_of, show
+from pneunet_ros.cli.experiments import add_experiments, read_experiments
+from pneunet_ros.cli.provenance import provenance_of
+from pneunet_ros.cli.verb import (
+    add_dimensionless,
+    add_effects_path,
+    add_json,
+    add_overwrite,
+    DONE,
+    NEGATIVE,
+    output_console,
+    PAPER_ARM,
+    print_json,
+    progress_bar,
+    units_of,
+)
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.share import share_path
+from pneunet_ros.files.atomic import written_together
+from pneunet_ros.files.model_file import load_model, save_model
+from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
+from pneunet_ros.offline.calibration_files import (
+    described_arm,
+    knowledge_file,
+    load_knowledge,
+    save_knowledge,
+)
+from pneunet_ros.reports.calibration.report import write_report
+from pneunet_ros.reports.calibration.verdict import Files
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    for name, meaning in (
+        (
+            'unloaded',
+            'recordings of the arm with nothing attached: experiment 1, kappa_p0(p, s) (default: '
+            'those after --loaded without `end_wrench`, or whose every wrench is noise)',
+        ),
+        ('loaded', 'recordings under end load: experiment 2, the moment law'),
+    ):
+        parser.add_argument(
+            f'--{name}', type=Path, nargs='+', default=[], metavar='REC', help=meaning
+        )
+    parser.add_argument(
+        '--arm',
+        type=Path,
+        metavar='FILE',
+        help='model file whose arm block (length, weight, targets), effects and sensors are taken '
+        "for what the recordings cannot tell (default: the shipped model of the paper's arm)",
+    )
+    parser.add_argument(
+        '--output', type=Path, required=True, metavar='MODEL.yaml', help='write the model here'
+    )
+    parser.add_argument(
+        '--report', type=Path, metavar='DIR', help='write a report here: index.html and pictures'
+    )
+    parser.add_argument(
+        '--law',
+        choices=tuple(MOMENT_LAW_PARAMETERS),
+        help=f'moment law to fit (default: {PiecewiseLinearLaw.kind}, Eq 10; where the loaded '
+        f'frames are too few for it, {LinearLaw.kind})',
+    )
+    parser.add_argument(
+        '--continue',
+        dest='earlier',
+        type=Path,
+        metavar='MODEL.yaml',
+        help='go on from this calibration; its .knowledge.npz must stand beside it',
+    )
+    parser.add_argument('--name', help='of the model (default: the name of the output file)')
+    parser.add_argument(
+        '--no-compare',
+        action='store_true',
+        help='do not fit the other moment laws for comparison (about half the time)',
+    )
+    add_dimensionless(parser, 'draw the figures of the report')
+    add_overwrite(parser)
+    add_experiments(parser)
+    add_effects_path(parser)
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Read, fit, write."""
+    started = time.perf_counter()
+    frame = load_model(arguments.arm or arguments.earlier or share_path(PAPER_ARM))
+    earlier = None
+    if arguments.earlier is not None:
+        earlier = load_knowledge(arguments.earlier)
+        frame = replace(frame, domain=load_model(arguments.earlier).domain)
+    check_outputs(arguments)
+    with written_together(), progress_bar(shown=not arguments.json) as bar:
+        read = read_experiments((arguments.unloaded, arguments.loaded), frame, arguments, bar)
+        unloaded, loaded = read.groups
+        if not unloaded:
+            unloaded = tuple(run for run in loaded if not run.loaded)
+            loaded = tuple(run for run in loaded if run.loaded)
+        task = bar.add_task('fitting', total=None)
+        calibration = calibrate(
+            unloaded,
+            loaded,
+            frame,
+            kind=arguments.law,
+            compare=not arguments.no_compare,
+            earlier=earlier,
+            on_progress=lambda stage, step, total: bar.update(
+                task, description=f'fitting {stage}, step {step}'
+            ),
+        )
+        roles = {'unloaded': unloaded, 'loaded': loaded}
+        provenance = provenance_of(arguments, calibration, roles)
+        if calibration.joint.converged:
+            name = arguments.name or arguments.output.stem
+            arm = described_arm(calibration, name, frame, provenance)
+            calibration = replace(calibration, arm=arm)
+            save_model(arm, arguments.output, overwrite=arguments.overwrite)
+            save_knowledge(calibration.posterior, arguments.output, overwrite=arguments.overwrite)
+        files = files_of(arguments)
+        if arguments.report is not None:
+            bar.update(task, description='writing the report')
+            write_report(
+                calibration,
+                arguments.report,
+                provenance=provenance,
+                files=files,
+                overwrite=arguments.overwrite,
+                units=units_of(arguments, calibration.arm),
+            )
+    summary = (
+        numbers_of(calibration, files)
+        | {
+            'output': arguments.output if calibration.joint.converged else None,
+            'knowledge': knowledge_file(arguments.output) if calibration.joint.converged else None,
+            'report': arguments.report,
+            'seconds': time.perf_counter() - started,
+        }
+        | read.summary
+    )
+    if arguments.json:
+        print_json(summary | {'provenance': provenance})
+    else:
+        show(calibration, summary, read.sentences, output_console())
+    return DONE if calibration.joint.converged else NEGATIVE
+
+
+def files_of(arguments: Namespace) -> Files:
+    """Return the files for the command that comes next."""
+    arm = arguments.arm or arguments.earlier
+    files = Files(model=str(arguments.output))
+    return files if arm is None else replace(files, arm=str(arm))
+
+
+def check_outputs(arguments: Namespace) -> None:
+    """Refuse outputs that exist before a long computation, not after it."""
+    knowledge = knowledge_file(arguments.output)
+    for path in (arguments.output, knowledge, arguments.report):
+        if path is not None and path.exists() and not arguments.overwrite:
+            why = f' (it goes with {arguments.output}, for --continue)' * (path == knowledge)
+            raise RecordingError(
+                f'{path} exists already{why}: choose another name or pass --overwrite'
+            )
+    if arguments.output.suffix not in ('.yaml', '.yml'):
+        raise RecordingError(f'{arguments.output} must end in .yaml: it becomes a model file')

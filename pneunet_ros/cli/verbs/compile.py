@@ -1,0 +1,45 @@
+"""`pneunet compile`: all kernels compiled ahead, and kept."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+import gc
+import time
+
+from pneunet_ros.cli.verb import add_json, DONE, output_console, print_json, progress_bar
+from pneunet_ros.core.kernels.cache import alone, cache_folder, kernels_kept, note_kept
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument(
+        '--again', action='store_true', help='call every kernel also where all are on the disk'
+    )
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Compile what is not on the disk."""
+    begun = time.process_time()
+    with alone(), progress_bar(shown=not arguments.json) as bar:
+        there = kernels_kept() and not arguments.again
+        if not there:
+            # What waits for its turn need not have imported all that has kernels.
+            from pneunet_ros.offline.kernels import call_kernels
+
+            gc.disable()  # nearly all that numba makes is kept; to look for what is not takes long
+            task = bar.add_task('compiling', total=None)
+            call_kernels(
+                lambda name, done, total: bar.update(
+                    task, description=f'compiling {name}', completed=done, total=total
+                )
+            )
+            note_kept()
+    seconds = time.process_time() - begun
+    if arguments.json:
+        print_json({'folder': cache_folder(), 'compiled': not there, 'cpu_seconds': seconds})
+    elif there:
+        output_console().print(f'the kernels are on the disk already, in {cache_folder()}')
+    else:
+        output_console().print(f'compiled into {cache_folder()}: {seconds:.0f} s of CPU')
+    return DONE

@@ -1,0 +1,235 @@
+"""`pneunet diagnose`: where model and recordings disagree, what is missing, and with it added."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+import time
+
+from pneunet_ros.cli.diagnose_summary import show, show_unsettled
+from pneunet_ros.cli.experiments import add_experiments, read_experiments
+from pneunet_ros.cli.provenance import versions
+from pneunet_ros.cli.verb import (
+    add_dimensionless,
+    add_effects_path,
+    add_json,
+    add_overwrite,
+    DONE,
+    NEGATIVE,
+    output_console,
+    print_json,
+    progress_bar,
+    units_of,
+)
+from pneunet_ros.cli.verbs.simulate import seed
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.executor import open_executor
+from pneunet_ros.core.progress import OnProgress
+from pneunet_ros.diagnosis.diagnosis import investigate
+from pneunet_ros.diagnosis.result import CLEAR, UnsettledDiagnosis
+from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
+from pneunet_ros.discovery.discovery import discover
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.user_effects import add_effects
+from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.files.model_file import load_model, model_hash
+from pneunet_ros.offline.calibration_files import check_recordings, inputs_of
+from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis, write_unsettled
+from pneunet_ros.reports.diagnosis.report import Given
+from rich.progress import Progress
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    parser.epilog = (
+        'Exit codes: 0 the answer is "none" or "named"; 1 done, and the answer is "inseparable", '
+        '"unknown" or "unobservable"; 2 request or file was wrong. '
+        'A model that cannot be fitted to the recordings is 1, too, and gives no model.yaml. '
+        'Files: report.html, model.yaml (with what was missing), diagnosis.json; where a law was '
+        'discovered that the library does not know, model_discovered.yaml and '
+        'effects/proposed_*.py, which `--effects-path DIR/effects` loads.'
+    )
+    parser.add_argument(
+        '--model',
+        type=Path,
+        required=True,
+        metavar='MODEL.yaml',
+        help='the calibrated model that is in question',
+    )
+    parser.add_argument(
+        '--train',
+        type=Path,
+        nargs='+',
+        required=True,
+        metavar='REC',
+        help='recordings, with and without load, in which the missing effect is looked for',
+    )
+    parser.add_argument(
+        '--heldout',
+        type=Path,
+        nargs='+',
+        default=[],
+        metavar='REC',
+        help='other recordings, on which the model error before and after is measured '
+        '(default: none, and then the answer is not tested on anything new)',
+    )
+    parser.add_argument(
+        '--unloaded',
+        type=Path,
+        nargs='+',
+        default=[],
+        metavar='REC',
+        help='which of these recordings are of the arm with nothing attached (default: those '
+        'without `end_wrench`, and those whose every wrench is noise)',
+    )
+    parser.add_argument(
+        '--output',
+        type=Path,
+        required=True,
+        metavar='DIR',
+        help='write report.html, model.yaml, diagnosis.json and the pictures into this folder',
+    )
+    parser.add_argument(
+        '--seed',
+        type=seed,
+        default=0,
+        metavar='N',
+        help='of the simulated clean data that set the thresholds (default: 0)',
+    )
+    parser.add_argument(
+        '--without',
+        nargs='+',
+        default=[],
+        metavar='EFFECT',
+        help='effects of the library that are not considered, as if it did not have them',
+    )
+    parser.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='simulate on the Dask cluster of this scheduler (default: here)',
+    )
+    add_dimensionless(parser, 'draw the figures of the report')
+    add_overwrite(parser)
+    add_experiments(parser)
+    add_effects_path(parser)
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Read, diagnose, write."""
+    started = time.perf_counter()
+    frame = load_model(arguments.model)
+    recordings = (*arguments.train, *arguments.heldout)
+    check_recordings(recordings)
+    inputs = inputs_of((('training', arguments.train), ('heldout', arguments.heldout)))
+    check_distinct(inputs)
+    with (
+        atomic_output(
+            arguments.output,
+            overwrite=arguments.overwrite,
+            inputs=(arguments.model, *recordings),
+            replaceable=REPLACEABLE,
+        ) as folder,
+        progress_bar(shown=not arguments.json) as bar,
+    ):
+        read = read_experiments((arguments.train, arguments.heldout), frame, arguments, bar)
+        training, held_out = (list(group) for group in read.groups)
+        on_progress = progress_of(bar)
+        with executor_for(arguments.scheduler, arguments.effects_path) as executor:
+            investigation = investigate(
+                frame,
+                training,
+                held_out,
+                seed=arguments.seed,
+                executor=executor,
+                on_progress=on_progress,
+                settings=settings_without(arguments.without),
+            )
+            discovery = discover(investigation, on_progress=on_progress)
+            found = investigation.overruled(discovery.overruling).diagnosis
+        provenance = {
+            'model': {'file': arguments.model.name, 'content_sha256': model_hash(frame)},
+            'inputs': inputs,
+            'versions': versions(),
+        }
+        given = Given(
+            notes=read.sentences,
+            model=str(arguments.model),
+            recordings=tuple(map(str, recordings)),
+            folder=str(arguments.output),
+        )
+        if isinstance(found, UnsettledDiagnosis):
+            content = write_unsettled(
+                found, folder, frame=frame, provenance=provenance, given=given
+            )
+        else:
+            content = write_diagnosis(
+                found,
+                folder,
+                frame=frame,
+                training=training,
+                held_out=held_out,
+                provenance=provenance,
+                discovery=discovery,
+                given=given,
+                on_progress=on_progress,
+                units=units_of(arguments, frame),
+            )
+    if arguments.json:
+        seconds = time.perf_counter() - started
+        print_json(content | {'output': arguments.output, 'seconds': seconds} | read.summary)
+    elif isinstance(found, UnsettledDiagnosis):
+        show_unsettled(found, read.sentences, arguments.output, output_console())
+    else:
+        show(found, discovery, read.sentences, arguments.output, output_console())
+    return DONE if found.answer in CLEAR else NEGATIVE
+
+
+def settings_without(names: Sequence[str]) -> DiagnosisSettings:
+    """Return the settings of a diagnosis that does not consider some effects."""
+    for name in names:
+        if name not in EFFECTS:
+            raise RequestError(
+                f'--without names an effect {name} that there is not; known here: '
+                f'{", ".join(EFFECTS)}'
+            )
+    withheld = replace(DEFAULTS.hypothesis, withheld=tuple(sorted(names)))
+    return replace(DEFAULTS, hypothesis=withheld)
+
+
+def executor_for(
+    scheduler: str | None, effects_path: Path | None = None
+) -> AbstractContextManager[Executor | None]:
+    """Return where clean data are simulated: here, as it takes less than starting a process.
+
+    The workers of a cluster read the effects of a user from the same path.
+    """
+    if scheduler is None:
+        return nullcontext()
+    prepare = None if effects_path is None else partial(add_effects, effects_path.resolve())
+    return open_executor(scheduler=scheduler, prepare=prepare)
+
+
+def check_distinct(inputs: list[dict[str, str]]) -> None:
+    """Refuse a recording that is given twice: held out it would test nothing."""
+    seen: dict[str, dict[str, str]] = {}
+    for item in inputs:
+        other = seen.setdefault(item['sha256'], item)
+        if other is not item:
+            raise RequestError(
+                f'{item["file"]} ({item["role"]}) and {other["file"]} ({other["role"]}) are the '
+                'same recording: give each once'
+            )
+
+
+def progress_of(bar: Progress) -> OnProgress:
+    """Return what shows how far a diagnosis is; a total of 0 is not known."""
+    task = bar.add_task('diagnosing', total=None)
+    return lambda stage, done, total: bar.update(
+        task, description=stage, completed=done, total=total or None
+    )

@@ -1,0 +1,326 @@
+"""`pneunet explore`: record, diagnose, choose the next recording, until there is a name."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+import sys
+import time
+
+from pneunet_ros.cli.provenance import versions
+from pneunet_ros.cli.quantity_option import quantity_type
+from pneunet_ros.cli.verb import (
+    add_effects_path,
+    add_json,
+    DONE,
+    NEGATIVE,
+    output_console,
+    print_json,
+    progress_bar,
+)
+from pneunet_ros.cli.verbs.diagnose import progress_of
+from pneunet_ros.cli.verbs.simulate import scenario_file, seed
+from pneunet_ros.core.errors import ModelError, RecordingError, RequestError
+from pneunet_ros.core.settings import settings_used
+from pneunet_ros.core.share import share_path
+from pneunet_ros.core.units import kilopascals
+from pneunet_ros.diagnosis.experiment_design import Experiment
+from pneunet_ros.diagnosis.result import Diagnosis
+from pneunet_ros.diagnosis.settings import DEFAULTS
+from pneunet_ros.discovery.discovery import discover
+from pneunet_ros.discovery.result import Discovery
+from pneunet_ros.exploration.exploration import explore, is_clear, Round
+from pneunet_ros.exploration.safe_set import SafeSet
+from pneunet_ros.exploration.settings import EXPLORATION
+from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.files.json_text import json_text
+from pneunet_ros.files.model_file import load_model, model_hash
+from pneunet_ros.files.scenario_file import changes_of, load_scenario
+from pneunet_ros.lab.lab_arm import vary_arm
+from pneunet_ros.lab.scenario import Scenario
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.offline.calibration_files import inputs_of
+from pneunet_ros.offline.live_arm import LiveArm, NAMESPACE
+from pneunet_ros.offline.simulated_arm import scenario_of_model, SimulatedArm
+from pneunet_ros.recordings.dataset_reader import read_run
+from pneunet_ros.reports.diagnosis.files import write_diagnosis
+from pneunet_ros.reports.diagnosis.report import Given, next_steps
+from pneunet_ros.reports.exploration.report import (
+    exploration_content,
+    exploration_page,
+    gap_picture,
+    last_sentence,
+    round_row,
+    safe_sentence,
+)
+from rich.console import Console
+
+LAB_MODEL = 'config/lab_arm.yaml'
+PAGE, NUMBERS, DIAGNOSIS = 'exploration.html', 'exploration.json', 'diagnosis'
+WriteRecording = Callable[[Experiment, SafeSet, Path], None]
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    parser.epilog = (
+        'Exit codes: 0 a name stayed when a new recording came, or the answer is "none" and these '
+        'recordings would have shown every effect; 1 the budget is used up without such an '
+        'answer, or a law took the last name back; 2 request or file was wrong. Files: '
+        'recording_NN.mcap, exploration.html and exploration.json after every recording, and at '
+        'the end diagnosis/, as `diagnose` writes it.'
+    )
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument(
+        '--simulated',
+        metavar='SCENARIO|MODEL',
+        help='record in the virtual lab: the arm of a scenario file or of a shipped scenario, or '
+        'a model file, whose arm and effects the lab takes over',
+    )
+    source.add_argument(
+        '--live',
+        action='store_true',
+        help='lead a live arm by the topics pressure_command and force_command, such as the '
+        'virtual arm; where nobody takes force_command, say what to hang on and wait; Ctrl-C '
+        'vents it',
+    )
+    source.add_argument(
+        '--by-hand',
+        action='store_true',
+        help='say what to do to the arm and what to hang on, and wait for the recording',
+    )
+    parser.add_argument(
+        '--effect',
+        action='append',
+        default=[],
+        metavar='NAME.PARAMETER=VALUE',
+        help='hide an effect in the simulated arm; may be repeated',
+    )
+    parser.add_argument(
+        '--namespace',
+        default=None,
+        metavar='NAME',
+        help=f'of the topics of a live arm (default: {NAMESPACE})',
+    )
+    parser.add_argument(
+        '--arm-seed', type=seed, default=0, metavar='N', help='another simulated arm of its make'
+    )
+    parser.add_argument(
+        '--model',
+        type=Path,
+        metavar='MODEL.yaml',
+        help='the model in question (default: that of the shipped arm of the virtual lab)',
+    )
+    parser.add_argument(
+        '--output', type=Path, required=True, metavar='DIR', help='a new folder for all files'
+    )
+    parser.add_argument(
+        '--recordings',
+        type=int,
+        default=EXPLORATION.recordings,
+        metavar='N',
+        help=f'the budget (default: {EXPLORATION.recordings})',
+    )
+    parser.add_argument(
+        '--pressure',
+        type=quantity_type('pressure'),
+        nargs=2,
+        metavar=('LOW', 'HIGH'),
+        help='safe gauge pressures: Pa, or with a unit, as 60kPa (default: '
+        'those the model was calibrated to)',
+    )
+    parser.add_argument(
+        '--largest-force',
+        type=quantity_type('force'),
+        metavar='N',
+        help='safe force at the free end: N, or with a unit, as 200mN (default: '
+        'the largest of the calibration)',
+    )
+    parser.add_argument(
+        '--seed', type=seed, default=0, metavar='N', help='of noise and thresholds (default: 0)'
+    )
+    add_effects_path(parser)
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Explore, and tell after every recording."""
+    started = time.perf_counter()
+    if arguments.recordings < 1:
+        raise RequestError(f'--recordings must be 1 or more, not {arguments.recordings}')
+    model = load_model(arguments.model or share_path(LAB_MODEL))
+    safe = safe_set(arguments, model)
+    write = writer_of(arguments, model)
+    folder: Path = arguments.output
+    if folder.exists():
+        raise RecordingError(f'{folder} exists already: choose another name')
+    folder.mkdir(parents=True)
+    console = Console(stderr=True, quiet=True) if arguments.json else output_console()
+    console.print(f'within {safe_sentence(safe)}')
+    notes: list[str] = []
+
+    def record(experiment: Experiment, limits: SafeSet, number: int) -> RecordingData:
+        path = folder / f'recording_{number + 1:02d}.mcap'
+        write(experiment, limits, path)
+        data, sentences = read_run(path, model.target_arclength.size)
+        notes.extend(f'{path.name}: {sentence}' for sentence in sentences)
+        for sentence in sentences:
+            console.print(f'note: {path.name}: {sentence}')
+        return data if experiment.loaded else data.without_load()
+
+    settings = replace(EXPLORATION, recordings=arguments.recordings)
+    provenance = {
+        'model': {'name': model.name, 'content_sha256': model_hash(model)},
+        'seed': arguments.seed,
+        'versions': versions(),
+        'settings': settings_used(settings),
+    }
+    rounds: list[Round] = []
+    with progress_bar(shown=not (arguments.json or arguments.by_hand)) as bar:
+        on_progress = progress_of(bar)
+        for item in explore(
+            model, record, safe, seed=arguments.seed, on_progress=on_progress, settings=settings
+        ):
+            rounds.append(item)
+            write_round(rounds, safe, provenance, folder)
+            show_round(rounds, console)
+        discovery = discover(rounds[-1].investigation, on_progress=on_progress)
+        if discovery.overruling is not None:
+            rounds[-1] = rounds[-1].overruled(discovery.overruling)
+            write_round(rounds, safe, provenance, folder)
+            show_round(rounds, console)
+        given = Given(
+            notes=tuple(notes),
+            model=str(arguments.model or share_path(LAB_MODEL)),
+            folder=str(folder / DIAGNOSIS),
+        )
+        write_end(rounds[-1], discovery, model, provenance, given)
+    last = rounds[-1].investigation.diagnosis
+    if arguments.json:
+        content = exploration_content(rounds, safe, provenance)
+        print_json(content | {'output': folder, 'seconds': time.perf_counter() - started})
+    else:
+        console.print(last_sentence(rounds))
+        if isinstance(last, Diagnosis):
+            for sentence in next_steps(last, discovery, given):
+                console.print(sentence)
+        for name in (PAGE, NUMBERS, f'{DIAGNOSIS}/report.html'):
+            if (folder / name).exists():
+                console.print(f'wrote {folder / name}')
+    return DONE if is_clear(rounds) else NEGATIVE
+
+
+def safe_set(arguments: Namespace, model: Arm) -> SafeSet:
+    """Return what may be done to the arm: what was asked for, within what the model knows."""
+    known = SafeSet.of(model, DEFAULTS.experiment_design.usual_force)
+    low, high = arguments.pressure or (known.low, known.high)
+    if low < known.low or high > known.high:
+        raise RequestError(
+            f'--pressure {low:g} {high:g}: the model is known from {known.low:g} to '
+            f'{known.high:g} Pa'
+        )
+    force = known.force if arguments.largest_force is None else arguments.largest_force
+    if force > known.force:
+        raise RequestError(
+            f'--largest-force {force:g}: the model is known up to {known.force:.3g} N; calibrate '
+            'it with larger loads first'
+        )
+    return SafeSet(low=low, high=high, force=force)
+
+
+def writer_of(arguments: Namespace, model: Arm) -> WriteRecording:
+    """Return what makes a recording."""
+    if arguments.simulated is not None:
+        return SimulatedArm(scenario=simulated_scenario(arguments, model)).record
+    if arguments.effect or arguments.arm_seed:
+        raise RequestError('--effect and --arm-seed are of --simulated arms')
+    if arguments.live:
+        return LiveArm(namespace=arguments.namespace or NAMESPACE).record
+    if arguments.namespace is not None:
+        raise RequestError('--namespace is of a --live arm')
+    return wait_for_recording
+
+
+def simulated_scenario(arguments: Namespace, model: Arm) -> Scenario:
+    """Return the arm to record, with what is hidden in it."""
+    try:
+        scenario = load_scenario(scenario_file(arguments.simulated))
+    except RequestError as first:
+        try:
+            scenario = scenario_of_model(load_model(arguments.simulated))
+        except ModelError:
+            raise first from None
+    if arguments.arm_seed:
+        scenario = replace(scenario, arm=vary_arm(scenario.arm, arguments.arm_seed))
+    scenario = replace(scenario, seed=arguments.seed)
+    if scenario.arm.targets.size != model.target_arclength.size:
+        raise RequestError(
+            f'the simulated arm has {scenario.arm.targets.size} targets, and the model '
+            f'{model.target_arclength.size}: give the model of this arm by --model'
+        )
+    return scenario.with_effects(changes_of(arguments.effect))
+
+
+def wait_for_recording(experiment: Experiment, safe: SafeSet, path: Path) -> None:
+    """Say what to do to the arm, and wait until its recording is there."""
+    print(f'\nRecord next, {experiment.seconds:g} s: {experiment.words}.')
+    print('  s      kPa    F1 (N)  F2 (N)')
+    for seconds, pressure, x, y in safe.corners(experiment).tolist():
+        print(f'  {seconds:5.1f}  {kilopascals(pressure):z5.1f}  {x:6.3f}  {y:6.3f}')
+    while not path.exists():
+        print(f'Put it at {path}, then press Enter (Ctrl-C ends): ', end='', flush=True)
+        if not sys.stdin.readline():
+            raise RequestError(f'{path} is not there, and nobody answers')
+
+
+def write_round(
+    rounds: list[Round], safe: SafeSet, provenance: dict[str, object], folder: Path
+) -> None:
+    """Write page, picture and numbers after a round."""
+    files = {
+        PAGE: exploration_page(rounds, safe, provenance).encode(),
+        NUMBERS: json_text(exploration_content(rounds, safe, provenance), indent=1).encode(),
+        'figure_gap.png': gap_picture(rounds).png,
+    }
+    for name, content in files.items():
+        with atomic_output(folder / name, overwrite=True) as place:
+            place.write_bytes(content)
+
+
+def show_round(rounds: list[Round], console: Console) -> None:
+    """Print what a round came to."""
+    row = round_row(len(rounds), rounds[-1])
+    console.print(f'{row["number"]}. {row["recorded"]} ({row["why"]})')
+    parts = [row['answer']]
+    if rounds[-1].diagnosis is not None:
+        parts.append(f'model error {row["before"]} -> {row["after"]} mm rms')
+    if rounds[-1].predicted is not None:
+        parts.append(f'{row["predicted"]} mm in the new recording, predicted before it came')
+    parts.append(f'most possible: {row["rivals"]}')
+    console.print(f'   {"; ".join(parts)}')
+
+
+def write_end(
+    last: Round, discovery: Discovery, model: Arm, provenance: dict[str, object], given: Given
+) -> None:
+    """Write the last diagnosis as `diagnose` does, where there is one."""
+    if last.diagnosis is None:
+        return
+    training = list(last.investigation.recordings[0])
+    paths = [Path(item.name) for item in training]
+    about = {**provenance, 'inputs': inputs_of([('training', paths)])}
+    about.pop('settings')
+    about.pop('seed')
+    with atomic_output(given.folder) as place:
+        write_diagnosis(
+            last.diagnosis,
+            place,
+            frame=model,
+            training=training,
+            held_out=[],
+            provenance=about,
+            discovery=discovery,
+            given=given,
+        )

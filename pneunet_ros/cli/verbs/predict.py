@@ -1,0 +1,301 @@
+"""`pneunet predict`: one solve, from the load or from the position of the tip."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from pneunet_ros.cli.fitted_table import print_table
+from pneunet_ros.cli.quantity_option import quantity_type
+from pneunet_ros.cli.verb import (
+    add_dimensionless,
+    add_json,
+    add_model,
+    DONE,
+    model_of,
+    NEGATIVE,
+    output_console,
+    print_json,
+    scales_sentence,
+    units_of,
+)
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.readings import PressureReading, WrenchReading
+from pneunet_ros.core.unit_system import DIMENSIONLESS, SHOWN_SI, Unit, UnitSystem
+from pneunet_ros.core.units import kilopascals, PASCALS_PER_KILOPASCAL
+from pneunet_ros.effects.effect import Load
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.measured_tip import with_measured_tip
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.measurement.errors.noise_jacobian import true_load
+from pneunet_ros.measurement.errors.noise_model import measured_tip_std
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.domain_position import locate_load
+from pneunet_ros.model.equilibrium import (
+    DEFAULT_STATIONS,
+    failed_shape,
+    solve,
+    steady_pressure,
+)
+from pneunet_ros.model.inverse import solve_tip
+from pneunet_ros.model.shape import Shape
+from pneunet_ros.model.uncertainty import error_left_out
+from rich.table import Table
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prediction:
+    """A shape, how uncertain it is, and the covariance (2, 2) N^2 of a force that was found."""
+
+    shape: Shape
+    estimate: ShapeEstimate | None = None
+    force_covariance: Array | None = None
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    add_model(parser)
+    parser.add_argument(
+        '--pressure',
+        type=quantity_type('pressure'),
+        required=True,
+        metavar='PA',
+        help='gauge pressure: Pa, or with a unit, as 31kPa',
+    )
+    parser.add_argument(
+        '--force',
+        type=quantity_type('force'),
+        nargs=2,
+        metavar=('F1', 'F2'),
+        help='force on the free end in the base frame: N, or with a unit, as 150mN, and 20g for '
+        'a weight (default: 0 0)',
+    )
+    parser.add_argument(
+        '--moment',
+        type=quantity_type('moment'),
+        default=0.0,
+        metavar='M',
+        help='moment on the free end: N m, or with a unit, as 0.2mNm (default: 0)',
+    )
+    parser.add_argument(
+        '--tip',
+        type=quantity_type('length'),
+        nargs=2,
+        metavar=('X', 'Y'),
+        help='position of the tip: m, or with a unit, as 95mm; also find the end force',
+    )
+    parser.add_argument(
+        '--tip-std',
+        type=quantity_type('length'),
+        metavar='M',
+        help='standard deviation of X, and of Y, of --tip (default: that of a target in the '
+        "model's `sensors`)",
+    )
+    parser.add_argument(
+        '--stations',
+        type=int,
+        default=DEFAULT_STATIONS,
+        metavar='N',
+        help=f'stations along the arm (default: {DEFAULT_STATIONS})',
+    )
+    add_dimensionless(parser, 'print')
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Solve and print."""
+    if arguments.tip and arguments.force:
+        raise RequestError('give either --force or --tip: with --tip the force is the answer')
+    if arguments.tip_std is not None and not arguments.tip:
+        raise RequestError('--tip-std says how sure --tip is: give both')
+    if arguments.tip_std is not None and not 0.0 <= arguments.tip_std < math.inf:
+        raise RequestError(f'--tip-std {arguments.tip_std} must be a length in m, zero or more')
+    arm = model_of(arguments)
+    prediction = predict(arm, solved(arm, arguments), arguments)
+    if arguments.json:
+        print_json(content(arm, prediction, units_of(arguments, arm)))
+    else:
+        show(arm, prediction, units_of(arguments, arm, SHOWN_SI))
+    return DONE if prediction.shape.converged else NEGATIVE
+
+
+def solved(arm: Arm, arguments: Namespace) -> Shape:
+    """Return the shape under the load, or that with its tip where it must be."""
+    pressure, moment, stations = arguments.pressure, arguments.moment, arguments.stations
+    if arguments.tip:
+        tip = arguments.tip[0], arguments.tip[1]
+        return solve_tip(arm, pressure, tip, moment, stations=stations)
+    force = arguments.force or (0.0, 0.0)
+    return solve(arm, pressure, (force[0], force[1]), moment, stations=stations)
+
+
+def predict(arm: Arm, shape: Shape, arguments: Namespace) -> Prediction:
+    """Return a shape with its uncertainty; a failed one where the model knows no such load."""
+    if not shape.converged:
+        return Prediction(shape=shape)
+    load = Load(
+        pressure=shape.pressure,
+        force_x=shape.force[0],
+        force_y=shape.force[1],
+        moment=shape.end_moment,
+    )
+    position = locate_load(arm, load, steady_pressure(arm, shape.pressure))
+    if position.reason:
+        failed = failed_shape(arm, load, shape.arclength, position.sentence, math.nan, 0)
+        return Prediction(shape=replace(failed, extrapolated=True))
+    settings = EstimatorSettings(stations=shape.arclength.size)
+    estimator = Estimator(arm=arm, settings=settings)
+    estimate = estimate_uncertainty(estimator, shape, arguments.pressure)
+    if not arguments.tip or estimate is None:
+        return Prediction(shape=shape, estimate=estimate)
+    std = arguments.tip_std
+    measured = with_measured_tip(
+        estimator, estimate, measured_tip_std(arm.sensors) if std is None else std
+    )
+    if measured is None:
+        return Prediction(shape=shape)
+    return Prediction(
+        shape=shape, estimate=measured.estimate, force_covariance=measured.force_covariance
+    )
+
+
+def estimate_uncertainty(
+    estimator: Estimator, shape: Shape, pressure: float
+) -> ShapeEstimate | None:
+    """Return the answer as the estimator gives it, with Jacobian and covariance."""
+    state = EstimatorState(solution=shape.solution)
+    along, across, moment = wrench_read(estimator, shape, pressure)
+    force = WrenchReading(
+        stamp_ns=1, force_x=along, force_y=across, moment=moment, frame_id=BASE_FRAME
+    )
+    state, _ = estimator.step(state, force)
+    _, outcome = estimator.step(state, PressureReading(stamp_ns=1, pressure=pressure))
+    return outcome if isinstance(outcome, ShapeEstimate) else None
+
+
+def wrench_read(estimator: Estimator, shape: Shape, pressure: float) -> list[float]:
+    """Return F1, F2 and M that sensors show under the true load; all sensing is affine."""
+    nothing = true_load(estimator.arm, (0.0, 0.0, 0.0, pressure))[:3]
+    units = np.eye(3).tolist()
+    responses = [true_load(estimator.arm, (*unit, pressure))[:3] - nothing for unit in units]
+    true = np.array([*shape.force, shape.end_moment])
+    read: list[float] = np.linalg.solve(np.transpose(responses), true - nothing).tolist()
+    return read
+
+
+def content(arm: Arm, prediction: Prediction, units: UnitSystem) -> dict[str, object]:
+    """Return the JSON of the contract, in these units."""
+    shape, estimate = prediction.shape, prediction.estimate
+    length, force, moment = (getattr(units, kind).per_si for kind in ('length', 'force', 'moment'))
+    curvature = units.curvature.per_si
+    x, y, theta = shape.tip
+    tip_std, jacobian = None, None
+    if estimate is not None:
+        std_x, std_y, std_theta = deviations(estimate.tip_covariance)
+        tip_std = {'x': length * std_x, 'y': length * std_y, 'theta': std_theta}
+        causes = np.array([1.0, force, force, moment])
+        jacobian = np.array([length, length, 1.0])[:, None] * estimate.jacobian / causes
+    covariance = prediction.force_covariance
+    return {
+        'units': units.name,
+        'scales': {'length': units.length.size, 'force': units.force.size},
+        'status': shape.status,
+        'converged': shape.converged,
+        'residual': shape.residual,
+        'iterations': shape.iterations,
+        'stable': shape.stable,
+        'extrapolated': shape.extrapolated,
+        'pressure': shape.pressure,
+        'force': [force * value for value in shape.force],
+        'force_std': None
+        if covariance is None
+        else [force * value for value in deviations(covariance)],
+        'force_covariance': None if covariance is None else force**2 * covariance,
+        'moment_at_end': moment * shape.end_moment,
+        'arclength': length * shape.arclength,
+        'x': length * shape.x,
+        'y': length * shape.y,
+        'theta': shape.theta,
+        'curvature': curvature * shape.curvature,
+        'intrinsic_curvature': curvature * shape.intrinsic_curvature,
+        'moment': moment * shape.moment,
+        'tip': {'x': length * x, 'y': length * y, 'theta': theta},
+        'tip_std': tip_std,
+        'std_leaves_out': error_left_out(arm.covariance, arm.sources),
+        'warnings': [] if estimate is None else list(estimate.warnings),
+        'jacobian': jacobian,
+    }
+
+
+def deviations(covariance: Array) -> list[float]:
+    """Return the standard deviations in a covariance."""
+    found: list[float] = np.sqrt(np.diag(covariance)).tolist()
+    return found
+
+
+def show(arm: Arm, prediction: Prediction, units: UnitSystem) -> None:
+    """Print the answer for people."""
+    console = output_console()
+    shape, estimate = prediction.shape, prediction.estimate
+    residual = f' (residual {shape.residual:.1e} rad)' if shape.converged else ''
+    console.print(f'{shape.status}{residual}')
+    if not shape.converged or estimate is None:
+        return
+    table = Table(show_header=True)
+    for name in ('quantity', 'value', 'std', 'unit'):
+        table.add_column(name, justify='left' if name in ('quantity', 'unit') else 'right')
+
+    def add(name: str, value: float, std: float | None, unit: Unit, places: int) -> None:
+        """Add a row, value and std in this unit."""
+        texts = (
+            '' if item is None else f'{unit.per_si * item:.{places}f}' for item in (value, std)
+        )
+        table.add_row(name, *texts, unit.name)
+
+    length, force, moment = units.length, units.force, units.moment
+    places = 5 if units.name == DIMENSIONLESS else 3
+    covariance = prediction.force_covariance
+    force_std = [None, None] if covariance is None else deviations(covariance)
+    std = deviations(estimate.tip_covariance)
+    largest = int(np.argmax(np.abs(shape.curvature)))
+    at = f'at {length.per_si * shape.arclength[largest]:.3g} {length.name}'
+    add('pressure', shape.pressure, None, Unit(name='kPa', size=PASCALS_PER_KILOPASCAL), 3)
+    for index, name in enumerate(('end force F1', 'end force F2')):
+        add(name, shape.force[index], force_std[index], force, 5)
+    add('end moment', shape.end_moment, None, moment, 4)
+    for index, name in enumerate(('tip x', 'tip y')):
+        add(name, shape.tip[index], std[index], length, places)
+    add('tip heading', shape.tip[2], std[2], Unit(name='deg', size=math.radians(1.0)), 3)
+    add(
+        'largest curvature',
+        float(shape.curvature[largest]),
+        float(estimate.std_curvature[largest]),
+        Unit(name=f'{units.curvature.name}, {at}', size=units.curvature.size),
+        3,
+    )
+    add('moment at the clamp', float(shape.moment[0]), None, moment, 4)
+    print_table(console, table)
+    if units.name == DIMENSIONLESS:
+        console.print(scales_sentence(arm))
+    left_out = error_left_out(arm.covariance, arm.sources)
+    if left_out:
+        console.print(f'note: {left_out}')
+    if meant := likely_pressure(arm, shape.pressure):
+        console.print(f'note: {meant}')
+
+
+def likely_pressure(arm: Arm, pressure: float) -> str:
+    """Ask whether kPa were meant, where a pressure (Pa) would be next to none of the range."""
+    largest = max(map(abs, arm.pressure_range))
+    if not 0.0 < abs(pressure) <= largest / PASCALS_PER_KILOPASCAL:
+        return ''
+    return (
+        f'{pressure:g} Pa is next to nothing: the model goes to {kilopascals(largest):g} kPa; is '
+        f'--pressure {pressure:g}kPa meant?'
+    )

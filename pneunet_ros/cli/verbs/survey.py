@@ -1,0 +1,302 @@
+"""`pneunet survey`: check, calibrate and diagnose every arm of a fleet; one page over them all."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+import json
+import os
+from pathlib import Path
+import time
+from typing import Any
+
+import numpy as np
+from pneunet_ros.calibration.fleet import arm_numbers, compare_arms, compared_pressure, Fleet
+from pneunet_ros.cli.fitted_table import print_table
+from pneunet_ros.cli.provenance import versions
+from pneunet_ros.cli.survey_arm import FOUND, SurveyRequest, SurveyWork
+from pneunet_ros.cli.verb import (
+    add_effects_path,
+    add_json,
+    add_overwrite,
+    add_settings,
+    add_topics,
+    DONE,
+    NEGATIVE,
+    output_console,
+    PAPER_ARM,
+    print_json,
+    progress_bar,
+    SENSOR_SETTINGS,
+    topics_of,
+)
+from pneunet_ros.cli.verbs.simulate import seed
+from pneunet_ros.core.errors import PneunetError
+from pneunet_ros.core.executor import open_executor
+from pneunet_ros.core.progress import say_nothing
+from pneunet_ros.core.share import share_path
+from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.files.json_text import json_text
+from pneunet_ros.files.model_file import load_model
+from pneunet_ros.messages.readings import SENSORS
+from pneunet_ros.offline.calibration_files import file_hash
+from pneunet_ros.offline.survey import (
+    arm_key,
+    FleetArm,
+    folders_left_out,
+    read_fleet,
+    sentence_of,
+    SurveyFolder,
+    work_on_fleet,
+)
+from pneunet_ros.reports.figure import draw_figures
+from pneunet_ros.reports.survey.report import (
+    arm_row,
+    FIGURES,
+    NUMBERS,
+    PAGE,
+    REPLACEABLE,
+    survey_content,
+    survey_page,
+    survey_sentences,
+)
+from pneunet_ros.reports.survey.survey_data import SurveyData, SurveyedArm
+from rich.progress import Progress
+from rich.table import Table
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    parser.epilog = (
+        'A survey that was ended goes on where it was: give the same command again. Exit codes: '
+        '0 all arms are done; 1 an arm failed, and its row says why; 2 request or file was wrong. '
+        'Files: survey.html, survey.json, and in arms/NAME what `calibrate` and `diagnose` write.'
+    )
+    parser.add_argument(
+        'source',
+        type=Path,
+        metavar='FOLDER|TABLE',
+        help='a folder with a folder per arm, whose recordings begin with unloaded, loaded or '
+        'heldout (or stand in folders of these names), with an arm.yaml or one for all beside '
+        'them; or a CSV table with a row per arm: name, arm, unloaded, loaded, heldout',
+    )
+    parser.add_argument(
+        '--output',
+        type=Path,
+        required=True,
+        metavar='DIR',
+        help='write into this folder; arms that are done in it are kept',
+    )
+    parser.add_argument(
+        '--arm',
+        type=Path,
+        metavar='FILE',
+        help='arm file of the arms that have none (default: the shipped model of the arm of the '
+        'paper)',
+    )
+    parser.add_argument(
+        '--static',
+        action='store_true',
+        help='frames are steady states: their stamps mean nothing, and no effect with a time in '
+        'it is considered',
+    )
+    parser.add_argument(
+        '--seed',
+        type=seed,
+        default=0,
+        metavar='N',
+        help='of the simulated data that set the thresholds (default: 0)',
+    )
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        '--workers', type=int, metavar='N', help='arms at the same time (default: one per core)'
+    )
+    where.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='work on the Dask cluster of this scheduler; its workers need this package in the '
+        'same version, and the recordings under the same paths',
+    )
+    add_overwrite(parser)
+    add_effects_path(parser)
+    add_topics(parser)
+    add_settings(parser, SENSOR_SETTINGS)
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Do the arms that are not done, and write the page."""
+    started = time.perf_counter()
+    arm = (arguments.arm or share_path(PAPER_ARM)).resolve()
+    fleet = read_fleet(arguments.source.resolve(), arm)
+    topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
+    request = SurveyRequest(
+        static=arguments.static,
+        topic=tuple(arguments.topic),
+        sensors={name: getattr(arguments, name) for name in SENSOR_SETTINGS},
+        seed=arguments.seed,
+        effects_path=''
+        if arguments.effects_path is None
+        else str(arguments.effects_path.resolve()),
+    )
+    folder = SurveyFolder(path=arguments.output, overwrite=arguments.overwrite)
+    folder.check(REPLACEABLE)
+    with progress_bar(shown=not arguments.json) as bar:
+        survey = Survey(folder=folder, request=request, bar=bar)
+        rows = survey.rows_of(fleet, arguments.workers, arguments.scheduler)
+        data = survey.data_of(str(arguments.source), fleet, rows)
+        provenance = {'seed': arguments.seed, 'versions': versions(), 'request': asdict(request)}
+        content = survey.write(data, provenance)
+    if arguments.json:
+        seconds = time.perf_counter() - started
+        print_json(content | {'output': arguments.output, 'kept': survey.kept, 'seconds': seconds})
+    else:
+        show(data, survey.kept, arguments.output)
+    return NEGATIVE if any(item.failed for item in data.arms) else DONE
+
+
+@dataclass(slots=True, kw_only=True)
+class Survey:
+    """A survey on its way; kept: how many arms were done before."""
+
+    folder: SurveyFolder
+    request: SurveyRequest
+    bar: Progress
+    kept: int = 0
+
+    def rows_of(
+        self, fleet: Sequence[FleetArm], workers: int | None, scheduler: str | None
+    ) -> dict[str, dict[str, Any]]:
+        """Return the row of every arm by its name: those that are done, and those done now."""
+        decided = asdict(self.request) | {'versions': versions()}
+        if self.request.effects_path:
+            files = sorted(Path(self.request.effects_path).glob('*.py'))
+            decided['effects'] = {file.name: file_hash(file) for file in files}
+        rows: dict[str, dict[str, Any]] = {}
+        begun: dict[str, dict[str, Any]] = {}
+        for arm in self.bar.track(fleet, description='reading what there is'):
+            try:
+                key, inputs = arm_key(arm, decided)
+            except PneunetError as error:
+                rows[arm.name] = row_of(arm, {}, failed=sentence_of(error))
+                continue
+            kept = self.folder.kept(arm.name, key)
+            if kept is None:
+                begun[arm.name] = {'key': key, 'inputs': inputs}
+            else:
+                rows[arm.name] = kept
+                self.kept += 1
+        left = [arm for arm in fleet if arm.name in begun]
+        at_once = len(left) if scheduler else workers or os.cpu_count() or 1
+        task = self.bar.add_task('arms', total=len(fleet), completed=len(fleet) - len(left))
+        for arm, outcome in work_on_fleet(
+            left,
+            SurveyWork(request=self.request),
+            lambda: open_executor(workers=workers, scheduler=scheduler),
+            at_once,
+        ):
+            rows[arm.name] = self.keep(arm, outcome, begun[arm.name])
+            self.bar.update(task, advance=1, description=f'arms, {arm.name} is done')
+        return rows
+
+    def keep(
+        self, arm: FleetArm, outcome: Mapping[str, bytes] | Exception, begun: dict[str, Any]
+    ) -> dict[str, Any]:
+        """Write what came of an arm, and return its row.
+
+        What went wrong by itself, such as a worker that died, is not kept: it is tried again.
+        """
+        if isinstance(outcome, PneunetError):
+            row = row_of(arm, begun, failed=sentence_of(outcome))
+            self.folder.write(arm.name, {}, row)
+            return row
+        if isinstance(outcome, Exception):
+            return row_of(arm, begun, failed=sentence_of(outcome))
+        files = dict(outcome)
+        found = json.loads(files.pop(FOUND))
+        row = row_of(arm, begun, found=found)
+        self.folder.write(arm.name, files, row)
+        return row
+
+    def data_of(
+        self, source: str, fleet: Sequence[FleetArm], rows: Mapping[str, Mapping[str, Any]]
+    ) -> SurveyData:
+        """Return the arms with their models, compared."""
+        arms = []
+        for item in fleet:
+            row, folder = rows[item.name], self.folder.folder(item.name)
+            found = row['found']
+            arms.append(
+                SurveyedArm(
+                    name=item.name,
+                    folder=folder.relative_to(self.folder.path).as_posix(),
+                    failed=row['failed'],
+                    found=found,
+                    arm=load_model(folder / found['model']) if found else None,
+                    recordings=tuple(map(str, item.recordings)),
+                    arm_file=str(item.arm),
+                )
+            )
+        return SurveyData(
+            source=source,
+            arms=tuple(arms),
+            fleet=compare(arms, self.request.seed),
+            output=str(self.folder.path),
+            left_out=folders_left_out(Path(source), fleet),
+        )
+
+    def write(self, data: SurveyData, provenance: Mapping[str, Any]) -> dict[str, Any]:
+        """Write the page, its pictures and the numbers; return the content of the JSON."""
+        pictures = draw_figures(FIGURES, data, say_nothing)
+        content = survey_content(data, provenance)
+        files = {
+            PAGE: survey_page(data, pictures, provenance).encode(),
+            NUMBERS: json_text(content, indent=1).encode(),
+        } | {item.file: item.png for part in pictures.values() for item in part}
+        for name, text in files.items():
+            with atomic_output(self.folder.path / name, overwrite=True) as place:
+                place.write_bytes(text)
+        return content
+
+
+def row_of(
+    arm: FleetArm,
+    begun: Mapping[str, Any],
+    *,
+    failed: str = '',
+    found: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return the row of an arm: what it was made from, and what came of it."""
+    return {'name': arm.name, **begun, 'failed': failed, 'found': dict(found or {})}
+
+
+def compare(arms: Sequence[SurveyedArm], seed: int) -> Fleet:
+    """Compare the arms that have a model."""
+    known = {item.name: (item.arm, item.found['loaded']) for item in arms if item.arm is not None}
+    models = {name: arm for name, (arm, _) in known.items() if arm is not None}
+    pressure = compared_pressure(list(models.values())) if models else np.nan
+    numbers = {
+        name: arm_numbers(arm, pressure, loaded=known[name][1]) for name, arm in models.items()
+    }
+    return compare_arms(numbers, pressure, seed=seed)
+
+
+def show(data: SurveyData, kept: int, output: Path) -> None:
+    """Print what a survey came to."""
+    console = output_console()
+    table = Table(title=f'{len(data.arms)} arms, {kept} of them done before')
+    for column in ('arm', 'missing', 'before (mm)', 'after (mm)', 'p as alike'):
+        table.add_column(column, justify='left' if column in ('arm', 'missing') else 'right')
+    for item in data.arms:
+        if item.failed:
+            table.add_row(item.name, 'failed')
+            continue
+        row = arm_row(item, data)
+        name = f'{item.name} (odd)' if row['odd'] else item.name
+        table.add_row(name, row['said'], row['before'], row['after'], row['distance'])
+    print_table(console, table)
+    for sentence in survey_sentences(data):
+        console.print(sentence)
+    for name in (PAGE, NUMBERS):
+        console.print(f'wrote {output / name}')

@@ -1,0 +1,1 @@
+"""Compiled kernels: how they are compiled, linked, kept, and waited for."""

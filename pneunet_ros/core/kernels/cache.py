@@ -1,0 +1,169 @@
+"""Where compiled kernels are kept, whether they are there, and who compiles them meanwhile.
+
+A file that is named after all that compiled kernels depend on says that they are on the disk. It
+is written by `pneunet compile`, once it has called every kernel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import fcntl
+from functools import cache
+import hashlib
+from importlib.metadata import PackageNotFoundError, version
+import os
+from pathlib import Path
+import platform
+import subprocess
+import sys
+import threading
+import time
+
+from pneunet_ros.core.kernels import jit
+
+# Others first: what waits for kernels has answers meanwhile.
+COMPILE = ('nice', '-n', '5', sys.executable, '-m', 'pneunet_ros.cli', 'compile')
+LOOK_AGAIN = 0.2  # s
+
+
+def cache_folder() -> Path:
+    """Return where numba keeps the kernels, or where it may be written if that is elsewhere."""
+    chosen = os.environ.get('NUMBA_CACHE_DIR')
+    if chosen:
+        return Path(chosen)
+    beside = Path(__file__).parent / '__pycache__'
+    if os.access(beside if beside.exists() else beside.parent, os.W_OK):
+        return beside
+    home = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
+    return Path(home) / 'pneunet_ros'
+
+
+def kept_file() -> Path:
+    """Return the file that says that the kernels are on the disk."""
+    parts = [jit.sources(), platform.python_version(), processor()]
+    for library in ('numba', 'llvmlite', 'numpy'):
+        try:
+            parts.append(version(library))
+        except PackageNotFoundError:
+            parts.append('')
+    name = hashlib.sha256('\n'.join(parts).encode()).hexdigest()[:16]
+    return cache_folder() / f'pneunet_kernels_{name}'
+
+
+def processor() -> str:
+    """Return what this processor can do: kernels are compiled for it."""
+    try:
+        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
+    except OSError:
+        return platform.processor()
+    wanted = ('model name', 'flags', 'Features')
+    return '\n'.join(dict.fromkeys(line for line in lines if line.startswith(wanted)))
+
+
+def kernels_kept() -> bool:
+    """Whether there is nothing to wait for: the kernels are on the disk, or never will be.
+
+    They never will be where there is no numba, or no folder that may be written.
+    """
+    return not jit.HAVE_NUMBA or kept_file().exists() or not may_keep()
+
+
+@cache
+def may_keep() -> bool:
+    """Whether there is a folder in which kernels can be kept."""
+    folder = cache_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)
+
+
+def note_kept() -> None:
+    """Say that the kernels are on the disk."""
+    kept_file().touch()
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Wait until no other process compiles these kernels, and keep others waiting."""
+    with lock_file().open('w') as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def being_compiled() -> bool:
+    """Whether a process compiles these kernels now."""
+    with lock_file().open('w') as file:
+        try:
+            # Shared: of two that look at once neither takes the other for one that compiles.
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
+
+
+def lock_file() -> Path:
+    """Return the file that a process locks while it compiles; its folder is made."""
+    file = kept_file().with_suffix('.lock')
+    file.parent.mkdir(parents=True, exist_ok=True)
+    return file
+
+
+def answer_first() -> None:
+    """Let kernels run as plain Python where they are not on the disk; before any is imported."""
+    if not kernels_kept():
+        jit.answer_first()
+
+
+def compile_meanwhile() -> None:
+    """Have the kernels compiled while plain Python answers, and use them when they are there.
+
+    Another thread waits for them and puts them in place. Where compiling fails, plain Python goes
+    on: a kernel that compiles itself when it is called would hold up the answers.
+    """
+
+    def take_over() -> None:
+        wait_for_kernels()
+        if kernels_kept():
+            jit.use_compiled()
+
+    if jit.is_waiting():
+        threading.Thread(target=take_over, name='kernels', daemon=True).start()
+
+
+def compile_first(on_wait: Callable[[], None] = lambda: None) -> None:
+    """Wait until the kernels are on the disk, and use them; on_wait: is called meanwhile.
+
+    Where compiling fails, each kernel compiles itself when it is called.
+    """
+    wait_for_kernels(on_wait)
+    jit.use_compiled()
+
+
+def wait_for_kernels(on_wait: Callable[[], None] = lambda: None) -> None:
+    """Wait for the process that compiles the kernels; start it unless one is at it already.
+
+    It goes on when this one ends. One that another has started, and that failed, is started again.
+    """
+    process = None
+    while not kernels_kept():
+        if not being_compiled():
+            if process is None:
+                process = start_compiling()
+            elif process.poll() is not None:
+                return
+        on_wait()
+        time.sleep(LOOK_AGAIN)
+
+
+def start_compiling() -> subprocess.Popen[bytes]:
+    """Start a process that compiles the kernels."""
+    return subprocess.Popen(
+        COMPILE,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )

@@ -1,0 +1,59 @@
+"""Kernels are optimized once.
+
+Numba by itself has LLVM go through a function up to three times, as counts of references to lists
+and arrays are to be taken out early. Kernels have few of those, and what calls a kernel does not
+take it in (`core.kernels.links`): the last of the three finds all, if loops have the form that is
+computed in lanes, and that alone takes a tenth less. A change of this file compiles the kernels
+anew, as this line makes it one of those with a core.kernels.jit import (see its `fingerprint`).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+
+@cache
+def kernel_compiler() -> Any:
+    """Return the class that compiles kernels; numba is imported by nobody who does not compile.
+
+    Raises ImportError with a numba that has no such classes.
+    """
+    from llvmlite import binding  # it comes with numba
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler import Compiler
+
+    class OptimizedOnce(JITCodeLibrary):  # type: ignore[misc]
+        """What is compiled of a kernel, and of all that is taken into it."""
+
+        def _optimize_functions(self, module: Any) -> None:
+            """Leave them as they are: they are optimized with all else."""
+            module.data_layout = self._codegen._data_layout
+
+        def _optimize_final_module(self) -> None:
+            """Bring loops into their form, as numba does it, and go through all of it once."""
+            try:
+                passes, builder = self._codegen._module_pass_manager()
+                first = binding.create_new_module_pass_manager()
+                first.add_loop_rotate_pass()
+                first.add_instruction_combine_pass()
+                first.add_jump_threading_pass()
+            except (TypeError, AttributeError):  # another numba: as it does by itself
+                super()._optimize_final_module()
+                return
+            first.run(self._final_module, builder)
+            passes.run(self._final_module, builder)
+
+    class KernelCompiler(Compiler):  # type: ignore[misc]
+        """Numba's compiler, with what it compiles into."""
+
+        def define_pipelines(self) -> Any:
+            """Return numba's own steps."""
+            state = self.state
+            if state.library is None:
+                name = state.func_id.func_qualname
+                state.library = OptimizedOnce(state.targetctx.codegen(), name)
+                state.library.enable_object_caching()
+            return super().define_pipelines()
+
+    return KernelCompiler

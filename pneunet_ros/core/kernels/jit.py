@@ -1,0 +1,248 @@
+"""Compile the kernels where numba is at hand; they run as plain Python where it is not.
+
+The kernels of this package are written so that both give the same numbers. Contraction to fused
+multiply-adds is the only relaxation of IEEE arithmetic: NaN stays NaN.
+
+A process that has to answer at once says `answer_first` before it imports any kernel. Where the
+kernels are not on the disk they then run as plain Python, until `use_compiled` puts the compiled
+ones in their places (`core.kernels.cache` has them compiled meanwhile, in a process of its own).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+import hashlib
+import importlib.util
+import operator
+import os
+from pathlib import Path
+import sys
+from typing import Any, TypeVar
+
+Function = TypeVar('Function', bound=Callable[..., Any])
+
+HAVE_NUMBA = importlib.util.find_spec('numba') is not None and not os.environ.get(
+    'PNEUNET_NO_NUMBA'
+)
+# Without what numba does for array expressions, which kernels have none of.
+WITHIN = {
+    'error_model': 'numpy',
+    'fastmath': {'contract'},
+    'no_cfunc_wrapper': True,
+    'no_rewrites': True,
+}
+KERNEL = dict(WITHIN)
+INNER = {**WITHIN, 'no_cpython_wrapper': True}
+INLINED = {**INNER, 'forceinline': True}
+# What only kernels call: by the function that they name, what numba compiles of it.
+INNER_KERNELS: dict[Callable[..., Any], Any] = {}
+
+
+def fingerprint(package: Path) -> str:
+    """Compute a hash of all files of a package that have to do with kernels: they import this one.
+
+    Kernels call kernels and take constants from other files, hence one hash for them all. Files
+    without kernels import this module, not from it.
+    """
+    whole = hashlib.sha256()
+    for folder, folders, names in os.walk(package):
+        folders.sort()
+        for name in sorted(names):
+            if name.endswith('.py'):
+                content = Path(folder, name).read_bytes()
+                if b'core.kernels.jit import' in content:  # as in this line: of this file, too
+                    whole.update(hashlib.sha256(content).digest())
+    return whole.hexdigest()
+
+
+@cache
+def sources() -> str:
+    """Return the fingerprint of this package."""
+    return fingerprint(Path(__file__).parents[2])
+
+
+class Waiting:
+    """The kernels that run as plain Python until compiled ones take their places.
+
+    plain: what runs, and the options of its compiled twin, in the order of their definition.
+    """
+
+    def __init__(self) -> None:
+        self.expected = False
+        self.plain: list[tuple[Callable[..., Any], dict[str, Any]]] = []
+
+
+WAITING = Waiting()
+
+
+def answer_first() -> None:
+    """Let the kernels that are imported from now on run as plain Python until `use_compiled`."""
+    WAITING.expected = HAVE_NUMBA
+
+
+def is_waiting() -> bool:
+    """Whether kernels run as plain Python only until compiled ones take their places."""
+    return WAITING.expected
+
+
+def is_compiled() -> bool:
+    """Whether the kernels are compiled, and not plain Python."""
+    return HAVE_NUMBA and not is_waiting()
+
+
+def state_of_kernels() -> str:
+    """Say what runs: 'compiled', or plain Python and why."""
+    if is_compiled():
+        return 'compiled'
+    return 'plain Python while they are compiled' if is_waiting() else 'plain Python: no numba'
+
+
+def kernel(function: Function) -> Function:
+    """Compile a kernel (cached on disk), or hand it back as it is where there is no numba.
+
+    A cached kernel is compiled again when any of the files has changed. Numba itself looks at the
+    kernel's own file alone and would go on with equations of another file as they once were.
+    """
+    return compiled_or_plain(function, KERNEL)
+
+
+def inner(function: Function) -> Function:
+    """Compile what only kernels call: with them, and without what Python needs to call it.
+
+    Python, too, may call it, and then it is plain Python.
+    """
+    return compiled_or_plain(function, INNER)
+
+
+def inlined(function: Function) -> Function:
+    """Compile an equation that is copied into its callers, so that loops vectorize.
+
+    Python, too, may call it, and then it is plain Python.
+    """
+    return compiled_or_plain(function, INLINED)
+
+
+def compiled_or_plain(function: Function, options: dict[str, Any]) -> Function:
+    """Return a function that compiles itself when it is called, or for the time being itself."""
+    if not HAVE_NUMBA:
+        return without_warnings(function) if options is KERNEL else function
+    if WAITING.expected:
+        WAITING.plain.append((function, options))
+        return function
+    return dispatcher(function, options)
+
+
+def without_warnings(function: Function) -> Function:
+    """Return a kernel that is silent about what is not finite, as compiled ones are."""
+    import numpy as np
+
+    quiet: Function = np.errstate(divide='ignore', invalid='ignore', over='ignore')(function)
+    return quiet
+
+
+def dispatcher(function: Function, options: dict[str, Any]) -> Function:
+    """Return the function of numba that compiles itself when it is called.
+
+    An equation that is copied into its callers stays as it is; numba compiles it with them.
+    """
+    import numba
+    from numba.core import types
+    from numba.core.typing.templates import infer_global
+
+    numbers_and_arrays_first()
+    compiled: Any = numba.njit(**options, **compiled_by())(function)
+    if options is not INLINED:
+        keep(compiled)
+    # What kernels call by the plain function; not as numba's `register_jitable`, which compiles
+    # once more for callers that are compiled with other options.
+    infer_global(function, types.Dispatcher(compiled))
+    if options is KERNEL:
+        kernel_function: Function = compiled
+        return kernel_function
+    INNER_KERNELS[function] = compiled
+    return function
+
+
+def compiled_by() -> dict[str, Any]:
+    """Return the option of numba that names our compiler, none with a numba that does not fit."""
+    from pneunet_ros.core.kernels.compiler import kernel_compiler
+
+    try:
+        return {'pipeline_class': kernel_compiler()}
+    except ImportError:
+        return {}
+
+
+def keep(compiled: Any) -> None:
+    """Keep a kernel on the disk, where others find it, or let each caller have a copy of it.
+
+    The latter where there is no folder that may be written, neither beside its file nor in the
+    home folder; or with a numba that has no such cache.
+    """
+    try:
+        from pneunet_ros.core.kernels.links import link
+
+        link(compiled, sources())
+    except (RuntimeError, AttributeError, ImportError):
+        pass
+
+
+@cache
+def numbers_and_arrays_first() -> None:
+    """Have numba look for the arithmetic of numbers, and for entries of arrays, first.
+
+    It looks for them last, after those of strings, lists and arrays of all kinds, with the same
+    outcome: half of the time in which it finds types.
+    """
+    from numba.core.typing import arraydecl, builtins
+    from numba.core.typing.templates import infer_global
+
+    for operation, template in (
+        (operator.getitem, arraydecl.GetItemBuffer),
+        (operator.setitem, arraydecl.SetItemBuffer),
+        (operator.add, builtins.BinOpAdd),
+        (operator.sub, builtins.BinOpSub),
+        (operator.mul, builtins.BinOpMul),
+        (operator.truediv, builtins.BinOpTrueDiv),
+    ):
+        more_specific = {'key': operation, 'metadata': {'target': 'cpu'}}
+        infer_global(operation)(type(template.__name__, (template,), more_specific))
+
+
+def not_literal(value: int) -> Any:
+    """Return an integer that numba takes for no literal: it compiles once more for each of those.
+
+    For what an equation is given, and what a loop begins with.
+    """
+    import numpy as np
+
+    return np.int64(value)
+
+
+def use_compiled() -> None:
+    """Put the compiled kernels in the places of the plain ones, in all modules.
+
+    Those that are on the disk are loaded first, so that no caller waits for them.
+    """
+    if not is_waiting():
+        return
+    compiled = {id(function): dispatcher(function, options) for function, options in WAITING.plain}
+    for compiled_kernel in compiled.values():
+        load_kept(compiled_kernel)
+    for module in list(sys.modules.values()):
+        names = getattr(module, '__dict__', {})
+        for name, value in list(names.items()):
+            if id(value) in compiled:
+                names[name] = compiled[id(value)]
+    WAITING.expected = False
+    WAITING.plain.clear()
+
+
+def load_kept(function: Any) -> None:
+    """Load what is on the disk of a compiled kernel, for all types that it was called with."""
+    try:
+        for signature, *_ in function._cache._cache_file._load_index():
+            function.compile(signature)
+    except AttributeError:
+        pass  # no cache, or a numba that keeps it in another way: loaded at the first call

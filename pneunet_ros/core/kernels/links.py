@@ -1,0 +1,105 @@
+"""Kernels call each other where they are, as programs call libraries.
+
+Numba by itself puts a copy of all that a function calls into it, as what it keeps on the disk has
+to run alone; nearly half of what was compiled were copies. Here a kernel has a name of its own in
+the process, those that call it know no more than this name, and what is kept of them says which
+kernels have to be there first. A change of this file compiles the kernels anew, as this line makes
+it one of those with a core.kernels.jit import (see `core.kernels.jit.fingerprint`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from functools import cache
+import hashlib
+from pickle import UnpicklingError
+from typing import Any
+
+# By what it is called with, too, a kernel is compiled: its name here, and the types.
+KERNELS: dict[str, Any] = {}
+NAMED: dict[str, tuple[str, tuple[Any, ...]]] = {}
+
+
+@cache
+def linked_cache() -> Any:
+    """Return the class of the cache of a kernel, of its function and the sources of all kernels.
+
+    Numba is imported by nobody who does not compile.
+    """
+    from numba.core.caching import CompileResultCacheImpl, FunctionCache
+
+    class KeptWithCalls(CompileResultCacheImpl):  # type: ignore[misc]
+        """What is kept of a compiled kernel, and before it the kernels that it calls."""
+
+        def reduce(self, result: Any) -> tuple[Any, ...]:
+            """Return what is written: the kernels that are called, and numba's own."""
+            declared = {each.name for each in result.library._final_module.functions}
+            calls = [NAMED[name] for name in sorted(declared & NAMED.keys())]
+            return calls, super().reduce(result)
+
+        def rebuild(self, target_context: Any, kept: tuple[Any, ...]) -> Any:
+            """Return the compiled kernel once those that it calls are there."""
+            calls, result = kept
+            for name, types in calls:
+                KERNELS[name].compile(types)
+            return super().rebuild(target_context, result)
+
+    class KernelCache(FunctionCache):  # type: ignore[misc]
+        """Where a kernel is kept, as long as the sources of all kernels are the same."""
+
+        _impl_class = KeptWithCalls
+
+        def __init__(self, function: Callable[..., Any], sources: str) -> None:
+            super().__init__(function)
+            # Of the version, which numba reads before it looks for the types of another version.
+            index = self._cache_file
+            index._version = (index._version, sources)
+
+        def _load_overload(self, types: tuple[Any, ...], target_context: Any) -> Any:
+            """Return what is kept for some types; None where it is damaged, or of other types.
+
+            Numba writes the index and then the code, so that of two processes at once one may
+            find the code of the other.
+            """
+            try:
+                result = super()._load_overload(types, target_context)
+            except (EOFError, KeyError, ValueError, UnpicklingError):
+                return None
+            same = result is not None and tuple(result.signature.args) == tuple(types)
+            return result if same else None
+
+    return KernelCache
+
+
+def link(kernel: Any, sources: str) -> None:
+    """Let other kernels call this one where it is, and keep it on the disk.
+
+    sources: the fingerprint of all kernels. Raises RuntimeError where there is no folder to keep
+    it in.
+    """
+    kernel._cache = linked_cache()(kernel.py_func, sources)
+    name = f'{kernel.py_func.__module__}.{kernel.py_func.__qualname__}'
+    KERNELS[name] = kernel
+    add_overload = kernel.add_overload
+
+    def add_named(result: Any) -> None:
+        give_name(name, result)
+        add_overload(result)
+
+    kernel.add_overload = add_named
+
+
+def give_name(kernel: str, result: Any) -> None:
+    """Give what is compiled of a kernel a name that is the same in any process."""
+    from llvmlite import binding  # it comes with numba
+
+    descriptor, types = copy(result.fndesc), tuple(result.signature.args)
+    descriptor.typemap = descriptor.calltypes = None  # large, and of no use to callers
+    digest = hashlib.sha256(f'{kernel}{types}'.encode()).hexdigest()[:16]
+    descriptor.mangled_name = f'{kernel}.{digest}'
+    address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+    binding.add_symbol(descriptor.mangled_name, address)
+    NAMED[descriptor.mangled_name] = kernel, types
+    result.target_context.remove_user_function(result.entry_point)
+    result.target_context.insert_user_function(result.entry_point, descriptor)

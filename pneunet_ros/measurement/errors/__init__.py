@@ -1,0 +1,1 @@
+"""What is not known of a reading and of the model, and what follows from it."""

@@ -1,0 +1,92 @@
+"""What one sigma of each reading and of the model does, and the covariance that follows."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.kernels.jit import kernel
+from pneunet_ros.effects.effect import Load
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.perturbation import PerturbationTable
+from pneunet_ros.solver.columns import LOADS
+
+PRESSURE = LOADS  # index of the chamber pressure among the causes of a sensitivity
+
+
+def noise_jacobian(
+    table: PerturbationTable, reading: Load, std: tuple[float, float, float, float]
+) -> Array:
+    """Return the noise input matrix: what one sigma of each source of error does to every cause.
+
+    reading: pressure (Pa) and wrench (N, N m) as the sensors have them; std: of F1, F2, M and the
+    pressure. Returns (sources, causes), both in the order F1, F2, M, pressure, columns of the
+    model's covariance; the causes are those of `model.equilibrium.linearize_shape`. An effect of
+    sensing changes what an error of a reading means, and a column what a reading means.
+    """
+    columns = table.distance.size - 1
+    size = PRESSURE + 1 + columns
+    jacobian = np.zeros((size, size))
+    jacobian.flat[:: size + 1] = (*std, *(1.0,) * columns)
+    if not table.arm.sensing:
+        return jacobian
+    base = (reading.force_x, reading.force_y, reading.moment, reading.pressure)
+    correction = true_load(table.arm, base) - base
+    for source, sigma in enumerate(std):
+        moved = (*base[:source], base[source] + sigma, *base[source + 1 :])
+        jacobian[source, : PRESSURE + 1] += true_load(table.arm, moved) - moved - correction
+    for column in range(columns):
+        before, after = (table.neighbors[column], table.neighbors[columns + column])
+        change = true_load(after, base) - true_load(before, base)
+        jacobian[PRESSURE + 1 + column, : PRESSURE + 1] = change / table.distance[1 + column]
+    return jacobian
+
+
+def true_load(arm: Arm, load: tuple[float, ...]) -> Array:
+    """Return true F1, F2, M and pressure behind readings of them, in this order."""
+    true = arm.sense(Load(force_x=load[0], force_y=load[1], moment=load[2], pressure=load[3]))
+    return np.array([true.force_x, true.force_y, true.moment, true.pressure])
+
+
+@kernel
+def propagate_covariance(
+    noise: Array, tip: Array, stations: Array, further: Array, covariance: Array, std: Array
+) -> bool:
+    """Carry errors through a linear response; returns whether all of it is finite.
+
+    noise (sources, causes): the noise input matrix; tip (causes, 3) and stations (causes, 6,
+    stations) are the sensitivities; further (3, stations): one more independent error of x, y (m)
+    and theta (rad). Into covariance (3, 3) of x, y, theta of the tip, and std (3, stations) of x,
+    y and curvature.
+    """
+    sources, causes, count = noise.shape[0], noise.shape[1], stations.shape[2]
+    size = len(std)  # not 3: loops of a known length are compiled as often
+    moved, change = np.zeros((sources, size)), np.empty(count)
+    for source in range(sources):
+        for cause in range(causes):
+            for i in range(size):
+                moved[source, i] += noise[source, cause] * tip[cause, i]
+    total = 0.0
+    for i in range(size):
+        for j in range(size):
+            covariance[i, j] = further[i, -1] * further[j, -1]
+            for source in range(sources):
+                covariance[i, j] += moved[source, i] * moved[source, j]
+            total += covariance[i, j]
+    for i in range(size):
+        field = 3 if i == 2 else i  # curvature is the fourth field of a station
+        for station in range(count):
+            std[i, station] = 0.0 if i == 2 else further[i, station] * further[i, station]
+        for source in range(sources):
+            change[:] = 0.0
+            for cause in range(causes):
+                weight = noise[source, cause]
+                for station in range(count):  # the inner loops become vector instructions
+                    change[station] += weight * stations[cause, field, station]
+            for station in range(count):
+                std[i, station] += change[station] * change[station]
+        for station in range(count):
+            std[i, station] = math.sqrt(std[i, station])
+            total += std[i, station]
+    return math.isfinite(total)

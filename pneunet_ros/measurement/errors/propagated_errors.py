@@ -1,0 +1,172 @@
+"""What all errors together move: the covariance of the tip, the deviations along the arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array, freeze, frozen_array
+from pneunet_ros.core.kernels.jit import inner, kernel
+from pneunet_ros.measurement.errors.noise_jacobian import propagate_covariance
+from pneunet_ros.measurement.errors.second_order import (
+    DEFAULTS,
+    KINDS,
+    leading_error,
+    second_order_factor,
+    SecondOrder,
+)
+from pneunet_ros.model.equilibrium import Sensitivity
+from pneunet_ros.solver import columns as col
+from pneunet_ros.solver.settings import SOLVER
+from pneunet_ros.solver.sides import Beside, Response, second_difference, solve_sides
+
+Indices = npt.NDArray[np.intp]
+NO_SIDES, UNBOUNDED = -1, -2  # why errors are not carried to second order, or not at all
+NO_MIXING, NO_STD = np.zeros((0, 0)), np.zeros((2, 0))
+NOTHING_SEEN = np.zeros(0, np.intp)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PropagatedErrors:
+    """Covariance (3, 3) of x, y (m), theta (rad) of the tip, and standard deviations.
+
+    std (3, stations): of x, y (m) and curvature (1/m) along the arm. second_order: what errors
+    move beyond the linearization; it is in both. None where there is none and the shape was seen.
+    """
+
+    tip_covariance: Array
+    std: Array
+    second_order: SecondOrder | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlaceChanges:
+    """Places along an arm, the last of them the tip, and what each cause changes there.
+
+    arclength (places,) m; changes (causes, 6, places): as of `Sensitivity.stations`.
+    """
+
+    arclength: Array
+    changes: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeenShape:
+    """Where along an arm its shape was measured, and how well.
+
+    at: places (m) with its changes, of stations and of what was seen; stations: which of them are
+    the stations; seen: which were seen; std (2, seen) m. Errors whose linear parts cancel at the
+    places seen, and whose second order does not, are no errors of one sigma any more: the
+    measurements bound them where the second order is as large as their noise.
+    """
+
+    at: PlaceChanges
+    stations: Indices
+    seen: Indices
+    std: Array
+
+
+def propagate_errors(
+    sensitivity: Sensitivity, noise: Array, arclength: Array, seen: SeenShape | None = None
+) -> PropagatedErrors | None:
+    """Carry errors through a solved rod, to second order.
+
+    noise (sources, causes): the noise input matrix; arclength (stations,) m; seen: where the shape
+    was measured, if it was, with the same stations. None where the shape has no bounded answer to
+    its errors.
+    """
+    if seen is None:
+        at = PlaceChanges(arclength=arclength, changes=sensitivity.stations(arclength))
+    else:
+        at = seen.at
+    covariance, std = np.empty((3, 3)), np.empty((3, at.arclength.size))
+    response = sensitivity.for_kernels()
+    beside = Beside.of(response)
+    which = carry_errors(
+        noise,
+        sensitivity.tip,
+        NO_MIXING if sensitivity.mixing is None else sensitivity.mixing,
+        response,
+        KINDS[sensitivity.stable],
+        np.array(DEFAULTS.steps),
+        SOLVER.frame_iterations,
+        SOLVER.tolerance,
+        frozen_array(at.arclength),
+        at.changes,
+        NOTHING_SEEN if seen is None else seen.seen,
+        NO_STD if seen is None else seen.std,
+        beside,
+        covariance,
+        std,
+    )
+    if which == UNBOUNDED:
+        return None
+    curved = None
+    if which != NO_SIDES:
+        curved = SecondOrder(sensitivity=sensitivity, beside=beside, step=DEFAULTS.steps[which])
+    if seen is not None:
+        std = std.take(seen.stations, axis=1)
+    return PropagatedErrors(
+        tip_covariance=freeze(covariance), std=freeze(std), second_order=curved
+    )
+
+
+@kernel
+def carry_errors(
+    noise: Array,
+    tip: Array,
+    mixing: Array,
+    response: Response,
+    kind: int,
+    steps: Array,
+    most_iterations: int,
+    tolerance: float,
+    arclength: Array,
+    changes: Array,
+    seen: Indices,
+    seen_std: Array,
+    beside: Beside,
+    covariance: Array,
+    std: Array,
+) -> int:
+    """Do what `propagate_errors` does; returns at which of the steps, NO_SIDES or UNBOUNDED.
+
+    tip (causes, 3): the sensitivity of the free end; mixing (causes, single causes), of size 0
+    where a cause is single; kind and steps: as of `solve_sides`; changes (causes, 6, places) at
+    places of increasing arclength (m), the last of them the tip; seen: which of these were
+    measured, none where the shape was not; seen_std (2, seen) m. Fills the rods beside the
+    solution, covariance (3, 3) and std (3, places).
+    """
+    direction = leading_error(tip, noise)
+    if mixing.size:
+        direction = single_causes(direction, mixing)
+    which = solve_sides(response, direction, kind, steps, most_iterations, tolerance, beside)
+    further = np.zeros((col.CURVATURE, arclength.size))
+    if which >= 0:
+        factor = second_order_factor(steps[which])
+        second_difference(response, beside, arclength, factor, further)
+        square = 0.0
+        for i in range(2):
+            for k in range(seen.size):
+                square += (further[i, seen[k]] / seen_std[i, k]) ** 2
+        allowed = 1.0 / max(1.0, math.sqrt(square))
+        for i in range(col.CURVATURE):
+            for place in range(arclength.size):
+                further[i, place] *= allowed
+    elif not seen.size:
+        return UNBOUNDED
+    if not propagate_covariance(noise, tip, changes, further, covariance, std):
+        return UNBOUNDED
+    return which
+
+
+@inner
+def single_causes(amounts: Array, mixing: Array) -> Array:
+    """Return the single causes (single,) that amounts of the causes (causes,) come to."""
+    single = np.zeros(mixing.shape[1])
+    for cause in range(mixing.shape[0]):
+        for i in range(single.size):
+            single[i] += amounts[cause] * mixing[cause, i]
+    return single

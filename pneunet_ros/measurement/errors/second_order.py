@@ -1,0 +1,96 @@
+"""What errors move to second order: where the linearization alone would be too sure.
+
+The tip of a nearly straight arm moves along the arm only by the square of an error, so that its
+covariance to first order is singular there. One direction is enough: that in which the errors of
+readings and model together move the tip most. With r(+-) the shapes one sigma to either side of
+it, delta = (r(+) + r(-) - 2 r(0)) / 2 and an error of xi sigma moves the arm by xi J d + xi^2
+delta; of a normal xi the second moment of the latter is 3 delta delta^T about the shape that is
+published, of which 2 are its covariance and 1 the square of its mean. It has no correlation with
+the first-order error, and so counts as one more independent source.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.core.kernels.jit import inner
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.model.equilibrium import Sensitivity
+from pneunet_ros.solver.columns import CURVATURE
+from pneunet_ros.solver.sides import Beside, NOT_DEFINED, second_difference, STABLE, UNSTABLE
+
+SECOND_MOMENT = 3.0  # E[xi^4] of a normal xi
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SecondOrderSettings:
+    """How far to either side the shape is solved."""
+
+    steps: tuple[float, ...] = tuning(
+        (1.0, 0.5, 0.25, 0.125),
+        'along the leading error, the first at which both sides have an equilibrium of the kind',
+        unit='sigma',
+    )
+
+
+DEFAULTS = SecondOrderSettings()
+KINDS = {None: NOT_DEFINED, True: STABLE, False: UNSTABLE}  # of a rod, by whether it is stable
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SecondOrder:
+    """The solved rod to either side of an estimate, `step` sigma along its leading error.
+
+    sensitivity: of the estimate.
+    """
+
+    sensitivity: Sensitivity
+    beside: Beside
+    step: float
+
+    def stations(self, arclength: Array) -> Array:
+        """Return one more independent error of x, y (m), theta (rad), (3, n), at places (m)."""
+        error = np.empty((CURVATURE, arclength.size))
+        factor = second_order_factor(self.step)
+        response = self.sensitivity.for_kernels()
+        second_difference(response, self.beside, frozen_array(arclength), factor, error)
+        return error
+
+
+@inner
+def second_order_factor(step: float) -> float:
+    """Return the standard deviation of the square of a normal error, per second difference."""
+    return 0.5 * math.sqrt(SECOND_MOMENT) / step**2
+
+
+@inner
+def leading_error(tip: Array, noise: Array) -> Array:
+    """Return the causes (causes,) of the error of one sigma that moves the tip furthest.
+
+    tip (causes, 3): sensitivity of x, y, theta; noise (sources, causes): the noise input matrix.
+    The rod is solved to either side along it. Source: second-order filters by central differences,
+    Norgaard, Poulsen, Ravn, Automatica 36 (2000).
+    """
+    sources, causes = noise.shape
+    moved, direction = np.zeros((sources, 2)), np.zeros(causes)
+    along_x, both, along_y = 0.0, 0.0, 0.0
+    for source in range(sources):
+        for cause in range(causes):
+            for i in range(2):
+                moved[source, i] += noise[source, cause] * tip[cause, i]
+        along_x += moved[source, 0] * moved[source, 0]
+        both += moved[source, 0] * moved[source, 1]
+        along_y += moved[source, 1] * moved[source, 1]
+    angle = 0.5 * math.atan2(2.0 * both, along_x - along_y)
+    x, y = math.cos(angle), math.sin(angle)
+    size = math.sqrt(x * x * along_x + 2.0 * x * y * both + y * y * along_y)
+    if not size > 0.0:
+        return direction
+    for source in range(sources):
+        weight = (moved[source, 0] * x + moved[source, 1] * y) / size
+        for cause in range(causes):
+            direction[cause] += weight * noise[source, cause]
+    return direction

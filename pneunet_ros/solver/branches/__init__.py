@@ -1,0 +1,1 @@
+"""From one equilibrium to another: continuation, descent of the energy, neighbors."""

@@ -1,0 +1,1 @@
+"""The camera: its lens, its settings, and the plane in which the arm bends."""

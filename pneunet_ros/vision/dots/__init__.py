@@ -1,0 +1,1 @@
+"""Dots in an image: round areas, their edges and centers."""

@@ -1,0 +1,372 @@
+"""Dots that move far while the shutter is open, by what they add to the picture of the arm.
+
+A dot is painted on the skin: wherever it is on its way, it adds to the picture what its paint is
+brighter than the skin. So a picture is contrast times the share of the exposure in which the dot
+is at a pixel, and on top of that the picture of the moving arm without a dot. The latter is smooth
+along the arm, and may be anything across it, where the sides of the arm are smeared into whatever
+is behind. So it is fitted along with the dot, as splines across the arm that change evenly along
+it, and neither the sides of the arm nor what is behind them must be known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.image import Bytes
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.vision.dots.edge_kernel import MOST_MOMENTS, PARTS, TIMES
+from pneunet_ros.vision.dots.ellipse_fit import (
+    AXIS_XX,
+    AXIS_XY,
+    AXIS_YY,
+    BEHIND,
+    CENTER_U,
+    CENTER_V,
+    ERROR,
+    Mask,
+    NEAR_EDGE,
+    ON_EDGE,
+    OUTSIDE,
+    PLATEAU,
+    QUANTIZATION,
+    SIZE_STD,
+    SMEAR_U,
+    SMEAR_V,
+    WIDTH,
+    WITHIN,
+)
+from scipy.special import ndtr
+
+FLAT = 1e-6  # added to the normal equations: nothing is known of a spline without pixels
+# What is searched of a dot, after its contrast: center (2), way while the shutter is open (2),
+# size.
+OF_DOT = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MovingDotSettings:
+    """How a dot is fitted that moves far while the shutter is open."""
+
+    knot: float = tuning(1.0, 'between knots of the picture across the arm', unit='radius')
+    before: float = tuning(1.8, 'from the center along the arm, looked at', unit='radius')
+    beyond: float = tuning(0.6, 'beside a dot on its way, looked at', unit='radius')
+    blur: float = tuning(1.5, 'of the edge of a dot, beyond it', unit='blur')
+    passes: int = tuning(14, 'of the fit, at most')
+    done: float = tuning(0.01, 'step of the center after which the fit ends', unit='px')
+    largest_step: float = tuning(1.5, 'of center and way in a pass', unit='px')
+    largest_change: float = tuning(0.4, 'of the size, in all', unit='radius')
+    moves: int = tuning(3, 'of what is looked at, after the center')
+    near: float = tuning(0.1, 'of the center, after which that need not move', unit='radius')
+    way_std: float = tuning(0.2, 'one sigma of the way by the row', unit='way')
+    least_way_std: float = tuning(0.1, 'of the way by other fits, at least', unit='way')
+    size_std: float = tuning(0.1, 'one sigma of the size by other fits', unit='radius')
+    alike: int = tuning(3, 'nearest neighbors that tell size and contrast')
+    fewest: int = tuning(2, 'of them')
+    contrast_std: float = tuning(0.3, 'one sigma of the contrast by neighbors', unit='contrast')
+    least_size_std: float = tuning(0.01, 'of the size by these neighbors, at least', unit='radius')
+    together: int = tuning(4, 'over which errors of the picture go together', unit='px')
+    error: float = tuning(
+        0.0025,
+        'of the center, for what is not smooth along the arm',
+        unit='way^2 / radius',
+        source='measured: composed films of other photographs and seeds than are scored',
+    )
+    least_error: float = tuning(
+        0.01, 'of the center, as no dot is painted evenly', unit='radius', source='invented'
+    )
+    most_left: float = tuning(
+        0.08, 'root mean square of what is not explained, at most', unit='contrast',
+        source='measured: 0.03 of dots that are seen, there',
+    )  # fmt: skip
+    differs: float = tuning(1.8, 'contrast over that of neighbors, or the other way, at most')
+    astray: float = tuning(1.0, 'a dot off where the row or its motion leads', unit='radius')
+    swept: float = tuning(1.0, 'way from which on a dot moves far', unit='radius')
+    ends: float = tuning(
+        0.69,
+        'from the center of the last target, where the arm may end',
+        unit='radius',
+        source='a tenth of the target is cut off there',
+    )
+    clear: float = tuning(1.5, 'before that end, where nothing of it is seen', unit='blur')
+
+
+MOVING_DOTS = MovingDotSettings()
+
+
+class MovingDot(NamedTuple):
+    """A dot that was fitted.
+
+    center and way while the shutter is open, px; longer, size: its way and size over what they
+    were thought to be; contrast, grey levels; std of the center per axis, px; left: root mean
+    square of what is not explained, grey levels.
+    """
+
+    center: Array
+    way: Array
+    longer: float
+    size: float
+    contrast: float
+    std: float
+    left: float
+
+
+class Known(NamedTuple):
+    """What is known of a dot before the fit, and one sigma of it.
+
+    contrast: grey levels, its std infinite where nothing is known; size, longer: over what is
+    drawn, its way one sigma of either component over its length.
+    """
+
+    contrast: float
+    contrast_std: float
+    size: float
+    size_std: float
+    longer: float
+    way_std: float
+
+
+def fit_moving_dot(
+    grey: Bytes,
+    outline: Array,
+    along: Array,
+    end: float,
+    known: Known,
+    settings: MovingDotSettings = MOVING_DOTS,
+) -> MovingDot | None:
+    """Fit a dot from where it is thought to be; None where there is none.
+
+    outline (FITTED,): its place, and how it looks by its neighbors; along (2,): which way the arm
+    leads, a unit vector; end: how many px from the center that way the arm may end, infinite where
+    it goes on.
+    """
+    outline = outline.copy()
+    dot = None
+    for _ in range(settings.moves):
+        before = outline[[CENTER_U, CENTER_V]]
+        dot = _fit_within(grey, outline, along, end, known, settings)
+        if dot is None:
+            return None
+        outline[[CENTER_U, CENTER_V]] = dot.center
+        if math.hypot(*(dot.center - before)) < settings.near * _radius(outline):
+            break
+    return dot
+
+
+def _radius(outline: Array) -> float:
+    """Return the radius of a circle as large as an outline."""
+    return math.sqrt(outline[AXIS_XX] * outline[AXIS_YY] - outline[AXIS_XY] ** 2)
+
+
+class Pixels(NamedTuple):
+    """Pixels around a dot, (n,) each but `inside`.
+
+    x, y: px from where it is thought to be; levels: how bright; arm (n, splines): of what the
+    picture of the arm without a dot is a sum; inside (height, width): where they are.
+    """
+
+    x: Array
+    y: Array
+    levels: Array
+    arm: Array
+    inside: Mask
+
+
+def _cut(
+    grey: Bytes, outline: Array, along: Array, end: float, settings: MovingDotSettings
+) -> Pixels:
+    """Collect the pixels that tell of a dot, and the splines across the arm."""
+    radius, place = _radius(outline), outline[[CENTER_U, CENTER_V]]
+    way, across = outline[[SMEAR_U, SMEAR_V]], np.array([-along[1], along[0]])
+    width = (1.0 + settings.beyond) * radius + settings.blur * float(outline[WIDTH])
+    width += 0.5 * abs(float(across @ way))
+    first = -settings.before * radius - 0.5 * abs(float(along @ way))
+    reach = math.hypot(width, first)
+    low = np.maximum(np.ceil(place - reach), 0.0).astype(np.int64)
+    high = np.maximum(np.floor(place + reach) + 1.0, 0.0).astype(np.int64)
+    piece = grey[low[1] : high[1], low[0] : high[0]]
+    y, x = np.mgrid[: piece.shape[0], : piece.shape[1]]
+    x, y = x + (low[0] - place[0]), y + (low[1] - place[1])
+    ahead, aside = along[0] * x + along[1] * y, across[0] * x + across[1] * y
+    inside = (ahead >= first) & (ahead <= min(-first, end)) & (np.abs(aside) <= width)
+    knot = settings.knot * radius
+    splines = _splines(aside[inside] / knot, width / knot)
+    arm = np.concatenate([splines, splines * ahead[inside][:, None] / radius], axis=1)
+    return Pixels(x[inside], y[inside], piece[inside].astype(np.float64), arm, inside)
+
+
+def _fit_within(
+    grey: Bytes,
+    outline: Array,
+    along: Array,
+    end: float,
+    known: Known,
+    settings: MovingDotSettings,
+) -> MovingDot | None:
+    """Fit a dot by the pixels around an outline (FITTED,)."""
+    pixels = _cut(grey, outline, along, end, settings)
+    many = pixels.arm.shape[1]  # then contrast, center, way and size
+    count, spare = len(pixels.x), len(pixels.x) - many - 1 - OF_DOT
+    if spare < many:
+        return None
+    drawn = outline[[SMEAR_U, SMEAR_V]]
+    given = known.longer * drawn
+    off, way, size, contrast = np.zeros(2), given.copy(), known.size, known.contrast
+    std = np.full(many + 1 + OF_DOT, math.inf)  # what is known before; nothing of the center
+    std[many], std[many + 5] = known.contrast_std, known.size_std
+    std[many + 3 : many + 5] = known.way_std * math.hypot(*given)
+    wanted = np.zeros(len(std))
+    variance = 1.0
+    for turn in range(settings.passes):
+        covered, moved = _draw(pixels.x - off[0], pixels.y - off[1], outline, way, size)
+        columns = np.column_stack([pixels.arm, covered, contrast * moved])
+        weights = variance / (std * std) + FLAT
+        wanted[many], wanted[many + 5] = known.contrast, known.size - size
+        wanted[many + 3 : many + 5] = given - way
+        normal = columns.T @ columns + np.diag(weights)
+        solution = np.linalg.solve(normal, columns.T @ pixels.levels + weights * wanted)
+        left = pixels.levels - columns @ solution
+        variance = max(float(left @ left) / spare, QUANTIZATION)
+        contrast = float(solution[many])
+        step = np.clip(
+            solution[many + 1 : many + 5], -settings.largest_step, settings.largest_step
+        )
+        off, way, size = off + step[:2], way + step[2:], size + float(solution[many + 5])
+        if contrast <= 0.0 or abs(size - 1.0) > settings.largest_change:
+            return None
+        if turn > 1 and np.abs(step[:2]).max() < settings.done:
+            break
+    else:
+        return None
+    inverse = np.linalg.inv(normal)
+    of_center = slice(many + 1, many + 3)
+    by_pixel = (inverse[of_center] @ columns.T) * (left * math.sqrt(count / spare))
+    covariance = _covariance(by_pixel, pixels.inside, settings.together)
+    covariance += variance * (inverse[of_center] * weights) @ inverse[:, of_center]
+    white = variance * float(np.diagonal(inverse)[of_center].max())
+    square = max(float(np.linalg.eigvalsh(covariance)[-1]), white)
+    radius = _radius(outline)
+    error = math.hypot(settings.error * float(way @ way) / radius, settings.least_error * radius)
+    return MovingDot(
+        center=outline[[CENTER_U, CENTER_V]] + off,
+        way=way,
+        longer=float(way @ drawn / (drawn @ drawn)),
+        size=size,
+        contrast=contrast,
+        std=math.hypot(math.sqrt(square), error),
+        left=math.sqrt(variance),
+    )
+
+
+def _splines(places: Array, half: float) -> Array:
+    """Return the cubic B-splines (n, splines) at places from -half to half, knots 1 apart."""
+    knots = np.arange(math.floor(-half) - 1, math.ceil(half) + 2)
+    away = np.abs(places[:, None] - knots)
+    inner = 2.0 / 3.0 - away**2 * (1.0 - 0.5 * away)
+    return np.asarray(np.where(away < 1.0, inner, np.maximum(2.0 - away, 0.0) ** 3 / 6.0))
+
+
+def _draw(x: Array, y: Array, outline: Array, way: Array, size: float) -> tuple[Array, Array]:
+    """Return which share of an exposure a dot is at places (n,), and how that changes (n, OF_DOT).
+
+    x, y (n,) px from its center; it changes by center, way and size.
+    """
+    xx, xy, yy = size * outline[[AXIS_XX, AXIS_XY, AXIS_YY]]
+    determinant = xx * yy - xy * xy
+    xx, xy, yy = yy / determinant, -xy / determinant, xx / determinant  # the inverse
+    blur = outline[WIDTH]
+    times, parts = TIMES[MOST_MOMENTS][:, None], PARTS[MOST_MOMENTS][:, None]
+    px, py = x - times * way[0], y - times * way[1]
+    across, down = xx * px + xy * py, xy * px + yy * py
+    ratio = np.maximum(np.hypot(across, down), 1e-6)
+    out_x, out_y = (xx * across + xy * down) / ratio, (xy * across + yy * down) / ratio
+    normal = 1.0 / np.maximum(np.hypot(out_x, out_y), 1e-9)
+    outside = (ratio - 1.0) * normal / blur
+    covered = np.sum(parts * ndtr(-outside), axis=0)
+    density = parts * np.exp(-0.5 * outside * outside) / (math.sqrt(2.0 * math.pi) * blur)
+    by_u, by_v = density * out_x * normal, density * out_y * normal
+    by_size = density * ratio * normal / size
+    moved = [by_u, by_v, times * by_u, times * by_v, by_size]
+    return covered, np.column_stack([it.sum(axis=0) for it in moved])
+
+
+def _covariance(by_pixel: Array, inside: Mask, together: int) -> Array:
+    """Return the covariance (2, 2) of a center from what each pixel moves it (2, pixels).
+
+    inside (height, width): where these pixels are. What is left of a picture goes together over
+    some pixels, as what is behind the arm is no noise: products of all pairs within `together` px
+    count, less the further they are apart (Bartlett's weights; Newey and West, Conley).
+    """
+    maps = np.zeros((2, *inside.shape))
+    maps[:, inside] = by_pixel
+    weights = 1.0 - np.abs(np.arange(-together, together + 1)) / (together + 1.0)
+    sums = [
+        cv2.sepFilter2D(it, -1, weights, weights, borderType=cv2.BORDER_CONSTANT) for it in maps
+    ]
+    covariance = np.array([[np.sum(one * other) for one in sums] for other in maps])
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def known_by(dots: list[MovingDot], settings: MovingDotSettings = MOVING_DOTS) -> Known:
+    """Return what dots tell of one next to them."""
+    contrast = float(np.median([dot.contrast for dot in dots]))
+    sizes = np.array([dot.size for dot in dots])
+    ways = np.array([dot.longer for dot in dots])
+    return Known(
+        contrast=contrast,
+        contrast_std=settings.contrast_std * contrast,
+        size=float(np.median(sizes)),
+        size_std=max(_spread(sizes), settings.least_size_std),
+        longer=float(np.median(ways)),
+        way_std=max(_spread(ways), settings.least_way_std),
+    )
+
+
+def _spread(values: Array) -> float:
+    """Return how far values are off their median, root mean square."""
+    return float(np.sqrt(np.mean((values - np.median(values)) ** 2)))
+
+
+def nothing_known(outline: Array, contrast: float, settings: MovingDotSettings) -> Known:
+    """Return what is known of a dot by its outline (FITTED,) alone."""
+    return Known(
+        contrast=contrast,
+        contrast_std=math.inf,
+        size=1.0,
+        size_std=max(settings.size_std, float(outline[SIZE_STD])),
+        longer=1.0,
+        way_std=settings.way_std,
+    )
+
+
+def is_dot(dot: MovingDot, known: Known, settings: MovingDotSettings = MOVING_DOTS) -> bool:
+    """Whether what was fitted is a dot: as its neighbors are, and all that is there."""
+    alike = 1.0 / settings.differs <= dot.contrast / known.contrast <= settings.differs
+    return alike and dot.left <= settings.most_left * dot.contrast
+
+
+def moves_far(outlines: Array, settings: MovingDotSettings = MOVING_DOTS) -> Mask:
+    """Whether dots (n, FITTED) move far while the shutter is open (n,)."""
+    way = np.hypot(outlines[:, SMEAR_U], outlines[:, SMEAR_V])
+    size = outlines[:, AXIS_XX] * outlines[:, AXIS_YY] - outlines[:, AXIS_XY] ** 2
+    return np.asarray(way > settings.swept * np.sqrt(size))
+
+
+def end_of_arm(outline: Array, along: Array, settings: MovingDotSettings = MOVING_DOTS) -> float:
+    """Return how far from the last dot (FITTED,) the arm may end, all of an exposure, px."""
+    smeared = 0.5 * abs(float(along @ outline[[SMEAR_U, SMEAR_V]]))
+    return settings.ends * _radius(outline) - settings.clear * float(outline[WIDTH]) - smeared
+
+
+def as_fitted(outline: Array, dot: MovingDot) -> Array:
+    """Return a dot as `fit_ellipses` returns one (FITTED,): none of its edge is seen by itself."""
+    fitted = outline.copy()
+    fitted[[CENTER_U, CENTER_V]], fitted[[SMEAR_U, SMEAR_V]] = dot.center, dot.way
+    fitted[[AXIS_XX, AXIS_XY, AXIS_YY]] *= dot.size
+    fitted[BEHIND] = fitted[PLATEAU] - dot.contrast
+    fitted[[ERROR, NEAR_EDGE, ON_EDGE, WITHIN, OUTSIDE]] = dot.std, 1.0, 0.0, 1.0, 0.0
+    return fitted
