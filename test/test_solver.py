@@ -7,6 +7,8 @@ import dataclasses
 import json
 import math
 from pathlib import Path
+import re
+import shutil
 import subprocess
 import sys
 
@@ -603,3 +605,22 @@ def test_the_fingerprint_is_of_the_files_with_kernels_alone_whatever_their_order
     assert jit.fingerprint(one) == jit.fingerprint(other)
     (other / 'inner' / 'b.py').write_text(kernels['b'] + 'CONSTANT = 2\n')
     assert jit.fingerprint(one) != jit.fingerprint(other)
+
+
+def test_the_fingerprint_is_of_all_files_here_that_kernels_come_from(tmp_path):
+    # A module that moved once left the fingerprint: it was looked for by its old name.
+    package = tmp_path / 'package'
+    shutil.copytree(Path(jit.__file__).parents[2], package, ignore=shutil.ignore_patterns('*.pyc'))
+    decorated = re.compile(r'^\s*@(kernel|inner|inlined)$', re.MULTILINE)
+    files = {file for file in package.rglob('*.py') if decorated.search(file.read_text())}
+    assert len(files) > 20
+    compiling = {
+        package / 'core' / 'kernels' / f'{name}.py' for name in ('jit', 'compiler', 'links')
+    }
+    whole = jit.fingerprint(package)
+    for file in files | compiling | {package / 'solver' / 'settings.py'}:
+        content = file.read_bytes()
+        file.write_bytes(content + b'# changed\n')
+        assert jit.fingerprint(package) != whole, file
+        file.write_bytes(content)
+    assert jit.fingerprint(package) == whole
