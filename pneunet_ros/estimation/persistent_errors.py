@@ -340,8 +340,9 @@ def without_prior(
     For a prior that is refuted holds a step back. Where frames tell little it stays as it is.
     """
     left, axes = np.linalg.eigh(covariance)
-    told = np.where(1.0 - left > settings.seen, 1.0 - left, 1.0)
-    return axes @ ((axes.T @ step) / told), axes @ np.diag(left / told) @ axes.T
+    information = np.where(1.0 - left > settings.seen, 1.0 - left, 1.0)
+    covariance = axes @ np.diag(left / information) @ axes.T
+    return axes @ ((axes.T @ step) / information), covariance
 
 
 def chance_of(moved: float, unknowns: int) -> float:

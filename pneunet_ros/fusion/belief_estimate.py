@@ -111,25 +111,25 @@ def estimate_at(
         beside = out_of_plane(bench.arm, bench.sensors, used.reading)
         if beside.stops:
             refusal = refuse(stamp_ns, 'out_of_plane', beside.sentence)
-            return replace(state, told=True), refusal
+            return replace(state, answered=True), refusal
         notes = [*notes, *([beside.note] if beside.warns else [])]
     start = state.solution if mode is Mode.PREDICTION else None
     arm = arm_at(bench, state, instant, used, start)
     if not arm.bent.shape.converged:
-        state = replace(state, told=True, solution=None)
+        state = replace(state, answered=True, solution=None)
         return state, refuse(stamp_ns, 'no_equilibrium', arm.bent.shape.status)
     if arm.position.reason:
         refusal = refuse(stamp_ns, arm.position.reason, arm.position.sentence)
-        return replace(state, told=True), refusal
+        return replace(state, answered=True), refusal
     notes = [*notes, *said_of_bench(bench, state, arm.belief)]
     wrench_age = None if used is None else used.age
     estimate = shape_estimate(bench, arm, stamp_ns, mode, wrench_age, notes)
     if isinstance(estimate, Refusal):
-        return replace(state, told=True), estimate
+        return replace(state, answered=True), estimate
     for other in others_likely(bench, state, arm, instant, mode):
         estimate = holding(estimate, other)
-    told = mode is not Mode.PREDICTION and not bench.stiffness_unknown
-    contact = contact_at(bench, state, arm, used) if told else None
+    determinable = mode is not Mode.PREDICTION and not bench.stiffness_unknown
+    contact = contact_at(bench, state, arm, used) if determinable else None
     ambiguous = state.search.ambiguous or (contact is not None and contact.ambiguous)
     unknown = ambiguous or bench.stiffness_unknown
     fault = None
@@ -152,7 +152,9 @@ def estimate_at(
         nis_limit=math.nan if state.nis is None else state.nis.limit,
         target_age=state.target_age(stamp_ns),
     )
-    after = replace(state, told=True, solution=arm.bent.solution, estimates=state.estimates + 1)
+    after = replace(
+        state, answered=True, solution=arm.bent.solution, estimates=state.estimates + 1
+    )
     return after, fused
 
 

@@ -89,8 +89,8 @@ def verdict_on(unknowns: Unknowns, settings: FusionSettings, belief: Belief) -> 
 
 def sensor_score(unknowns: Unknowns, belief: Belief) -> float:
     """Return by how many sigma frames say that the sensor is off."""
-    told = [told_by_frames(unknowns, belief, which) for which in range(OFFSET.start, GAIN + 1)]
-    return max(abs(value) / std for value, std in told)
+    errors = [told_by_frames(unknowns, belief, which) for which in range(OFFSET.start, GAIN + 1)]
+    return max(abs(value) / std for value, std in errors)
 
 
 def doubt_after(settings: FusionSettings, doubt: float, gain: float) -> float:

@@ -111,7 +111,7 @@ class Fusion:
         A node does it when an estimate is out; where nobody did, the next step does. What comes of
         all steps is the same.
         """
-        return self.doubt_frame(state) if state.told else state
+        return self.doubt_frame(state) if state.answered else state
 
     def take_wrench(
         self, state: FusionState, reading: WrenchReading
@@ -389,7 +389,7 @@ class Fusion:
         if update.belief is None:
             lost = replace(state, nis=nis, lost=state.lost + 1, **seen)
             return lost.count_unused(update.reason)
-        seen |= {'nis': nis, 'told': False, 'lost': 0, 'frames': state.frames + 1}
+        seen |= {'nis': nis, 'answered': False, 'lost': 0, 'frames': state.frames + 1}
         return self.with_taken(state, taken, update.belief, **seen)
 
     def with_taken(

@@ -4,7 +4,7 @@ A frame is taken by what was believed, and then weighed against all else that it
 along the arm (`contact`), targets painted elsewhere, a camera that was moved or turned, a force
 sensor that is off (`force_sensor`), a pressure that is not what is read. Where one of them is
 surely right, what had been learned without it is forgotten. If noise explains a frame as it was
-taken, the weighing can wait until the estimate is out.
+taken, the comparison can wait until the estimate is out.
 """
 
 from __future__ import annotations

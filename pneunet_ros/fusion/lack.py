@@ -82,16 +82,16 @@ def weights_after(
     assumed = growth.scale
     share, axes, _ = dsyev(assumed**2 * precision, lower=1)
     scores, precise = [], []
-    for one, told in zip(share.tolist(), (score @ axes).tolist(), strict=True):
+    for one, projection in zip(share.tolist(), (score @ axes).tolist(), strict=True):
         without = 1.0 / (1.0 - min(max(one, 0.0), MOST_CERTAIN))  # of S without these errors
-        scores.append((without * told) ** 2)
+        scores.append((without * projection) ** 2)
         precise.append(without * one / assumed**2)
     likelihood = np.array(
         [
             0.5
             * sum(
-                scale**2 * told / (1.0 + scale**2 * known) - math.log1p(scale**2 * known)
-                for told, known in zip(scores, precise, strict=True)
+                scale**2 * squared / (1.0 + scale**2 * known) - math.log1p(scale**2 * known)
+                for squared, known in zip(scores, precise, strict=True)
             )
             for scale in settings.lack_scales
         ]

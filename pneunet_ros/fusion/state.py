@@ -88,9 +88,9 @@ class FusionState:
     solution: of the last estimate. pressure_lost: the belief's bias stands for the whole pressure;
     pressure_off: targets say that it is not what is read.
     unweighed: the last frame, which is still to be weighed against all else that it may be;
-    unchecked: its fit, beside which other forces are still to be looked for; told: an answer since
-    then is out; search: for such forces; lost: frames in a row not used. frames: used so far;
-    unused: others by reason.
+    unchecked: its fit, beside which other forces are still to be looked for; answered: an estimate
+    since then is out; search: for such forces; lost: frames in a row not used. frames: used so
+    far; unused: others by reason.
     """
 
     readings: EstimatorState = field(default_factory=EstimatorState)
@@ -112,7 +112,7 @@ class FusionState:
     pressure_off: bool = False
     unweighed: TakenFrame | None = None
     unchecked: Fit | None = None
-    told: bool = False
+    answered: bool = False
     search: ColdSearch = field(default_factory=ColdSearch)
     lost: int = 0
     nis: RunningNis | None = None
