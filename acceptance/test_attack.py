@@ -112,8 +112,8 @@ def behaves() -> int:
 def test_what_must_not_be_is_seen(corpus, tmp_path, monkeypatch, verb, kind):
     monkeypatch.setattr(hostile.running, 'main', lambda words: verb())
     # To take memory is slow on some machines, and is no hang.
-    seconds = 3.0 if kind == 'hang' else 30.0
-    limits = {'seconds': seconds, 'patience': 20.0, 'megabytes': resident_megabytes() + 250.0}
+    seconds, patience = (3.0, 6.0) if kind == 'hang' else (30.0, 20.0)
+    limits = {'seconds': seconds, 'patience': patience, 'megabytes': resident_megabytes() + 250.0}
     monkeypatch.setattr(hostile.running, 'LIMITS', hostile.running.LIMITS | limits)
     outputs = (tmp_path / 'case' / 'out.npz',)
     case = Case(kind='made', folder=tmp_path / 'case', words=('verb',), outputs=outputs)

@@ -226,6 +226,7 @@ def test_a_model_that_cannot_be_fitted_is_said_first_and_has_no_numbers(run, lab
     assert [item['role'] for item in said['inputs']] == ['training', 'training']
 
 
+@pytest.mark.slow
 def test_a_discovered_law_is_said_and_its_effect_written(run, found, lab, monkeypatch):
     found['answer'] = 'unknown'
     law = replace(discovery(diagnosis()[0]), evaluation=diagnosis()[0].after)

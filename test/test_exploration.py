@@ -75,6 +75,7 @@ def simulated(effects: dict[str, dict[str, float]]) -> SimulatedArm:
     return SimulatedArm(scenario=scenario.with_effects(effects))
 
 
+@pytest.mark.slow
 def test_a_load_effect_is_found_by_a_loaded_recording_that_was_chosen(tmp_path: Path, capsys):
     arm = simulated({'load_offset': {'offset': 0.006}})
 
