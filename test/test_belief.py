@@ -171,6 +171,33 @@ def test_the_walk_rises_at_once_and_falls_slowly():
     assert with_walk(UNKNOWNS, FUSION, noisy, replace(noisy, stamp_ns=after.stamp_ns)).walk < 0.05
 
 
+@pytest.mark.parametrize('period', [0.02, 0.1, 0.5])
+def test_a_force_that_moves_steadily_is_held_where_frames_come_late(period):
+    speed = 0.03  # N/s: it stays small beside the largest force
+    start = replace(believed(), root=1e-6 * believed().root, frames=1, walk=1e-3, usual_walk=1e-3)
+    belief = start
+    for frame in range(1, 4):
+        after = replace(
+            belief,
+            stamp_ns=belief.stamp_ns + round(period * SECOND),
+            mean=start.mean + np.eye(start.mean.size)[0] * speed * period * frame,
+        )
+        belief = with_walk(UNKNOWNS, FUSION, belief, after)
+    assert belief.interval == max(period, FUSION.steady_after)
+
+    def share(seconds):
+        late = belief.stamp_ns + round(seconds * SECOND)
+        return move_belief(UNKNOWNS, belief, late, 1.0).std(0) / (speed * seconds)
+
+    # As a walk until then, and after that a share of the way that stays.
+    steady = np.sqrt(period / belief.interval)
+    assert share(belief.interval) == pytest.approx(steady, rel=0.1)
+    assert share(4.0 * belief.interval) == pytest.approx(steady, rel=0.2)
+    assert share(0.5 * belief.interval) == pytest.approx(
+        np.sqrt(2.0 * period / belief.interval), rel=0.1
+    )
+
+
 def test_a_force_that_rests_from_the_first_frame_is_soon_trusted_between_frames():
     belief = replace(believed(), root=1e-6 * believed().root, frames=0)
     first = belief.usual_walk

@@ -185,11 +185,11 @@ class Belief:
     """What is believed at a stamp: mean (n,), root (n, m) with root root^T the covariance.
 
     walk (N/sqrt(s)): of the forces, as they moved lately; usual_walk: of the tip force, as it did
-    on average; lack_weights (scales,): of the sizes of
-    what the model lacks, log; chamber: the pressure (Pa) as read, NaN where it was not; solution:
-    the rod there, None before the first; frames: how many have been used. same_targets: they are
-    taken for those of the calibration, which knows where they are painted; camera_moved: the
-    camera is not where it was when the base frame was found.
+    on average; interval (s): after which they go on as steadily as from frame to frame;
+    lack_weights (scales,): of the sizes of what the model lacks, log; chamber: the pressure (Pa)
+    as read, NaN where it was not; solution: the rod there, None before the first; frames: how many
+    have been used. same_targets: they are taken for those of the calibration, which knows where
+    they are painted; camera_moved: the camera is not where it was when the base frame was found.
     """
 
     stamp_ns: int
@@ -198,6 +198,7 @@ class Belief:
     walk: float
     usual_walk: float
     lack_weights: Array
+    interval: float = math.inf
     chamber: float = math.nan
     solution: SolverNodes | None = None
     frames: int = 0
@@ -341,13 +342,15 @@ def move_belief(
     sigma of readings of moment and pressure there, None where they are those of before. What
     moves is an Ornstein-Uhlenbeck process of the std before any frame, and what the model lacks
     moves with the pressure as well; the force keeps its mean, and only grows less certain, at
-    first by its walk. One column of the root follows for all that moves, then those of the noise.
+    first by its walk, and after `interval` as if it went on steadily: a load that swings does, and
+    frames that come late would not hold it. One column of the root follows for all that moves, then those of the noise.
     """
     seconds = abs(seconds_between(belief.stamp_ns, stamp_ns))
+    steady = max(seconds / belief.interval, 1.0) if walk is None else 1.0
     walk = belief.walk if walk is None else walk
     moving = unknowns.moving
     times = unknowns.moving_times.copy()
-    times[FORCE] = 2.0 * (unknowns.force_scale / walk) ** 2
+    times[FORCE] = 2.0 * (unknowns.force_scale / walk) ** 2 / steady
     decay = np.exp(-seconds / times)
     grown = np.sqrt(1.0 - decay**2)
     grown[unknowns.lacking_moves] = scale * lack_grown(unknowns, seconds, pressed)
@@ -365,6 +368,7 @@ def move_belief(
         root=freeze(root),
         walk=walk,
         usual_walk=belief.usual_walk,
+        interval=belief.interval,
         lack_weights=belief.lack_weights,
         chamber=belief.chamber,
         solution=belief.solution,
@@ -414,7 +418,9 @@ def with_walk(
     """
     seconds = seconds_between(before.stamp_ns, after.stamp_ns)
     if not before.frames or seconds <= 0.0:
-        return replace(after, walk=before.walk, usual_walk=before.usual_walk)
+        return replace(
+            after, walk=before.walk, usual_walk=before.usual_walk, interval=before.interval
+        )
     found, weights = [], []
     for force in FORCES:
         change = float(after.mean[force] - before.mean[force]) ** 2
@@ -432,7 +438,12 @@ def with_walk(
     recent = min(max(*found, usual), largest)
     share = 1.0 if recent > before.walk**2 else -math.expm1(-seconds / settings.walk_time)
     walk = before.walk**2 + share * (recent - before.walk**2)
-    return replace(after, walk=math.sqrt(walk), usual_walk=math.sqrt(usual))
+    return replace(
+        after,
+        walk=math.sqrt(walk),
+        usual_walk=math.sqrt(usual),
+        interval=max(seconds, settings.steady_after),
+    )
 
 
 def take_measurement(belief: Belief, response: Array, value: Array, std: Array) -> Belief:

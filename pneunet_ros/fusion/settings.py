@@ -22,6 +22,11 @@ class FusionSettings:
     largest_walk: float = tuning(
         0.9, 'random walk of a force, at most', unit='of the force scale/sqrt(s)'
     )
+    steady_after: float = tuning(
+        0.1,
+        'time after which a force goes on as steadily as it moved, where frames are no rarer',
+        unit='s',
+    )
     walk_time: float = tuning(0.5, 'time in which a force that rests is trusted again', unit='s')
     usual_time: float = tuning(30.0, 'time over which the walk of the force is averaged', unit='s')
     guess_counts: float = tuning(
