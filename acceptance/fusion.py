@@ -430,7 +430,9 @@ def numbers_of(rows: Array) -> dict:
         'ambiguous': float(np.nanmean(column['ambiguous'])),
         'determined': float(np.isfinite(force_nees).mean()),
         'sure': float(sure.mean()),
-        'sure_rms': float(np.sqrt(np.mean(column['share'][sure] ** 2))),
+        'sure_rms': float(np.sqrt(np.mean(column['share'][sure] ** 2)))
+        if sure.any()
+        else math.nan,
         'median': float(np.median(column['share'][pressed])) if pressed.any() else math.nan,
         'force_covered': covered(force_nees),
         'worst_force': float(min(covered(one) for one in force_nees)),
@@ -507,7 +509,7 @@ def show(summary: dict, title: str) -> None:
             value = numbers[name] * (1e3 if name.endswith(('tip_rms', 'tip_median')) else 1.0)
             cells.append(format(value, form))
         table.add_row(*cells)
-    console = Console(width=170)
+    console = Console(width=250)
     console.print(table)
     if 'missed' in summary:
         console.print('\n'.join(summary['missed'] or ['all goals reached']))

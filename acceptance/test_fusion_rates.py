@@ -1,0 +1,59 @@
+"""The bench of other rates: what is heard is what a way says, and sigmas too small fail it."""
+
+from __future__ import annotations
+
+import fusion_rates as bench
+from fusion_rates import events_of, Way
+import numpy as np
+from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
+import pytest
+
+
+@pytest.fixture(scope='module')
+def recording():
+    return bench.recording_of(77, 0, swing=True)
+
+
+def test_what_is_heard_is_what_a_way_says(recording):
+    way = Way(
+        pressure=10,
+        wrench=17,
+        frames=5,
+        late=0.2,
+        pressure_step=300.0,
+        force_step=5e-3,
+        begins=1.0,
+    )
+    heard = list(events_of(recording, way, 77, wrench=True))
+    kinds = {
+        kind: [(instant, event) for instant, event in heard if isinstance(event, kind)]
+        for kind in (PressureReading, WrenchReading, TargetSightings)
+    }
+    for kind, every in ((PressureReading, 10), (WrenchReading, 17), (TargetSightings, 5)):
+        assert {instant % every for instant, _ in kinds[kind]} == {0}
+    assert kinds[PressureReading][0][0] == 50
+    assert kinds[TargetSightings][0][0] == 40  # of 0.2 s before the beginning
+    for _, event in kinds[PressureReading]:
+        assert event.pressure / 300.0 == pytest.approx(round(event.pressure / 300.0))
+    for _, event in kinds[WrenchReading]:
+        assert event.force_x / 5e-3 == pytest.approx(round(event.force_x / 5e-3))
+    # A frame comes after all readings that are not later than its coming.
+    frame = heard.index(kinds[TargetSightings][3])
+    before = [instant for instant, event in heard[:frame] if isinstance(event, PressureReading)]
+    assert before[-1] <= heard[frame][0] + 10
+    assert not any(isinstance(event, WrenchReading)
+                   for _, event in events_of(recording, way, 77, wrench=False))  # fmt: skip
+
+
+def test_errors_of_their_sigmas_reach_the_goals_and_others_miss_them():
+    way, random = 'frames 0.2 s late, no wrench', np.random.default_rng(3)
+    error = random.standard_normal((4, 500, 2, 2))
+    for sure in (1.0, 1.5):
+        nees = sure**2 * np.sum(error**2, axis=-1)
+        rows = np.stack([1e-4 * nees[..., 0], nees[..., 0], nees[..., 1], nees[..., 1]], axis=-1)
+        rows[:, :100] = np.nan  # without an estimate
+        rows[:, 100:200, 2:] = np.nan  # without a force
+        found = bench.summary_of([{way: rows}])
+        assert found['ways'][way]['estimates'] == pytest.approx(0.8)
+        assert found['ways'][way]['determined'] == pytest.approx(0.75)
+        assert len(found['missed']) == (0 if sure == 1.0 else 2)
