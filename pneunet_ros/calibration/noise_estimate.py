@@ -24,6 +24,8 @@ RESTS = 3.0  # sigma of a pressure reading, that it changes by from frame to fra
 ASSUMED = 'assumed; these recordings cannot tell'
 # What an arm file states of its sensors, and the unit.
 STATED = (('pressure_std', 'Pa'), ('force_std', 'N'), ('moment_std', 'N m'), ('target_std', 'm'))
+# What may be read in steps that are coarser than the noise, and the unit.
+STEPPED = (('pressure', 'Pa'), ('force', 'N'), ('moment', 'N m'))
 SMALLEST = 1e-9  # of a standard deviation that was found
 
 
@@ -90,14 +92,18 @@ def estimate_noise(
     pressure_std = min(found['pressure_std'][0] or np.inf, assumed.pressure_std)
     alike, neighbors = likeness(runs, pressure_std, settings)
     notes = []
-    step = resolution_of(readings['pressure'], settings)
-    coarse, sentence = with_step(found['pressure_std'][0], assumed.pressure_std, step)
-    if sentence:
-        found['pressure_std'] = coarse, sentence
+    # Both components of a force are read by one sensor.
+    stepped = readings | {'force': [load[:, :END_LOAD_MOMENT].T.ravel() for load in loads]}
+    for name, unit in STEPPED:
+        step, key = resolution_of(stepped[name], settings), f'{name}_std'
+        coarse, sentence = with_step(found[key][0], getattr(assumed, key), step, unit)
+        if not sentence:
+            continue
+        found[key] = coarse, sentence
         notes.append(
-            f'the pressure is read in steps of {step:.3g} Pa, coarser than its noise: step^2/12 '
-            f'is in its variance, and pressure_std is {coarse:.3g} Pa. A pressure that rests is '
-            'off by the same in all of its frames; a finer sensor or converter tells more'
+            f'the {name} is read in steps of {step:.3g} {unit}, coarser than its noise: step^2/12 '
+            f'is in its variance, and {key} is {coarse:.3g} {unit}. A {name} that rests is off by '
+            'the same in all of its frames; a finer sensor or converter tells more'
         )
     if alike > 1.0 and found['target_std'][0] is not None:
         factor = math.sqrt(alike)
@@ -193,7 +199,9 @@ def grid_step(values: Array, settings: NoiseEstimateSettings) -> float:
     return step if np.mean(whole) >= settings.on_grid else 0.0
 
 
-def with_step(white: float | None, assumed: float, step: float) -> tuple[float | None, str]:
+def with_step(
+    white: float | None, assumed: float, step: float, unit: str
+) -> tuple[float | None, str]:
     """Return a standard deviation with the error of rounding to steps, and where it comes from.
 
     white: of what was read, None where nothing tells; assumed: what is thought then. Noise beyond
@@ -204,7 +212,7 @@ def with_step(white: float | None, assumed: float, step: float) -> tuple[float |
         return white, ''
     source = 'assumed noise below it' if white is None else 'second differences in time'
     total = math.hypot(noise, step / math.sqrt(12.0))
-    return total, f'steps of {step:.3g} Pa in which it is read, and {source}'
+    return total, f'steps of {step:.3g} {unit} in which it is read, and {source}'
 
 
 def load_readings(run: RecordingData) -> Array:
