@@ -341,9 +341,9 @@ def move_belief(
     (N/sqrt(s)): of the forces from now on, None for as they moved lately; noise (N m, Pa): one
     sigma of readings of moment and pressure there, None where they are those of before. What
     moves is an Ornstein-Uhlenbeck process of the std before any frame, and what the model lacks
-    moves with the pressure as well; the force keeps its mean, and only grows less certain, at
-    first by its walk, and after `interval` as if it went on steadily: a load that swings does, and
-    frames that come late would not hold it. One column of the root follows for all that moves, then those of the noise.
+    moves with the pressure as well; the force keeps its mean, and only grows less certain: at
+    first by its walk, and after `interval` as one that goes on steadily, since a load that swings
+    does. One column of the root follows for all that moves, then those of the noise.
     """
     seconds = abs(seconds_between(belief.stamp_ns, stamp_ns))
     steady = max(seconds / belief.interval, 1.0) if walk is None else 1.0
