@@ -21,6 +21,7 @@ from pneunet_ros.fusion.belief_estimate import (
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.force_sensor import DISAGREES, Verdict
 from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.readings import rounding_std, smallest_step, with_rounding
 from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.lab.lab_arm import vary_arm
@@ -592,6 +593,50 @@ def test_a_pressure_in_order_is_never_called_off():
         fuse(calibrated(), change=partial(moved_camera, turn=0.035), frames=range(100)),
     ):
         assert not found.state.pressure_off
+
+
+def in_steps(step: float, read, name: str):
+    """Return readings of a sensor that rounds."""
+    return replace(read, **{name: step * round(getattr(read, name) / step)})
+
+
+def test_a_coarse_pressure_sensor_is_not_called_off():
+    step = 500.0
+    found = fuse(calibrated(), gauge=lambda frame: in_steps(step, pressure(frame), 'pressure'))
+    assert not found.state.pressure_off
+    assert found.state.pressures[-1].step == pytest.approx(step)
+    std = calibrated().arm.sensors.pressure_std
+    assert found.state.pressures[-1].std == pytest.approx(np.hypot(std, step / np.sqrt(12.0)))
+    assert found.force_covered() > 0.9
+    assert found.tip_covered() > 0.9
+
+
+def test_a_coarse_force_sensor_is_not_taken_for_a_fine_one():
+    step = 5e-3
+
+    def coarse(frame):
+        return in_steps(step, in_steps(step, wrench(frame), 'force_x'), 'force_y')
+
+    found = fuse(calibrated(), with_wrench=True, sensor=coarse)
+    assert found.state.force_step == pytest.approx(step)
+    assert found.force_covered() > 0.9
+    assert found.tip_covered() > 0.88
+    fine = fuse(calibrated(), with_wrench=True).state
+    assert fine.force_step < 0.2 * step
+
+
+def test_steps_that_are_commanded_tell_nothing_of_a_sensor():
+    """Nor does a sensor whose noise, as the model has it, holds its steps already."""
+    step = np.inf
+    for change in (0.0, -5e3, 1e4, 0.0):
+        step = smallest_step(step, change)
+    assert step == 5e3
+    assert rounding_std(step, largest=3e3) == 0.0
+    assert rounding_std(np.inf, largest=3e3) == 0.0
+    rounding = rounding_std(smallest_step(step, 600.0), largest=3e3)
+    assert rounding == pytest.approx(600.0 / np.sqrt(12.0))
+    assert with_rounding(80.0, rounding) == pytest.approx(np.hypot(80.0, rounding))
+    assert with_rounding(200.0, rounding) == 200.0
 
 
 def test_a_frame_that_is_no_arm_is_not_used():

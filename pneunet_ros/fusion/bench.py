@@ -28,7 +28,7 @@ from pneunet_ros.fusion.belief import (
 )
 from pneunet_ros.fusion.frame_fit import contact_of, FrameInputs
 from pneunet_ros.fusion.lack import lack_columns, remember, scale_of
-from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
+from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant, with_rounding
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian, PRESSURE
 from pneunet_ros.measurement.errors.propagated_errors import Indices
@@ -133,7 +133,8 @@ class Bench:
         if self.arm.sensing:
             response[:, self.unknowns.of_columns] = -self.by_columns(reading)[:, FORCE].T
         walked = belief.walk * math.sqrt(abs(wrench.age))
-        std = math.hypot(self.arm.sensors.force_std, walked, EXACT * self.unknowns.force_scale)
+        noise = with_rounding(self.arm.sensors.force_std, wrench.rounding)
+        std = math.hypot(noise, walked, EXACT * self.unknowns.force_scale)
         value = np.array([true.force_x, true.force_y])
         innovation = value - response @ belief.mean
         spread = response @ belief.root

@@ -44,8 +44,11 @@ from pneunet_ros.fusion.readings import (
     NearWrench,
     PressureInstant,
     ReadFrame,
+    rounding_std,
     SeenFrame,
+    smallest_step,
     stamp_of,
+    with_rounding,
 )
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState, RunningNis, TakenFrame
@@ -124,8 +127,14 @@ class Fusion:
             )
             return state.count_rejected(refusal.reason), refusal
         wrench = base_wrench(self.sensors, reading)
+        step = state.force_step
+        if state.wrenches:
+            last = state.wrenches[-1]
+            change = math.hypot(wrench.force_x - last.force_x, wrench.force_y - last.force_y)
+            step = smallest_step(step, change)
         kept = followed_by(state.wrenches, wrench, self.settings.wrenches_kept)
-        return replace(state, readings=state.readings.with_wrench(wrench), wrenches=kept), None
+        readings = state.readings.with_wrench(wrench)
+        return replace(state, readings=readings, wrenches=kept, force_step=step), None
 
     def take_pressure(
         self, state: FusionState, reading: PressureReading, notes: list[str]
@@ -202,9 +211,14 @@ class Fusion:
         if history is None:
             history = self.arm.initial_history(sensed)
         history, chamber = self.arm.actuate(history, elapsed, sensed)
-        known = reading.variance > 0.0
-        std = math.sqrt(reading.variance) if known else self.arm.sensors.pressure_std
-        memory = state.pressures[-1].memory if state.pressures else ()
+        last = state.pressures[-1] if state.pressures else None
+        step = math.inf if last is None else smallest_step(last.step, gauge - last.gauge)
+        if reading.variance > 0.0:
+            std = math.sqrt(reading.variance)
+        else:
+            rounding = rounding_std(step, self.settings.coarsest * self.bench.unknowns.range)
+            std = with_rounding(self.arm.sensors.pressure_std, rounding)
+        memory = () if last is None else last.memory
         play = self.settings.play * self.bench.unknowns.range
         return PressureInstant(
             stamp_ns=reading.stamp_ns,
@@ -213,6 +227,7 @@ class Fusion:
             std=std,
             history=history,
             memory=remember(self.settings, memory, chamber, elapsed, play),
+            step=step,
         )
 
     def take_targets(
@@ -300,8 +315,11 @@ class Fusion:
             return None
         wrench = nearest_to(state.wrenches, stamp_ns)
         age = seconds_between(wrench.stamp_ns, stamp_ns)
-        near = abs(age) <= self.sensors.wrench_timeout
-        return NearWrench(reading=wrench, age=age) if near else None
+        if abs(age) > self.sensors.wrench_timeout:
+            return None
+        largest = self.settings.coarsest * self.bench.unknowns.force_scale
+        rounding = rounding_std(state.force_step, largest)
+        return NearWrench(reading=wrench, age=age, rounding=rounding)
 
     def publish(
         self, state: FusionState, instant: PressureInstant, mode: Mode, notes: list[str]

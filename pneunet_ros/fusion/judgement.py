@@ -38,7 +38,7 @@ from pneunet_ros.fusion.force_sensor import doubt_after, sensor_score, Verdict, 
 from pneunet_ros.fusion.frame_fit import FrameProblem
 from pneunet_ros.fusion.frame_update import excess, FrameUpdate, misfits, take_frame
 from pneunet_ros.fusion.lack import LackGrowth, scale_of
-from pneunet_ros.fusion.readings import ReadFrame, SeenFrame
+from pneunet_ros.fusion.readings import ReadFrame, rounding_std, SeenFrame
 from pneunet_ros.fusion.state import FusionState, TakenFrame
 
 
@@ -143,6 +143,10 @@ def take_unpressed(
     instant = bench.unread(frame.stamp_ns)
     unpressed = take(bench, anew, frame.without_pressure(instant), before)
     others = [take(bench, anew, frame, before)]
+    if math.isinf(frame.instant.step):  # it may be coarse, and not off
+        largest = settings.coarsest * bench.unknowns.range
+        coarse = frame.with_pressure_std(rounding_std(largest, largest))
+        others.append(take(bench, anew, coarse, before))
     if frame.wrench is not None and not settings.free_tip:
         others.append(take(bench, anew, frame.without_wrench(), before))
     least, fit = min(map(evidence_cost_of, others)), weighed.update.fit

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from dataclasses import dataclass, replace
+import math
 from typing import TypeVar
 
 from pneunet_ros.core.arrays import Array
@@ -15,7 +16,8 @@ from pneunet_ros.effects.effect import History, Load
 class PressureInstant:
     """The chamber (Pa, one sigma of its noise) and the effects' history at a pressure reading.
 
-    memory: the pressures (Pa) that lag behind the chamber, and that behind a play.
+    memory: the pressures (Pa) that lag behind the chamber, and that behind a play; step (Pa): the
+    smallest change from reading to reading so far, see `rounding_std`.
     """
 
     stamp_ns: int
@@ -24,6 +26,7 @@ class PressureInstant:
     std: float
     history: tuple[History, ...]
     memory: tuple[float, ...]
+    step: float = math.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,10 +45,14 @@ class SeenFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NearWrench:
-    """The end wrench (base frame) nearest to a stamp, and its age (s) there."""
+    """The end wrench (base frame) nearest to a stamp, and its age (s) there.
+
+    rounding (N): one sigma of each component, of a sensor that reads in steps.
+    """
 
     reading: WrenchReading
     age: float
+    rounding: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,6 +78,10 @@ class ReadFrame:
         """Return it as if nobody had read the force."""
         return replace(self, wrench=None)
 
+    def with_pressure_std(self, std: float) -> ReadFrame:
+        """Return it as if the pressure had been read with this noise (Pa)."""
+        return replace(self, instant=replace(self.instant, std=std))
+
     def without_pressure(self, instant: PressureInstant) -> ReadFrame:
         """Return it as if nobody had read the pressure; instant: what stands for it."""
         return replace(self, instant=instant, alone=True)
@@ -95,6 +106,28 @@ def nearest_to(known: tuple[Stamped, ...], stamp_ns: int) -> Stamped:
     after = bisect_left(known, stamp_ns, key=stamp_of)
     beside = known[max(after - 1, 0) : after + 1]
     return min(beside, key=lambda one: abs(one.stamp_ns - stamp_ns))
+
+
+def smallest_step(step: float, change: float) -> float:
+    """Return the smallest change from reading to reading, after one more; 0 is none."""
+    return min(step, abs(change) or math.inf)
+
+
+def rounding_std(step: float, largest: float) -> float:
+    """Return one sigma of the error of a sensor whose readings change by a step or more.
+
+    Readings with noise of their own soon differ by next to nothing. What changes by more than
+    `largest` is commanded rather than read, or has not changed yet: nothing is told of rounding.
+    """
+    return step / math.sqrt(12.0) if step <= largest else 0.0
+
+
+def with_rounding(std: float, rounding: float) -> float:
+    """Return one sigma of a sensor with that of its rounding.
+
+    The noise of a model that was calibrated with the same sensor has it already, and is larger.
+    """
+    return math.hypot(std, rounding) if std < rounding else std
 
 
 def load_read(wrench: WrenchReading, gauge: float) -> Load:

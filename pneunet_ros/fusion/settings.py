@@ -107,6 +107,9 @@ class FusionSettings:
     )
     pressure_kept: int = tuning(256, 'pressure readings that wait for frames, which come later')
     wrenches_kept: int = tuning(256, 'end wrenches that wait for frames')
+    coarsest: float = tuning(
+        0.05, 'step in which a sensor reads, at most', unit='of the range, or of the force scale'
+    )
     most_ahead: float = tuning(
         0.1, 'of a frame before its pressure, which is told beyond it', unit='s'
     )

@@ -77,7 +77,8 @@ class FusionState:
     """All that a fusion remembers from one reading or frame to the next.
 
     readings: as of an estimator, which admits pressures and wrenches; pressures, wrenches: the
-    last ones, for frames that come late; waiting: frames whose pressure has not come yet; seen:
+    last ones, for frames that come late; force_step (N): the smallest change from wrench to wrench
+    so far, see `rounding_std`; waiting: frames whose pressure has not come yet; seen:
     the last one that was no copy.
     belief: at the last frame that was used, by the likelier of two hypotheses, no contact and
     contact; rival: by the other one, None where that is as good as excluded; log_odds: of a
@@ -96,6 +97,7 @@ class FusionState:
     readings: EstimatorState = field(default_factory=EstimatorState)
     pressures: tuple[PressureInstant, ...] = ()
     wrenches: tuple[WrenchReading, ...] = ()
+    force_step: float = math.inf
     waiting: tuple[TargetSightings, ...] = ()
     frame_stamps: StampGate = field(default_factory=StampGate)
     seen: SeenFrame | None = None
@@ -183,6 +185,7 @@ class FusionState:
             self.fresh(),
             pressures=self.pressures,
             wrenches=self.wrenches,
+            force_step=self.force_step,
             solution=self.solution,
             sensor=self.sensor,
             pressure_lost=self.pressure_off,
