@@ -605,6 +605,8 @@ def test_a_coarse_pressure_sensor_is_not_called_off():
     found = fuse(calibrated(), gauge=lambda frame: in_steps(step, pressure(frame), 'pressure'))
     assert not found.state.pressure_off
     assert found.state.pressures[-1].step == pytest.approx(step)
+    (said,) = calibrated().coarse_sensors(found.state)
+    assert said.startswith('the pressure is read in steps of 500 Pa')
     std = calibrated().arm.sensors.pressure_std
     assert found.state.pressures[-1].std == pytest.approx(np.hypot(std, step / np.sqrt(12.0)))
     assert found.force_covered() > 0.9
@@ -623,6 +625,9 @@ def test_a_coarse_force_sensor_is_not_taken_for_a_fine_one():
     assert found.tip_covered() > 0.88
     fine = fuse(calibrated(), with_wrench=True).state
     assert fine.force_step < 0.2 * step
+    (said,) = calibrated().coarse_sensors(found.state)
+    assert said.startswith('the force is read in steps of 0.005 N')
+    assert calibrated().coarse_sensors(fine) == calibrated().coarse_sensors(FusionState()) == ()
 
 
 def test_steps_that_are_commanded_tell_nothing_of_a_sensor():

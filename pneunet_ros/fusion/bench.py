@@ -173,6 +173,16 @@ class Bench:
         """The standard deviation (N) beyond which a component of the force is not determined."""
         return self.settings.determined * self.unknowns.force_scale
 
+    @property
+    def coarsest_pressure(self) -> float:
+        """The step (Pa) beyond which readings are commanded rather than read."""
+        return self.settings.coarsest * self.unknowns.range
+
+    @property
+    def coarsest_force(self) -> float:
+        """The same of a force (N)."""
+        return self.settings.coarsest * self.unknowns.force_scale
+
     def shown_ns(self, sightings: TargetSightings) -> int:
         """Return the stamp of what a frame shows."""
         return sightings.stamp_ns - round(self.arm.frame_delay * NANOSECONDS_PER_SECOND)

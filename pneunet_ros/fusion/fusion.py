@@ -216,7 +216,7 @@ class Fusion:
         if reading.variance > 0.0:
             std = math.sqrt(reading.variance)
         else:
-            rounding = rounding_std(step, self.settings.coarsest * self.bench.unknowns.range)
+            rounding = rounding_std(step, self.bench.coarsest_pressure)
             std = with_rounding(self.arm.sensors.pressure_std, rounding)
         memory = () if last is None else last.memory
         play = self.settings.play * self.bench.unknowns.range
@@ -317,9 +317,26 @@ class Fusion:
         age = seconds_between(wrench.stamp_ns, stamp_ns)
         if abs(age) > self.sensors.wrench_timeout:
             return None
-        largest = self.settings.coarsest * self.bench.unknowns.force_scale
-        rounding = rounding_std(state.force_step, largest)
+        rounding = rounding_std(state.force_step, self.bench.coarsest_force)
         return NearWrench(reading=wrench, age=age, rounding=rounding)
+
+    def coarse_sensors(self, state: FusionState) -> tuple[str, ...]:
+        """Say which sensors read in steps that the noise of the model does not hold."""
+        noise, bench, said = self.arm.sensors, self.bench, []
+        pressure_step = state.pressures[-1].step if state.pressures else math.inf
+        for name, unit, step, std, largest in (
+            ('pressure', 'Pa', pressure_step, noise.pressure_std, bench.coarsest_pressure),
+            ('force', 'N', state.force_step, noise.force_std, bench.coarsest_force),
+        ):
+            rounding = rounding_std(step, largest)
+            if rounding > std:
+                used = with_rounding(std, rounding)
+                said.append(
+                    f'the {name} is read in steps of {step:.3g} {unit}, and the model knows of '
+                    f'{std:.3g} {unit} of noise: {used:.3g} {unit} is used where a message has no '
+                    'variance; calibrate with this sensor'
+                )
+        return tuple(said)
 
     def publish(
         self, state: FusionState, instant: PressureInstant, mode: Mode, notes: list[str]

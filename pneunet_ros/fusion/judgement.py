@@ -144,7 +144,7 @@ def take_unpressed(
     unpressed = take(bench, anew, frame.without_pressure(instant), before)
     others = [take(bench, anew, frame, before)]
     if math.isinf(frame.instant.step):  # it may be coarse, and not off
-        largest = settings.coarsest * bench.unknowns.range
+        largest = bench.coarsest_pressure
         coarse = frame.with_pressure_std(rounding_std(largest, largest))
         others.append(take(bench, anew, coarse, before))
     if frame.wrench is not None and not settings.free_tip:
