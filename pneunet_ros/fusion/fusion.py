@@ -320,6 +320,11 @@ class Fusion:
         rounding = rounding_std(state.force_step, self.bench.coarsest_force)
         return NearWrench(reading=wrench, age=age, rounding=rounding)
 
+    def is_coarse(self, state: FusionState) -> bool:
+        """Whether the pressure is read in steps that the noise of the model does not hold."""
+        step = state.pressures[-1].step if state.pressures else math.inf
+        return rounding_std(step, self.bench.coarsest_pressure) > self.arm.sensors.pressure_std
+
     def coarse_sensors(self, state: FusionState) -> tuple[str, ...]:
         """Say which sensors read in steps that the noise of the model does not hold."""
         noise, bench, said = self.arm.sensors, self.bench, []
@@ -405,7 +410,12 @@ class Fusion:
         )
 
     def is_still(self, state: FusionState) -> bool:
-        """Whether the last readings of the pressure are the same to the last bit."""
+        """Whether the last readings of the pressure are the same to the last bit.
+
+        Of a sensor that reads in steps that says nothing.
+        """
+        if self.is_coarse(state):
+            return False
         last = {instant.gauge for instant in state.pressures[-self.settings.still_readings :]}
         return len(last) == 1 and len(state.pressures) >= self.settings.still_readings
 

@@ -38,7 +38,7 @@ from pneunet_ros.fusion.force_sensor import doubt_after, sensor_score, Verdict, 
 from pneunet_ros.fusion.frame_fit import FrameProblem
 from pneunet_ros.fusion.frame_update import excess, FrameUpdate, misfits, take_frame
 from pneunet_ros.fusion.lack import LackGrowth, scale_of
-from pneunet_ros.fusion.readings import ReadFrame, rounding_std, SeenFrame
+from pneunet_ros.fusion.readings import ReadFrame, SeenFrame
 from pneunet_ros.fusion.state import FusionState, TakenFrame
 
 
@@ -144,8 +144,7 @@ def take_unpressed(
     unpressed = take(bench, anew, frame.without_pressure(instant), before)
     others = [take(bench, anew, frame, before)]
     if math.isinf(frame.instant.step):  # it may be coarse, and not off
-        largest = bench.coarsest_pressure
-        coarse = frame.with_pressure_std(rounding_std(largest, largest))
+        coarse = frame.with_pressure_std(bench.coarsest_pressure)
         others.append(take(bench, anew, coarse, before))
     if frame.wrench is not None and not settings.free_tip:
         others.append(take(bench, anew, frame.without_wrench(), before))
