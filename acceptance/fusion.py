@@ -430,9 +430,7 @@ def numbers_of(rows: Array) -> dict:
         'ambiguous': float(np.nanmean(column['ambiguous'])),
         'determined': float(np.isfinite(force_nees).mean()),
         'sure': float(sure.mean()),
-        'sure_rms': float(np.sqrt(np.mean(column['share'][sure] ** 2)))
-        if sure.any()
-        else math.nan,
+        'sure_rms': rms(column['share'][sure]),
         'median': float(np.median(column['share'][pressed])) if pressed.any() else math.nan,
         'force_covered': covered(force_nees),
         'worst_force': float(min(covered(one) for one in force_nees)),
@@ -449,7 +447,7 @@ def numbers_of(rows: Array) -> dict:
         'mode_right': float(np.nanmean(rows[..., COLUMNS.index('mode')])),
         'beyond_4_sigma': float(np.mean(both[known(both)] > BEYOND)),
         'predicted': len(late),
-        'predicted_tip_rms': float(np.sqrt(np.mean(late[:, 0] ** 2))) if len(late) else math.nan,
+        'predicted_tip_rms': rms(late[:, 0]),
         'predicted_tip_covered': covered(late[:, COLUMNS.index('tip_nees')]),
     }
 
@@ -462,6 +460,11 @@ def worst_of_better(frames: Array) -> float:
     errors = frames[..., [COLUMNS.index(n) for n in ('tip', 'predicted_alone', 'camera_alone')]]
     tip, *alone = np.sqrt(np.nanmean(errors**2, axis=1)).T
     return float(np.max(tip / np.fmin(*alone)))
+
+
+def rms(values: Array) -> float:
+    """Return the root of the mean square; NaN of nothing."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
 
 
 def covered(nees: Array) -> float:

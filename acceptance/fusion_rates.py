@@ -23,7 +23,7 @@ from pneunet_ros.core.threads import use_one_thread
 if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
     use_one_thread()
 
-from fusion import BEYOND, covered, known, row_of
+from fusion import BEYOND, covered, known, rms, row_of
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import PressureReading
@@ -167,8 +167,8 @@ def fuse(fusion: Fusion, recording: LabRecording, way: Way, seed: int, *, wrench
         row = [math.nan] * len(COLUMNS)
         if isinstance(fused, FusedEstimate):
             tip, force = np.array([truth.x[instant, -1], truth.y[instant, -1]]), truth.force
-            missed, nees, *_, force_nees, _, _, _ = row_of(fused, tip, force[instant], 0.0)
-            row = [missed, nees, float(np.hypot(*(force[instant] - fused.force))), force_nees]
+            missed, tip_nees, _, _, force_nees, *_ = row_of(fused, tip, force[instant], 0.0)
+            row = [missed, tip_nees, float(np.hypot(*(force[instant] - fused.force))), force_nees]
         rows.append(row)
     return np.array(rows)
 
@@ -211,11 +211,6 @@ def numbers_of(rows: Array) -> dict[str, float]:
         'force_rms': rms(force[determined]),
         'force_covered': covered(force_nees) if determined.any() else 1.0,
     }
-
-
-def rms(values: Array) -> float:
-    """Return the root of the mean square; NaN of nothing."""
-    return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
 
 
 def show(summary: dict, title: str) -> None:

@@ -21,7 +21,6 @@ from pneunet_ros.fusion.belief_estimate import (
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.force_sensor import DISAGREES, Verdict
 from pneunet_ros.fusion.fusion import Fusion
-from pneunet_ros.fusion.readings import rounding_std, smallest_step, with_rounding
 from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.lab.lab_arm import vary_arm
@@ -30,6 +29,7 @@ from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.measurement.errors.rounding_error import smallest_change, with_rounding
 from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
 import pytest
@@ -605,7 +605,7 @@ def test_a_coarse_pressure_sensor_is_not_called_off():
     found = fuse(calibrated(), gauge=lambda frame: in_steps(step, pressure(frame), 'pressure'))
     assert not found.state.pressure_off
     assert found.state.pressures[-1].step == pytest.approx(step)
-    (said,) = calibrated().coarse_sensors(found.state)
+    (said,) = calibrated().coarse_sensors(found.state).values()
     assert said.startswith('the pressure is read in steps of 500 Pa')
     std = calibrated().arm.sensors.pressure_std
     assert found.state.pressures[-1].std == pytest.approx(np.hypot(std, step / np.sqrt(12.0)))
@@ -625,23 +625,26 @@ def test_a_coarse_force_sensor_is_not_taken_for_a_fine_one():
     assert found.tip_covered() > 0.88
     fine = fuse(calibrated(), with_wrench=True).state
     assert fine.force_step < 0.2 * step
-    (said,) = calibrated().coarse_sensors(found.state)
+    (said,) = calibrated().coarse_sensors(found.state).values()
     assert said.startswith('the force is read in steps of 0.005 N')
-    assert calibrated().coarse_sensors(fine) == calibrated().coarse_sensors(FusionState()) == ()
+    assert calibrated().coarse_sensors(fine) == calibrated().coarse_sensors(FusionState()) == {}
 
 
 def test_steps_that_are_commanded_tell_nothing_of_a_sensor():
-    """Nor does a sensor whose noise, as the model has it, holds its steps already."""
-    step = np.inf
-    for change in (0.0, -5e3, 1e4, 0.0):
-        step = smallest_step(step, change)
-    assert step == 5e3
-    assert rounding_std(step, largest=3e3) == 0.0
-    assert rounding_std(np.inf, largest=3e3) == 0.0
-    rounding = rounding_std(smallest_step(step, 600.0), largest=3e3)
-    assert rounding == pytest.approx(600.0 / np.sqrt(12.0))
-    assert with_rounding(80.0, rounding) == pytest.approx(np.hypot(80.0, rounding))
-    assert with_rounding(200.0, rounding) == 200.0
+    """Nor does a sensor that has not changed yet."""
+    bench, step = calibrated().bench, np.inf
+    assert bench.pressure_rounding(step) == bench.force_rounding(step) == 0.0
+    for change in (0.0, -2.0 * bench.coarsest_pressure, 1e9, 0.0):
+        step = smallest_change(step, change)
+    assert step == 2.0 * bench.coarsest_pressure
+    assert bench.pressure_rounding(step) == 0.0
+    fine = smallest_change(step, 600.0)
+    assert bench.pressure_rounding(fine) == pytest.approx(600.0 / np.sqrt(12.0))
+
+
+def test_noise_that_was_found_with_the_same_sensor_has_its_rounding():
+    assert with_rounding(80.0, 173.0) == pytest.approx(np.hypot(80.0, 173.0))
+    assert with_rounding(np.hypot(80.0, 173.0), 173.0) == np.hypot(80.0, 173.0)
 
 
 def test_a_frame_that_is_no_arm_is_not_used():

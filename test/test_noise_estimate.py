@@ -286,16 +286,21 @@ def test_the_variance_of_coarse_steps_is_in_the_pressures(step, noise):
     assert any(f'steps of {step:.3g} Pa' in note for note in estimate.notes)
 
 
+@pytest.mark.parametrize('components', [1, 2])
 @pytest.mark.parametrize(('step', 'noise'), [(0.01, 2e-3), (0.01, 1e-4), (5e-3, 2e-3)])
-def test_the_variance_of_coarse_steps_is_in_the_forces(step, noise):
-    """Of one component alone, too: the other one may hardly change."""
+def test_the_variance_of_coarse_steps_is_in_the_forces(step, noise, components):
+    """Also where only one component pulls, and the other hardly changes."""
     exact = runs(replace(TRUE, force_std=noise))
+    scale = np.array([1.0, 1.0 if components == 2 else 0.1])
+    exact = [replace(run, force=scale * run.force) if run.loaded else run for run in exact]
     rounded = [replace(run, force=step * np.round(run.force / step)) for run in exact]
     pairs = zip(exact, rounded, strict=True)
     error = np.concatenate([b.force - a.force for a, b in pairs if a.loaded])
     estimate = estimate_noise(rounded, PAPER.target_arclength, replace(ASSUMED, force_std=1e-3))
     true = np.hypot(noise, np.std(error))
-    assert 0.85 * true < estimate.noise.force_std < 1.7 * true
+    # Half of the readings rest: what noise there is below the step is that of the arm file.
+    least = 0.85 if components == 2 else 0.7
+    assert least * true < estimate.noise.force_std < 1.7 * true
     assert f'steps of {step:.3g} N' in estimate.sources['force_std']
     assert any(f'the force is read in steps of {step:.3g} N' in note for note in estimate.notes)
 

@@ -16,6 +16,7 @@ import numpy as np
 from pneunet_ros.calibration.settings import NOISE_ESTIMATE, NoiseEstimateSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.dataset import RecordingData, SIGMA_OF_MEDIAN
+from pneunet_ros.measurement.errors.rounding_error import rounding_std
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import END_LOAD_MOMENT
 
@@ -211,7 +212,7 @@ def with_step(
     if step == 0.0 or noise >= step:
         return white, ''
     source = 'assumed noise below it' if white is None else 'second differences in time'
-    total = math.hypot(noise, step / math.sqrt(12.0))
+    total = math.hypot(noise, rounding_std(step))
     return total, f'steps of {step:.3g} {unit} in which it is read, and {source}'
 
 

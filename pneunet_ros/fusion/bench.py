@@ -28,10 +28,11 @@ from pneunet_ros.fusion.belief import (
 )
 from pneunet_ros.fusion.frame_fit import contact_of, FrameInputs
 from pneunet_ros.fusion.lack import lack_columns, remember, scale_of
-from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant, with_rounding
+from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian, PRESSURE
 from pneunet_ros.measurement.errors.propagated_errors import Indices
+from pneunet_ros.measurement.errors.rounding_error import rounding_std, with_rounding
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import station_arclength
 from pneunet_ros.model.part_load import PartLoad
@@ -178,10 +179,14 @@ class Bench:
         """The step (Pa) beyond which readings are commanded rather than read."""
         return self.settings.coarsest * self.unknowns.range
 
-    @property
-    def coarsest_force(self) -> float:
-        """The same of a force (N)."""
-        return self.settings.coarsest * self.unknowns.force_scale
+    def pressure_rounding(self, step: float) -> float:
+        """Return one sigma (Pa) of what a pressure sensor rounds off; 0 where nothing tells."""
+        return rounding_std(step) if step <= self.coarsest_pressure else 0.0
+
+    def force_rounding(self, step: float) -> float:
+        """Return the same (N) of each component of the force."""
+        coarsest = self.settings.coarsest * self.unknowns.force_scale
+        return rounding_std(step) if step <= coarsest else 0.0
 
     def shown_ns(self, sightings: TargetSightings) -> int:
         """Return the stamp of what a frame shows."""

@@ -44,14 +44,12 @@ from pneunet_ros.fusion.readings import (
     NearWrench,
     PressureInstant,
     ReadFrame,
-    rounding_std,
     SeenFrame,
-    smallest_step,
     stamp_of,
-    with_rounding,
 )
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState, RunningNis, TakenFrame
+from pneunet_ros.measurement.errors.rounding_error import smallest_change, with_rounding
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load, OUT_OF_RANGE
 
@@ -131,7 +129,7 @@ class Fusion:
         if state.wrenches:
             last = state.wrenches[-1]
             change = math.hypot(wrench.force_x - last.force_x, wrench.force_y - last.force_y)
-            step = smallest_step(step, change)
+            step = smallest_change(step, change)
         kept = followed_by(state.wrenches, wrench, self.settings.wrenches_kept)
         readings = state.readings.with_wrench(wrench)
         return replace(state, readings=readings, wrenches=kept, force_step=step), None
@@ -212,11 +210,11 @@ class Fusion:
             history = self.arm.initial_history(sensed)
         history, chamber = self.arm.actuate(history, elapsed, sensed)
         last = state.pressures[-1] if state.pressures else None
-        step = math.inf if last is None else smallest_step(last.step, gauge - last.gauge)
+        step = math.inf if last is None else smallest_change(last.step, gauge - last.gauge)
         if reading.variance > 0.0:
             std = math.sqrt(reading.variance)
         else:
-            rounding = rounding_std(step, self.bench.coarsest_pressure)
+            rounding = self.bench.pressure_rounding(step)
             std = with_rounding(self.arm.sensors.pressure_std, rounding)
         memory = () if last is None else last.memory
         play = self.settings.play * self.bench.unknowns.range
@@ -317,31 +315,25 @@ class Fusion:
         age = seconds_between(wrench.stamp_ns, stamp_ns)
         if abs(age) > self.sensors.wrench_timeout:
             return None
-        rounding = rounding_std(state.force_step, self.bench.coarsest_force)
+        rounding = self.bench.force_rounding(state.force_step)
         return NearWrench(reading=wrench, age=age, rounding=rounding)
 
-    def is_coarse(self, state: FusionState) -> bool:
-        """Whether the pressure is read in steps that the noise of the model does not hold."""
-        step = state.pressures[-1].step if state.pressures else math.inf
-        return rounding_std(step, self.bench.coarsest_pressure) > self.arm.sensors.pressure_std
-
-    def coarse_sensors(self, state: FusionState) -> tuple[str, ...]:
-        """Say which sensors read in steps that the noise of the model does not hold."""
-        noise, bench, said = self.arm.sensors, self.bench, []
+    def coarse_sensors(self, state: FusionState) -> dict[str, str]:
+        """Return a sentence by sensor that reads in steps beyond the noise of the model."""
+        noise, bench, sentences = self.arm.sensors, self.bench, {}
         pressure_step = state.pressures[-1].step if state.pressures else math.inf
-        for name, unit, step, std, largest in (
-            ('pressure', 'Pa', pressure_step, noise.pressure_std, bench.coarsest_pressure),
-            ('force', 'N', state.force_step, noise.force_std, bench.coarsest_force),
+        for name, unit, step, std, rounding_of in (
+            ('pressure', 'Pa', pressure_step, noise.pressure_std, bench.pressure_rounding),
+            ('force', 'N', state.force_step, noise.force_std, bench.force_rounding),
         ):
-            rounding = rounding_std(step, largest)
+            rounding = rounding_of(step)
             if rounding > std:
-                used = with_rounding(std, rounding)
-                said.append(
+                sentences[name] = (
                     f'the {name} is read in steps of {step:.3g} {unit}, and the model knows of '
-                    f'{std:.3g} {unit} of noise: {used:.3g} {unit} is used where a message has no '
-                    'variance; calibrate with this sensor'
+                    f'{std:.3g} {unit} of noise: {with_rounding(std, rounding):.3g} {unit} is '
+                    'used where a message has no variance; calibrate with this sensor'
                 )
-        return tuple(said)
+        return sentences
 
     def publish(
         self, state: FusionState, instant: PressureInstant, mode: Mode, notes: list[str]
@@ -414,7 +406,7 @@ class Fusion:
 
         Of a sensor that reads in steps that says nothing.
         """
-        if self.is_coarse(state):
+        if 'pressure' in self.coarse_sensors(state):
             return False
         last = {instant.gauge for instant in state.pressures[-self.settings.still_readings :]}
         return len(last) == 1 and len(state.pressures) >= self.settings.still_readings

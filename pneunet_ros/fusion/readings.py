@@ -17,7 +17,7 @@ class PressureInstant:
     """The chamber (Pa, one sigma of its noise) and the effects' history at a pressure reading.
 
     memory: the pressures (Pa) that lag behind the chamber, and that behind a play; step (Pa): the
-    smallest change from reading to reading so far, see `rounding_std`.
+    smallest change from reading to reading so far, see `rounding_error`.
     """
 
     stamp_ns: int
@@ -106,28 +106,6 @@ def nearest_to(known: tuple[Stamped, ...], stamp_ns: int) -> Stamped:
     after = bisect_left(known, stamp_ns, key=stamp_of)
     beside = known[max(after - 1, 0) : after + 1]
     return min(beside, key=lambda one: abs(one.stamp_ns - stamp_ns))
-
-
-def smallest_step(step: float, change: float) -> float:
-    """Return the smallest change from reading to reading, after one more; 0 is none."""
-    return min(step, abs(change) or math.inf)
-
-
-def rounding_std(step: float, largest: float) -> float:
-    """Return one sigma of the error of a sensor whose readings change by a step or more.
-
-    Readings with noise of their own soon differ by next to nothing. What changes by more than
-    `largest` is commanded rather than read, or has not changed yet: nothing is told of rounding.
-    """
-    return step / math.sqrt(12.0) if step <= largest else 0.0
-
-
-def with_rounding(std: float, rounding: float) -> float:
-    """Return one sigma of a sensor with that of its rounding.
-
-    The noise of a model that was calibrated with the same sensor has it already, and is larger.
-    """
-    return math.hypot(std, rounding) if std < rounding else std
 
 
 def load_read(wrench: WrenchReading, gauge: float) -> Load:

@@ -26,6 +26,7 @@ class FusionSettings:
         0.1,
         'time after which a force goes on as steadily as it moved, where frames are no rarer',
         unit='s',
+        source='tried on one rig: with 0.05 s hardly any force is told, with 9 s too surely',
     )
     walk_time: float = tuning(0.5, 'time in which a force that rests is trusted again', unit='s')
     usual_time: float = tuning(30.0, 'time over which the walk of the force is averaged', unit='s')

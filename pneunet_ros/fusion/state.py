@@ -78,7 +78,7 @@ class FusionState:
 
     readings: as of an estimator, which admits pressures and wrenches; pressures, wrenches: the
     last ones, for frames that come late; force_step (N): the smallest change from wrench to wrench
-    so far, see `rounding_std`; waiting: frames whose pressure has not come yet; seen:
+    so far, see `rounding_error`; waiting: frames whose pressure has not come yet; seen:
     the last one that was no copy.
     belief: at the last frame that was used, by the likelier of two hypotheses, no contact and
     contact; rival: by the other one, None where that is as good as excluded; log_odds: of a

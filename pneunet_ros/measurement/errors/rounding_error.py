@@ -1,0 +1,31 @@
+"""What a sensor rounds off that reads in steps: a scale, a converter of few bits.
+
+At rest such a sensor seems to have no noise at all, and is wrong by up to half a step. Readings
+with noise of their own soon differ by next to nothing, those in steps never by less than one. So
+the smallest change from reading to reading is the step.
+"""
+
+from __future__ import annotations
+
+import math
+
+
+def smallest_change(smallest: float, change: float) -> float:
+    """Return the smallest change from reading to reading, after one more; 0 is none.
+
+    smallest: of those before, infinite where there was none.
+    """
+    return min(smallest, abs(change) or math.inf)
+
+
+def rounding_std(step: float) -> float:
+    """Return one sigma of the error of rounding to a step: anywhere within half of it, alike."""
+    return step / math.sqrt(12.0)
+
+
+def with_rounding(std: float, rounding: float) -> float:
+    """Return one sigma of a sensor with that of its rounding.
+
+    Noise that was found with the same sensor has it already, and is larger.
+    """
+    return math.hypot(std, rounding) if std < rounding else std
