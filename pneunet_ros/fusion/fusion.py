@@ -329,7 +329,7 @@ class Fusion:
             rounding = rounding_of(step)
             if rounding > std:
                 sentences[name] = (
-                    f'the {name} is read in steps of {step:.3g} {unit}, and the model knows of '
+                    f'the {name} is read in steps of {step:.4g} {unit}, and the model knows of '
                     f'{std:.3g} {unit} of noise: {with_rounding(std, rounding):.3g} {unit} is '
                     'used where a message has no variance; calibrate with this sensor'
                 )
