@@ -140,6 +140,7 @@ def test_points_are_read_however_they_are_laid_out(message):
         (cloud(width=2**32 - 1), 'cannot hold'),
         (cloud(width=0), 'there are 0 points'),
         (cloud(point_step=0), 'does not lie within the 0 bytes'),
+        (cloud(point_step=2**32 - 1), 'points of 4294967295 bytes are none'),
     ],
 )
 def test_clouds_that_are_no_targets_are_refused(message, said):

@@ -10,6 +10,8 @@ import numpy.typing as npt
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.messages.builders import POINTS_TYPE, UNFIT
 
+# What numpy holds as the size of one record.
+_LARGEST_POINT = int(np.iinfo(np.intc).max)
 # Kinds of numbers by the `datatype` of a PointField.
 _KINDS = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
 
@@ -55,8 +57,11 @@ def cloud_points(message: Any) -> npt.NDArray[Any]:
 def point_type(fields: tuple[tuple[str, str, int], ...], size: int) -> np.dtype[Any]:
     """Return the record of fields (name, kind, offset) in a point of so many bytes.
 
-    Raises MessageError where a name stands twice, or a field beyond the point.
+    Raises MessageError where a name stands twice, a field beyond the point, or the point is
+    larger than any.
     """
+    if size > _LARGEST_POINT:
+        raise MessageError(f'points of {size} bytes are none; at most {_LARGEST_POINT} are read')
     names = [name for name, _, _ in fields]
     if len(set(names)) < len(names):
         raise MessageError(f'a point names a field twice: {", ".join(names)}')
