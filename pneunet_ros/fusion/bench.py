@@ -130,7 +130,7 @@ class Bench:
         response[:, FORCE] = np.eye(2)
         if not self.settings.free_tip:  # then nobody reads it
             response[:, OFFSET] = np.eye(2)
-            response[:, GAIN] = true.force_x, true.force_y
+            response[:, GAIN] = belief.mean[FORCE]
         if self.arm.sensing:
             response[:, self.unknowns.of_columns] = -self.by_columns(reading)[:, FORCE].T
         walked = belief.walk * math.sqrt(abs(wrench.age))

@@ -96,7 +96,8 @@ def take_frame(
         followed = problem.search(np.zeros(problem.root.shape[1]), problem.prior.solution)
         tracked = None if followed is None else leave_out(problem, followed)
     fits = tracked is not None and not found_better and excess(tracked) <= 1.0
-    if tracked is not None and (force_read or fits):
+    read = tracked is not None and force_read and excess(tracked) <= problem.settings.frame_gate
+    if read or fits:
         unchecked = None if force_read else tracked
         update = FrameUpdate(belief=None, unchecked=unchecked, settled=force_read)
     else:  # the force may have jumped; the shape of before may lead nowhere
