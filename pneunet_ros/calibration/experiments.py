@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pneunet_ros.calibration.checks.held_out import Score, score
 from pneunet_ros.calibration.checks.resolution import Resolution
+from pneunet_ros.calibration.first_curvature import first_curvature
 from pneunet_ros.calibration.hyperparameters import most_likely_hyperparameters
 from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.moment_law_parameters import (
@@ -173,7 +174,9 @@ class FitSequence:
         choices, frames = self.settings.hyperparameters, self.settings.experiments.first_frames
         if self.uniform:
             choices = replace(choices, length_scales=(self.settings.experiments.uniform,))
-        first = self.fit('kappa_p0, search', unloaded, self.wide, most=frames)
+        rows = first_curvature(unloaded, self.frame, self.rows)
+        start = np.repeat(rows, self.knots.size)
+        first = self.fit('kappa_p0, search', unloaded, self.wide, start=start, most=frames)
         best, _ = most_likely_hyperparameters(first, choices)
         return self.fit('kappa_p0', unloaded, best, start=first.values)
 
