@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from pneunet_ros.measurement.between_readings import (
+    frames_sharing,
     furthest_error,
     interpolate,
     interpolated_noise,
@@ -98,3 +99,31 @@ def test_one_reading_tells_nothing_of_between():
     one = np.array([5]), np.array([3.0])
     assert interpolation_error(np.array([9]), *one, 1.0).tolist() == [0.0]
     assert interpolated_noise(np.array([9]), one[0]).tolist() == [1.0]
+
+
+def test_frames_that_share_readings_are_counted():
+    stamps = np.array([0, 100, 200, 300])
+    shown = np.array([5, 10, 40, 100, 150, 250, 260, 299, 300])
+    assert frames_sharing(shown, stamps).tolist() == [4, 4, 4, 1, 2, 3, 3, 3, 3]
+    assert frames_sharing(shown, stamps[:1]).tolist() == [9] * 9
+    for phase in (0, PERIOD // 3, PERIOD // 2):
+        assert frames_sharing(STAMPS + phase, STAMPS).tolist() == [1] * STAMPS.size
+        assert frames_sharing(STAMPS + phase, STAMPS[::4]).tolist() == [4] * STAMPS.size
+    assert frames_sharing(STAMPS[::4], STAMPS).tolist() == [1, 1]
+
+
+@pytest.mark.parametrize('frames', [1, 4, 25])
+def test_frames_that_share_readings_tell_as_much_together_as_these(frames):
+    """The mean of the values at all frames, each weighed as if its noise were its own."""
+    random = np.random.default_rng(3)
+    stamps = PERIOD * np.arange(401)
+    shown = (PERIOD * (np.arange(400 * frames) + 0.5) / frames).astype(np.int64)
+    weights = 1.0 / frames_sharing(shown, stamps)
+    said = NOISE / np.sqrt(weights.sum())
+    means = [
+        np.average(
+            interpolate(shown, stamps, NOISE * random.standard_normal(401)), weights=weights
+        )
+        for _ in range(1500)
+    ]
+    assert np.std(means) == pytest.approx(said, rel=0.08)

@@ -205,3 +205,31 @@ def test_between_readings_a_jump_is_an_error_of_the_reading():
     elsewhere = np.delete(np.arange(frames), 9)
     assert stds[elsewhere].tolist() == [USUAL.pressure_std] * (frames - 1)
     assert pressure_std(USUAL, arm, replace(late, static=True)).max() == USUAL.pressure_std
+
+
+def test_frames_that_share_a_reading_share_its_noise():
+    """Of 24 frames all have readings of their own, or every four share those of one."""
+    arm, frames = paper_arm(), 24
+    run = made(arm, np.full(frames, 3e4), np.tile([0.1, 0.05], (frames, 1)))
+    own = replace(run, wrench_stamp_ns=run.stamp_ns, wrench=run.load)
+    rare = run.stamp_ns[::4] - PERIOD // 2
+    shared = replace(
+        run,
+        reading_stamp_ns=rare,
+        pressure=run.pressure[::4],
+        reading=np.repeat(np.arange(frames // 4), 4),
+        wrench_stamp_ns=rare,
+        wrench=run.load[::4],
+    )
+    (inputs,) = inputs_of(arm, [run])
+    model = ForwardModel(arm.target_arclength)
+    assert model.solve(arm, inputs).all()
+    jacobian = model.point_jacobian(arm, inputs, NONE)
+    alone, together, static = (
+        reading_errors(USUAL, model, arm, item, inputs, jacobian)
+        for item in (own, shared, replace(shared, static=True))
+    )
+    among = slice(0, frames - 8)  # the frames behind the last reading have it, too
+    np.testing.assert_allclose(together[among, :, :3], 2.0 * alone[among, :, :3])
+    np.testing.assert_allclose(together[:, :, 3:], alone[:, :, 3:])
+    np.testing.assert_allclose(static, alone)

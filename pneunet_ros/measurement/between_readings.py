@@ -55,6 +55,21 @@ def places_between(shown: Stamps, stamp_ns: Stamps) -> tuple[Stamps, Array]:
     return after - 1, np.asarray(share)
 
 
+def frames_sharing(shown: Stamps, stamp_ns: Stamps) -> Array:
+    """Return how many of the frames shown have the readings that each has, (shown,).
+
+    They have the noise of the same two readings, and what the line between these misses: as many
+    as are shown around it in the time between those readings. shown: not decreasing.
+    """
+    if len(stamp_ns) < 2:
+        return np.full(len(shown), float(len(shown)))
+    before, _ = places_between(shown, stamp_ns)
+    half = np.diff(stamp_ns)[before] // 2
+    around = np.minimum(np.maximum(shown, shown[0] + half), shown[-1] - half)
+    first, last = np.searchsorted(shown, [around - half, around + half])
+    return np.asarray(np.maximum(last - first, 1), dtype=np.float64)
+
+
 def interpolation_error(
     shown: Stamps,
     stamp_ns: Stamps,

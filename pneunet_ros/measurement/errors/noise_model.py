@@ -12,8 +12,13 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.measurement.between_readings import interpolated_noise, interpolation_error
+from pneunet_ros.measurement.between_readings import (
+    frames_sharing,
+    interpolated_noise,
+    interpolation_error,
+)
 from pneunet_ros.measurement.dataset import instants_among, RecordingData
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES, SMALLEST_STD
 from pneunet_ros.measurement.forward_model import ForwardModel
@@ -88,17 +93,40 @@ def reading_errors(
     model: solved there; jacobian (frames, 2 targets, >= 3 + knots) as of
     `ForwardModel.point_jacobian`, and a row more for a heading, which the camera does not move.
     The last two are the camera between the nodes of its path. A known load is wrong by the same in
-    every frame, and no error of a reading: it is among `Disturbances`.
+    every frame, and no error of a reading: it is among `Disturbances`. Frames count as if each had
+    readings of its own; so where they share some, the errors are larger by the root of how many
+    do, and all of them together tell as much as those readings.
     """
     moves = pressure_moves(model, arm, run, inputs, jacobian)
-    pressure = (pressure_std(noise, arm, run)[:, None] * moves)[:, :, None]
+    pressure = pressure_std(noise, arm, run) * np.sqrt(frames_of_pressure(arm, run))
+    pressure = (pressure[:, None] * moves)[:, :, None]
     camera = camera_errors(noise.drift_std * BETWEEN_NODES, run.x.shape[1])
     camera = np.pad(camera, ((0, jacobian.shape[1] - len(camera)), (0, 0)))
     camera = np.broadcast_to(camera, (*jacobian.shape[:2], 2))
     if not run.loaded or run.load_known:
         return np.concatenate([pressure, camera], axis=2)
-    loads = jacobian[:, :, :LOADS] * attached_std(noise, run)[:, None]
+    shared = np.sqrt(frames_of_wrench(run))
+    loads = jacobian[:, :, :LOADS] * (attached_std(noise, run) * shared[:, None])[:, None]
     return np.concatenate([pressure, loads, camera], axis=2)
+
+
+def frames_of_pressure(arm: Arm, run: RecordingData) -> Array:
+    """Return how many frames have their pressure from the same readings as each, (frames,)."""
+    if run.static or not run.pressurized:
+        return np.ones(len(run.stamp_ns))
+    return frames_sharing(shown_instants(arm, run), run.reading_stamp_ns)
+
+
+def frames_of_wrench(run: RecordingData) -> Array:
+    """Return how many have their load from the same readings, (frames,)."""
+    if run.static or run.wrench_stamp_ns is None:
+        return np.ones(len(run.stamp_ns))
+    return frames_sharing(instants_among(run.stamp_ns, run.wrench_stamp_ns), run.wrench_stamp_ns)
+
+
+def shown_instants(arm: Arm, run: RecordingData) -> Stamps:
+    """Return when what every frame shows was, by the clock of the pressure, (frames,) ns."""
+    return run.instants - round(arm.frame_delay * NANOSECONDS_PER_SECOND)
 
 
 def pressure_std(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
@@ -117,7 +145,7 @@ def missed_pressure(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
     """
     if run.static:
         return np.zeros(len(run.stamp_ns))
-    shown = run.instants - round(arm.frame_delay * NANOSECONDS_PER_SECOND)
+    shown = shown_instants(arm, run)
     return interpolation_error(shown, run.reading_stamp_ns, run.pressure, noise.pressure_std)
 
 
