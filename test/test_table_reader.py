@@ -271,6 +271,58 @@ def test_lines_of_comment_stand_above_the_names(tmp_path, text):
 
 
 @pytest.mark.parametrize(
+    ('names', 'row'),
+    [
+        ('# time_s,pressure_kpa,force_x_n', '0.5,2,'),
+        ('# time_s,pressure_kpa,force_x_n', '0.5,2,NA'),
+        ('# time; pressure; force x\n# s; kPa; N', '2026-11-22 10:15:03,12;2;'),
+        ('# time [s];pressure [kPa];force x [N]', '0,5;2,0;0,1'),
+        ('# time;pressure;force x\n# s;kPa;N', '10:15:03,12;2;0,1'),
+        ('# time_s,pressure_kpa,force_x_n\n# recorded on Tuesday, by Anna, second try', '1,2,3'),
+        ('# time,pressure,force x\n# s,kPa,N\n# recorded by Anna, valve on, air', '1,2,3'),
+        ('# Rig 7, s, by Anna\n# time_s,pressure_kpa,force_x_n\n#\n# Fx is noisy', '1,2,3'),
+        ('# time_s\tpressure_kpa\tforce_x_n\n# recorded on Tuesday, by Anna, twice', '1\t2\t3'),
+    ],
+)
+def test_the_comment_that_holds_names_gives_them_above_any_row(tmp_path, names, row):
+    """Whatever the first row lacks, and whatever prose stands between."""
+    table = read(tmp_path, f'{names}\n{row}\n')
+    assert table.values['pressure'].tolist() == [[2000.0]]
+    assert table.counts()['end_wrench'] == row[-1].isdigit()
+
+
+def test_a_name_that_was_asked_for_tells_the_names_from_prose(tmp_path):
+    text = '# c1, c2\n# by Anna, twice\n1,2\n'
+    table = read(tmp_path, text, rename={'c1': 'time_s', 'c2': 'pressure_kpa'})
+    assert table.values['pressure'].tolist() == [[2000.0]]
+
+
+def test_a_comment_above_a_line_of_names_names_nothing(tmp_path):
+    text = '# time_s, pressure_kpa of old\npressure_bar,time_s\n1,2\n'
+    assert read(tmp_path, text).values['pressure'][0, 0] == 1e5
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('# by Anna, second try\n0,1\n1,2\n', 'line 2 is a row already, and no comment above it'),
+        ('# Rig 7\n\n# a, b\n0.5;\n', 'line 4 is a row already.*such as time_s;pressure_kpa'),
+        ('0,1\n1,2\n', 'line 1 is a row already; write a line above it that names each column'),
+        ('# t, p\n0,1\n', r"the columns 't' \(time_\(.*, 'p' \(pressure_\("),
+        ('# time_s, pressure_kpa\n0,1,2\n', 'line 2: 3 cells, but there are 2 columns'),
+    ],
+)
+def test_where_nothing_names_the_columns_this_is_said(tmp_path, text, said):
+    with pytest.raises(RecordingError, match=said):
+        read(tmp_path, text)
+
+
+def test_columns_that_are_called_by_numbers_are_renamed(tmp_path):
+    table = read(tmp_path, '0,1\n1,2\n', rename={'0': 'time_s', '1': 'pressure_kpa'})
+    assert table.values['pressure'][:, 0].tolist() == [2000.0]
+
+
+@pytest.mark.parametrize(
     ('written', 'read_as'),
     [
         ('Pressure [kPa]', 'pressure_kpa'),

@@ -102,8 +102,13 @@ def standard_name(name: str) -> str:
     plain = _plain(name)
     if plain == TIME:
         return f'{TIME}_s'
-    known = plain == STAMP or plain.startswith(ESTIMATE) or column_of(plain) is not None
-    return plain if known else name
+    return plain if is_known(plain) else name
+
+
+def is_known(name: str) -> bool:
+    """Whether a name is that of a column which is read or left out, however it is written."""
+    plain = _plain(name)
+    return plain in (TIME, STAMP) or plain.startswith(ESTIMATE) or column_of(plain) is not None
 
 
 def names_no_unit(name: str) -> bool:

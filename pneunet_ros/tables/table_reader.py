@@ -26,7 +26,8 @@ from pneunet_ros.tables.columns import (
     STAMP,
     TIME,
 )
-from pneunet_ros.tables.csv_table import CsvTable, read_csv, TableRequest
+from pneunet_ros.tables.csv_table import CsvTable, read_csv
+from pneunet_ros.tables.header import TableRequest
 from pneunet_ros.tables.reading_table import ReadingTable
 
 MOST_PLACES = 15_000_000  # rows by targets; 650 MB while they are read

@@ -1,0 +1,86 @@
+"""Dates and times of day in the cells of a table, as seconds."""
+
+from __future__ import annotations
+
+from datetime import date
+from decimal import Decimal
+from pathlib import Path
+import re
+
+_LINES_SHOWN = 30
+_HALF_A_DAY, _DAY = 43_200, 86_400  # s
+_TIME_OF_DAY = re.compile(
+    r'(?:(?P<date>\d{4}-\d\d?-\d\d?|\d\d?\.\d\d?\.\d{4}|\d\d?/\d\d?/\d{4})[T ]+)?'
+    r'(?P<hour>[01]?\d|2[0-3]):(?P<minute>[0-5]\d)(?::(?P<second>[0-5]\d(?:[.,]\d{1,9})?))?'
+    r' ?(?:Z|UTC|(?P<zone>[+-](?:0\d|1[0-4])(?::?[0-5]\d)?)|(?P<half>[AaPp][Mm]))?',
+    re.ASCII,
+)
+
+
+def is_time(text: str) -> bool:
+    """Whether a text is a time of day, with or without a date."""
+    return _TIME_OF_DAY.fullmatch(text) is not None
+
+
+class Clock:
+    """Reads dates and times of day one after the other; those without a date pass midnight."""
+
+    __slots__ = ('_days', '_midnights', 'latest')
+
+    def __init__(self) -> None:
+        """Begin on the first day."""
+        self.latest: Decimal | None = None
+        self._midnights: list[int] = []
+        self._days = 0
+
+    def seconds(self, text: str, line: int) -> str:
+        """Return seconds, since 1970 where there is a date; the text, where it is no time."""
+        match = _TIME_OF_DAY.fullmatch(text)
+        seconds = None if match is None else _clock_seconds(match)
+        if match is None or seconds is None:
+            return text
+        if not match['date']:
+            seconds += _DAY * self._days
+            if self.latest is not None and self.latest - seconds > _HALF_A_DAY:
+                self._midnights.append(line)
+                self._days += 1
+                seconds += _DAY
+        self.latest = seconds
+        return str(seconds)
+
+    def sentences(self, path: Path) -> tuple[str, ...]:
+        """Say where a day was added."""
+        if not self._midnights:
+            return ()
+        lines = ', '.join(str(line) for line in self._midnights[:_LINES_SHOWN])
+        return (f'{path}: the time of day passes midnight in line {lines}: a day was added',)
+
+
+def _clock_seconds(match: re.Match[str]) -> Decimal | None:
+    """Return the seconds of a time of day in UTC, since 1970 where a date is before it."""
+    hour, minute = int(match['hour']), int(match['minute'])
+    if match['half']:
+        hour = hour % 12 + (12 if match['half'].lower() == 'pm' else 0)
+    seconds = Decimal((match['second'] or '0').replace(',', '.'))
+    try:
+        days = _days(match['date']) if match['date'] else 0
+    except ValueError:
+        return None
+    return _DAY * days + 3600 * hour + 60 * minute + seconds - _zone(match['zone'])
+
+
+def _zone(text: str | None) -> int:
+    """Return by how many seconds a clock with this offset, as in +01:00, is ahead of UTC."""
+    if not text:
+        return 0
+    digits = text[1:].replace(':', '').ljust(4, '0')
+    return (-1 if text[0] == '-' else 1) * (3600 * int(digits[:2]) + 60 * int(digits[2:]))
+
+
+def _days(text: str) -> int:
+    """Return days since 1970 of 2026-11-22, 22.11.2026 or 11/22/2026; ValueError for no day."""
+    first, second, third = (int(part) for part in re.split(r'[-./]', text))
+    year, month, day = (first, second, third) if '-' in text else (third, second, first)
+    if '/' in text and second > 12:  # the American order; both orders last for one day
+        month, day = day, month
+    return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()

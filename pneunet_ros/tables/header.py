@@ -1,0 +1,198 @@
+"""The names of the columns of a table: in its first line, or in comments above its rows."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection, Iterator, Mapping, Sequence
+import csv
+from dataclasses import dataclass, field
+import itertools
+import math
+from pathlib import Path
+import re
+
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.tables.clock import is_time
+from pneunet_ros.tables.columns import (
+    column_of,
+    is_known,
+    is_unit,
+    known_names,
+    likely_name,
+    standard_name,
+    with_unit,
+)
+
+MOST_COLUMNS = 2_000
+LONGEST_CELL = 200
+LONGEST_PREAMBLE = 50  # lines above a table, to say where it begins
+NAMES_SHOWN = 30
+MISSING = {'', 'nan', 'na', 'n/a', '#n/a', 'null', 'none'}
+_DIGIT = re.compile(r'\d')
+_QUOTED = re.compile(r'"[^"]*"')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableRequest:
+    """How a table is to be read.
+
+    select: keep only rows that hold these texts in these columns (names as in the file). rename:
+    new name by the one in the file. ignore: columns (by either name) to be left out.
+    """
+
+    select: Mapping[str, str] = field(default_factory=dict)
+    rename: Mapping[str, str] = field(default_factory=dict)
+    ignore: Collection[str] = ()
+
+
+def lines_from_names(
+    path: Path, lines: Iterator[str], request: TableRequest
+) -> tuple[Iterator[str], int]:
+    """Return the lines from the one that names the columns on, and how many stand above it.
+
+    Lines that begin with # are comments. Where a row of the table follows them, one of them names
+    the columns, and the next one may hold their units.
+    """
+    above, first = 0, next(lines, '')
+    comments: deque[str] = deque(maxlen=LONGEST_PREAMBLE)
+    while first.startswith('#') or (comments and first.isspace()):
+        if first.startswith('#'):
+            comments.append(first.lstrip('# '))
+        above, first = above + 1, next(lines, '')
+    rest = itertools.chain([first], lines)
+    mark = delimiter(first)
+    row = _cells(first, mark)
+    if not any(map(_is_number, row)) or any(_is_name(cell, request) for cell in row):
+        return rest, above
+    names = _names_in(list(comments), mark, len(row), request)
+    if not names and all(_is_number(cell) or cell.lower() in MISSING for cell in row):
+        comment = ', and no comment above it holds a known name' if comments else ''
+        raise RecordingError(
+            f'{path}: no line names the columns: line {above + 1} is a row already{comment}; '
+            f'write a line above it that names each column, such as time_s{mark}pressure_kpa; '
+            f'known are {known_names()}'
+        )
+    return itertools.chain(names, rest), above - len(names)
+
+
+def _names_in(comments: list[str], mark: str, columns: int, request: TableRequest) -> list[str]:
+    """Return the comment that names the columns, and the next one where it holds their units.
+
+    A comment with a cell for each column goes before others, then one with more known names, then
+    the last. Without any known name a comment needs one that is near to a known one.
+    """
+    best, found = (False, 0), list[str]()
+    cells = [_cells(comment, mark) for comment in comments]
+    for place, names in enumerate(cells):
+        units = units_below(names, [*cells, []][place + 1], request)
+        fits = len(names) == columns
+        known = sum(_is_name(name, request) for name in renamed_columns(names, units, request))
+        if (fits, known) >= best and (known or (fits and any(map(likely_name, names)))):
+            best, found = (fits, known), comments[place : place + 1 + bool(units)]
+    return found
+
+
+def _is_name(cell: str, request: TableRequest) -> bool:
+    """Whether a cell is the name of a column, known or asked for."""
+    return is_known(cell) or cell in {*request.rename, *request.ignore, *request.select}
+
+
+def _is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a point or a comma for decimals, or a time."""
+    try:
+        return not math.isnan(float(cell.replace(',', '.', 1)))
+    except ValueError:
+        return is_time(cell)
+
+
+def units_below(header: Sequence[str], cells: Sequence[str], request: TableRequest) -> list[str]:
+    """Return the units of all columns where the line below the names holds such; else nothing.
+
+    That is a line without any digit in the columns to be read, and with a unit in one of them.
+    """
+    left_out = {'', *request.ignore, *request.select}
+    units = [cell.strip() for cell in cells]
+    if len(units) != len(header):
+        return []
+    to_read = [unit for name, unit in zip(header, units, strict=True) if name not in left_out]
+    if any(map(_DIGIT.search, to_read)) or not any(map(is_unit, to_read)):
+        return []
+    return units
+
+
+def renamed_columns(
+    header: Sequence[str], units: Sequence[str], request: TableRequest
+) -> list[str]:
+    """Return the names that were asked for, with the units below them.
+
+    A new name that says a unit is the last word on it.
+    """
+    names = [request.rename.get(name, name) for name in header]
+    if not units:
+        return names
+    return [
+        new if new != old and column_of(new) else with_unit(new, unit)
+        for old, new, unit in zip(header, names, units, strict=True)
+    ]
+
+
+def check_no_preamble(path: Path, names: int, ahead: Sequence[str], above: int) -> None:
+    """Refuse what stands above a table; names: cells in the line that should name its columns.
+
+    ahead: the lines below that one, which is the `above`th of the file.
+    """
+    table = next(
+        (
+            place
+            for place, line in enumerate(ahead)
+            if len(cells := _cells(line, delimiter(line))) > names
+            or any(column_of(standard_name(cell)) for cell in cells)
+        ),
+        None,
+    )
+    if table is not None:
+        raise RecordingError(
+            f'{path}: the table seems to begin in line {above + table + 1}; the first line must '
+            'name the columns: remove what stands above, or put # before each of these lines'
+        )
+
+
+def check_header(
+    path: Path, header: Sequence[str], renamed: Sequence[str], request: TableRequest
+) -> None:
+    """Refuse names that are none, are too many or too long, or stand twice, and requests."""
+    if not header or not any(header):
+        raise RecordingError(f'{path} is empty: the first line must name the columns')
+    if len(header) > MOST_COLUMNS:
+        raise RecordingError(f'{path} has more than {MOST_COLUMNS} columns')
+    for name in header:
+        if len(name) > LONGEST_CELL:
+            raise RecordingError(f'{path}: a name of a column has {len(name)} characters')
+        if name and header.count(name) > 1:
+            raise RecordingError(f'{path}: two columns are called {name!r}')
+    there = {*header, *request.rename.values(), *renamed}
+    asked = {'--select': request.select, '--rename': request.rename, '--ignore': request.ignore}
+    for option, names in asked.items():
+        for name in names:
+            if name not in (there if option == '--ignore' else header):
+                raise RecordingError(
+                    f'{path} has no column {name!r} ({option}); it has '
+                    f'{", ".join(header[:NAMES_SHOWN])}'
+                )
+
+
+def _cells(line: str, mark: str) -> list[str]:
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=mark), [])]
+
+
+def delimiter(header: str) -> str:
+    """Return what stands between cells: a semicolon or tab where the first line has one."""
+    unquoted = _QUOTED.sub('', header)
+    return next((mark for mark in (';', '\t') if mark in unquoted), ',')
+
+
+def plain_number(text: str, mark: str) -> str:
+    """Return a number with a decimal point."""
+    if mark != ',' and text.count(',') == 1 and '.' not in text:
+        return text.replace(',', '.')
+    return text
