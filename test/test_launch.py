@@ -51,6 +51,16 @@ class Recorded:
         context['used'].add(self.values[0])
         return context[self.values[0]]
 
+    @property
+    def node_package(self):
+        """The package of a node, as launch_ros gives it."""
+        return self.named.get('package')
+
+    @property
+    def node_executable(self):
+        """The executable of a node, as launch_ros gives it."""
+        return self.named.get('executable')
+
 
 # As documented for Jazzy: which module has which names, and what they take.
 NAMES = {
@@ -147,6 +157,35 @@ def test_what_is_neither_true_nor_false_is_refused(described):
 def test_a_file_of_parameters_that_is_not_there_starts_nothing(described, name):
     with pytest.raises(RequestError, match=r'params_file:=missing\.yaml: there is no such file'):
         described(name, params_file='missing.yaml')
+
+
+@pytest.mark.parametrize(
+    ('name', 'namespace', 'key', 'starts'),
+    [
+        ('estimate', '/pneunet', 'estimator', False),
+        ('estimate', '/', 'estimator', True),
+        ('estimate', 'left', '/left/estimator', True),
+        ('estimate', '/pneunet', '/left/estimator', False),
+        ('track', '/pneunet', '/**/estimator', False),
+        ('demo', '/pneunet', '/**/tracker', True),
+    ],
+)
+def test_a_file_of_parameters_names_a_node_that_is_started(
+    described, tmp_path, name, namespace, key, starts
+):
+    """Otherwise ROS 2 ignores it without a word."""
+    path = tmp_path / 'own.yaml'
+    path.write_text(f'{key}:\n  ros__parameters: {{frame_id: base}}\n')
+    given = {'namespace': namespace, 'params_file': str(path)}
+    if name == 'demo':
+        given |= {'fusion': 'true', 'swing_period': '8.0'}
+    if starts:
+        assert list(found(described(name, **given), 'Node'))
+        return
+    with pytest.raises(
+        RequestError, match=f'has no parameters for .*its keys are {re.escape(key)};'
+    ):
+        described(name, **given)
 
 
 @pytest.mark.parametrize('name', FILES)

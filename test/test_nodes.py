@@ -544,8 +544,11 @@ def test_an_unfit_parameter_changes_nothing(peer, name, value, words):
 def test_without_wrench_on_simulated_time_until_silence(tmp_path, lonely_peer):
     """The shipped parameters, but without a wrench, and a centerline now and then."""
     peer = lonely_peer
+    missed = tmp_path / 'missed.yaml'
+    missed.write_text('estimator:\n  ros__parameters: {stations: 30}\n')
     arguments = (
         *('--params-file', str(share_path('config/estimator.yaml'))),
+        *('--params-file', str(missed)),
         *('-p', 'wrench_required:=false', '-p', 'use_sim_time:=true'),
         *('-p', 'centerline_rate:=5.0', '-p', 'wrench_timout:=1.0'),
     )
@@ -574,6 +577,7 @@ def test_without_wrench_on_simulated_time_until_silence(tmp_path, lonely_peer):
         assert node.end(signal.SIGINT) == 0
     assert 'Traceback' not in node.text
     assert 'parameters that do not exist here: wrench_timout' in node.text
+    assert 'missed.yaml has no parameters for /pneunet/estimator: its keys are estim' in node.text
 
 
 def test_a_second_interrupt_changes_nothing(tmp_path):

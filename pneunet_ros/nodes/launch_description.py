@@ -12,7 +12,9 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.nodes.params_file import check_names_some
 
+PACKAGE = 'pneunet_ros'
 Given = Mapping[str, str]
 TRUE_OR_FALSE = {
     **dict.fromkeys(('true', '1', 'yes', 'on'), True),
@@ -25,11 +27,21 @@ def describe_launch(
 ) -> Any:
     """Return the description of a launch.
 
-    arguments: default and meaning by name; nodes: returns what to start, of the values given.
+    arguments: default and meaning by name, with namespace and params_file; nodes: returns what to
+    start, of the values given. Raises RequestError at the start where params_file names none of
+    these nodes, which would ignore it without a word.
     """
 
     def start(context: Any) -> list[Any]:
-        return nodes({name: LaunchConfiguration(name).perform(context) for name in arguments})
+        given = {name: LaunchConfiguration(name).perform(context) for name in arguments}
+        started = nodes(given)
+        own = [item for item in started if getattr(item, 'node_package', None) == PACKAGE]
+        if own and given['params_file']:
+            namespace = given['namespace'].strip('/')
+            above = f'/{namespace}' if namespace else ''
+            names = [f'{above}/{item.node_executable}' for item in own]
+            check_names_some(given['params_file'], names)
+        return started
 
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=meaning)
@@ -69,7 +81,7 @@ def node(executable: str, given: Given, **parameters: Any) -> Any:
             'name a YAML file of parameters, like config/estimator.yaml, or leave it out'
         )
     return Node(
-        package='pneunet_ros',
+        package=PACKAGE,
         executable=executable,
         namespace=given['namespace'],
         parameters=[*file, wanted],

@@ -10,6 +10,7 @@ from typing import Any
 
 from pneunet_ros.core.errors import PneunetError, RequestError
 from pneunet_ros.core.printable import printable
+from pneunet_ros.nodes.params_file import missed_node, params_files
 from pneunet_ros.nodes.prompt_executor import PromptExecutor
 from pneunet_ros.nodes.signals import end_at_signal, ignore_signals, refuse_signals, signal_came
 import rclpy
@@ -36,6 +37,7 @@ def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str
         for make_node in make_nodes:
             nodes.append(make_node())
             executor.add_node(nodes[-1])
+            _warn_of_missed_parameters(nodes[-1], arguments)
         # All made up to here stays; the collector need not look through it while readings wait.
         gc.collect()
         gc.freeze()
@@ -56,6 +58,14 @@ def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str
         rclpy.try_shutdown()
         refuse_signals()
     return DONE
+
+
+def _warn_of_missed_parameters(node: Any, arguments: list[str]) -> None:
+    """Warn of files of parameters that name this node in another namespace alone."""
+    for path in params_files(arguments):
+        sentence = missed_node(path, node.get_fully_qualified_name())
+        if sentence:
+            node.get_logger().warning(printable(sentence))
 
 
 def _start_ros(arguments: list[str]) -> None:

@@ -1,0 +1,74 @@
+"""Which nodes a file of parameters names, as ROS 2 compares its keys with their full names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+import re
+from typing import Any
+
+from pneunet_ros.core.errors import PneunetError, RequestError
+from pneunet_ros.files.yaml_file import YamlFile
+
+PARAMETERS = 'ros__parameters'
+_FILE = YamlFile(kind='file of parameters', error=RequestError)
+_NAMES_SHOWN = 12
+_WILDCARDS = {'*': '/[^/]+', '**': '(?:/[^/]+)*'}
+
+
+def check_names_some(path: str | Path, nodes: Sequence[str]) -> None:
+    """Raise RequestError where a file has parameters for none of these nodes (full names)."""
+    names = _names_in_file(path)
+    if not any(_matches(name, node) for name in names for node in nodes):
+        raise RequestError(f'params_file:={path} {_names_none(names, nodes)}')
+
+
+def missed_node(path: str | Path, node: str) -> str:
+    """Say that a file names a node (full name) only in other namespaces; empty where not so."""
+    try:
+        names = _names_in_file(path)
+    except PneunetError:  # ROS has read the file, and says itself what it does not like
+        return ''
+    own = node.rpartition('/')[2]
+    meant = [name for name in names if name.rpartition('/')[2] == own]
+    if not meant or any(_matches(name, node) for name in names):
+        return ''
+    return f'{path} {_names_none(meant, [node])}'
+
+
+def params_files(arguments: Sequence[str]) -> list[str]:
+    """Return the files of parameters on a command line."""
+    return [path for option, path in pairwise(arguments) if option == '--params-file']
+
+
+def _names_none(names: Sequence[str], nodes: Sequence[str]) -> str:
+    more = ', ...' if len(names) > _NAMES_SHOWN else ''
+    keys = f'its keys are {", ".join(names[:_NAMES_SHOWN])}{more}' if names else 'it names no node'
+    first = nodes[0]
+    return (
+        f'has no parameters for {" or ".join(nodes)}: {keys}; ROS 2 takes a key only as a full '
+        f'name: call it {first}, /**/{first.rpartition("/")[2]} for any namespace, or /** for '
+        'all nodes'
+    )
+
+
+def _names_in_file(path: str | Path) -> list[str]:
+    return _FILE.load(path, lambda content: list(_names(content, [])))
+
+
+def _names(content: Any, above: list[str]) -> Iterator[str]:
+    """Yield the names of nodes in a file, whose namespaces may be nested keys."""
+    if not isinstance(content, dict):
+        return
+    if PARAMETERS in content and above:
+        yield '/'.join(above)
+    for key, below in content.items():
+        if key != PARAMETERS:
+            yield from _names(below, [*above, str(key)])
+
+
+def _matches(name: str, node: str) -> bool:
+    parts: Iterable[str] = name.strip('/').split('/')
+    pattern = ''.join(_WILDCARDS.get(part, f'/{re.escape(part)}') for part in parts)
+    return re.fullmatch(pattern, node) is not None
