@@ -215,9 +215,30 @@ def test_what_the_estimator_made_is_left_out(tmp_path):
         ('time_s,pressure_pa\n,1\n', 'line 2, column time_s: there is no time'),
         ('time_s,pressure_pa\nnan,1\n', 'line 2, column time_s: there is no time'),
         ('time_s,pressure_pa\n1,1\n1,1\n', 'line 3, column time_s: time must increase from row'),
-        ('time_s,pressure_pa\n2,1\n1,1\n', 'line 3, column time_s: time must increase'),
+        (
+            'time_s,pressure_pa\n2,1\n1,1\n',
+            'line 3, .*earlier than in the row above: sort the rows',
+        ),
+        ('Time,pressure_pa\n1,1\n0.9,1\n0.8,1\n', 'line 3, .*earlier than in the row above'),
+        ('Time,pressure_pa\n1,1\n1,1\n', 'line 3, .* --ignore Time --rate HZ counts rows inst'),
+        ('time_s,pressure_pa\n1772618400000,1\n', 'smaller unit, as time_ms'),
+        ('time_s,pressure_pa\n04-Mar-2026 10:00,1\n', 'no number and no time such as 10:15:03.12'),
+        (
+            'time_s pressure_pa\n0 1\n',
+            "'time_s pressure_pa' is one cell: separate cells by commas",
+        ),
+        ('# time_s pressure_pa\n0.0 1.0\n', "'0.0 1.0' is one cell: separate cells by commas"),
+        ('time_s|pressure_pa\n0|1\n', 'is one cell: separate cells by commas, semicolons or tabs'),
+        ('1772618400,10,base,5.0\n', 'line 1 is a row already; write a line above it'),
+        (
+            'LabVIEW\t\nTime\t10:15:03,12\n***End***\t\nX_Value\tPressure\tComment\n0,1\t2,5\n',
+            'the table seems to begin in line 4',
+        ),
+        ('Rig;3\nZeit;Druck\ns;kPa\n0,1;2,5\n', 'the table seems to begin in line 2'),
+        ('time_s,pressure_pa\n1,1\n2\n3,1', 'line 3: 1 cell, but there are 2 columns'),
+        ('time_s,pressure_pa\n1,1\n2\n', 'line 3: 1 cell, but there are 2 columns'),
         ('time_s,pressure_pa\n1e300,1\n', 'line 2, column time_s: .* no time that a header can'),
-        ('stamp_ns,pressure_pa\n0,1\n', 'line 2, column stamp_ns: 0 is no time that a header'),
+        ('stamp_ns,pressure_pa\n0,1\n', 'line 2, column stamp_ns: 0 ns is no time that a header'),
         ('time_s,pressure_pa\n1,\n', 'holds no reading: no pressure, no force, no target'),
         ('time_s,x0_m,y0_m\n1,,\n', 'holds no reading'),
         ('time_s\n1\n', 'holds no reading'),
@@ -421,6 +442,32 @@ def test_how_names_were_read_is_said(tmp_path):
     assert read_table(path, ImportRequest())[1] == (f"{path}: columns were read 'Time' as time_s",)
 
 
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('1,2\n3', ': line 4, the last one, is cut off and was left out'),
+        ('1,2\n3,', ''),
+        (
+            '# valve on\n1,2\n# end, of, log\n',
+            ': comments among the rows were passed by: line 3, 5',
+        ),
+        ('1,2\n# stopped by Anna', ': comments among the rows were passed by: line 4'),
+    ],
+)
+def test_comments_among_the_rows_and_a_last_row_that_is_cut_off_are_left_out(tmp_path, text, said):
+    path = tmp_path / 'table.csv'
+    path.write_text(f'time_s,pressure_pa\n0,1\n{text}')
+    table, sentences = read_table(path, ImportRequest())
+    assert table.values['pressure'][:2, 0].tolist() == [1.0, 2.0]
+    assert table.counts()['pressure'] == 2
+    assert sentences == ((f'{path}{said}',) if said else ())
+
+
+def test_blank_lines_may_stand_above_the_names(tmp_path):
+    with pytest.raises(RecordingError, match='line 5, column pressure_pa'):
+        read(tmp_path, '\n \ntime_s,pressure_pa\n0,1\n1,x\n')
+
+
 def test_columns_without_any_number_are_said(tmp_path):
     path = tmp_path / 'table.csv'
     path.write_text('time_s,pressure_pa,x0_m,y0_m,x1_m,y1_m\n1,2,0,0,nan,\n2,3,,,NA,nan\n')
@@ -435,6 +482,7 @@ def test_columns_without_any_number_are_said(tmp_path):
         ('2026-11-22T10:15:03.12Z', 1_795_342_503.12),
         ('22.11.2026 10:15:03.12', 1_795_342_503.12),
         ('11/22/2026 10:15:03.12 AM', 1_795_342_503.12),
+        ('2026/11/22 10:15:03.12', 1_795_342_503.12),
         ('22/11/2026 10:15 PM', 1_795_385_700.0),
         ('12:00:00 AM', 1.0),
     ],

@@ -10,7 +10,7 @@ import re
 _LINES_SHOWN = 30
 _HALF_A_DAY, _DAY = 43_200, 86_400  # s
 _TIME_OF_DAY = re.compile(
-    r'(?:(?P<date>\d{4}-\d\d?-\d\d?|\d\d?\.\d\d?\.\d{4}|\d\d?/\d\d?/\d{4})[T ]+)?'
+    r'(?:(?P<date>\d{4}(?:-\d\d?-|/\d\d?/)\d\d?|\d\d?\.\d\d?\.\d{4}|\d\d?/\d\d?/\d{4})[T ]+)?'
     r'(?P<hour>[01]?\d|2[0-3]):(?P<minute>[0-5]\d)(?::(?P<second>[0-5]\d(?:[.,]\d{1,9})?))?'
     r' ?(?:Z|UTC|(?P<zone>[+-](?:0\d|1[0-4])(?::?[0-5]\d)?)|(?P<half>[AaPp][Mm]))?',
     re.ASCII,
@@ -78,9 +78,15 @@ def _zone(text: str | None) -> int:
 
 
 def _days(text: str) -> int:
-    """Return days since 1970 of 2026-11-22, 22.11.2026 or 11/22/2026; ValueError for no day."""
+    """Return days since 1970 of 2026-11-22, 2026/11/22, 22.11.2026 or 11/22/2026.
+
+    Raises ValueError for no day.
+    """
     first, second, third = (int(part) for part in re.split(r'[-./]', text))
-    year, month, day = (first, second, third) if '-' in text else (third, second, first)
-    if '/' in text and second > 12:  # the American order; both orders last for one day
+    year_first = first > 31
+    year, month, day = (first, second, third) if year_first else (third, second, first)
+    if (
+        '/' in text and not year_first and second > 12
+    ):  # the American order; both orders last for one day
         month, day = day, month
     return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()

@@ -23,6 +23,7 @@ from pneunet_ros.tables.columns import standard_name, TIME
 from pneunet_ros.tables.header import (
     check_header,
     check_no_preamble,
+    check_separated,
     delimiter,
     lines_from_names,
     LONGEST_CELL,
@@ -81,11 +82,14 @@ def read_csv(
     """
     try:
         with open_regular(path) as binary:
-            if binary.seek(0, io.SEEK_END) > MOST_BYTES:
+            size = binary.seek(0, io.SEEK_END)
+            if size > MOST_BYTES:
                 raise RecordingError(f'{path} has more than {MOST_BYTES // 10**6} MB: split it')
+            binary.seek(max(size - 1, 0))
+            cut = binary.read(1) not in (b'\n', b'\r')
             binary.seek(0)
             stream = io.TextIOWrapper(binary, encoding='utf-8-sig', newline='')
-            return _read(path, stream, request, exact, check_names)
+            return _read(path, stream, cut, request, exact, check_names)
     except OSError as error:
         raise RecordingError(f'{path} cannot be read: {error.strerror}') from error
     except UnicodeDecodeError as error:
@@ -99,6 +103,7 @@ def read_csv(
 def _read(
     path: Path,
     stream: TextIO,
+    cut: bool,
     request: TableRequest,
     exact: Collection[str],
     check_names: Callable[[Collection[str]], object],
@@ -129,6 +134,7 @@ def _read(
         check_names(places)
     except RecordingError:
         check_no_preamble(path, len(header), ahead, above + 1)
+        check_separated(path, header)
         raise
     if not places:
         check_no_preamble(path, len(header), ahead, above + 1)
@@ -139,7 +145,8 @@ def _read(
     others: dict[str, None] = {}
     decimals: dict[str, str] = {}
     clock = Clock()
-    rows = _rows(path, reader, len(header), mark, above)
+    left_out: list[str] = []
+    rows = _rows(path, reader, len(header), mark, above, cut, left_out)
     if units:
         next(rows)
     for line, cells in rows:
@@ -168,7 +175,7 @@ def _read(
         numbers={name: freeze(np.array(values)) for name, values in numbers.items()},
         exact={name: tuple(values) for name, values in exactly.items()},
         lines=tuple(lines),
-        sentences=(*_spelling(path, file_names), *clock.sentences(path)),
+        sentences=(*_spelling(path, file_names), *left_out, *clock.sentences(path)),
         written=file_names,
         clock=clock.latest is not None,
     )
@@ -213,22 +220,40 @@ def _lines(path: Path, stream: TextIO) -> Iterator[str]:
 
 
 def _rows(
-    path: Path, reader: Iterator[list[str]], columns: int, mark: str, above: int
+    path: Path,
+    reader: Iterator[list[str]],
+    columns: int,
+    mark: str,
+    above: int,
+    cut: bool,
+    left_out: list[str],
 ) -> Iterator[tuple[int, list[str]]]:
     """Yield rows of so many cells, with the numbers of their lines; empty lines pass by.
 
-    above: lines of the file that the reader has not seen.
+    above: lines of the file that the reader has not seen. cut: the file does not end with the end
+    of a line. left_out: what it says about comments and a last row that is not whole; added here.
     """
+    comments: list[int] = []
     for cells in reader:
         if not any(cell.strip() for cell in cells):
             continue
         line = above + getattr(reader, 'line_num', 0)
-        if len(cells) != columns:
+        if len(cells) != columns and cells[0].startswith('#'):
+            comments.append(line)
+        elif len(cells) < columns and cut and next(reader, None) is None:
+            left_out.append(f'{path}: line {line}, the last one, is cut off and was left out')
+        elif len(cells) != columns:
+            noun = 'cell' if len(cells) == 1 else 'cells'
             raise RecordingError(
-                f'{path}, line {line}: {len(cells)} cells, but there are {columns} columns; '
+                f'{path}, line {line}: {len(cells)} {noun}, but there are {columns} columns; '
                 f'{_RULES[mark]}'
             )
-        yield line, cells
+        else:
+            yield line, cells
+    if comments:
+        lines = ', '.join(map(str, comments[:NAMES_SHOWN]))
+        more = ', ...' * (len(comments) > NAMES_SHOWN)
+        left_out.append(f'{path}: comments among the rows were passed by: line {lines}{more}')
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float:
@@ -240,6 +265,8 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         hint = ' (decimals need a point)' if ',' in text else ''
+        if name == CLOCK and not hint:
+            hint = ' and no time such as 10:15:03.12 or 2026-11-22 10:15:03.12'
         if _APART.fullmatch(text):
             hint = ' (nothing may set thousands apart, and decimals need a point)'
         raise RecordingError(

@@ -19,7 +19,6 @@ from pneunet_ros.tables.columns import (
     is_unit,
     known_names,
     likely_name,
-    standard_name,
     with_unit,
 )
 
@@ -55,7 +54,7 @@ def lines_from_names(
     """
     above, first = 0, next(lines, '')
     comments: deque[str] = deque(maxlen=LONGEST_PREAMBLE)
-    while first.startswith('#') or (comments and first.isspace()):
+    while first.startswith('#') or first.isspace():
         if first.startswith('#'):
             comments.append(first.lstrip('# '))
         above, first = above + 1, next(lines, '')
@@ -65,7 +64,7 @@ def lines_from_names(
     if not any(map(_is_number, row)) or any(_is_name(cell, request) for cell in row):
         return rest, above
     names = _names_in(list(comments), mark, len(row), request)
-    if not names and all(_is_number(cell) or cell.lower() in MISSING for cell in row):
+    if not names and _is_number(next(cell for cell in row if cell.lower() not in MISSING)):
         comment = ', and no comment above it holds a known name' if comments else ''
         raise RecordingError(
             f'{path}: no line names the columns: line {above + 1} is a row already{comment}; '
@@ -141,20 +140,47 @@ def check_no_preamble(path: Path, names: int, ahead: Sequence[str], above: int) 
 
     ahead: the lines below that one, which is the `above`th of the file.
     """
-    table = next(
-        (
-            place
-            for place, line in enumerate(ahead)
-            if len(cells := _cells(line, delimiter(line))) > names
-            or any(column_of(standard_name(cell)) for cell in cells)
-        ),
-        None,
-    )
+    lines = [_cells(line, delimiter(line)) for line in ahead]
+    row = next((place for place, cells in enumerate(lines) if _is_row(cells)), None)
+    if row is not None:
+        table = _last_text(lines[:row])
+        if table is not None and any(map(is_unit, lines[table])):
+            table = _last_text(lines[:table])
+    else:
+        table = next(
+            (
+                place
+                for place, cells in enumerate(lines)
+                if len(cells) > names or any(map(is_known, cells))
+            ),
+            None,
+        )
     if table is not None:
         raise RecordingError(
             f'{path}: the table seems to begin in line {above + table + 1}; the first line must '
             'name the columns: remove what stands above, or put # before each of these lines'
         )
+
+
+def check_separated(path: Path, header: Sequence[str]) -> None:
+    """Refuse one cell that holds what many should, as its words are names or numbers."""
+    words = re.split(r'[|\s]+', header[0])
+    if len(header) > 1 or len(words) == 1:
+        return
+    if any(map(is_known, words)) or all(map(_is_number, words)):
+        raise RecordingError(
+            f'{path}: {header[0][:40]!r} is one cell: separate cells by commas, semicolons or tabs'
+        )
+
+
+def _is_row(cells: Sequence[str]) -> bool:
+    """Whether cells are those of a row: numbers, of which some may be missing."""
+    there = [cell for cell in cells if cell.lower() not in MISSING]
+    return bool(there) and all(map(_is_number, there))
+
+
+def _last_text(lines: Sequence[Sequence[str]]) -> int | None:
+    return max((place for place, cells in enumerate(lines) if any(cells)), default=None)
 
 
 def check_header(

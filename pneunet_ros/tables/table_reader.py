@@ -185,10 +185,21 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
             shift = FIRST_STAMP - stamp_ns
         stamp_ns += shift
         if not 0 < stamp_ns < LATEST_STAMP:
-            raise RecordingError(f'{where}: {value} is no time that a header can hold')
-        if stamps and stamp_ns <= stamps[-1]:
+            unit = '; is it in a smaller unit, as time_ms or time_us?' if value > 0 else ''
             raise RecordingError(
-                f'{where}: time must increase from row to row (are fractions of a second missing?)'
+                f'{where}: {float(value):.6g} ns is no time that a header can hold'
+                f'{unit * (name != STAMP)}'
+            )
+        if stamps and stamp_ns == stamps[-1]:
+            remedy = f'--ignore {table.written.get(name, name)} --rate HZ counts rows instead'
+            raise RecordingError(
+                f'{where}: time must increase from row to row, and is that of the row above (are '
+                f'fractions of a second missing? {remedy})'
+            )
+        if stamps and stamp_ns < stamps[-1]:
+            raise RecordingError(
+                f'{where}: time must increase from row to row, and is earlier than in the row '
+                'above: sort the rows by time, or split the table where its clock was set back'
             )
         stamps.append(stamp_ns)
     return np.array(stamps, dtype=np.int64)
@@ -200,7 +211,8 @@ def _check_unnamed_unit(path: Path, table: CsvTable, time: Column) -> None:
     if table.clock or not names_no_unit(written):
         return
     times = table.numbers[time.name]
-    steps = np.diff(times[np.isfinite(times)])
+    steps = np.abs(np.diff(times[np.isfinite(times)]))
+    steps = steps[steps > 0.0]  # what repeats or goes back is refused with its line
     step = float(np.median(steps)) if steps.size else 0.1
     if SMALLEST_STEP <= step < LARGEST_STEP:
         return
