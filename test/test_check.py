@@ -281,6 +281,18 @@ def test_it_is_told_to_people(tmp_path, capsys):
     assert 'calibrate loaded: no, ' in told
 
 
+def test_what_is_never_known_of_a_tip_has_no_range(tmp_path, capsys, recwarn):
+    """A camera that sees where the tip is, and not where it points."""
+    table, recording = tmp_path / 'tip.csv', tmp_path / 'tip.mcap'
+    table.write_text('time_s,tip_x_mm,tip_y_mm,pressure_kpa\n0,112,0,0\n0.1,111,5,3\n')
+    assert main(['import', str(table), '--output', str(recording)]) == 0
+    assert main(['check', str(recording)]) == 0
+    said = capsys.readouterr().out
+    assert 'tip_y: 0 to 5 mm' in said
+    assert 'nan' not in said
+    assert not [str(warning.message) for warning in recwarn]
+
+
 def test_a_range_has_no_negative_zero():
     assert range_lines({'force_x': [-0.0, 0.5]}) == ['force_x: 0 to 0.5 N']
 

@@ -159,8 +159,8 @@ def ranges(series: Mapping[str, ReadingSeries]) -> dict[str, Any]:
             found['targets'] = item.values.shape[2]
             found['frames'] = len(item.values)
             found['seen_per_target'] = np.isfinite(item.values[:, 0]).sum(axis=0)
-        if np.isfinite(item.values).any():
-            for place, component in enumerate(item.sensor.components):
+        for place, component in enumerate(item.sensor.components):
+            if np.isfinite(item.values[:, place]).any():
                 found[component.name] = limits(item.values[:, place])
     return found
 
