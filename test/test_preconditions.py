@@ -43,6 +43,10 @@ def still(run):
     return bent(run, x=np.nan_to_num(run.x)[first], y=np.nan_to_num(run.y)[first])
 
 
+def hanging(run):
+    return bent(run, pressure=np.full_like(run.pressure, 2e4))
+
+
 def at_one_pressure():
     return made(PAPER, np.full(30, 2e4), noise=USUAL, name='one.mcap')
 
@@ -84,6 +88,14 @@ def test_a_gauge_pressure_above_that_of_the_air_is_one_of_a_model_known_there():
         (FREE, [still(LOADED[1])], 'low sweep: the targets hardly move'),
         ([scaled(FREE[0], targets=1e3)], [], 'up: a target .* m from the clamp.*must be in m'),
         ([scaled(FREE[0], targets=1e-3)], [], 'up: the last target lies .* is the unit right'),
+        (
+            [scaled(FREE[0], targets=0.1)],
+            [],
+            'up: the row of targets is never longer than 0.1 tim',
+        ),
+        ([hanging(FREE[0])], [], 'up: the pressure stands at 20 kPa, and yet the arm, without a'),
+        ([FREE[0], hanging(FREE[1])], [], 'down: the pressure stands at 20 kPa'),
+        ([hanging(FREE[0])], [hanging(LOADED[0])], 'up: the pressure stands at 20 kPa'),
         ([scaled(FREE[0], pressure=1e3)], [], 'up: a pressure of .* gauge, in Pa'),
         ([scaled(FREE[0], pressure=1e-3)], [], 'up: .*never exceeds 6.* Pa.*not in kPa'),
         (

@@ -463,6 +463,15 @@ def test_comments_among_the_rows_and_a_last_row_that_is_cut_off_are_left_out(tmp
     assert sentences == ((f'{path}{said}',) if said else ())
 
 
+def test_targets_that_are_counted_from_1_are_asked_for(tmp_path):
+    path = tmp_path / 'table.csv'
+    for first, words in ((0, []), (1, ['no column of target 0, ', 'counted from 1?'])):
+        path.write_text(f'time_s,x{first}_m,y{first}_m\n0,0,0\n')
+        sentences = ' '.join(read_table(path, ImportRequest())[1])
+        assert all(word in sentences for word in words)
+        assert bool(sentences) == bool(words)
+
+
 def test_blank_lines_may_stand_above_the_names(tmp_path):
     with pytest.raises(RecordingError, match='line 5, column pressure_pa'):
         read(tmp_path, '\n \ntime_s,pressure_pa\n0,1\n1,x\n')

@@ -28,6 +28,14 @@ class PreconditionSettings:
     largest_force: float = tuning(100.0, 'on an arm', unit='weight')
     longest: float = tuning(1.3, 'from the clamp to a target', unit='length')
     nearest: float = tuning(0.02, 'from the clamp to the last target', unit='length')
+    shortest_row: float = tuning(
+        0.5,
+        'the row of targets where it looks longest: chords are shorter than arcs',
+        unit='length',
+    )
+    hanging_motion: float = tuning(
+        0.25, 'without load, while the pressure stands still: more than creep', unit='length'
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

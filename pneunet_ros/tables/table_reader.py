@@ -102,6 +102,11 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
             f'{path} has ids up to {count - 1} in {len(stamp_ns)} rows: split it, as at most '
             f'{MOST_PLACES} places of targets are read'
         )
+    if targets and 0 not in targets:
+        sentences.append(
+            f'{path}: no column of target 0, which is never seen then; targets count from 0 at '
+            'the clamp: are these counted from 1?'
+        )
     nothing = np.zeros(len(stamp_ns))
     along_axes: dict[str, Array] = {}
     if any((name, None) in columns for name in OF_STRINGS):

@@ -144,6 +144,15 @@ def check_pressures(
             f'{names}: the pressure never exceeds {highest:.3g} Pa, and yet the arm moves by '
             f'{millimeters(moved):.3g} mm; pressure must be gauge, in Pa, not in kPa, mbar or psi'
         )
+    for run in unloaded:
+        moves = motion([run])
+        still = np.ptp(run.frame_pressure) < settings.smallest_span
+        if still and moves > settings.hanging_motion * arm.length:
+            raise RecordingError(
+                f'{run.name}: the pressure stands at {kilopascals(run.frame_pressure[0]):.3g} '
+                f'kPa, and yet the arm, without a load, moves by {millimeters(moves):.3g} mm; '
+                'is it the pressure of this arm (--topic pressure=...), and does the sensor work?'
+            )
     if constant:
         return
     if looks_absolute(float(pressures.min()), arm, settings):
@@ -225,6 +234,23 @@ def check_units(
             f'{run.name}: the last target lies {middle:.3g} m from the clamp, and the arm is '
             f'{arm.length:.3g} m long; is the unit right, and the first target that at the clamp?'
         )
+    share = row_share(run, arm, settings)
+    if share < settings.shortest_row:
+        raise RecordingError(
+            f'{run.name}: the row of targets is never longer than {share:.2g} times that of the '
+            'arm file; is the unit of the targets right, and are they of this arm (see --arm)?'
+        )
+
+
+def row_share(run: RecordingData, arm: Arm, settings: PreconditionSettings) -> float:
+    """Return how long the row of targets is at most, over its arclength; 1 where few are seen."""
+    chords = np.hypot(np.diff(run.x, axis=1), np.diff(run.y, axis=1))
+    both = np.isfinite(chords)
+    arcs = np.sum(both * np.diff(arm.target_arclength), axis=1)
+    enough = np.count_nonzero(both, axis=1) + 1 >= settings.fewest_targets
+    if not enough.any():
+        return 1.0
+    return float(np.max(np.nansum(chords, axis=1)[enough] / arcs[enough]))
 
 
 def check_clamp(run: RecordingData, arm: Arm, settings: RowOrderSettings = ROW_ORDER) -> None:

@@ -174,7 +174,9 @@ def next_steps(
     model, arm = shlex.quote(files.model), shlex.quote(files.arm)
     if not joint.converged:
         return (
-            'Look for what these recordings lack.',
+            'Look for what these recordings lack'
+            + ', and whether the force is that on the arm, in the base frame (--wrench-sign, '
+            '--wrench-yaw)' * loaded + '.',
             f'pneunet check {names} --model {arm}',
         )
     if noise_ratio(joint) > settings.as_noise or varies(calibration):
