@@ -83,6 +83,14 @@ def test_a_table_with_a_row_per_arm(tmp_path):
         arm_key(a, {})
 
 
+def test_a_table_of_arms_as_a_spreadsheet_writes_it(tmp_path):
+    text = '\ufeff# arms of March\n\nName;Unloaded;Loaded\na;u.mcap;l.mcap\n'
+    (arm,) = read_fleet(touch(tmp_path / 'arms.csv', text), DEFAULT)
+    assert named(arm.roles['loaded'], tmp_path) == ['l.mcap']
+    with pytest.raises(RequestError, match='line 5: not a cell per column'):
+        read_fleet(touch(tmp_path / 'cut.csv', text + 'b;u.mcap\n'), DEFAULT)
+
+
 @pytest.mark.parametrize(
     ('text', 'sentence'),
     [

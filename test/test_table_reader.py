@@ -119,8 +119,8 @@ def test_a_rate_gives_rows_their_time(tmp_path):
     ]
     with pytest.raises(RequestError, match=r'has no time: .* give --rate HZ'):
         read(tmp_path, text)
-    with pytest.raises(RequestError, match='has the column time_s: leave out --rate'):
-        read(tmp_path, 'time_s,pressure_pa\n0,1\n', rate=1.0)
+    with pytest.raises(RequestError, match='time_s: leave out --rate, or --ignore Time'):
+        read(tmp_path, 'Time,pressure_pa\n0,1\n', rate=1.0)
     with pytest.raises(RequestError, match='must lie between'):
         read(tmp_path, text, rate=0.0)
 

@@ -193,6 +193,7 @@ def test_what_is_left_out_is_said(tmp_path, capsys):
         (['export', 'REC', '--output', 't.csv', '--topic', 'image_raw=/x'], '--topic image_raw'),
         (['export', 'REC', '--output', 't.csv', '--frame-id', 'x'], 'which is not x;'),
         (['import', 'there.csv', '--output', 'new.mcap'], 'is empty'),
+        (['import', 'REC', '--output', 'new.mcap'], 'is a recording already: `pneunet export`'),
         (['import', 'good.csv', '--output', 'REC'], 'exists already'),
         (['import', 'good.csv', '--output', 'new.mcap', '--offset', 'x'], '--offset x is not'),
         (['import', 'good.csv', '--output', 'new.mcap', '--offset', 'x=y'], "'y' is no number"),

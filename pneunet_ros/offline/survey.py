@@ -27,6 +27,7 @@ from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.json_text import json_text
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.offline.calibration_files import inputs_of
+from pneunet_ros.tables.header import delimiter
 
 ROLES = ('unloaded', 'loaded', 'heldout')
 ARM = 'arm.yaml'
@@ -159,7 +160,7 @@ def fleet_of_table(table: Path, arm: Path) -> tuple[FleetArm, ...]:
 
 
 def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
-    """Yield the rows of a table of arms with their lines."""
+    """Yield the rows of a table of arms with their lines; comments (#) may stand above it."""
     try:
         with open_regular(table) as stream:
             text = stream.read(MOST_BYTES + 1).decode('utf-8-sig')
@@ -169,8 +170,11 @@ def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
         raise RequestError(
             f'{table} has more than {MOST_BYTES // 10**6} MB: it is no table of arms'
         )
-    reader = csv.DictReader(text.splitlines(), strict=True, skipinitialspace=True)
-    names = [str(name).strip() for name in reader.fieldnames or ()]
+    lines = text.splitlines()
+    above = len(list(itertools.takewhile(lambda line: not line.strip() or line[0] == '#', lines)))
+    mark = delimiter(lines[above]) if above < len(lines) else ','
+    reader = csv.DictReader(lines[above:], strict=True, skipinitialspace=True, delimiter=mark)
+    names = [str(name).strip().lower() for name in reader.fieldnames or ()]
     reader.fieldnames = names
     if 'name' not in names or not set(names) <= set(COLUMNS):
         raise RequestError(
@@ -180,10 +184,12 @@ def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
     try:
         for row in reader:
             if None in row or None in row.values():
-                raise RequestError(f'{table}, line {reader.line_num}: not a cell per column')
-            yield reader.line_num, {key: value.strip() for key, value in row.items()}
+                raise RequestError(
+                    f'{table}, line {above + reader.line_num}: not a cell per column'
+                )
+            yield above + reader.line_num, {key: value.strip() for key, value in row.items()}
     except csv.Error as error:
-        raise RequestError(f'{table}, line {reader.line_num}: {error}') from error
+        raise RequestError(f'{table}, line {above + reader.line_num}: {error}') from error
 
 
 def expanded(cell: str, folder: Path) -> tuple[Path, ...]:

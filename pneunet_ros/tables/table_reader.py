@@ -178,7 +178,10 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
             f'{path} has no time: no column {STAMP} or {TIME}_s; give --rate HZ, rows per second'
         )
     if request.rate is not None and name != '--rate':
-        raise RequestError(f'{path} has the column {name}: leave out --rate')
+        written = table.written.get(name, name)
+        raise RequestError(
+            f'{path} has the column {name}: leave out --rate, or --ignore {written}'
+        )
     stamps: list[int] = []
     shift = 0
     for line, value in zip(table.lines, given, strict=True):

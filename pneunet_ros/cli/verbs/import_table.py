@@ -41,6 +41,10 @@ def run(arguments: Namespace) -> int:
     """Import and summarize."""
     if arguments.table.suffix.lower() in VIDEOS:
         raise RequestError(f'{arguments.table} {recording_from(arguments.table)}')
+    if arguments.table.suffix.lower() == '.mcap' and arguments.table.is_file():
+        raise RequestError(
+            f'{arguments.table} is a recording already: `pneunet export` makes a table of it'
+        )
     request = table_request(arguments, rate=arguments.rate)
     table, sentences = read_table(arguments.table, request)
     with write_recording(
