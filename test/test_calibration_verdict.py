@@ -72,7 +72,7 @@ def test_a_fit_that_did_not_settle_gives_no_model():
     assert verdict.fit.startswith('No model')
     assert verdict.command.startswith('pneunet check')
     assert verdict.command.endswith(' --model finger.yaml')
-    assert '--wrench-sign' in verdict_of(lost).next_step
+    assert 'one clock and the force is that on the arm' in verdict_of(lost).next_step
 
 
 @pytest.mark.parametrize(

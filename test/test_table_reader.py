@@ -255,6 +255,7 @@ def test_what_the_estimator_made_is_left_out(tmp_path):
         ('time_s,force_x_n,force_a_n\n1,1,1\n', 'both along the axes .* and by strings'),
         ('time_s,pressure_pa\n1,"2\n', 'is no CSV file'),
         (b'time_s,pressure_pa\n1,\xff\n', 'is no text in UTF-8'),
+        ('time_s,pressure_pa\n1,2\n'.encode('utf-16-le'), 'is no text in UTF-8 .is it UTF-16'),
         (b'time_s,pressure_pa\n1,\x00\n', 'is no '),
         ('time_s,' + 'a' * 300 + '\n1,1\n', 'a name of a column has 300 characters'),
         ('time_s,' + ','.join(f'c{index}' for index in range(3000)) + '\n', 'more than 2000 col'),
@@ -375,6 +376,13 @@ def test_names_may_be_written_as_people_do(written, read_as):
         ('x3mm', ''),
         ('pressure_torr', ''),
         ('valve', ''),
+        ('Elapsed Time (s)', 'time_s'),
+        ('chamber pressure [kPa]', 'pressure_kpa'),
+        ('/pneunet/pressure/fluid_pressure', 'pressure_pa'),
+        ('fluid_pressure', 'pressure_pa'),
+        ('force_x', 'force_x_(n|mn|gf|kgf|g|kg)'),
+        ('field.wrench.force.y', 'force_y_n'),
+        ('Date/Time', 'time_(s|ms|us|min|h|d)'),
     ],
 )
 def test_a_name_that_may_have_been_meant_is_asked_for(written, likely):
@@ -570,8 +578,9 @@ def test_the_first_line_of_excel_names_the_separator(tmp_path):
     """Lines are counted as in the file."""
     table = read(tmp_path, 'sep=;\ntime_s;pressure_kpa\n0,1;1,5\n0,2;2,5\n')
     assert table.values['pressure'][:, 0].tolist() == [1500.0, 2500.0]
-    with pytest.raises(RecordingError, match='line 4, column pressure_kpa'):
-        read(tmp_path, 'sep=;\ntime_s;pressure_kpa\n0,1;1,5\n0,2;broken\n')
+    for above in ('', '# from Excel\n'):
+        with pytest.raises(RecordingError, match=f'line {4 + bool(above)}, column pressure_kpa'):
+            read(tmp_path, f'sep=;\n{above}time_s;pressure_kpa\n0,1;1,5\n0,2;broken\n')
 
 
 @pytest.mark.parametrize('missing', ['', 'NA', 'N/A', '#N/A', 'nan', 'NaN', 'null', 'None'])

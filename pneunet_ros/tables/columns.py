@@ -52,11 +52,20 @@ _UNIT_SPELLINGS = {
 }
 _UNITS = {'ns', *(unit for units in SI_PER_UNIT.values() for unit in units)}
 # What others call a time in some unit: to ask whether it was meant.
+# How names end that tables of ROS messages have, in any folder of topics.
+_OF_MESSAGES = {
+    'fluid_pressure': 'pressure_pa',
+    'force_x': 'force_x_n',
+    'force_y': 'force_y_n',
+    'torque_z': 'moment_n_m',
+}
 _OTHER_TIMES = {'ms': 'time_ms', 'micros': 'time_us', 'us': 'time_us'}
 # What others call a quantity: to ask whether it was meant, as a letter alone can mean much.
 _OTHER_WORDS = {
     't': TIME,
     'timestamp': TIME,
+    'datetime': TIME,
+    'date_time': TIME,
     'p': 'pressure',
     'fx': 'force_x',
     'f1': 'force_x',
@@ -147,6 +156,13 @@ def likely_name(name: str) -> str:
     plain = _plain(name)
     if plain.strip('_') in _OTHER_TIMES:  # millis is a spelling of ms
         return _OTHER_TIMES[plain.strip('_')]
+    for end, known_name in _OF_MESSAGES.items():
+        if plain not in KINDS and f'_{plain}'.endswith(f'_{end}'):
+            return known_name
+    for quantity in KINDS.keys() - TOGETHER.keys():  # of a longer name: elapsed_time_s
+        _, within, unit = plain.rpartition(f'_{quantity}_')
+        if within and unit in SI_PER_UNIT[KINDS[quantity]]:
+            return f'{quantity}_{unit}'
     head, _, unit = plain.rpartition('_')
     for other, quantity in _OTHER_WORDS.items():
         if head == other and unit in SI_PER_UNIT[KINDS[quantity]]:

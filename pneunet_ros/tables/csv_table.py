@@ -112,7 +112,8 @@ def _read(
     first = next(given, '')
     separator = _SEPARATOR.fullmatch(first)
     if separator is not None:
-        above += 1
+        given, comments = lines_from_names(path, given, request)
+        above += 1 + comments
         first = next(given, '')
     mark = delimiter(first) if separator is None else separator['mark']
     ahead = list(itertools.islice(given, LONGEST_PREAMBLE))

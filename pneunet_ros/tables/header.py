@@ -192,6 +192,10 @@ def check_header(
     if len(header) > MOST_COLUMNS:
         raise RecordingError(f'{path} has more than {MOST_COLUMNS} columns')
     for name in header:
+        if '\0' in name:
+            raise RecordingError(
+                f'{path} is no text in UTF-8 (is it UTF-16?): save it as CSV UTF-8'
+            )
         if len(name) > LONGEST_CELL:
             raise RecordingError(f'{path}: a name of a column has {len(name)} characters')
         if name and header.count(name) > 1:

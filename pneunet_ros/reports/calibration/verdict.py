@@ -173,10 +173,12 @@ def next_steps(
     names = shlex.join(item.run.name for item in joint.runs)
     model, arm = shlex.quote(files.model), shlex.quote(files.arm)
     if not joint.converged:
+        force = (
+            ' and the force is that on the arm, in the base frame (--wrench-sign, --wrench-yaw)'
+        )
         return (
-            'Look for what these recordings lack'
-            + ', and whether the force is that on the arm, in the base frame (--wrench-sign, '
-            '--wrench-yaw)' * loaded + '.',
+            'Look for what these recordings lack, and whether readings and frames have one clock'
+            f'{force if loaded else ""}.',
             f'pneunet check {names} --model {arm}',
         )
     if noise_ratio(joint) > settings.as_noise or varies(calibration):
