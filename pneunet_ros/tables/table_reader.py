@@ -199,7 +199,9 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
                 f'{unit * (name != STAMP)}'
             )
         if stamps and stamp_ns == stamps[-1]:
-            remedy = f'--ignore {table.written.get(name, name)} --rate HZ counts rows instead'
+            remedy = (
+                f'import --ignore {table.written.get(name, name)} --rate HZ counts rows instead'
+            )
             raise RecordingError(
                 f'{where}: time must increase from row to row, and is that of the row above (are '
                 f'fractions of a second missing? {remedy})'
