@@ -480,6 +480,16 @@ def test_targets_that_are_counted_from_1_are_asked_for(tmp_path):
         assert bool(sentences) == bool(words)
 
 
+@pytest.mark.parametrize('unseen', ['0,0', '-1,-1'])
+def test_targets_at_one_place_are_taken_for_unseen_ones_and_asked_for(tmp_path, unseen):
+    path = tmp_path / 'table.csv'
+    names = 'time_s,x0_mm,y0_mm,x1_mm,y1_mm,x2_mm,y2_mm'
+    path.write_text(f'{names}\n0,0,0.1,5,0,10,0\n1,0,0.1,,,,\n2,0,0.1,{unseen},{unseen}\n')
+    (sentence,) = read_table(path, ImportRequest())[1]
+    assert 'in 1 of 3 rows some targets stand at one place, (' in sentence
+    assert 'm in line 4: where a target was not seen the cell must be empty' in sentence
+
+
 def test_blank_lines_may_stand_above_the_names(tmp_path):
     with pytest.raises(RecordingError, match='line 5, column pressure_pa'):
         read(tmp_path, '\n \ntime_s,pressure_pa\n0,1\n1,x\n')

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 import math
@@ -15,7 +15,7 @@ from pneunet_ros.core.arrays import Array, LARGEST
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.stamps import LATEST_STAMP, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT
-from pneunet_ros.messages.readings import Sensor, SENSORS
+from pneunet_ros.messages.readings import Sensor, SENSORS, TARGETS
 from pneunet_ros.tables.columns import (
     Column,
     columns_of,
@@ -134,7 +134,26 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     )
     if not any(found.counts().values()):
         raise RecordingError(f'{path} holds no reading: no pressure, no force, no target')
+    sentences += _coincident(path, table.lines, found.values[TARGETS.name])
     return found, tuple(sentences)
+
+
+def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
+    """Say where two targets of a row stand at exactly one place, as unseen ones of trackers do.
+
+    targets: (rows, 2, targets) m.
+    """
+    places = np.sort(targets[:, 0] + 1j * targets[:, 1], axis=1)
+    same = places[:, 1:] == places[:, :-1]
+    rows = np.flatnonzero(same.any(axis=1))
+    if not rows.size:
+        return []
+    place = places[rows[0], int(np.argmax(same[rows[0]]))]
+    return [
+        f'{path}: in {rows.size} of {len(lines)} rows some targets stand at one place, '
+        f'({place.real:.4g}, {place.imag:.4g}) m in line {lines[rows[0]]}: where a target was not '
+        'seen the cell must be empty'
+    ]
 
 
 def string_force(
