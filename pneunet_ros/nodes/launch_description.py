@@ -29,17 +29,17 @@ def describe_launch(
 
     arguments: default and meaning by name, with namespace and params_file; nodes: returns what to
     start, of the values given. Raises RequestError at the start where params_file names none of
-    these nodes, which would ignore it without a word.
+    these nodes, which would ignore it without a word, in a namespace that is absolute.
     """
 
     def start(context: Any) -> list[Any]:
         given = {name: LaunchConfiguration(name).perform(context) for name in arguments}
         started = nodes(given)
         own = [item for item in started if getattr(item, 'node_package', None) == PACKAGE]
-        if own and given['params_file']:
-            namespace = given['namespace'].strip('/')
-            above = f'/{namespace}' if namespace else ''
-            names = [f'{above}/{item.node_executable}' for item in own]
+        namespace = given['namespace']
+        # What is above a relative one is known to whoever includes this launch alone.
+        if own and given['params_file'] and namespace.startswith('/'):
+            names = [f'{namespace.rstrip("/")}/{item.node_executable}' for item in own]
             check_names_some(given['params_file'], names)
         return started
 
