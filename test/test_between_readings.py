@@ -127,3 +127,29 @@ def test_frames_that_share_readings_tell_as_much_together_as_these(frames):
         for _ in range(1500)
     ]
     assert np.std(means) == pytest.approx(said, rel=0.08)
+
+
+@pytest.mark.parametrize('ramps', [(0.2, 1.2), (1.0, 4.0)], ids=['short', 'long'])
+def test_ramps_as_short_as_the_time_between_readings_are_missed_by_as_much_as_is_said(ramps):
+    """A ramp through two intervals looks like one that went on evenly, and was steeper."""
+    random = np.random.default_rng(7)
+    off, said = [], []
+    for _ in range(1500):
+        time, value = [0.0], [0.0]
+        while time[-1] < 40.0:
+            time += [time[-1] + random.uniform(1.0, 6.0)]
+            time += [time[-1] + random.uniform(*ramps)]
+            value += [value[-1], random.uniform(0.0, 6e4)]
+        stamps = PERIOD * np.arange(30)
+        shown = PERIOD * np.arange(3, 27) + random.integers(0, PERIOD, 24)
+        late = random.uniform(0.0, 1.0)
+        true = np.interp([stamps / PERIOD + late], time, value)[0]
+        read = true + NOISE * random.standard_normal(true.size)
+        off.append(
+            interpolate(shown, stamps, read) - np.interp(shown / PERIOD + late, time, value)
+        )
+        said.append(np.hypot(NOISE, interpolation_error(shown, stamps, read, NOISE)))
+    sigma = np.abs(np.array(off) / np.array(said))
+    assert np.sqrt(np.mean(sigma**2)) < 1.5
+    assert np.mean(sigma > 10.0) < 2e-3
+    assert np.mean(said) < 1.5 * np.sqrt(np.mean(np.square(off)))

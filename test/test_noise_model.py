@@ -233,3 +233,14 @@ def test_frames_that_share_a_reading_share_its_noise():
     np.testing.assert_allclose(together[among, :, :3], 2.0 * alone[among, :, :3])
     np.testing.assert_allclose(together[:, :, 3:], alone[:, :, 3:])
     np.testing.assert_allclose(static, alone)
+
+
+def test_behind_the_last_reading_a_value_may_go_on_changing():
+    arm, frames = paper_arm(), 20
+    force = np.tile([0.1, 0.05], (frames, 1)) + 0.01 * np.arange(frames)[:, None]
+    run = made(arm, 1e3 * np.arange(frames), force)
+    run = replace(run, wrench_stamp_ns=run.stamp_ns, wrench=run.load)
+    late = replace(run, stamp_ns=run.stamp_ns + PERIOD // 2)
+    assert pressure_std(USUAL, arm, late)[-1] == pytest.approx(math.hypot(60.0, 500.0), rel=0.01)
+    assert attached_std(USUAL, late)[-1, 0] == pytest.approx(math.hypot(1e-3, 5e-3), rel=0.01)
+    assert pressure_std(USUAL, arm, run)[-1] == USUAL.pressure_std

@@ -85,8 +85,10 @@ def interpolation_error(
     same way, the course between them is bent: it lies between the line and the courses that go on
     from either side, anywhere alike. Where one takes back the other, the value jumped: with a
     share w of the time gone it had jumped already with probability w, so that the error has a
-    standard deviation of the root of w (1 - w) of the jump. Before the first reading and behind
-    the last the value is taken to be at rest; beyond the last it may go on changing as it did.
+    standard deviation of the root of w (1 - w) of the jump. What went on alike through two
+    intervals, and neither before nor behind, began in the first of them and ended in the second,
+    at any time: a bent course in both. Before the first reading and behind the last the value is
+    taken to be at rest; beyond the last it may go on changing as it did.
     """
     if len(stamp_ns) < 2:
         return np.zeros((len(shown), *values.shape[1:]))
@@ -95,13 +97,15 @@ def interpolation_error(
     rest = np.zeros((1, *values.shape[1:]))
     slope = np.concatenate([rest, (np.diff(values, axis=0).T / apart).T, rest])
     apart, late = apart[before], np.maximum(shown - stamp_ns[-1], 0)
-    bends = np.diff(slope, axis=0)
-    bend = np.stack([bends[before].T, bends[before + 1].T]) * apart
+    bends = np.concatenate([rest, np.diff(slope, axis=0), rest])
+    bend = np.stack([bends[before + place].T for place in range(4)]) * apart
     least = settings.noise * SIGMA_OF_SECOND * np.asarray(noise)[..., None]
-    first, second = np.sqrt(np.maximum(bend**2 - least**2, 0.0))
+    earlier, first, second, later = np.sqrt(np.maximum(bend**2 - least**2, 0.0))
     jump = np.minimum(first, second) * np.sqrt(share * (1.0 - share))
     bent = np.minimum(share * first, (1.0 - share) * second) / math.sqrt(3.0)
-    missed = np.where(bend[0] * bend[1] < 0.0, jump, bent)
+    missed = np.where(bend[1] * bend[2] < 0.0, jump, bent)
+    short = np.maximum(np.minimum(earlier, second), np.minimum(first, later))
+    missed = np.maximum(missed, short * np.minimum(share, 1.0 - share) / math.sqrt(3.0))
     beyond = np.abs(slope[-2])[..., None] * np.minimum(late, apart)
     return np.asarray(np.where(late > 0, beyond, missed).T)
 

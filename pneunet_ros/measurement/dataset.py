@@ -263,7 +263,7 @@ def frame_instants(
     reading: Stamps,
     settings: TriggerSettings = TRIGGER,
 ) -> Stamps:
-    """Return when every frame was taken, (frames,) ns within the time of the readings.
+    """Return when every frame was taken by the clock of the readings, (frames,) ns.
 
     A camera that takes its frames together with readings, to which `reading` (frames,) they
     belong, has stamps with a jitter of their own; those of any other camera are what they say.
@@ -275,7 +275,7 @@ def frame_instants(
     apart = float(np.quantile(np.abs(stamp_ns - own), settings.share))
     if apart <= settings.same_instant * period:
         return own
-    return stamp_ns.clip(reading_stamp_ns[0], reading_stamp_ns[-1])
+    return stamp_ns
 
 
 def frames_in_jumps(
