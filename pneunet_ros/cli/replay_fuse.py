@@ -91,7 +91,7 @@ def run_fusion(arguments: Namespace) -> int:
         'std_leaves_out': error_left_out(arm.covariance, arm.sources),
         'settings': settings_used(fusion.settings),
         'seconds': time.perf_counter() - begun,
-        'sentences': [*recording.sentences, *fusion.coarse_sensors(state).values()],
+        'sentences': [*recording.sentences, *fusion.other_sensors(state).values()],
         'last_refusal': tally.refusal.sentence if tally.refusal else None,
     }
     if arguments.json:

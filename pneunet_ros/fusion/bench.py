@@ -32,7 +32,7 @@ from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian, PRESSURE
 from pneunet_ros.measurement.errors.propagated_errors import Indices
-from pneunet_ros.measurement.errors.rounding_error import rounding_std, with_rounding
+from pneunet_ros.measurement.errors.rounding_error import rounding_std
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import station_arclength
 from pneunet_ros.model.part_load import PartLoad
@@ -134,8 +134,7 @@ class Bench:
         if self.arm.sensing:
             response[:, self.unknowns.of_columns] = -self.by_columns(reading)[:, FORCE].T
         walked = belief.walk * math.sqrt(abs(wrench.age))
-        noise = with_rounding(self.arm.sensors.force_std, wrench.rounding)
-        std = math.hypot(noise, walked, EXACT * self.unknowns.force_scale)
+        std = math.hypot(wrench.std, walked, EXACT * self.unknowns.force_scale)
         value = np.array([true.force_x, true.force_y])
         innovation = value - response @ belief.mean
         spread = response @ belief.root

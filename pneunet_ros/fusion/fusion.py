@@ -29,6 +29,7 @@ from pneunet_ros.fusion.belief import (
     OF_BIAS,
     with_strange_targets,
     with_walk,
+    without_lessons,
 )
 from pneunet_ros.fusion.belief_estimate import estimate_at, PRESSURE_OFF
 from pneunet_ros.fusion.bench import Bench
@@ -50,6 +51,7 @@ from pneunet_ros.fusion.readings import (
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState, RunningNis, TakenFrame
 from pneunet_ros.measurement.errors.rounding_error import smallest_change, with_rounding
+from pneunet_ros.measurement.errors.white_noise import white_std
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load, OUT_OF_RANGE
 
@@ -308,15 +310,59 @@ class Fusion:
                 moment=0.0,
                 frame_id=self.sensors.frame_id,
             )
-            return NearWrench(reading=nothing, age=0.0)
+            return NearWrench(reading=nothing, age=0.0, std=self.arm.sensors.force_std)
         if not state.wrenches:
             return None
         wrench = nearest_to(state.wrenches, stamp_ns)
         age = seconds_between(wrench.stamp_ns, stamp_ns)
         if abs(age) > self.sensors.wrench_timeout:
             return None
-        rounding = self.bench.force_rounding(state.force_step)
-        return NearWrench(reading=wrench, age=age, rounding=rounding)
+        return NearWrench(reading=wrench, age=age, std=self.force_std(state))
+
+    def force_std(self, state: FusionState) -> float:
+        """Return one sigma (N) of the force sensor: of the model, or of a sensor that is worse."""
+        known, rounding = self.arm.sensors.force_std, self.bench.force_rounding(state.force_step)
+        return with_rounding(state.force_noise or known, rounding)
+
+    def heard_force_noise(self, state: FusionState) -> float:
+        """Return the noise (N) of the force sensor's last readings, 0 where the model's is it.
+
+        In readings that repeat, of a sensor that hangs or reads in steps, it cannot be told.
+        """
+        known, (fewest, factor) = self.arm.sensors.force_std, self.settings.unheard
+        last = [
+            (one.force_x, one.force_y) for one in state.wrenches[-self.settings.noise_readings :]
+        ]
+        if not last or len({force_x for force_x, _ in last}) < len(last):
+            return 0.0
+        if len(last) < fewest:
+            return factor * known
+        found = white_std(np.array(last))
+        return found if found > self.settings.loud * known else 0.0
+
+    def with_force_noise(self, before: Belief, state: FusionState) -> tuple[Belief, FusionState]:
+        """Return what is believed before a frame, and the state, with the noise of the force.
+
+        What frames have told while it was taken for much less is forgotten.
+        """
+        noise = self.heard_force_noise(state)
+        known = max(state.force_noise, self.arm.sensors.force_std)
+        heard = len(state.wrenches) >= self.settings.unheard[0]
+        if heard and noise > self.settings.loud * known and state.sensor is not Verdict.OFF:
+            before = without_lessons(self.bench.unknowns, self.settings, before)
+            state = replace(state.without_belief(), sensor=Verdict.OPEN)
+        return before, replace(state, force_noise=noise)
+
+    def other_sensors(self, state: FusionState) -> dict[str, str]:
+        """Return a sentence by sensor that is worse than the one of the calibration."""
+        sentences = self.coarse_sensors(state)
+        if state.force_noise and len(state.wrenches) >= self.settings.unheard[0]:
+            sentences['force'] = (
+                f'the force is read with noise of {state.force_noise:.3g} N, and the model knows '
+                f'of {self.arm.sensors.force_std:.3g} N: the former is used; calibrate with this '
+                'sensor'
+            )
+        return sentences
 
     def coarse_sensors(self, state: FusionState) -> dict[str, str]:
         """Return a sentence by sensor that reads in steps beyond the noise of the model."""
@@ -364,6 +410,7 @@ class Fusion:
         if before.frames and shown_ns < before.stamp_ns:
             return state.count_unused('older')
         lost = state.lost >= self.settings.frames_lost
+        before, state = self.with_force_noise(before, state)
         frame = self.read_frame(state, sightings, force_lost=lost)
         seen = state.seen
         if seen is None or not seen.is_same(sightings):

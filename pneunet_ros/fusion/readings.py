@@ -47,12 +47,12 @@ class SeenFrame:
 class NearWrench:
     """The end wrench (base frame) nearest to a stamp, and its age (s) there.
 
-    rounding (N): one sigma of each component, of a sensor that reads in steps.
+    std (N): one sigma of the noise of each component.
     """
 
     reading: WrenchReading
     age: float
-    rounding: float = 0.0
+    std: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -111,6 +111,18 @@ class FusionSettings:
     coarsest: float = tuning(
         0.05, 'step in which a sensor reads, at most', unit='of the range, or of the force scale'
     )
+    noise_readings: int = tuning(60, 'last readings of the force that tell its noise')
+    unheard: tuple[int, float] = tuning(
+        (8, 20.0),
+        'readings of the force, before which they do not tell its noise; by how much it may be '
+        'more till then than that of the model; invented',
+        unit='number, noise of the model',
+    )
+    loud: float = tuning(
+        2.0,
+        'noise of them, above which it is used instead of that of the model; invented',
+        unit='noise of the model',
+    )
     most_ahead: float = tuning(
         0.1, 'of a frame before its pressure, which is told beyond it', unit='s'
     )

@@ -78,7 +78,8 @@ class FusionState:
 
     readings: as of an estimator, which admits pressures and wrenches; pressures, wrenches: the
     last ones, for frames that come late; force_step (N): the smallest change from wrench to wrench
-    so far, see `rounding_error`; waiting: frames whose pressure has not come yet; seen:
+    so far, see `rounding_error`; force_noise (N): of its last readings, 0 where it is that of the
+    model; waiting: frames whose pressure has not come yet; seen:
     the last one that was no copy.
     belief: at the last frame that was used, by the likelier of two hypotheses, no contact and
     contact; rival: by the other one, None where that is as good as excluded; log_odds: of a
@@ -98,6 +99,7 @@ class FusionState:
     pressures: tuple[PressureInstant, ...] = ()
     wrenches: tuple[WrenchReading, ...] = ()
     force_step: float = math.inf
+    force_noise: float = 0.0
     waiting: tuple[TargetSightings, ...] = ()
     frame_stamps: StampGate = field(default_factory=StampGate)
     seen: SeenFrame | None = None
@@ -186,6 +188,7 @@ class FusionState:
             pressures=self.pressures,
             wrenches=self.wrenches,
             force_step=self.force_step,
+            force_noise=self.force_noise,
             solution=self.solution,
             sensor=self.sensor,
             pressure_lost=self.pressure_off,

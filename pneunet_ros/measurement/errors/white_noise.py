@@ -1,0 +1,31 @@
+"""The white noise of a sensor, from its last readings while what it reads moves.
+
+Differences of high order leave nothing of a course that is smooth from reading to reading, and of
+white noise as much as ever. Where readings are too rare for the course, differences of some order
+leave least of it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+
+ORDERS = 2, 4, 6
+SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
+FEWEST = 12  # differences of an order, below which they tell nothing
+
+
+def white_std(readings: Array) -> float:
+    """Return one sigma of white noise on readings (n, k) one after the other, at most.
+
+    The median, so that jumps do not count. 0 where too few readings tell.
+    """
+    found = []
+    for order in ORDERS:
+        sizes = np.abs(np.diff(readings, order, axis=0))
+        if sizes.size >= FEWEST:
+            size = SIGMA_OF_MEDIAN * float(np.median(sizes))
+            found.append(size / math.sqrt(math.comb(2 * order, order)))
+    return min(found, default=0.0)
