@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.readings import WrenchReading
 from pneunet_ros.fusion.contact import Contact
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
@@ -64,6 +65,16 @@ def contact(ambiguous):
         correlation=0.5,
         ambiguous=ambiguous,
     )
+
+
+def test_a_sensor_that_is_worse_than_that_of_the_calibration_is_said():
+    assert report_of(fused()).values['other_sensors'] == ''
+    wrench = WrenchReading(
+        stamp_ns=1, force_x=0.1, force_y=0.0, moment=0.0, frame_id='pneunet_base'
+    )
+    noisy = FusionState(wrenches=(wrench,) * 8, force_noise=0.01)
+    said = report_of(fused(), noisy).values['other_sensors']
+    assert said.startswith('the force is read with noise of 0.01 N')
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,7 @@ class FusionHealth(InputHealth):
         values |= {
             'pressure_offset_pa': f'{fusion.sensors.pressure_offset:.6g}',
             'std_leaves_out': left_out,
+            'other_sensors': '; '.join(fusion.other_sensors(state).values()),
         }
         self.begin_next(now)
         self._warnings, self._nis = {}, state.nis
