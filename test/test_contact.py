@@ -136,7 +136,7 @@ def test_begun_in_contact_that_is_ambiguous_and_the_sensor_is_confirmed_once_it_
     recording = recorded(begins=0.0)
     found, state = fused(recording)
     time = recording.truth.time
-    there = (time > 0.1) & (time < ENDS)  # the first readings do not tell the sensor's noise yet
+    there = (time > 0.8) & (time < ENDS)  # the first eight readings do not tell its noise
     assert all(one.contact and one.contact.ambiguous for one in np.array(found)[there])
     assert state.sensor is Verdict.IN_ORDER
     error, covariance = tip_errors(recording, found)

@@ -207,7 +207,7 @@ def test_nothing_is_published_without_targets_and_that_is_said(patient, tmp_path
 def test_without_a_wrench_it_says_that_force_is_not_judged(patient, tmp_path):
     in_turn(patient, part(RECORDING, 4.0, 5.0, tmp_path / 'pt.mcap'))
     assert patient.report()[2]['force_judged'].startswith('no: without an end wrench')
-    wrench = part(RECORDING, 5.0, 5.2, tmp_path / 'w.mcap', ('pressure', 'targets', 'end_wrench'))
+    wrench = part(RECORDING, 5.0, 5.6, tmp_path / 'w.mcap', ('pressure', 'targets', 'end_wrench'))
     in_turn(patient, wrench)
     assert patient.report()[2]['force_judged'] == 'yes'
 

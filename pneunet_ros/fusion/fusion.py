@@ -300,8 +300,13 @@ class Fusion:
             chamber=first.chamber + share * (second.chamber - first.chamber),
         )
 
-    def wrench_at(self, state: FusionState, stamp_ns: int) -> NearWrench | None:
-        """Return the wrench nearest to a stamp; None where none is near."""
+    def wrench_at(
+        self, state: FusionState, stamp_ns: int, *, beside_targets: bool
+    ) -> NearWrench | None:
+        """Return the wrench nearest to a stamp; None where none is near.
+
+        Beside targets, which do as well, also None until the readings have told their noise.
+        """
         if self.settings.free_tip:
             nothing = WrenchReading(
                 stamp_ns=stamp_ns,
@@ -311,13 +316,17 @@ class Fusion:
                 frame_id=self.sensors.frame_id,
             )
             return NearWrench(reading=nothing, age=0.0, std=self.arm.sensors.force_std)
-        if not state.wrenches:
+        if not state.wrenches or (beside_targets and not self.heard(state)):
             return None
         wrench = nearest_to(state.wrenches, stamp_ns)
         age = seconds_between(wrench.stamp_ns, stamp_ns)
         if abs(age) > self.sensors.wrench_timeout:
             return None
         return NearWrench(reading=wrench, age=age, std=self.force_std(state))
+
+    def heard(self, state: FusionState) -> bool:
+        """Whether there have been readings enough of the force to tell their noise."""
+        return len(state.wrenches) >= self.settings.fewest_readings
 
     def force_std(self, state: FusionState) -> float:
         """Return one sigma (N) of the force sensor: of the model, or of a sensor that is worse."""
@@ -329,14 +338,12 @@ class Fusion:
 
         In readings that repeat, of a sensor that hangs or reads in steps, it cannot be told.
         """
-        known, (fewest, factor) = self.arm.sensors.force_std, self.settings.unheard
+        known = self.arm.sensors.force_std
         last = [
             (one.force_x, one.force_y) for one in state.wrenches[-self.settings.noise_readings :]
         ]
         if not last or len({force_x for force_x, _ in last}) < len(last):
             return 0.0
-        if len(last) < fewest:
-            return factor * known
         found = white_std(np.array(last))
         return found if found > self.settings.loud * known else 0.0
 
@@ -347,8 +354,7 @@ class Fusion:
         """
         noise = self.heard_force_noise(state)
         known = max(state.force_noise, self.arm.sensors.force_std)
-        heard = len(state.wrenches) >= self.settings.unheard[0]
-        if heard and noise > self.settings.loud * known and state.sensor is not Verdict.OFF:
+        if noise > self.settings.loud * known and state.sensor is not Verdict.OFF:
             before = without_lessons(self.bench.unknowns, self.settings, before)
             state = replace(state.without_belief(), sensor=Verdict.OPEN)
         return before, replace(state, force_noise=noise)
@@ -356,7 +362,7 @@ class Fusion:
     def other_sensors(self, state: FusionState) -> dict[str, str]:
         """Return a sentence by sensor that is worse than the one of the calibration."""
         sentences = self.coarse_sensors(state)
-        if state.force_noise and len(state.wrenches) >= self.settings.unheard[0]:
+        if state.force_noise:
             sentences['force'] = (
                 f'the force is read with noise of {state.force_noise:.3g} N, and the model knows '
                 f'of {self.arm.sensors.force_std:.3g} N: the former is used; calibrate with this '
@@ -384,8 +390,12 @@ class Fusion:
     def publish(
         self, state: FusionState, instant: PressureInstant, mode: Mode, notes: list[str]
     ) -> tuple[FusionState, FusedEstimate | Refusal]:
-        """Estimate shape and force at a pressure."""
-        wrench = self.wrench_at(state, instant.stamp_ns)
+        """Estimate shape and force at a pressure, beside targets by a wrench that was judged."""
+        seen = state.belief is not None and state.belief.frames > 0
+        wrench = self.wrench_at(state, instant.stamp_ns, beside_targets=seen)
+        judged = state.wrench_used_ns is not None or state.sensor is not Verdict.OPEN
+        if seen and not judged and not self.settings.free_tip:
+            wrench = None
         return estimate_at(self.bench, state, instant, wrench, mode, notes)
 
     def with_pressure(self, state: FusionState) -> FusionState:
@@ -434,7 +444,7 @@ class Fusion:
     ) -> ReadFrame:
         """Return a frame with what was read at the stamp of what it shows."""
         shown_ns = self.bench.shown_ns(sightings)
-        wrench = self.wrench_at(state, shown_ns)
+        wrench = self.wrench_at(state, shown_ns, beside_targets=True)
         return ReadFrame(
             stamp_ns=shown_ns,
             sightings=sightings,

@@ -112,11 +112,8 @@ class FusionSettings:
         0.05, 'step in which a sensor reads, at most', unit='of the range, or of the force scale'
     )
     noise_readings: int = tuning(60, 'last readings of the force that tell its noise')
-    unheard: tuple[int, float] = tuning(
-        (8, 20.0),
-        'readings of the force, before which they do not tell its noise; by how much it may be '
-        'more till then than that of the model; invented',
-        unit='number, noise of the model',
+    fewest_readings: int = tuning(
+        8, 'of the force, before which it is not used beside targets: they do not tell its noise'
     )
     loud: float = tuning(
         2.0,
