@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.calibration.checks.consistency import (
     check_same_arm,
+    describe_misfit,
+    describe_pressure_noise,
     outlier_recordings,
     tip_distance,
 )
@@ -174,14 +176,50 @@ def test_one_recording_or_none_in_common_is_one_arm():
     check_same_arm([low, high], 0.112)
 
 
-def test_a_recording_that_does_not_fit_the_others_is_named():
-    class Some:
-        def __init__(self, name, chi):
-            self.run = replace(FREE[0], name=name)
-            self.whitened, self.dof = np.array([100.0 * chi]), np.array([100])
+class Some:
+    """A fitted run of fifty frames, as bad as chi squared per coordinate says."""
 
+    def __init__(self, name, chi):
+        self.run = replace(FREE[0], name=name)
+        self.dof = np.full(50, 100)
+        self.whitened = 100.0 * chi * np.ones(50)
+        self.residual, self.solved = np.full((50, 2, 3), 1e-3), np.ones(50, np.bool_)
+
+
+def fit_of(*runs):
+    chi_squared, dof = (sum(float(values.sum()) for values in parts) for parts in (
+        [run.whitened for run in runs], [run.dof for run in runs]
+    ))  # fmt: skip
     values = dict.fromkeys(Fit.__dataclass_fields__)
-    runs = tuple(Some(name, chi) for name, chi in (('a', 1.1), ('b', 30.0), ('c', 0.9)))
-    (sentence,) = outlier_recordings(Fit(**(values | {'runs': runs})))
+    return Fit(**(values | {'runs': runs, 'chi_squared': chi_squared, 'dof': dof}))
+
+
+def test_a_recording_that_does_not_fit_the_others_is_named():
+    runs = [Some(name, chi) for name, chi in (('a', 1.1), ('b', 30.0), ('c', 0.9))]
+    (sentence,) = outlier_recordings(fit_of(*runs))
     assert sentence.startswith('b does not fit the others: chi squared per coordinate is 30')
-    assert outlier_recordings(Fit(**(values | {'runs': runs[:1]}))) == []
+    assert outlier_recordings(fit_of(runs[0])) == []
+    (sentence,) = describe_misfit(fit_of(*runs))
+    assert sentence.startswith('the model misses the targets by 1 mm rms per coordinate')
+    assert describe_misfit(fit_of(runs[0], runs[2])) == []
+
+
+def test_a_few_frames_that_are_missed_are_no_missing_effect():
+    bad, good = Some('a', 1.0), Some('b', 1.1)
+    bad.whitened[[7, 30]] = 3e4, 9e4
+    fit = fit_of(bad, good)
+    (sentence,) = describe_misfit(fit)
+    assert sentence.startswith('2 of 100 frames are missed by far more than noise explains')
+    assert outlier_recordings(fit) == []
+    bad.whitened[:10] = 3e4
+    (sentence,) = describe_misfit(fit_of(bad, good))
+    assert 'something is missing in it' in sentence
+    assert len(outlier_recordings(fit_of(bad, good))) == 1
+
+
+@pytest.mark.parametrize(('std', 'said'), [(1000.0, False), (1500.0, True)])
+def test_a_pressure_with_much_noise_is_said_to_bias(std, said):
+    sentences = describe_pressure_noise(std, 6.5e4)
+    assert bool(sentences) is said
+    assert all('2.3 % of its range' in sentence for sentence in sentences)
+    assert describe_pressure_noise(std, 0.0) == []

@@ -10,7 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pneunet_ros.calibration.checks.consistency import describe_misfit, outlier_recordings
+from pneunet_ros.calibration.checks.consistency import (
+    describe_misfit,
+    describe_pressure_noise,
+    outlier_recordings,
+)
 from pneunet_ros.calibration.checks.identifiability import undetermined_quantities
 from pneunet_ros.calibration.checks.nonuniformity import (
     consider_nonuniformity,
@@ -168,6 +172,9 @@ def calibrate(
             *describe_nonuniformity(joint, settings),
             *notes,
             *describe_misfit(joint, settings.consistency),
+            *describe_pressure_noise(
+                noise.noise.pressure_std, fits.high - fits.low, settings.consistency
+            ),
             *describe_variation(joint, variation, law_given=kind is not None),
             *outliers,
         ),

@@ -57,6 +57,14 @@ class SameArmSettings:
     times_past: float = tuning(3.0, 'as much as the past does')
     outlier: float = tuning(5.0, 'chi squared per coordinate of an outlier recording')
     misfit: float = tuning(4.0, 'chi squared per coordinate of a model that lacks something')
+    few: float = tuning(0.02, 'share of the frames that are few, where these alone are missed')
+    alike: float = tuning(1.5, 'chi squared per coordinate of the others then, at most')
+    noisy_pressure: float = tuning(
+        0.018,
+        'noise of the pressure beyond which it biases the fit',
+        unit='of the range',
+        source='virtual lab: kappa_p0 is off by 1.4 standard errors rms at 0.015, 2.2 at 0.023',
+    )
     times_others: float = tuning(5.0, "of an outlier, over the others' median")
 
 

@@ -11,9 +11,9 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.measurement.dataset import SIGMA_OF_MEDIAN
 
 ORDERS = 2, 4, 6
-SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
 FEWEST = 12  # differences of an order, below which they tell nothing
 
 
