@@ -12,6 +12,7 @@ the end force from all targets and from the tip alone.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 import dataclasses
 import json
@@ -59,8 +60,13 @@ Z_95 = 1.959964
 FIRST_SEED = 1000
 
 
-def record(seed: int) -> tuple[dict, Scenario]:
-    """Return the runs of one seed by name, with the true end force of the one held out."""
+def record(
+    seed: int, change: Callable[[Scenario], Scenario] = lambda scenario: scenario
+) -> tuple[dict, Scenario]:
+    """Return the runs of one seed by name, with the true end force of the one held out.
+
+    change: of each scenario before it is recorded.
+    """
     runs = {}
     for place, name in enumerate((*UNLOADED, *LOADED, 'held_out')):
         file = 'random_mix' if name == 'held_out' else name
@@ -69,7 +75,7 @@ def record(seed: int) -> tuple[dict, Scenario]:
         if name == 'held_out':
             assert isinstance(scenario.protocol, RandomMix)
             changes['protocol'] = dataclasses.replace(scenario.protocol, seed=float(seed))
-        recording = simulate(dataclasses.replace(scenario, **changes))
+        recording = simulate(change(dataclasses.replace(scenario, **changes)))
         runs[name] = run_of(recording)
     kept = np.isfinite(recording.x).any(axis=1)
     runs['true_force'] = recording.truth.force[kept]
