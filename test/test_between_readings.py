@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pneunet_ros.measurement.between_readings import (
     frames_sharing,
+    furthest_between,
     furthest_error,
     interpolate,
     interpolated_noise,
@@ -153,3 +154,11 @@ def test_ramps_as_short_as_the_time_between_readings_are_missed_by_as_much_as_is
     assert np.sqrt(np.mean(sigma**2)) < 1.5
     assert np.mean(sigma > 10.0) < 2e-3
     assert np.mean(said) < 1.5 * np.sqrt(np.mean(np.square(off)))
+
+
+def test_as_far_as_it_may_be_is_beyond_what_it_is():
+    values = 5e3 * (STAMPS >= 4 * PERIOD)
+    at = 3 * PERIOD + PERIOD // 4
+    assert furthest_between(at, STAMPS, values, NOISE) == pytest.approx(0.75 * 5e3, rel=0.02)
+    assert furthest_between(at, STAMPS[:5], values[:5], NOISE) > 3e3  # what comes is not known
+    assert furthest_between(at, STAMPS, 1e-5 * STAMPS, NOISE) == 0.0

@@ -10,6 +10,7 @@ from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
 from pneunet_ros.core.share import share_path
+from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.belief import COLUMNS
 from pneunet_ros.fusion.belief_estimate import (
@@ -880,3 +881,20 @@ def test_a_pressure_of_another_kind_is_refused_with_advice_and_the_camera_is_alo
         state, outcome = fusion().step(state, sightings(frame))
         modes |= set() if outcome is None else {outcome.mode}
     assert modes == {Mode.CAMERA_ONLY}
+
+
+def rare(frame, every: int = 10) -> bool:
+    return frame % every == 0
+
+
+@pytest.mark.parametrize('with_wrench', [False, True])
+def test_a_pressure_that_is_read_once_a_second_is_known_as_well_as_it_can_be(with_wrench):
+    """Frames come ten times as often, and pressure and load move between the readings."""
+    patient = Fusion(arm=fusion().arm, sensors=EstimatorSettings(input_timeout=1.5))
+    found = fuse(patient, with_wrench=with_wrench, pressures=rare)
+    assert not found.state.pressure_off
+    assert found.state.sensor is not Verdict.OFF
+    assert len(found.estimates) == 20
+    assert found.tip_covered() > 0.8
+    assert found.force_covered() > 0.8
+    assert rms(found.tip_error) < 2e-4

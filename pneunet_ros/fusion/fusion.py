@@ -50,12 +50,14 @@ from pneunet_ros.fusion.readings import (
 )
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState, RunningNis, TakenFrame
+from pneunet_ros.measurement.between_readings import furthest_between
 from pneunet_ros.measurement.errors.rounding_error import smallest_change, with_rounding
 from pneunet_ros.measurement.errors.white_noise import white_std
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load, OUT_OF_RANGE
 
 Event = Reading | TargetSightings
+BESIDE = 3  # readings on either side that tell how the pressure went between two
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -293,11 +295,20 @@ class Fusion:
         first, second = known[after - 1], known[after]
         share = (stamp_ns - first.stamp_ns) / (second.stamp_ns - first.stamp_ns)
         nearest = first if share < 0.5 else second
+        beside = known[max(after - BESIDE, 0) : after + BESIDE]
+        missed = furthest_between(
+            stamp_ns,
+            np.array([one.stamp_ns for one in beside]),
+            np.array([one.chamber for one in beside]),
+            nearest.std,
+        )
         return replace(
             nearest,
             stamp_ns=stamp_ns,
             gauge=first.gauge + share * (second.gauge - first.gauge),
             chamber=first.chamber + share * (second.chamber - first.chamber),
+            std=math.hypot(nearest.std, missed),
+            missed=missed,
         )
 
     def wrench_at(

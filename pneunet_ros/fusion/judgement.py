@@ -111,10 +111,13 @@ def doubts_pressure(bench: Bench, taken: TakenFrame, weighed: WeighedFrame) -> b
     """Whether a frame asks if the pressure is what is read.
 
     One whose pressure may hang; one that fits badly, or only with a contact, where no sensor tells
-    the tip force; one with which the model seems to lack very much.
+    the tip force; one with which the model seems to lack very much. Never one between readings
+    that do not tell how the pressure went.
     """
     fit, belief = weighed.update.fit, weighed.update.belief
     if fit is None or taken.frame.force_lost:
+        return False
+    if taken.frame.instant.missed > bench.arm.sensors.pressure_std:
         return False
     touches = belief is not None and belief.touched and not taken.before.touched
     if taken.frame.pressure_still:

@@ -17,7 +17,8 @@ class PressureInstant:
     """The chamber (Pa, one sigma of its noise) and the effects' history at a pressure reading.
 
     memory: the pressures (Pa) that lag behind the chamber, and that behind a play; step (Pa): the
-    smallest change from reading to reading so far, see `rounding_error`.
+    smallest change from reading to reading so far, see `rounding_error`; missed (Pa): how far the
+    line between two readings may be off there, which is in std.
     """
 
     stamp_ns: int
@@ -27,6 +28,7 @@ class PressureInstant:
     history: tuple[History, ...]
     memory: tuple[float, ...]
     step: float = math.inf
+    missed: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -122,3 +122,13 @@ def furthest_error(shown: Stamps, stamp_ns: Stamps) -> Array:
     _, share = places_between(shown, stamp_ns)
     least = np.maximum(np.minimum(share, 1.0 - share), NEVER)
     return np.asarray(np.maximum(bent, np.sqrt((1.0 - least) / least)))
+
+
+def furthest_between(shown_ns: int, stamp_ns: Stamps, values: Array, noise: float) -> float:
+    """Return how far off the straight line may be at one stamp, of values (stamps,) of one kind.
+
+    noise: white, of a value. What came after the last one is not known yet.
+    """
+    shown = np.array([shown_ns])
+    error = interpolation_error(shown, stamp_ns, values, noise)
+    return float(error[0] * furthest_error(shown, stamp_ns)[0])
