@@ -898,3 +898,15 @@ def test_a_pressure_that_is_read_once_a_second_is_known_as_well_as_it_can_be(wit
     assert found.tip_covered() > 0.8
     assert found.force_covered() > 0.8
     assert rms(found.tip_error) < 2e-4
+
+
+def test_a_frame_between_rare_readings_is_known_by_both_once_they_are_there():
+    """By default a frame waits for half a second, and is then taken as if nobody read it."""
+    found = fuse(pressures=rare)
+    read = np.array([one.mode is Mode.FUSED for one in found.estimates])
+    rows = [one for one, yes in zip(found.estimates, read, strict=True) if yes]
+    assert len(rows) == 20
+    assert rms(found.tip_error[read]) < 1e-3
+    assert np.isfinite(found.force_error[read][2:]).all(axis=1).mean() > 0.8
+    covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in rows])
+    assert covered(found.tip_error[read], covariance) > 0.8

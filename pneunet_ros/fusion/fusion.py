@@ -25,8 +25,11 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit
 from pneunet_ros.fusion.belief import (
     Belief,
+    BIAS,
     first_belief,
     OF_BIAS,
+    scaled_std,
+    take_measurement,
     with_strange_targets,
     with_walk,
     without_lessons,
@@ -38,7 +41,7 @@ from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.force_sensor import Verdict
 from pneunet_ros.fusion.frame_update import ColdSearch
 from pneunet_ros.fusion.judgement import explains_all, is_copy, take, weigh_and_judge
-from pneunet_ros.fusion.lack import remember
+from pneunet_ros.fusion.lack import remember, scale_of
 from pneunet_ros.fusion.readings import (
     followed_by,
     nearest_to,
@@ -416,8 +419,37 @@ class Fusion:
         state = self.doubt_frame(state)  # of a frame whose pressure nobody had read
         if state.belief is None:
             return state
-        belief = self.bench.without(state.belief, OF_BIAS)
+        belief = self.bench.without(self.beside_pressure(state, state.belief), OF_BIAS)
         return replace(state, belief=belief, pressure_lost=False)
+
+    def beside_pressure(self, state: FusionState, belief: Belief) -> Belief:
+        """Return what is believed at a frame whose pressure is known by now, from both sides.
+
+        Its bias stands for what the pressure was beyond the last reading before. A force that is
+        not determined stays as it was: along a straight arm it would go to where that buckles.
+        After a gap between readings that is no usual one nobody knows how the pressure went.
+        """
+        known = state.pressures
+        after = bisect_left(known, belief.stamp_ns, key=stamp_of)
+        if not 1 < after < len(known):
+            return belief
+        earlier, before, behind = known[after - 2 : after + 1]
+        usual = before.stamp_ns - earlier.stamp_ns
+        if behind.stamp_ns - before.stamp_ns > self.settings.usual_gap * usual:
+            return belief
+        instant = self.pressure_at(state, belief.stamp_ns)
+        response = np.zeros((1, belief.mean.size))
+        response[0, BIAS] = 1.0
+        value = np.array([instant.chamber - before.chamber])
+        scale = scale_of(self.settings, belief.lack_weights)
+        lacking = float(scaled_std(self.bench.unknowns, scale)[BIAS])
+        std = math.hypot(instant.std, lacking)
+        innovation = float(value[0] - belief.mean[BIAS]) / math.hypot(std, belief.std(BIAS))
+        if abs(innovation) > self.settings.sure:
+            return belief
+        beside = take_measurement(belief, response, value, np.array([std]))
+        determined = np.trace(beside.force_covariance) <= self.bench.largest_force_std**2
+        return beside if determined else belief
 
     def use_frame(self, state: FusionState, sightings: TargetSightings) -> FusionState:
         """Take a frame into the belief."""

@@ -120,6 +120,11 @@ class FusionSettings:
         'noise of them, above which it is used instead of that of the model; invented',
         unit='noise of the model',
     )
+    usual_gap: float = tuning(
+        1.5,
+        'time between two readings of the pressure, up to which a line between them tells it',
+        unit='time before',
+    )
     most_ahead: float = tuning(
         0.1, 'of a frame before its pressure, which is told beyond it', unit='s'
     )
