@@ -95,7 +95,7 @@ class Drawn:
         )
 
 
-def drawn(seed: int, dots: int) -> Drawn:
+def draw_recording(seed: int, dots: int) -> Drawn:
     """Draw what a seed is recorded by; dots: on the arm of the lab."""
     random = np.random.default_rng([seed, 99])
 
@@ -117,7 +117,7 @@ def drawn(seed: int, dots: int) -> Drawn:
 def one_seed(seed: int) -> dict:
     """Calibrate from the recordings of a seed and compare with the truth."""
     frame = load_model(share_path('config/paper_arm.yaml'))
-    other = drawn(seed, frame.target_arclength.size)
+    other = draw_recording(seed, frame.target_arclength.size)
     runs, scenario = record(seed, other.change)
     frame = dataclasses.replace(
         frame, target_arclength=scenario.arm.targets, clamp_angle=other.clamp_angle

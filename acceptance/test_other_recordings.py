@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
-from other_recordings import drawn, FEWEST_DOTS, NOISE, numbers_of, summary_of
+from other_recordings import draw_recording, FEWEST_DOTS, NOISE, numbers_of, summary_of
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 
 
 def test_what_is_drawn_is_of_the_seed_and_within_its_limits():
     for seed in range(50):
-        found = drawn(seed, 23)
-        assert found == drawn(seed, 23)
+        found = draw_recording(seed, 23)
+        assert found == draw_recording(seed, 23)
         assert all(low <= found.noise[name] <= high for name, (low, high) in NOISE.items())
         assert len(set(found.dots)) == len(found.dots) >= FEWEST_DOTS
-    assert drawn(1, 23) != drawn(2, 23)
+    assert draw_recording(1, 23) != draw_recording(2, 23)
 
 
-def test_a_scenario_is_changed_in_all_that_is_drawn():
-    scenario, other = load_scenario(share_path('scenarios/strings.yaml')), drawn(3, 23)
+def test_a_scenario_is_changed_in_all_that_is_draw_recording():
+    scenario, other = load_scenario(share_path('scenarios/strings.yaml')), draw_recording(3, 23)
     changed = other.change(scenario)
     assert changed.noise.pressure_std == other.noise['pressure_std']
     assert (changed.rates.frames, changed.rates.wrench) == (other.frames, other.readings)

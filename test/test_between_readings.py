@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from pneunet_ros.measurement.between_readings import (
+    error_between,
     frames_sharing,
-    furthest_between,
     furthest_error,
     interpolate,
     interpolated_noise,
@@ -105,12 +105,13 @@ def test_one_reading_tells_nothing_of_between():
 def test_frames_that_share_readings_are_counted():
     stamps = np.array([0, 100, 200, 300])
     shown = np.array([5, 10, 40, 100, 150, 250, 260, 299, 300])
-    assert frames_sharing(shown, stamps).tolist() == [4, 4, 4, 1, 2, 3, 3, 3, 3]
+    assert frames_sharing(shown, stamps).tolist() == [4, 4, 4, 1, 2, 4, 4, 4, 4]
     assert frames_sharing(shown, stamps[:1]).tolist() == [9] * 9
     for phase in (0, PERIOD // 3, PERIOD // 2):
         assert frames_sharing(STAMPS + phase, STAMPS).tolist() == [1] * STAMPS.size
         assert frames_sharing(STAMPS + phase, STAMPS[::4]).tolist() == [4] * STAMPS.size
     assert frames_sharing(STAMPS[::4], STAMPS).tolist() == [1, 1]
+    assert frames_sharing(np.array([4, 5]), np.array([0, 10])).tolist() == [2, 2]
 
 
 @pytest.mark.parametrize('frames', [1, 4, 25])
@@ -156,9 +157,10 @@ def test_ramps_as_short_as_the_time_between_readings_are_missed_by_as_much_as_is
     assert np.mean(said) < 1.5 * np.sqrt(np.mean(np.square(off)))
 
 
-def test_as_far_as_it_may_be_is_beyond_what_it_is():
+def test_how_far_off_one_value_may_well_be():
     values = 5e3 * (STAMPS >= 4 * PERIOD)
     at = 3 * PERIOD + PERIOD // 4
-    assert furthest_between(at, STAMPS, values, NOISE) == pytest.approx(0.75 * 5e3, rel=0.02)
-    assert furthest_between(at, STAMPS[:5], values[:5], NOISE) > 3e3  # what comes is not known
-    assert furthest_between(at, STAMPS, 1e-5 * STAMPS, NOISE) == 0.0
+    assert error_between(at, STAMPS, values, NOISE) == pytest.approx(0.75 * 5e3, rel=0.02)
+    assert error_between(3 * PERIOD + 10, STAMPS, values, NOISE) < 10.0  # at a reading
+    assert error_between(at, STAMPS[:5], values[:5], NOISE) > 3e3  # what comes is not known
+    assert error_between(at, STAMPS, 1e-5 * STAMPS, NOISE) == 0.0

@@ -54,6 +54,12 @@ def test_it_goes_with_the_pressure_from_wherever_the_clamp_points(angle):
     )
     found = first_curvature([run], arm, np.array([0.0, 6e4]))
     assert found == pytest.approx([-1.0, 35.0], abs=0.5)
+    few = np.array(seen)
+    few[0, 1:], few[1] = np.nan, np.nan  # the target at the clamp alone, and none
+    hidden = replace(run, x=few.real, y=few.imag)
+    assert first_curvature([hidden], arm, np.array([0.0, 6e4])) == pytest.approx(found, abs=0.8)
+    unseen = replace(run, x=np.full(few.shape, np.nan), y=np.full(few.shape, np.nan))
+    assert first_curvature([unseen], arm, np.array([0.0, 6e4])).tolist() == [0.0, 0.0]
     resting = replace(run, pressure=np.full(4, 2e4))
     assert first_curvature([resting], arm, np.array([0.0, 6e4])) == pytest.approx(
         np.full(2, np.mean(6e-4 * pressure - 1.0)), abs=0.5

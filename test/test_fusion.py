@@ -450,6 +450,33 @@ def test_a_force_sensor_that_is_noisier_than_the_model_knows_is_heard_to_be(std)
     assert rms(found.tip_error) < 1.6e-4
 
 
+@pytest.mark.parametrize('step', [1e-4, 1e-3])
+def test_the_steps_of_a_converter_do_not_hide_a_sensor_s_noise(step):
+    def converted(frame):
+        read = noisy(frame, std=0.01, seed=6)
+        return in_steps(step, in_steps(step, read, 'force_x'), 'force_y')
+
+    found = fuse(with_wrench=True, sensor=converted)
+    assert found.state.force_noise == pytest.approx(0.01, rel=0.4)
+    assert found.force_covered() > 0.88
+
+
+def test_noise_about_the_limit_does_not_make_it_forget_again_and_again():
+    states, state = [], FusionState()
+    for frame in range(150):
+        for event in (noisy(frame, std=0.0018, seed=8), sightings(frame), pressure(frame)):
+            state, _ = fusion().step(state, event)
+        states.append(state.belief.frames)
+    assert sum(np.diff(states) < 0) <= 1
+
+
+def test_a_force_sensor_is_used_where_the_camera_stopped_before_its_noise_was_known():
+    found = fuse(with_wrench=True, targets=lambda frame: frame < 4, frames=range(30))
+    last = found.estimates[-1]
+    assert last.mode is Mode.PREDICTION
+    assert last.estimate.wrench_age == pytest.approx(0.0)
+
+
 def died(frame):
     return wrench(frame, gain=1.0 if frame < 80 else 0.0)
 

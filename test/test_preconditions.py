@@ -217,6 +217,15 @@ def test_a_few_frames_that_are_missed_are_no_missing_effect():
     assert len(outlier_recordings(fit_of(bad, good))) == 1
 
 
+def test_a_short_recording_that_does_not_fit_is_no_few_frames():
+    short = Some('short', 500.0)
+    for name in ('whitened', 'dof', 'residual', 'solved'):
+        setattr(short, name, getattr(short, name)[:2])
+    fit = fit_of(short, *(Some(name, 1.0) for name in 'abcdef'))
+    assert outlier_recordings(fit)[0].startswith('short does not fit the others')
+    assert 'something is missing' in describe_misfit(fit)[0]
+
+
 @pytest.mark.parametrize(('std', 'said'), [(1000.0, False), (1500.0, True)])
 def test_a_pressure_with_much_noise_is_said_to_bias(std, said):
     sentences = describe_pressure_noise(std, 6.5e4)

@@ -24,15 +24,18 @@ def first_curvature(runs: Sequence[RecordingData], arm: Arm, pressure: Array) ->
 
     runs: unloaded; arm: with the targets and the angle of the clamp.
     """
-    read = np.concatenate([run.pressure[run.reading] for run in runs])
+    read = np.concatenate([run.frame_pressure for run in runs])
     upright = np.exp(-1j * arm.clamp_angle)
-    shown = np.concatenate(
-        [arc_curvature((run.x + 1j * run.y) * upright, arm.target_arclength) for run in runs]
-    )
-    if not np.ptp(read) > 0.0:
-        return np.full(pressure.shape, shown.mean())
-    middle = read.mean()
-    slope, offset = np.polyfit(read - middle, shown, 1)
+    seen = np.concatenate([(run.x + 1j * run.y) * upright for run in runs])
+    # The clamp's own target, alone in a frame, tells nothing.
+    weights = np.isfinite(seen) @ arm.target_arclength**2
+    if not weights.any():
+        return np.zeros(pressure.shape)
+    shown = arc_curvature(seen, arm.target_arclength)
+    middle = np.average(read, weights=weights)
+    if not np.ptp(read[weights > 0.0]) > 0.0:
+        return np.full(pressure.shape, np.average(shown, weights=weights))
+    slope, offset = np.polyfit(read - middle, shown, 1, w=np.sqrt(weights))
     return np.asarray(offset + slope * (pressure - middle))
 
 

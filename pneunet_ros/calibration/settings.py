@@ -57,8 +57,10 @@ class SameArmSettings:
     times_past: float = tuning(3.0, 'as much as the past does')
     outlier: float = tuning(5.0, 'chi squared per coordinate of an outlier recording')
     misfit: float = tuning(4.0, 'chi squared per coordinate of a model that lacks something')
-    few: float = tuning(0.02, 'share of the frames that are few, where these alone are missed')
-    alike: float = tuning(1.5, 'chi squared per coordinate of the others then, at most')
+    few_frames: float = tuning(
+        0.02, 'share of the frames that are few, where these alone are missed'
+    )
+    others_fit: float = tuning(1.5, 'chi squared per coordinate of the others then, at most')
     noisy_pressure: float = tuning(
         0.018,
         'noise of the pressure beyond which it biases the fit',

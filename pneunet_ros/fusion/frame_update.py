@@ -87,7 +87,7 @@ def take_frame(
 
     cold: nothing is known of the force; found_better: another one explained the last frame better;
     with either the search begins everywhere. force_read: a sensor tells the force, and no other
-    one is looked for, unless there is no shape at it.
+    one is looked for, unless no shape at it explains the frame.
     """
     if np.count_nonzero(problem.used) < problem.settings.fewest_targets:
         return FrameUpdate(belief=None, reason='too_few_targets')

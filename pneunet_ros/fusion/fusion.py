@@ -53,7 +53,7 @@ from pneunet_ros.fusion.readings import (
 )
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState, RunningNis, TakenFrame
-from pneunet_ros.measurement.between_readings import furthest_between
+from pneunet_ros.measurement.between_readings import error_between
 from pneunet_ros.measurement.errors.rounding_error import smallest_change, with_rounding
 from pneunet_ros.measurement.errors.white_noise import white_std
 from pneunet_ros.model.arm import Arm
@@ -299,7 +299,7 @@ class Fusion:
         share = (stamp_ns - first.stamp_ns) / (second.stamp_ns - first.stamp_ns)
         nearest = first if share < 0.5 else second
         beside = known[max(after - BESIDE, 0) : after + BESIDE]
-        missed = furthest_between(
+        missed = error_between(
             stamp_ns,
             np.array([one.stamp_ns for one in beside]),
             np.array([one.chamber for one in beside]),
@@ -330,7 +330,7 @@ class Fusion:
                 frame_id=self.sensors.frame_id,
             )
             return NearWrench(reading=nothing, age=0.0, std=self.arm.sensors.force_std)
-        if not state.wrenches or (beside_targets and not self.heard(state)):
+        if not state.wrenches or (beside_targets and not self.knows_force_noise(state)):
             return None
         wrench = nearest_to(state.wrenches, stamp_ns)
         age = seconds_between(wrench.stamp_ns, stamp_ns)
@@ -338,7 +338,7 @@ class Fusion:
             return None
         return NearWrench(reading=wrench, age=age, std=self.force_std(state))
 
-    def heard(self, state: FusionState) -> bool:
+    def knows_force_noise(self, state: FusionState) -> bool:
         """Whether there have been readings enough of the force to tell their noise."""
         return len(state.wrenches) >= self.settings.fewest_readings
 
@@ -347,31 +347,34 @@ class Fusion:
         known, rounding = self.arm.sensors.force_std, self.bench.force_rounding(state.force_step)
         return with_rounding(state.force_noise or known, rounding)
 
-    def heard_force_noise(self, state: FusionState) -> float:
+    def estimate_force_noise(self, state: FusionState) -> float:
         """Return the noise (N) of the force sensor's last readings, 0 where the model's is it.
 
-        In readings that repeat, of a sensor that hangs or reads in steps, it cannot be told.
+        In readings that often repeat, of a sensor that hangs or reads in steps, it cannot be told.
+        What was more than the model's goes on being used until it is clearly less.
         """
-        known = self.arm.sensors.force_std
-        last = [
-            (one.force_x, one.force_y) for one in state.wrenches[-self.settings.noise_readings :]
-        ]
-        if not last or len({force_x for force_x, _ in last}) < len(last):
+        settings, known = self.settings, self.arm.sensors.force_std
+        wrenches = state.wrenches[-settings.noise_readings :]
+        if len(wrenches) < 2:
             return 0.0
-        found = white_std(np.array(last))
-        return found if found > self.settings.loud * known else 0.0
+        last = np.array([(one.force_x, one.force_y) for one in wrenches])
+        if np.mean(last[1:, 0] == last[:-1, 0]) > settings.repeats:
+            return 0.0
+        found, most = white_std(last), settings.noise_ratio * known
+        return found if found > (0.5 * most if state.force_noise else most) else 0.0
 
     def with_force_noise(self, before: Belief, state: FusionState) -> tuple[Belief, FusionState]:
         """Return what is believed before a frame, and the state, with the noise of the force.
 
         What frames have told while it was taken for much less is forgotten.
         """
-        noise = self.heard_force_noise(state)
-        known = max(state.force_noise, self.arm.sensors.force_std)
-        if noise > self.settings.loud * known and state.sensor is not Verdict.OFF:
+        noise, taken = self.estimate_force_noise(state), state.force_noise_taken
+        known = max(taken, self.arm.sensors.force_std)
+        if noise > self.settings.noise_ratio * known and state.sensor is not Verdict.OFF:
             before = without_lessons(self.bench.unknowns, self.settings, before)
-            state = replace(state.without_belief(), sensor=Verdict.OPEN)
-        return before, replace(state, force_noise=noise)
+            state = replace(state.without_belief(), sensor=Verdict.OPEN, belief=before)
+        taken = max(state.force_noise_taken, noise)
+        return before, replace(state, force_noise=noise, force_noise_taken=taken)
 
     def other_sensors(self, state: FusionState) -> dict[str, str]:
         """Return a sentence by sensor that is worse than the one of the calibration."""
@@ -405,7 +408,7 @@ class Fusion:
         self, state: FusionState, instant: PressureInstant, mode: Mode, notes: list[str]
     ) -> tuple[FusionState, FusedEstimate | Refusal]:
         """Estimate shape and force at a pressure, beside targets by a wrench that was judged."""
-        seen = state.belief is not None and state.belief.frames > 0
+        seen = mode is not Mode.PREDICTION and state.belief is not None and state.belief.frames > 0
         wrench = self.wrench_at(state, instant.stamp_ns, beside_targets=seen)
         judged = state.wrench_used_ns is not None or state.sensor is not Verdict.OPEN
         if seen and not judged and not self.settings.free_tip:

@@ -115,7 +115,10 @@ class FusionSettings:
     fewest_readings: int = tuning(
         8, 'of the force, before which it is not used beside targets: they do not tell its noise'
     )
-    loud: float = tuning(
+    repeats: float = tuning(
+        0.2, 'share of them that are the one before again, above which they tell no noise'
+    )
+    noise_ratio: float = tuning(
         2.0,
         'noise of them, above which it is used instead of that of the model; invented',
         unit='noise of the model',

@@ -67,6 +67,9 @@ def frames_sharing(shown: Stamps, stamp_ns: Stamps) -> Array:
     half = np.diff(stamp_ns)[before] // 2
     around = np.minimum(np.maximum(shown, shown[0] + half), shown[-1] - half)
     first, last = np.searchsorted(shown, [around - half, around + half])
+    at_end = around == shown[-1] - half  # where the window ends with the last frame
+    behind = np.searchsorted(shown, [around - half, around + half], side='right')
+    first, last = np.where(at_end, behind, [first, last])
     return np.asarray(np.maximum(last - first, 1), dtype=np.float64)
 
 
@@ -124,11 +127,12 @@ def furthest_error(shown: Stamps, stamp_ns: Stamps) -> Array:
     return np.asarray(np.maximum(bent, np.sqrt((1.0 - least) / least)))
 
 
-def furthest_between(shown_ns: int, stamp_ns: Stamps, values: Array, noise: float) -> float:
-    """Return how far off the straight line may be at one stamp, of values (stamps,) of one kind.
+def error_between(shown_ns: int, stamp_ns: Stamps, values: Array, noise: float) -> float:
+    """Return how far off the straight line may well be at one stamp, of values (stamps,).
 
-    noise: white, of a value. What came after the last one is not known yet.
+    The root of three sigma, and at most as far as it may be at all. noise: white, of a value. What
+    came after the last value is not known yet.
     """
     shown = np.array([shown_ns])
     error = interpolation_error(shown, stamp_ns, values, noise)
-    return float(error[0] * furthest_error(shown, stamp_ns)[0])
+    return float(error[0]) * min(float(furthest_error(shown, stamp_ns)[0]), math.sqrt(3.0))

@@ -19,7 +19,10 @@ _WILDCARDS = {'*': '/[^/]+', '**': '(?:/[^/]+)*'}
 
 def check_names_some(path: str | Path, nodes: Sequence[str]) -> None:
     """Raise RequestError where a file has parameters for none of these nodes (full names)."""
-    names = _names_in_file(path)
+    try:
+        names = _names_in_file(path)
+    except PneunetError:  # ROS reads the file, and says itself what it does not like
+        return
     if not any(_matches(name, node) for name in names for node in nodes):
         raise RequestError(f'params_file:={path} {_names_none(names, nodes)}')
 

@@ -51,7 +51,6 @@ _UNIT_SPELLINGS = {
     'days': 'd',
 }
 _UNITS = {'ns', *(unit for units in SI_PER_UNIT.values() for unit in units)}
-# What others call a time in some unit: to ask whether it was meant.
 # How names end that tables of ROS messages have, in any folder of topics.
 _OF_MESSAGES = {
     'fluid_pressure': 'pressure_pa',
@@ -59,6 +58,7 @@ _OF_MESSAGES = {
     'force_y': 'force_y_n',
     'torque_z': 'moment_n_m',
 }
+# What others call a time in some unit: to ask whether it was meant.
 _OTHER_TIMES = {'ms': 'time_ms', 'micros': 'time_us', 'us': 'time_us'}
 # What others call a quantity: to ask whether it was meant, as a letter alone can mean much.
 _OTHER_WORDS = {

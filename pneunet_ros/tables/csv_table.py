@@ -239,7 +239,7 @@ def _rows(
         if not any(cell.strip() for cell in cells):
             continue
         line = above + getattr(reader, 'line_num', 0)
-        if len(cells) != columns and cells[0].startswith('#'):
+        if cells[0].startswith('# ') or (len(cells) != columns and cells[0].startswith('#')):
             comments.append(line)
         elif len(cells) < columns and cut and next(reader, None) is None:
             left_out.append(f'{path}: line {line}, the last one, is cut off and was left out')

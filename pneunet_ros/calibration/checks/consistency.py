@@ -13,6 +13,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.units import millimeters, NANOSECONDS_PER_SECOND
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.linearization import FittedRun
 
 
 def check_same_arm(
@@ -100,7 +101,7 @@ def describe_misfit(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[s
     chi_squared = fit.chi_squared / max(fit.dof, 1)
     if chi_squared < settings.misfit:
         return []
-    few = misfit_of_few(fit, settings)
+    few = '' if outlier_recordings(fit, settings) else misfit_of_few(fit, settings)
     if few:
         return [few]
     residual = np.concatenate([run.residual[run.solved].ravel() for run in fit.runs])
@@ -119,16 +120,18 @@ def misfit_of_few(fit: Fit, settings: SameArmSettings) -> str:
         np.concatenate([values[here] for values, here in zip(parts, counts, strict=True)])
         for parts in ([run.whitened for run in fit.runs], [run.dof for run in fit.runs])
     )
-    worst = np.argsort(-whitened / dof)[: max(round(settings.few * dof.size), 1)]
+    worst = np.argsort(-whitened / dof)[: round(settings.few_frames * dof.size)]
     missed = worst[whitened[worst] > settings.misfit * dof[worst]]
     others = np.delete(np.arange(dof.size), worst)
-    if not missed.size or whitened[others].sum() > settings.alike * dof[others].sum():
+    if not missed.size or whitened[others].sum() > settings.others_fit * dof[others].sum():
         return ''
+    loaded = any(run.run.loaded for run in fit.runs)
+    snaps = 'near a load at which the arm snaps the noise of a force sensor decides between two '
     return (
         f'{missed.size} of {dof.size} frames are missed by far more than noise explains, and the '
-        'others are not: near a load at which the arm snaps the noise of a force sensor decides '
-        'between two shapes, or the targets are wrong there. The standard errors are too small; '
-        'leave these frames out, or read the force with less noise'
+        f'others are not: {f"{snaps}shapes, or " if loaded else ""}the targets are wrong there. '
+        'The standard errors are too small; leave these frames out'
+        f'{", or read the force with less noise" if loaded else ""}'
     )
 
 
@@ -144,7 +147,8 @@ def describe_pressure_noise(
         return []
     return [
         f'the noise of the pressure is {100.0 * pressure_std / span:.2g} % of its range: the '
-        'standard errors are too small, by 2 at 2.3 % and by 4 at 3 % in the virtual lab; '
+        'standard errors are too small, by a factor of 2.2 at 2.3 % and of 3.6 at 3 % in the '
+        'virtual lab; '
         'average its readings, or take a better sensor'
     ]
 
@@ -152,11 +156,9 @@ def describe_pressure_noise(
 def outlier_recordings(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[str]:
     """Return a sentence on each recording that the model says far worse than the others.
 
-    None where a few frames are to blame.
+    A few frames of a recording, which it says worst, do not count.
     """
-    if misfit_of_few(fit, settings):
-        return []
-    chi = np.array([float(item.whitened.sum()) / max(int(item.dof.sum()), 1) for item in fit.runs])
+    chi = np.array([typical_chi_squared(item, settings) for item in fit.runs])
     notes = []
     for which, item in enumerate(fit.runs):
         others = np.delete(chi, which)
@@ -169,3 +171,10 @@ def outlier_recordings(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> lis
                 'the same sensors?'
             )
     return notes
+
+
+def typical_chi_squared(run: FittedRun, settings: SameArmSettings) -> float:
+    """Return the chi squared per coordinate of a run without a few frames, the worst."""
+    order = np.argsort(run.whitened / np.maximum(run.dof, 1))
+    kept = order[: order.size - round(settings.few_frames * order.size)]
+    return float(run.whitened[kept].sum()) / max(int(run.dof[kept].sum()), 1)
