@@ -58,7 +58,7 @@ class SameArmSettings:
     outlier: float = tuning(5.0, 'chi squared per coordinate of an outlier recording')
     misfit: float = tuning(4.0, 'chi squared per coordinate of a model that lacks something')
     few_frames: float = tuning(
-        0.02, 'share of the frames that are few, where these alone are missed'
+        0.05, 'share of the frames that are few, where these alone are missed'
     )
     others_fit: float = tuning(1.5, 'chi squared per coordinate of the others then, at most')
     noisy_pressure: float = tuning(
