@@ -25,12 +25,14 @@ from pneunet_ros.effects.effect import Effect
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.files.model_file import save_model
+from pneunet_ros.messages.builders import POINTS_TYPE
 from pneunet_ros.messages.estimate import OUTPUTS
-from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.readings import PRESSURE_TYPE, targets_message, WRENCH_TYPE
 from pneunet_ros.messages.tracker import TARGET_POINT
 from pneunet_ros.model.domain_position import LOAD_BEYOND
 from pneunet_ros.model.equilibrium import tip_jacobian
 from pneunet_ros.model.uncertainty import ModelCovariance
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
@@ -426,6 +428,32 @@ def test_replay_without_output_writes_nothing(run, recording, tmp_path, monkeypa
     assert 'Nothing written' in out
     assert '1 out_of_range' in out
     assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize('fuse', [[], ['--fuse']])
+def test_a_recording_in_kilopascals_is_asked_for(run, run_json, recording, tmp_path, fuse):
+    path = tmp_path / 'kilopascals.mcap'
+    with write_recording(path) as writer:
+        pressures, wrenches, targets = (
+            writer.add(name, kind)
+            for name, kind in (
+                (PRESSURE, PRESSURE_TYPE),
+                (WRENCH, WRENCH_TYPE),
+                ('/pneunet/targets', POINTS_TYPE),
+            )
+        )
+        seen = np.linspace(0.0, 0.1, 23)
+        for index in range(1, 31):
+            stamp = index * 10_000_000
+            writer.write(wrenches, stamp, wrench(stamp))
+            shown = targets_message(stamp, seen, 0.0 * seen, 'pneunet_base', ROSBAGS_TYPES)
+            writer.write(targets, stamp, shown)
+            writer.write(pressures, stamp, pressure(stamp, 0.2 * index))
+    _, summary = run_json('replay', path, *fuse)
+    (asked,) = [one for one in summary['sentences'] if 'was it recorded in kPa?' in one]
+    assert asked.startswith('the pressure never exceeds 6 Pa, and the model goes to ')
+    assert 'was it recorded in kPa?' in ' '.join(run('replay', path, *fuse)[1].split())
+    assert not any('kPa?' in one for one in run_json('replay', recording)[1]['sentences'])
 
 
 def test_replay_has_every_setting_as_an_option_with_its_default(run):

@@ -20,6 +20,7 @@ from pneunet_ros.cli.verb import (
 )
 from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.units import millimeters
+from pneunet_ros.estimation.estimator import kilopascal_doubts
 from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION
@@ -91,7 +92,11 @@ def run_fusion(arguments: Namespace) -> int:
         'std_leaves_out': error_left_out(arm.covariance, arm.sources),
         'settings': settings_used(fusion.settings),
         'seconds': time.perf_counter() - begun,
-        'sentences': [*recording.sentences, *fusion.other_sensors(state).values()],
+        'sentences': [
+            *recording.sentences,
+            *fusion.other_sensors(state).values(),
+            *kilopascal_doubts(arm, tally.largest_pressure),
+        ],
         'last_refusal': tally.refusal.sentence if tally.refusal else None,
     }
     if arguments.json:

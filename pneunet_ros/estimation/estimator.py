@@ -13,7 +13,7 @@ import math
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
-from pneunet_ros.core.units import kilopascals, seconds_between
+from pneunet_ros.core.units import kilopascals, PASCALS_PER_KILOPASCAL, seconds_between
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import estimate_of, Outcome, ShapeEstimate
 from pneunet_ros.estimation.out_of_plane import out_of_plane, OutOfPlane
@@ -213,6 +213,23 @@ def reference_hint(arm: Arm, settings: EstimatorSettings, raw: float) -> str:
         f'; as {other} pressure it would be {kilopascals(gauge):.4g} kPa gauge: '
         f'set pressure_reference to {other} if the sensor reports that'
     )
+
+
+def may_be_kilopascals(arm: Arm, pressure: float) -> bool:
+    """Whether a number of pascals is next to nothing for an arm, and as kPa within its range."""
+    largest = max(map(abs, arm.pressure_range))
+    return 0.0 < abs(pressure) <= largest / PASCALS_PER_KILOPASCAL
+
+
+def kilopascal_doubts(arm: Arm, largest: float) -> list[str]:
+    """Ask whether readings were in kPa, of which the largest (Pa) is next to nothing."""
+    if not may_be_kilopascals(arm, largest):
+        return []
+    return [
+        f'the pressure never exceeds {largest:.3g} Pa, and the model goes to '
+        f'{kilopascals(max(map(abs, arm.pressure_range))):g} kPa: was it recorded in kPa? A '
+        'FluidPressure is in Pa'
+    ]
 
 
 def refuse(stamp_ns: int, reason: str, sentence: str, *, awaits_others: bool = False) -> Refusal:

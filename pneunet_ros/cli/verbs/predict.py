@@ -29,7 +29,7 @@ from pneunet_ros.core.unit_system import DIMENSIONLESS, SHOWN_SI, Unit, UnitSyst
 from pneunet_ros.core.units import kilopascals, PASCALS_PER_KILOPASCAL
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import ShapeEstimate
-from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.estimator import Estimator, may_be_kilopascals
 from pneunet_ros.estimation.measured_tip import with_measured_tip
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
@@ -292,9 +292,9 @@ def show(arm: Arm, prediction: Prediction, units: UnitSystem) -> None:
 
 def likely_pressure(arm: Arm, pressure: float) -> str:
     """Ask whether kPa were meant, where a pressure (Pa) would be next to none of the range."""
-    largest = max(map(abs, arm.pressure_range))
-    if not 0.0 < abs(pressure) <= largest / PASCALS_PER_KILOPASCAL:
+    if not may_be_kilopascals(arm, pressure):
         return ''
+    largest = max(map(abs, arm.pressure_range))
     return (
         f'{pressure:g} Pa is next to nothing: the model goes to {kilopascals(largest):g} kPa; is '
         f'--pressure {pressure:g}kPa meant?'

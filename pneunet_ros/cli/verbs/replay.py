@@ -28,7 +28,7 @@ from pneunet_ros.cli.verb import (
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.estimation.consistency import Agreement
-from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.estimator import Estimator, kilopascal_doubts
 from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.messages.link_chain import JOINT_STATES
 from pneunet_ros.messages.markers import markers_output, TIP_FRAME, transform_output
@@ -144,7 +144,10 @@ def run(arguments: Namespace) -> int:
         'worst_residual': tally.worst_residual,
         'watch': None if targets is None else consistency_summary(tally, agreement),
         'seconds': seconds,
-        'sentences': list(recording.sentences),
+        'sentences': [
+            *recording.sentences,
+            *kilopascal_doubts(arm, tally.largest_pressure),
+        ],
         'last_refusal': tally.refusal.sentence if tally.refusal else None,
     }
     if arguments.json:
