@@ -238,6 +238,10 @@ def test_what_the_estimator_made_is_left_out(tmp_path):
         ('time_s,pressure_pa\n1,1\n2\n3,1', 'line 3: 1 cell, but there are 2 columns'),
         ('time_s,pressure_pa\n1,1\n2\n', 'line 3: 1 cell, but there are 2 columns'),
         ('time_s,pressure_pa\n1e300,1\n', 'line 2, column time_s: .* no time that a header can'),
+        (
+            'time_s,pressure_pa\n1700000000000,1\n',
+            'time_s: 1700000000000 s is no time that a header',
+        ),
         ('stamp_ns,pressure_pa\n0,1\n', 'line 2, column stamp_ns: 0 ns is no time that a header'),
         ('time_s,pressure_pa\n1,\n', 'holds no reading: no pressure, no force, no target'),
         ('time_s,x0_m,y0_m\n1,,\n', 'holds no reading'),

@@ -213,9 +213,10 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
         stamp_ns += shift
         if not 0 < stamp_ns < LATEST_STAMP:
             unit = '; is it in a smaller unit, as time_ms or time_us?' if value > 0 else ''
+            seconds = float(value) / NANOSECONDS_PER_SECOND
+            shown = f'{value} ns' if name == STAMP else f'{seconds:.13g} s'
             raise RecordingError(
-                f'{where}: {float(value):.6g} ns is no time that a header can hold'
-                f'{unit * (name != STAMP)}'
+                f'{where}: {shown} is no time that a header can hold{unit * (name != STAMP)}'
             )
         if stamps and stamp_ns == stamps[-1]:
             remedy = (
