@@ -239,29 +239,37 @@ def show(summary: dict) -> None:
     Console().print(table)
 
 
-def main() -> None:
-    """Run and print."""
-    command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def seed_command(about: str, *, seeds: int, first: int) -> argparse.ArgumentParser:
+    """Return the command of a bench over seeds, each an arm of its own."""
+    command = argparse.ArgumentParser(description=about)
     command.add_argument('--json', action='store_true', help='print one JSON object')
-    command.add_argument('--seeds', type=int, default=20, help='arms (default: 20)')
-    command.add_argument(
-        '--first', type=int, default=FIRST_SEED, help=f'first seed (default: {FIRST_SEED})'
-    )
+    command.add_argument('--seeds', type=int, default=seeds, help=f'arms (default: {seeds})')
+    command.add_argument('--first', type=int, default=first, help=f'first seed (default: {first})')
     command.add_argument(
         '--workers', type=int, default=max(1, (os.cpu_count() or 1)), help='processes'
     )
-    arguments = command.parse_args()
+    return command
+
+
+def run_seeds(run_seed: Callable[[int], dict], arguments: argparse.Namespace) -> list[dict]:
+    """Return the rows of all seeds, each made in a process."""
     seeds = range(arguments.first, arguments.first + arguments.seeds)
     context = multiprocessing.get_context('spawn')
     with ProcessPoolExecutor(arguments.workers, mp_context=context) as pool:
-        rows = list(
+        return list(
             track(
-                pool.map(one_seed, seeds),
+                pool.map(run_seed, seeds),
                 total=len(seeds),
                 console=Console(stderr=True),
                 disable=arguments.json,
             )
         )
+
+
+def main() -> None:
+    """Run and print."""
+    arguments = seed_command(__doc__.splitlines()[0], seeds=20, first=FIRST_SEED).parse_args()
+    rows = run_seeds(one_seed, arguments)
     summary = summary_of(rows)
     if arguments.json:
         machine = {'machine': platform.machine(), 'python': platform.python_version()}

@@ -11,13 +11,9 @@ kappa0 are in standard errors: 1 rms where these are honest. Exit code 1 where a
 
 from __future__ import annotations
 
-import argparse
-from concurrent.futures import ProcessPoolExecutor
 import dataclasses
 import json
 import math
-import multiprocessing
-import os
 import sys
 
 from pneunet_ros.core.threads import use_one_thread
@@ -25,7 +21,16 @@ from pneunet_ros.core.threads import use_one_thread
 if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
     use_one_thread()
 
-from calibration import curvature_values, law_values, LOADED, record, standard_errors, UNLOADED
+from calibration import (
+    curvature_values,
+    law_values,
+    LOADED,
+    record,
+    run_seeds,
+    seed_command,
+    standard_errors,
+    UNLOADED,
+)
 import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.calibration.calibration import calibrate
@@ -36,7 +41,6 @@ from pneunet_ros.files.json_text import plain
 from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 from support.lab_run import true_model
 
@@ -191,22 +195,8 @@ def show(summary: dict) -> None:
 
 def main() -> int:
     """Run and print."""
-    command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    command.add_argument('--json', action='store_true', help='print one JSON object')
-    command.add_argument('--seeds', type=int, default=40, help='arms (default: 40)')
-    command.add_argument(
-        '--first', type=int, default=FIRST_SEED, help=f'first seed (default: {FIRST_SEED})'
-    )
-    command.add_argument(
-        '--workers', type=int, default=max(1, (os.cpu_count() or 1)), help='processes'
-    )
-    arguments = command.parse_args()
-    seeds = range(arguments.first, arguments.first + arguments.seeds)
-    context = multiprocessing.get_context('spawn')
-    with ProcessPoolExecutor(arguments.workers, mp_context=context) as pool:
-        progress = Console(stderr=True)
-        answers = pool.map(one_seed, seeds)
-        rows = list(track(answers, total=len(seeds), console=progress, disable=arguments.json))
+    arguments = seed_command(__doc__.splitlines()[0], seeds=40, first=FIRST_SEED).parse_args()
+    rows = run_seeds(one_seed, arguments)
     summary = summary_of(rows)
     if arguments.json:
         result = {'bench': 'other_recordings', 'summary': summary, 'rows': rows}

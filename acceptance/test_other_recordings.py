@@ -17,7 +17,7 @@ def test_what_is_drawn_is_of_the_seed_and_within_its_limits():
     assert draw_recording(1, 23) != draw_recording(2, 23)
 
 
-def test_a_scenario_is_changed_in_all_that_is_draw_recording():
+def test_a_scenario_is_changed_in_all_that_is_drawn():
     scenario, other = load_scenario(share_path('scenarios/strings.yaml')), draw_recording(3, 23)
     changed = other.change(scenario)
     assert changed.noise.pressure_std == other.noise['pressure_std']

@@ -15,7 +15,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 
-MOST_TURNS = 2.0  # of a tip; no finger curls more
+MOST_TURNS = 2.0  # of a tip, beyond which no arc is tried; invented
 ARCS = 401  # that are tried
 
 

@@ -30,11 +30,13 @@ class PreconditionSettings:
     nearest: float = tuning(0.02, 'from the clamp to the last target', unit='length')
     shortest_row: float = tuning(
         0.5,
-        'the row of targets where it looks longest: chords are shorter than arcs',
+        'the row of targets where it looks longest: chords are shorter than arcs; invented',
         unit='length',
     )
     hanging_motion: float = tuning(
-        0.25, 'without load, while the pressure stands still: more than creep', unit='length'
+        0.25,
+        'without load, while the pressure stands still: more than creep; invented',
+        unit='length',
     )
 
 
@@ -58,9 +60,11 @@ class SameArmSettings:
     outlier: float = tuning(5.0, 'chi squared per coordinate of an outlier recording')
     misfit: float = tuning(4.0, 'chi squared per coordinate of a model that lacks something')
     few_frames: float = tuning(
-        0.05, 'share of the frames that are few, where these alone are missed'
+        0.05, 'share of the frames that are few, where these alone are missed; invented'
     )
-    others_fit: float = tuning(1.5, 'chi squared per coordinate of the others then, at most')
+    others_fit: float = tuning(
+        1.5, 'chi squared per coordinate of the others then, at most; invented'
+    )
     noisy_pressure: float = tuning(
         0.018,
         'noise of the pressure beyond which it biases the fit',

@@ -60,7 +60,7 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load, OUT_OF_RANGE
 
 Event = Reading | TargetSightings
-BESIDE = 3  # readings on either side that tell how the pressure went between two
+NEAR = 3  # readings on either side that tell how the pressure went between two
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -298,11 +298,11 @@ class Fusion:
         first, second = known[after - 1], known[after]
         share = (stamp_ns - first.stamp_ns) / (second.stamp_ns - first.stamp_ns)
         nearest = first if share < 0.5 else second
-        beside = known[max(after - BESIDE, 0) : after + BESIDE]
+        near = known[max(after - NEAR, 0) : after + NEAR]
         missed = error_between(
             stamp_ns,
-            np.array([one.stamp_ns for one in beside]),
-            np.array([one.chamber for one in beside]),
+            np.array([one.stamp_ns for one in near]),
+            np.array([one.chamber for one in near]),
             nearest.std,
         )
         return replace(
@@ -315,7 +315,7 @@ class Fusion:
         )
 
     def wrench_at(
-        self, state: FusionState, stamp_ns: int, *, beside_targets: bool
+        self, state: FusionState, stamp_ns: int, *, with_targets: bool
     ) -> NearWrench | None:
         """Return the wrench nearest to a stamp; None where none is near.
 
@@ -330,7 +330,7 @@ class Fusion:
                 frame_id=self.sensors.frame_id,
             )
             return NearWrench(reading=nothing, age=0.0, std=self.arm.sensors.force_std)
-        if not state.wrenches or (beside_targets and not self.knows_force_noise(state)):
+        if not state.wrenches or (with_targets and not self.knows_force_noise(state)):
             return None
         wrench = nearest_to(state.wrenches, stamp_ns)
         age = seconds_between(wrench.stamp_ns, stamp_ns)
@@ -350,31 +350,25 @@ class Fusion:
     def estimate_force_noise(self, state: FusionState) -> float:
         """Return the noise (N) of the force sensor's last readings, 0 where the model's is it.
 
-        In readings that often repeat, of a sensor that hangs or reads in steps, it cannot be told.
         What was more than the model's goes on being used until it is clearly less.
         """
-        settings, known = self.settings, self.arm.sensors.force_std
-        wrenches = state.wrenches[-settings.noise_readings :]
-        if len(wrenches) < 2:
-            return 0.0
-        last = np.array([(one.force_x, one.force_y) for one in wrenches])
-        if np.mean(last[1:, 0] == last[:-1, 0]) > settings.repeats:
-            return 0.0
-        found, most = white_std(last), settings.noise_ratio * known
-        return found if found > (0.5 * most if state.force_noise else most) else 0.0
+        wrenches = state.wrenches[-self.settings.noise_readings :]
+        noise = white_std(np.reshape([(one.force_x, one.force_y) for one in wrenches], (-1, 2)))
+        most = self.settings.noise_ratio * self.arm.sensors.force_std
+        return noise if noise > (0.5 * most if state.force_noise else most) else 0.0
 
     def with_force_noise(self, before: Belief, state: FusionState) -> tuple[Belief, FusionState]:
         """Return what is believed before a frame, and the state, with the noise of the force.
 
         What frames have told while it was taken for much less is forgotten.
         """
-        noise, taken = self.estimate_force_noise(state), state.force_noise_taken
-        known = max(taken, self.arm.sensors.force_std)
+        noise = self.estimate_force_noise(state)
+        known = max(state.largest_force_noise, self.arm.sensors.force_std)
         if noise > self.settings.noise_ratio * known and state.sensor is not Verdict.OFF:
             before = without_lessons(self.bench.unknowns, self.settings, before)
             state = replace(state.without_belief(), sensor=Verdict.OPEN, belief=before)
-        taken = max(state.force_noise_taken, noise)
-        return before, replace(state, force_noise=noise, force_noise_taken=taken)
+        largest = max(state.largest_force_noise, noise)
+        return before, replace(state, force_noise=noise, largest_force_noise=largest)
 
     def other_sensors(self, state: FusionState) -> dict[str, str]:
         """Return a sentence by sensor that is worse than the one of the calibration."""
@@ -407,11 +401,11 @@ class Fusion:
     def publish(
         self, state: FusionState, instant: PressureInstant, mode: Mode, notes: list[str]
     ) -> tuple[FusionState, FusedEstimate | Refusal]:
-        """Estimate shape and force at a pressure, beside targets by a wrench that was judged."""
+        """Estimate shape and force; beside targets by a wrench that a frame has checked."""
         seen = mode is not Mode.PREDICTION and state.belief is not None and state.belief.frames > 0
-        wrench = self.wrench_at(state, instant.stamp_ns, beside_targets=seen)
-        judged = state.wrench_used_ns is not None or state.sensor is not Verdict.OPEN
-        if seen and not judged and not self.settings.free_tip:
+        wrench = self.wrench_at(state, instant.stamp_ns, with_targets=seen)
+        checked = state.wrench_used_ns is not None or state.sensor is not Verdict.OPEN
+        if seen and not checked and not self.settings.free_tip:
             wrench = None
         return estimate_at(self.bench, state, instant, wrench, mode, notes)
 
@@ -422,10 +416,10 @@ class Fusion:
         state = self.doubt_frame(state)  # of a frame whose pressure nobody had read
         if state.belief is None:
             return state
-        belief = self.bench.without(self.beside_pressure(state, state.belief), OF_BIAS)
+        belief = self.bench.without(self.condition_on_pressure(state, state.belief), OF_BIAS)
         return replace(state, belief=belief, pressure_lost=False)
 
-    def beside_pressure(self, state: FusionState, belief: Belief) -> Belief:
+    def condition_on_pressure(self, state: FusionState, belief: Belief) -> Belief:
         """Return what is believed at a frame whose pressure is known by now, from both sides.
 
         Its bias stands for what the pressure was beyond the last reading before. A force that is
@@ -450,9 +444,9 @@ class Fusion:
         innovation = float(value[0] - belief.mean[BIAS]) / math.hypot(std, belief.std(BIAS))
         if abs(innovation) > self.settings.sure:
             return belief
-        beside = take_measurement(belief, response, value, np.array([std]))
-        determined = np.trace(beside.force_covariance) <= self.bench.largest_force_std**2
-        return beside if determined else belief
+        conditioned = take_measurement(belief, response, value, np.array([std]))
+        determined = np.trace(conditioned.force_covariance) <= self.bench.largest_force_std**2
+        return conditioned if determined else belief
 
     def use_frame(self, state: FusionState, sightings: TargetSightings) -> FusionState:
         """Take a frame into the belief."""
@@ -490,7 +484,7 @@ class Fusion:
     ) -> ReadFrame:
         """Return a frame with what was read at the stamp of what it shows."""
         shown_ns = self.bench.shown_ns(sightings)
-        wrench = self.wrench_at(state, shown_ns, beside_targets=True)
+        wrench = self.wrench_at(state, shown_ns, with_targets=True)
         return ReadFrame(
             stamp_ns=shown_ns,
             sightings=sightings,

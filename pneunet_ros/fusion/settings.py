@@ -111,12 +111,9 @@ class FusionSettings:
     coarsest: float = tuning(
         0.05, 'step in which a sensor reads, at most', unit='of the range, or of the force scale'
     )
-    noise_readings: int = tuning(60, 'last readings of the force that tell its noise')
+    noise_readings: int = tuning(60, 'last readings of the force that tell its noise; invented')
     fewest_readings: int = tuning(
-        8, 'of the force, before which it is not used beside targets: they do not tell its noise'
-    )
-    repeats: float = tuning(
-        0.2, 'share of them that are the one before again, above which they tell no noise'
+        8, 'readings of the force that tell its noise, as it takes for six second differences'
     )
     noise_ratio: float = tuning(
         2.0,
@@ -125,7 +122,7 @@ class FusionSettings:
     )
     usual_gap: float = tuning(
         1.5,
-        'time between two readings of the pressure, up to which a line between them tells it',
+        'time between two readings of the pressure, up to which a line tells it; invented',
         unit='time before',
     )
     most_ahead: float = tuning(

@@ -79,7 +79,7 @@ class FusionState:
     readings: as of an estimator, which admits pressures and wrenches; pressures, wrenches: the
     last ones, for frames that come late; force_step (N): the smallest change from wrench to wrench
     so far, see `rounding_error`; force_noise (N): of its last readings, 0 where it is that of the
-    model; force_noise_taken (N): the largest with which the belief has taken a frame; waiting:
+    model; largest_force_noise (N): with which the belief has taken a frame; waiting:
     frames whose pressure has not come yet; seen: the last one that was no copy.
     belief: at the last frame that was used, by the likelier of two hypotheses, no contact and
     contact; rival: by the other one, None where that is as good as excluded; log_odds: of a
@@ -100,7 +100,7 @@ class FusionState:
     wrenches: tuple[WrenchReading, ...] = ()
     force_step: float = math.inf
     force_noise: float = 0.0
-    force_noise_taken: float = 0.0
+    largest_force_noise: float = 0.0
     waiting: tuple[TargetSightings, ...] = ()
     frame_stamps: StampGate = field(default_factory=StampGate)
     seen: SeenFrame | None = None
@@ -154,7 +154,7 @@ class FusionState:
             elsewhere=False,
             doubt=0.0,
             otherwise=None,
-            force_noise_taken=0.0,
+            largest_force_noise=0.0,
         )
 
     def without_pressure(self) -> FusionState:

@@ -125,13 +125,21 @@ def misfit_of_few(fit: Fit, settings: SameArmSettings) -> str:
     others = np.delete(np.arange(dof.size), worst)
     if not missed.size or whitened[others].sum() > settings.others_fit * dof[others].sum():
         return ''
-    loaded = any(run.run.loaded for run in fit.runs)
-    snaps = 'near a load at which the arm snaps the noise of a force sensor decides between two '
+    run_of = np.repeat(np.arange(len(fit.runs)), [int(here.sum()) for here in counts])
+    where = ', '.join(
+        f'{count} of {fit.runs[which].run.name}'
+        for which, count in zip(*np.unique(run_of[missed], return_counts=True), strict=True)
+    )
+    cause = 'look at the targets there'
+    if any(run.run.loaded for run in fit.runs):
+        cause = (
+            'near a load at which the arm snaps the noise of a force sensor decides between two '
+            'shapes; read the force with less noise, keep away from such loads, or look at the '
+            'targets there'
+        )
     return (
-        f'{missed.size} of {dof.size} frames are missed by far more than noise explains, and the '
-        f'others are not: {f"{snaps}shapes, or " if loaded else ""}the targets are wrong there. '
-        'The standard errors are too small; leave these frames out'
-        f'{", or read the force with less noise" if loaded else ""}'
+        f'{missed.size} of {dof.size} frames are missed by far more than noise explains '
+        f'({where}), and the others are not, so that the standard errors are too small: {cause}'
     )
 
 
@@ -147,9 +155,8 @@ def describe_pressure_noise(
         return []
     return [
         f'the noise of the pressure is {100.0 * pressure_std / span:.2g} % of its range: the '
-        'standard errors are too small, by a factor of 2.2 at 2.3 % and of 3.6 at 3 % in the '
-        'virtual lab; '
-        'average its readings, or take a better sensor'
+        'standard errors are too small (in the virtual lab by a factor of 2.2 at 2.3 %, and of '
+        '3.6 at 3 %); average its readings before they are recorded, or take a better sensor'
     ]
 
 
