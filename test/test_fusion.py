@@ -461,6 +461,19 @@ def test_the_steps_of_a_converter_do_not_hide_a_sensor_s_noise(step):
     assert found.force_covered() > 0.88
 
 
+@pytest.mark.parametrize('every', [3, 10])
+def test_a_force_that_is_read_rarely_moves_and_is_not_noisy(every):
+    filter_, state, used = fusion(), FusionState(), 0
+    for frame in range(200):
+        wrenches = [wrench(frame)] if frame % every == 0 else []
+        for event in (*wrenches, sightings(frame), pressure(frame)):
+            state, found = filter_.step(state, event)
+        used += isinstance(found, FusedEstimate) and found.estimate.wrench_age == 0.0
+    assert state.force_noise == 0.0
+    assert not filter_.other_sensors(state)
+    assert used > 180 / every
+
+
 def test_noise_about_the_limit_does_not_make_it_forget_again_and_again():
     states, state = [], FusionState()
     for frame in range(150):

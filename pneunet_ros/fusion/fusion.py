@@ -16,7 +16,7 @@ import numpy as np
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, Reading, TargetSightings, WrenchReading
 from pneunet_ros.core.stamps import AHEAD, STARTS_ANEW
-from pneunet_ros.core.units import seconds_between
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.consistency import chi_square_limit
 from pneunet_ros.estimation.estimator import reference_hint, refuse
@@ -338,9 +338,16 @@ class Fusion:
             return None
         return NearWrench(reading=wrench, age=age, std=self.force_std(state))
 
+    def reads_force_often(self, state: FusionState) -> bool:
+        """Whether the force is read so often that what changes between readings is noise."""
+        stamps = [one.stamp_ns for one in state.wrenches[-self.settings.noise_readings :]]
+        period = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
+        return period <= self.settings.noise_period * NANOSECONDS_PER_SECOND
+
     def knows_force_noise(self, state: FusionState) -> bool:
-        """Whether there have been readings enough of the force to tell their noise."""
-        return len(state.wrenches) >= self.settings.fewest_readings
+        """Whether the readings of the force have told their noise, or are too rare to do so."""
+        enough = len(state.wrenches) >= self.settings.fewest_readings
+        return enough or not self.reads_force_often(state)
 
     def force_std(self, state: FusionState) -> float:
         """Return one sigma (N) of the force sensor: of the model, or of a sensor that is worse."""
@@ -350,8 +357,11 @@ class Fusion:
     def estimate_force_noise(self, state: FusionState) -> float:
         """Return the noise (N) of the force sensor's last readings, 0 where the model's is it.
 
-        What was more than the model's goes on being used until it is clearly less.
+        What was more than the model's goes on being used until it is clearly less. Between rare
+        readings the load itself moves.
         """
+        if not self.reads_force_often(state):
+            return 0.0
         wrenches = state.wrenches[-self.settings.noise_readings :]
         noise = white_std(np.reshape([(one.force_x, one.force_y) for one in wrenches], (-1, 2)))
         most = self.settings.noise_ratio * self.arm.sensors.force_std

@@ -112,6 +112,11 @@ class FusionSettings:
         0.05, 'step in which a sensor reads, at most', unit='of the range, or of the force scale'
     )
     noise_readings: int = tuning(60, 'last readings of the force that tell its noise; invented')
+    noise_period: float = tuning(
+        0.12,
+        'time between them, above which the load moves as much as noise does; invented',
+        unit='s',
+    )
     fewest_readings: int = tuning(
         8, 'readings of the force that tell its noise, as it takes for six second differences'
     )
