@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, BooleanOptionalAction, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, BooleanOptionalAction, Namespace
 from collections.abc import Collection, Iterable
 import dataclasses
 from pathlib import Path
@@ -10,7 +10,7 @@ import sys
 from typing import Any
 
 from pneunet_ros.cli.quantity_option import KIND_OF_UNIT, quantity_type
-from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.errors import ModelError, RequestError
 from pneunet_ros.core.printable import printable
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.unit_system import dimensionless, SI, UnitSystem
@@ -18,6 +18,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.files.json_text import json_text
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.gravity import Gravity, gravity_of, OUT_OF_PLANE
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
@@ -89,6 +90,31 @@ def add_model(parser: ArgumentParser) -> None:
     add_effects_path(parser)
 
 
+def add_gravity(parser: ArgumentParser, of: str = 'model file') -> None:
+    """Add the option for where gravity points."""
+    parser.add_argument(
+        '--gravity',
+        type=gravity_option,
+        metavar='GX,GY',
+        help='where gravity points: x and y of the unit vector that points down, in the base '
+        f'frame, as --gravity=0,-1, or {OUT_OF_PLANE} (default: as in the {of})',
+    )
+
+
+def gravity_option(text: str) -> Gravity:
+    """Return the gravity that an option asks for."""
+    try:
+        return gravity_of(text)
+    except ModelError as error:
+        raise ArgumentTypeError(f'{error}') from None
+
+
+def with_gravity(arm: Arm, arguments: Namespace) -> Arm:
+    """Return an arm with gravity as the options say, where they do."""
+    gravity: Gravity | None = getattr(arguments, 'gravity', None)
+    return arm if gravity is None else dataclasses.replace(arm, gravity=gravity)
+
+
 def add_effects_path(parser: ArgumentParser) -> None:
     """Add the option for effects of a user; `cli.main` adds them before the verb runs."""
     parser.add_argument(
@@ -125,7 +151,7 @@ def scales_sentence(arm: Arm) -> str:
 
 def model_of(arguments: Namespace) -> Arm:
     """Return the model that was asked for."""
-    return load_model(arguments.model or share_path(PAPER_ARM))
+    return with_gravity(load_model(arguments.model or share_path(PAPER_ARM)), arguments)
 
 
 def add_overwrite(parser: ArgumentParser) -> None:

@@ -16,6 +16,7 @@ from pneunet_ros.core.errors import ModelError, PneunetError
 NANOSECONDS_PER_SECOND = 1_000_000_000
 PASCALS_PER_KILOPASCAL = 1000.0
 STANDARD_ATMOSPHERE = 101_325.0  # Pa
+STANDARD_GRAVITY = 9.80665  # m/s^2
 
 # How much of the SI unit a unit is, by what is measured: the units in names of table columns and
 # on the command line.
@@ -34,10 +35,10 @@ SI_PER_UNIT: dict[str, dict[str, float]] = {
     'force': {
         'n': 1.0,
         'mn': 1e-3,
-        'gf': 9.80665e-3,
-        'kgf': 9.80665,
-        'g': 9.80665e-3,
-        'kg': 9.80665,
+        'gf': 1e-3 * STANDARD_GRAVITY,
+        'kgf': STANDARD_GRAVITY,
+        'g': 1e-3 * STANDARD_GRAVITY,
+        'kg': STANDARD_GRAVITY,
     },
     'moment': {'n_m': 1.0, 'n_mm': 1e-3, 'mn_m': 1e-3},
     'length': {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'um': 1e-6},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 import hashlib
 import io
 import json
@@ -20,8 +20,10 @@ from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.yaml_file import or_default, YamlFile
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import Domain
+from pneunet_ros.model.gravity import Gravity, gravity_of
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import law_fields, MOMENT_LAWS, MomentLaw
+from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown, SensorNoise
 from ruamel.yaml import YAML
 
@@ -36,10 +38,12 @@ TOP = (
     'sensors',
     'covariance',
     'domain',
+    'gravity',
+    'motion',
     'sources',
     'provenance',
 )
-OPTIONAL = {'effects', 'covariance', 'domain', 'sources', 'provenance'}
+OPTIONAL = {'effects', 'covariance', 'domain', 'gravity', 'motion', 'sources', 'provenance'}
 PLACEMENT_KEYS = ('mean', 'std', 'factor')
 MODEL_FILE = YamlFile(kind='model file', error=ModelError, number_name='a number in SI units')
 
@@ -99,6 +103,7 @@ def arm_from_mapping(content: Any) -> Arm:
     if not isinstance(top['name'], str) or not top['name']:
         raise ModelError(f'name must be a text, not {top["name"]!r}')
     covariance, domain = top.get('covariance'), top.get('domain')
+    gravity, motion = top.get('gravity'), top.get('motion')
     return Arm(
         name=top['name'],
         divided=(),
@@ -114,6 +119,10 @@ def arm_from_mapping(content: Any) -> Arm:
         sensors=SensorNoise(**MODEL_FILE.numbers_of(SensorNoise, top['sensors'], 'sensors')),
         covariance=None if covariance is None else covariance_from_mapping(covariance),
         domain=None if domain is None else domain_from_mapping(domain),
+        gravity=Gravity() if gravity is None else gravity_from_mapping(gravity),
+        motion=None
+        if motion is None
+        else Motion(**MODEL_FILE.numbers_of(Motion, motion, 'motion')),
         sources=texts(or_default(top.get('sources'), {}), 'sources'),
         provenance=tree(or_default(top.get('provenance'), {}), 'provenance'),
     )
@@ -154,6 +163,8 @@ def mapping_from_arm(arm: Arm) -> dict[str, Any]:
         'domain': None
         if arm.domain is None
         else {'pressure': list(arm.domain.pressure), 'end_load': arm.domain.end_load.tolist()},
+        **({} if arm.gravity.is_neutral else {'gravity': {'direction': arm.gravity.direction}}),
+        **({} if arm.motion is None else {'motion': asdict(arm.motion)}),
         'sources': dict(arm.sources),
         'provenance': dict(arm.provenance),
     }
@@ -227,6 +238,11 @@ def placement_block(placement: PlacementKnown | None) -> dict[str, Any]:
 def domain_from_mapping(content: Any) -> Domain:
     """Build what the calibration spanned."""
     return Domain(**MODEL_FILE.block(content, 'domain', ('pressure', 'end_load')))
+
+
+def gravity_from_mapping(content: Any) -> Gravity:
+    """Build where gravity points."""
+    return gravity_of(MODEL_FILE.block(content, 'gravity', ('direction',))['direction'])
 
 
 def texts(content: Any, where: str) -> dict[str, str]:

@@ -22,6 +22,7 @@ from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem, pane
 from pneunet_ros.solver.collocation import unloaded_nodes
 from pneunet_ros.solver.columns import (
     CLAMP_ANGLE,
+    join_ends,
     LOAD_X,
     LOAD_Y,
     LOADS,
@@ -391,7 +392,7 @@ def as_points(jacobian: Array) -> Array:
 
 def mesh_counts(rods: Rods, loads: Array) -> npt.NDArray[np.int64]:
     """Return the panels per section that every one of the rods needs."""
-    ends = np.column_stack([rods.clamp, loads])
+    ends = join_ends(rods.clamp, loads)
     counts: npt.NDArray[np.int64] = np.max(
         [panels_needed(rods.record(rod), ends[rod]) for rod in range(len(loads))], axis=0
     )

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array, table_array
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.core.units import check_quantities, quantity
+from pneunet_ros.core.units import check_quantities, quantity, STANDARD_GRAVITY
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import (
     Effect,
@@ -26,8 +26,10 @@ from pneunet_ros.effects.effect import (
     Terms,
 )
 from pneunet_ros.model.domain import DOMAIN, Domain, load_hull, LoadHull
+from pneunet_ros.model.gravity import Gravity
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import MomentLaw
+from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.parameter_path import Move, move_numbers, unknown_quantity
 from pneunet_ros.model.record import (
     add_curvature,
@@ -42,8 +44,12 @@ from pneunet_ros.solver.columns import (
     CLAMP_ANGLE,
     CLAMP_WIDTH,
     END_LOAD_MOMENT,
+    END_X,
+    END_Y,
     FORCE_X,
     FORCE_Y,
+    LOAD_X,
+    LOAD_Y,
     LOADS,
     MOMENT_OFFSET,
     RIGIDITY,
@@ -57,6 +63,8 @@ EXTRAPOLATION = DOMAIN.pressure_margin  # of the calibrated range, beyond either
 SEEN_STEP = 1e-5  # of the reach: of central differences of what effects of the camera do
 UNSEEN_STEPS = 4  # of Newton, which is quadratic, and exact at once for what is linear
 RIGID = 1e9  # times as stiff as the section before is the cap
+# Blocks of the model file whose numbers can be moved.
+MOVABLE = ('intrinsic_curvature', 'moment_law', 'effects', 'sensors', 'gravity', 'motion')
 ONE_PRESSURE = 100.0  # Pa, either side of the row of a table that has but one: what noise reads
 
 
@@ -68,7 +76,8 @@ class Arm:
     of the table of effects; `sources` says where each number comes from. `domain` is what the
     calibration spanned, `load_hull` its loads as a body in space, None where that is not known.
     `table_range` (Pa) is where both intrinsic curvature and moment law have rows, `pressure_range`
-    (Pa) what of it is in the domain. `sensing`, `seeing` and `acting` are the effects that change
+    (Pa) what of it is in the domain. `gravity` says where the weight points; `motion` is None
+    where inertia is not modelled. `sensing`, `seeing` and `acting` are the effects that change
     what a reading means, where points are seen, and those that have a history; `history_dependent`
     are the places in `acting` of those whose history changes the rod; `by_load` are the effects
     that go with the end load and are not neutral. `parted` are the names of those that act on a
@@ -90,6 +99,8 @@ class Arm:
     sensors: SensorNoise
     covariance: ModelCovariance | None = None
     domain: Domain | None = None
+    gravity: Gravity = field(default_factory=Gravity)
+    motion: Motion | None = None
     divided: tuple[str, ...] = ()
     sources: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
@@ -213,6 +224,16 @@ class Arm:
     def reach(self) -> float:
         """From the clamp to the tip along the arm, its rigid cap included (m)."""
         return self.length + self.tip_cap
+
+    @property
+    def clamp_record(self) -> Array:
+        """The clamp, and the weight of the mass at the tip, as (5,) of the record of a rod."""
+        clamp = np.zeros(CLAMP_WIDTH)
+        clamp[CLAMP_ANGLE] = self.clamp_angle
+        if self.motion is not None:
+            weight = self.motion.tip_mass * STANDARD_GRAVITY
+            clamp[END_X], clamp[END_Y] = weight * self.gravity.x, weight * self.gravity.y
+        return clamp
 
     def add_terms(self, terms: Terms, sections: Array, clamp: Array) -> None:
         """Add what an effect does to records of the rod; its cap stays rigid and without load."""
@@ -390,6 +411,8 @@ class Arm:
         soft = base.shape[1]
         sections = np.zeros((rows.size, soft + bool(self.tip_cap), SECTION_WIDTH))
         sections[:, :soft, : MOMENT_OFFSET + 1] = base
+        sections[:, :soft, LOAD_X] = self.weight / self.length * self.gravity.x
+        sections[:, :soft, LOAD_Y] = self.weight / self.length * self.gravity.y
         if self.tip_cap:
             sections[:, soft, START] = self.length
             sections[:, soft, RIGIDITY] = RIGID * base[:, -1, RIGIDITY]
@@ -414,8 +437,7 @@ class Arm:
         """
         pressure = frozen_array(pressure)  # kernels are compiled again for what may be written
         sections, rotation = self.table.at(pressure)
-        clamp = np.zeros((pressure.size, CLAMP_WIDTH))
-        clamp[:, CLAMP_ANGLE] = self.clamp_angle
+        clamp = np.tile(self.clamp_record, (pressure.size, 1))
         record = Record.without_pushes(sections, clamp, rotation)
 
         def mixed(weights: Array) -> Array:
@@ -448,7 +470,7 @@ class Arm:
                 and rest[0] in ('length', 'weight', 'tip_cap', 'clamp_angle')
             ):
                 moves.append(Move(path=tuple(rest), amount=amount, name=name))
-            elif first in ('intrinsic_curvature', 'moment_law', 'effects', 'sensors'):
+            elif first in MOVABLE:
                 moves.append(Move(path=(first, *rest), amount=amount, name=name))
             else:
                 raise ModelError(unknown_quantity(name))

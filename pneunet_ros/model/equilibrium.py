@@ -29,6 +29,7 @@ from pneunet_ros.solver.columns import (
     END_WIDTH,
     FIELD_COUNT,
     FIELDS,
+    join_ends,
     LOADS,
     PANEL_FLEXIBILITY,
     PANEL_WIDTH,
@@ -316,7 +317,7 @@ def follow_shape(
     """Return the shape beside a neighbor, on its mesh; None where it takes more to find it."""
     if len(start.counts) != rods.sections.shape[1]:
         return None
-    ends = np.array([*rods.clamp[0].tolist(), load.force_x, load.force_y, load.moment])
+    (ends,) = join_ends(rods.clamp[:1], load.row)
     panels, nodes = start.panels.copy(), start.nodes.copy()
     values = np.empty((FIELD_COUNT, arclength.size))
     found, residual, iterations = follow(
@@ -508,6 +509,7 @@ def changes_on_mesh(solution: SolverNodes, changes: Perturbation | None) -> tupl
             frozen_array(changes.knots),
             changes.rotation,
             changes.distance,
+            changes.clamp,
             solution.ends.copy(),
             np.array(solution.counts),
             panels,

@@ -15,7 +15,7 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import over_meters
 from pneunet_ros.model.neighbors import DEFAULTS, DifferenceSettings, neighbors
 from pneunet_ros.model.record import Record
-from pneunet_ros.solver.columns import CLAMP_ANGLE, CLAMP_WIDTH, LOAD_X, LOAD_Y, LOADS
+from pneunet_ros.solver.columns import CLAMP_WIDTH, LOAD_X, LOAD_Y, LOADS
 from pneunet_ros.solver.rod import Rods, RodTable
 
 
@@ -24,7 +24,7 @@ class Perturbation:
     """Small changes of the record of a rod, one per cause: the records on both sides of it.
 
     The first axes are side (before, after) and cause, the others those of `Rods`: length (2,
-    causes), sections (2, causes, sections, 8), clamp (2, causes, 3), knots (2, causes, pieces +
+    causes), sections (2, causes, sections, 8), clamp (2, causes, 5), knots (2, causes, pieces +
     1), rotation (2, causes, pieces, 5), push (2, causes, pushes, sections), push_place (2, causes,
     pushes). distance (causes,): how far the sides are apart. by_load: whether the last three
     causes are F1 and F2 (per N) and M (per N m), which effects make a part of the record.
@@ -355,10 +355,10 @@ def constant_records(
 ) -> tuple[Array, Array]:
     """Return sections and rotation of an arm at pressures (n,) Pa, with what effects add at all.
 
-    changing: effects that are left out; clamp (1, 3): where they add to it.
+    changing: effects that are left out; clamp (1, 5): where they add to it.
     """
     sections, rotation = arm.table.at(rows)
-    clamp[:, CLAMP_ANGLE] = arm.clamp_angle
+    clamp[:] = arm.clamp_record
     for number, effect in enumerate(arm.effects):
         if number not in changing:
             arm.add_terms(effect.terms(rows), sections, clamp)

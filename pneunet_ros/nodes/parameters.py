@@ -16,6 +16,7 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.effects.user_effects import add_effects
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.gravity import gravity_of
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import ParameterException
 
@@ -122,11 +123,18 @@ EFFECTS_PATH = (
 )
 
 
-def known_model(model_file: str, effects_path: str) -> Arm:
+GRAVITY = (
+    'where gravity points: out_of_plane, or x and y of the unit vector that points down, in the '
+    'base frame, as "0, -1"; empty: as in the model file'
+)
+
+
+def known_model(model_file: str, effects_path: str, gravity: str = '') -> Arm:
     """Return the arm of a model file, of effects of the library and of a folder of the user's."""
     if effects_path:
         add_effects(effects_path)
-    return load_model(model_path(model_file))
+    arm = load_model(model_path(model_file))
+    return arm if not gravity else dataclasses.replace(arm, gravity=gravity_of(gravity))
 
 
 def model_path(model_file: str) -> Path:

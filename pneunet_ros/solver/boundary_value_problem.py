@@ -59,7 +59,7 @@ class BoundaryValueProblem:
     ) -> None:
         self.rods = rods
         self.settings = settings
-        self.ends = np.array([*rods.clamp[0].tolist(), *force, moment])
+        (self.ends,) = col.join_ends(rods.clamp[:1], np.array([[*force, moment]]))
         self.residual = math.inf
         self.iterations = 0
         self.mesh(panels_needed(rods, self.ends, settings))

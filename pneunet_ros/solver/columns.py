@@ -6,6 +6,7 @@ quantity stands at the four Gauss points of a panel, the name is that of the fir
 
 from __future__ import annotations
 
+import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.kernels.jit import inlined
 from pneunet_ros.solver.panel import Four, Law, Mechanics, Turn
@@ -23,9 +24,10 @@ CURVATURE_AT_KNOT = 1
 ROTATION_WIDTH = 5
 
 # Ends of the rod: angle of the clamp rad, its compliance rad/(N m), transverse offset of the load
-# m; then the load F1, F2 in N, M in N m. The record of the clamp is the first three.
+# m; then the load F1, F2 in N, M in N m. The record of the clamp is the first five: there the
+# force is the weight of what the arm carries at its tip, to which an end load adds.
 CLAMP_ANGLE, CLAMP_COMPLIANCE, LOAD_OFFSET, END_X, END_Y, END_MOMENT = range(6)
-CLAMP_WIDTH, END_WIDTH = 3, 6
+CLAMP_WIDTH, END_WIDTH = 5, 6
 
 # Loads, and the causes of a sensitivity: F1, F2 in N, M in N m; further causes come after them.
 FORCE_X, FORCE_Y, END_LOAD_MOMENT = range(3)
@@ -151,11 +153,20 @@ def end_load(ends: Array) -> Four:
 
 @inlined
 def set_ends(clamp: Array, load: Array, ends: Array) -> None:
-    """Join the record of the clamp (3,) and the load (3,) to the ends of a rod (6,)."""
-    for i in range(CLAMP_WIDTH):
+    """Join the record of the clamp (5,) and the load (3,) to the ends of a rod (6,)."""
+    for i in range(END_X):
         ends[i] = clamp[i]
-    for i in range(LOADS):
-        ends[END_X + i] = load[i]
+    ends[END_X] = clamp[END_X] + load[FORCE_X]
+    ends[END_Y] = clamp[END_Y] + load[FORCE_Y]
+    ends[END_MOMENT] = load[END_LOAD_MOMENT]
+
+
+def join_ends(clamp: Array, loads: Array) -> Array:
+    """Return the ends (n, 6) of rods with these records of the clamp (n, 5) and loads (n, 3)."""
+    ends = np.zeros((len(clamp), END_WIDTH))
+    ends[:, :CLAMP_WIDTH] = clamp
+    ends[:, END_X:] += loads
+    return ends
 
 
 @inlined

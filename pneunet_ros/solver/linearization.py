@@ -220,6 +220,7 @@ def panel_changes(
     knots: Array,
     rotation: Array,
     distance: Array,
+    clamp: Array,
     ends: Array,
     counts: npt.NDArray[np.int64],
     out: Array,
@@ -227,20 +228,24 @@ def panel_changes(
     """Change of the panels of a mesh per unit of each cause, into out (causes, panels, 16).
 
     length (2, causes), sections (2, causes, sections, 8), knots (2, causes, pieces + 1) and
-    rotation (2, causes, pieces, 5) are records on both sides of it, distance (causes,) apart; ends
-    and counts are those of the rod.
+    rotation (2, causes, pieces, 5) and clamp (2, causes, 5) are records on both sides of it,
+    distance (causes,) apart; ends and counts are those of the rod.
     """
     shape = out.shape[1], out.shape[2]
     before, after = np.empty(shape), np.empty(shape)
+    moved = ends.copy()
     for cause in range(distance.size):
         scale = 1.0 / distance[cause]
         for side, panels in enumerate((before, after)):
+            for column in (col.END_X, col.END_Y):
+                weighs = clamp[side, cause, column] - clamp[0, cause, column]
+                moved[column] = ends[column] + weighs
             prepare(
                 length[side, cause],
                 sections[side, cause],
                 knots[side, cause],
                 rotation[side, cause],
-                ends,
+                moved,
                 counts,
                 panels,
             )

@@ -14,7 +14,7 @@ from pneunet_ros.solver.columns import LOAD_X, LOAD_Y
 class Rods(NamedTuple):
     """Records of one arm at several pressures, as the kernels take them.
 
-    length m; pressure (pressures,) Pa; sections (pressures, sections, 8) and clamp (pressures, 3)
+    length m; pressure (pressures,) Pa; sections (pressures, sections, 8) and clamp (pressures, 5)
     with the columns of `solver.columns`, the same along each section; knots (pieces + 1,) m and
     rotation (pressures, pieces, 5): the angle rad that the unloaded rod has turned, as ascending
     powers of the distance from the knot before. push (pressures, pushes, sections) N/m: loads

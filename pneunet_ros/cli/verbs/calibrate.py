@@ -15,6 +15,7 @@ from pneunet_ros.cli.provenance import provenance_of
 from pneunet_ros.cli.verb import (
     add_dimensionless,
     add_effects_path,
+    add_gravity,
     add_json,
     add_overwrite,
     DONE,
@@ -24,6 +25,7 @@ from pneunet_ros.cli.verb import (
     print_json,
     progress_bar,
     units_of,
+    with_gravity,
 )
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.share import share_path
@@ -89,6 +91,7 @@ def options(parser: ArgumentParser) -> None:
     add_overwrite(parser)
     add_experiments(parser)
     add_effects_path(parser)
+    add_gravity(parser, 'file after --arm')
     add_json(parser)
 
 
@@ -96,6 +99,7 @@ def run(arguments: Namespace) -> int:
     """Read, fit, write."""
     started = time.perf_counter()
     frame = load_model(arguments.arm or arguments.earlier or share_path(PAPER_ARM))
+    frame = with_gravity(frame, arguments)
     earlier = None
     if arguments.earlier is not None:
         earlier = load_knowledge(arguments.earlier)

@@ -17,6 +17,7 @@ from pneunet_ros.cli.provenance import versions
 from pneunet_ros.cli.verb import (
     add_dimensionless,
     add_effects_path,
+    add_gravity,
     add_json,
     add_overwrite,
     DONE,
@@ -25,6 +26,7 @@ from pneunet_ros.cli.verb import (
     print_json,
     progress_bar,
     units_of,
+    with_gravity,
 )
 from pneunet_ros.cli.verbs.simulate import seed
 from pneunet_ros.core.errors import RequestError
@@ -117,13 +119,14 @@ def options(parser: ArgumentParser) -> None:
     add_overwrite(parser)
     add_experiments(parser)
     add_effects_path(parser)
+    add_gravity(parser)
     add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
     """Read, diagnose, write."""
     started = time.perf_counter()
-    frame = load_model(arguments.model)
+    frame = with_gravity(load_model(arguments.model), arguments)
     recordings = (*arguments.train, *arguments.heldout)
     check_recordings(recordings)
     inputs = inputs_of((('training', arguments.train), ('heldout', arguments.heldout)))

@@ -11,6 +11,7 @@ from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.quantity_option import quantity_type
 from pneunet_ros.cli.verb import (
     add_dimensionless,
+    add_gravity,
     add_json,
     add_model,
     DONE,
@@ -61,6 +62,7 @@ class Prediction:
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
     add_model(parser)
+    add_gravity(parser)
     parser.add_argument(
         '--pressure',
         type=quantity_type('pressure'),

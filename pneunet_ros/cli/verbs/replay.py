@@ -11,6 +11,7 @@ import time
 from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.replay_fuse import run_fusion
 from pneunet_ros.cli.verb import (
+    add_gravity,
     add_json,
     add_model,
     add_overwrite,
@@ -53,6 +54,7 @@ def options(parser: ArgumentParser) -> None:
         'recording', type=Path, metavar='REC', help='an .mcap file or a rosbag2 folder'
     )
     add_model(parser)
+    add_gravity(parser)
     parser.add_argument(
         '--output',
         type=Path,

@@ -20,6 +20,7 @@ from pneunet_ros.model.uncertainty import error_left_out
 from pneunet_ros.nodes.model_info import model_info, model_label
 from pneunet_ros.nodes.parameters import (
     EFFECTS_PATH,
+    GRAVITY,
     known_model,
     model_path,
     ParameterTable,
@@ -33,6 +34,7 @@ class NodeSettings:
 
     model_file: str = setting('', f'model file of the arm; empty: the shipped {SHIPPED_MODEL}')
     effects_path: str = setting('', EFFECTS_PATH)
+    gravity: str = setting('', GRAVITY)
     centerline_rate: float = quantity(
         30.0,
         unit='Hz',
@@ -145,10 +147,11 @@ def configured_estimator(
     what is wrong.
     """
     node, settings = PARAMETERS.settings(values)
-    if current is not None and node.model_file == current.node.model_file:
+    same = current is not None and node.model_file == current.node.model_file
+    if current is not None and same and node.gravity == current.node.gravity:
         arm = current.estimator.arm
     else:
-        arm = known_model(node.model_file, node.effects_path)
+        arm = known_model(node.model_file, node.effects_path, node.gravity)
     return EstimatorConfiguration(node=node, estimator=Estimator(arm=arm, settings=settings))
 
 

@@ -16,6 +16,7 @@ from pneunet_ros.model.uncertainty import error_left_out
 from pneunet_ros.nodes.model_info import model_info, model_label
 from pneunet_ros.nodes.parameters import (
     EFFECTS_PATH,
+    GRAVITY,
     known_model,
     model_path,
     ParameterTable,
@@ -32,6 +33,7 @@ class NodeSettings:
 
     model_file: str = setting('', f'model file of the arm; empty: the shipped {SHIPPED_MODEL}')
     effects_path: str = setting('', EFFECTS_PATH)
+    gravity: str = setting('', GRAVITY)
     use_wrench: bool = setting(
         True, 'read end_wrench where there is one; false: as if there were no force sensor'
     )
@@ -141,9 +143,10 @@ def configured_fusion(
     what is wrong.
     """
     node, sensors = PARAMETERS.settings(values)
-    if current is not None and node.model_file == current.node.model_file:
+    same = current is not None and node.model_file == current.node.model_file
+    if current is not None and same and node.gravity == current.node.gravity:
         arm = current.fusion.arm
     else:
-        arm = known_model(node.model_file, node.effects_path)
+        arm = known_model(node.model_file, node.effects_path, node.gravity)
     fusion = Fusion(arm=arm, sensors=sensors, settings=node.fusion)
     return FusionConfiguration(node=node, fusion=fusion)

@@ -1,0 +1,26 @@
+"""What makes an arm move: mass at the tip and damping, beside the weight of the arm itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pneunet_ros.core.units import check_quantities, quantity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """Inertia and damping of an arm; the mass of the arm itself follows from `arm.weight`.
+
+    Damping is that of Kelvin and Voigt: M = B (kappa - kappa0 + damping_time kappa').
+    """
+
+    tip_mass: float = quantity(
+        0.0, unit='kg', meaning='mass at the free end, beside that of the arm', bounds=(0.0, 1e3)
+    )
+    damping_time: float = quantity(
+        0.0, unit='s', meaning='damping over stiffness, of Kelvin and Voigt', bounds=(0.0, 1e3)
+    )
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        check_quantities(self, 'motion')
