@@ -12,10 +12,10 @@ def test_what_is_not_the_default_is_said():
     assert settings_changed(CALIBRATION) == {}
     changed = replace(
         CALIBRATION,
-        experiments=replace(EXPERIMENTS, most_rows=7),
+        experiments=replace(EXPERIMENTS, rows=7),
         map_estimation=replace(MAP_ESTIMATION, small_step=0.1),
     )
     assert settings_changed(changed) == {
-        'ExperimentSettings.most_rows': 7,
+        'ExperimentSettings.rows': 7,
         'MapEstimationSettings.small_step': 0.1,
     }

@@ -82,7 +82,7 @@ def test_an_unloaded_recording(tmp_path, arm):
     assert uses['calibrate unloaded'] == {'usable': True, 'reason': ''}
     assert uses['replay']['usable']
     assert '--no-wrench-required' in uses['replay']['reason']
-    assert 'no end force above' in uses['calibrate loaded']['reason']
+    assert not uses['calibrate loaded']['usable']
 
 
 def test_gaps_and_what_lies_beside_one_another(tmp_path, said, arm):

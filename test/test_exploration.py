@@ -46,10 +46,10 @@ def test_every_experiment_lasts_20_to_40_s_within_the_safe_set(item):
 
 
 def test_the_safe_set_of_a_model_is_what_it_was_calibrated_to():
-    safe = SafeSet.of(MODEL, 0.2)
+    safe = SafeSet.of(MODEL)
     assert (safe.low, safe.high) == MODEL.pressure_range
     assert safe.force == pytest.approx(np.hypot(*MODEL.domain.end_load[:, :2].T).max())
-    assert SafeSet.of(replace(MODEL, domain=None), 0.2).force == 0.2
+    assert SafeSet.of(replace(MODEL, domain=None)).force == MODEL.weight
     with pytest.raises(RequestError, match='pressures must rise'):
         SafeSet(low=2.0, high=1.0, force=0.1)
 

@@ -75,16 +75,9 @@ class FitSequence:
             self.low = self.high = float(np.median(pressures))
             self.rows = np.array([self.low])
             return
-        # rounded to what a sensor tells
         ends = [experiments.outliers, 1.0 - experiments.outliers]
-        low, high = (float(np.quantile(pressures, end, method='nearest')) for end in ends)
-        self.low = float(np.floor(low / 100.0) * 100.0)
-        self.high = float(np.ceil(high / 100.0) * 100.0)
-        span = self.high - self.low
-        distance = min(experiments.row_distance, experiments.row_share * span)
-        count = (round(span / distance) if span > 0.0 else 0) + 1
-        count = min(max(count, experiments.fewest_rows), experiments.most_rows)
-        self.rows = np.linspace(self.low, self.high, count)
+        self.low, self.high = np.quantile(pressures, ends, method='nearest').tolist()
+        self.rows = np.linspace(self.low, self.high, experiments.rows)
 
     def span(self, earlier: PosteriorState | None) -> tuple[float, float]:
         """Return the range of pressure (Pa) of the moment law."""

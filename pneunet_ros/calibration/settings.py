@@ -13,11 +13,9 @@ class PreconditionSettings:
 
     fewest_frames: int = tuning(3, 'frames, of all recordings together')
     fewest_targets: int = tuning(4, 'targets seen somewhere in a recording')
-    smallest_span: float = tuning(1000.0, 'of pressure, over all unloaded recordings', unit='Pa')
-    smallest_motion: float = tuning(5e-4, 'of the tip', unit='m')
-    smallest_force: float = tuning(0.005, 'for a load', unit='N')
-    load_noise: float = tuning(8.0, 'loads that differ by more are two', unit='sigma')
-    unloaded_force: float = tuning(0.02, 'more than the offset of a force sensor', unit='N')
+    few_pascals: float = tuning(1000.0, 'that bend no arm: another unit', unit='Pa')
+    smallest_motion: float = tuning(0.0045, 'of the tip', unit='length')
+    unloaded_force: float = tuning(0.12, 'more than the offset of a force sensor', unit='weight')
     largest_pressure: float = tuning(1e6, 'gauge', unit='Pa')
     like_air: float = tuning(
         81e3, 'that a pressure is never below, beyond the range of the model: not gauge', unit='Pa'
@@ -138,8 +136,9 @@ class ResolutionSettings:
 
     knots: int = tuning(11, 'of kappa_p0 along the arm, at most')
     apart: float = tuning(0.05, 'between targets that show two things', unit='length')
-    same_pressure: float = tuning(100.0, 'between pressures that are the same', unit='Pa')
-    noise_span: float = tuning(8.0, 'the same, by the noise of the sensor', unit='sigma')
+    noise_span: float = tuning(
+        8.0, 'pressures, or loads, that differ by more are two', unit='sigma'
+    )
     few_pressures: int = tuning(6, 'fewer are said', source='invented')
     law_frames: int = tuning(20, 'loaded frames to tell two sections of the arm apart')
     law_shapes: int = tuning(3, 'the same, targets that stand apart')
@@ -160,12 +159,7 @@ class ResolutionSettings:
 class ExperimentSettings:
     """The table of kappa_p0, what is believed of it, and how many frames a fit begins with."""
 
-    row_distance: float = tuning(8000.0, 'between rows of kappa_p0, about, at most', unit='Pa')
-    row_share: float = tuning(
-        0.2, 'the same, for arms of low pressures', unit='of the span', source='invented'
-    )
-    most_rows: int = tuning(10, 'of kappa_p0')
-    fewest_rows: int = tuning(2, 'of kappa_p0')
+    rows: int = tuning(9, 'of kappa_p0, over the span of the pressure')
     amplitude: float = tuning(5.0, 'kappa_p0 at the highest pressure', unit='1/length')
     std: float = tuning(0.5, 'of its part that is not proportional to pressure', unit='1/length')
     length_scale: float = tuning(0.18, 'over which kappa_p0 is smooth', unit='length')
@@ -268,10 +262,9 @@ class TipForceSettings:
 
     most_steps: int = tuning(30, 'Gauss-Newton steps at most')
     small_step: float = tuning(1e-4, 'step that ends the search', unit='sigma of the force')
-    largest_step: float = tuning(0.1, 'of a component in one step', unit='N')
+    largest_step: float = tuning(0.6, 'of a component in one step', unit='weight')
     least_share: float = tuning(0.05, 'of a step that is taken, where steps swing')
-    smallest_normal: float = tuning(1e-4, 'of a force not determined at all', unit='1/N^2')
-    largest_sigma: float = tuning(10.0, 'what is less certain is not determined', unit='N')
+    largest_sigma: float = tuning(60.0, 'what is less certain is not determined', unit='weight')
 
 
 PRECONDITIONS, CONSISTENCY = PreconditionSettings(), SameArmSettings()

@@ -72,6 +72,7 @@ def end_forces(
     active = np.flatnonzero(np.count_nonzero(seen, axis=1) >= 2)
     errors = np.zeros((0, seen.shape[1], 0))
     taken, before = np.ones(frames), np.zeros((frames, 2))
+    largest_sigma = settings.largest_sigma * arm.weight
     for count in range(settings.most_steps):
         if active.size == 0:
             break
@@ -86,15 +87,16 @@ def end_forces(
         jacobian = whitening(model.load_jacobian(arm, now)[:, :, :2])
         transposed = jacobian.transpose(0, 2, 1)
         normal = np.matmul(transposed, jacobian)
-        normal[:, [0, 1], [0, 1]] += settings.smallest_normal  # where points do not move at all
+        # Where points do not move at all; such a force is not determined.
+        normal[:, [0, 1], [0, 1]] += 0.01 / largest_sigma**2
         covariance[active] = np.linalg.inv(normal)
         gradient = np.matmul(transposed, whitening(residual))
         step = np.matmul(covariance[active], gradient)[:, :, 0]
         size = np.sqrt(np.einsum('fi,fij,fj->f', step, normal, step))
-        largest = np.maximum(np.abs(step).max(axis=1), 1e-12)
+        largest = np.maximum(np.abs(step).max(axis=1), 1e-12 * arm.weight)
         share = np.minimum(
             relaxation(step, before[active], taken[active], settings),
-            settings.largest_step / largest,
+            settings.largest_step * arm.weight / largest,
         )
         loads[active, :2] += share[:, None] * step
         taken[active], before[active] = share, step
@@ -103,7 +105,7 @@ def end_forces(
         left = np.flatnonzero(solved & (size >= settings.small_step))
         active, model, errors = active[left], model.subset(left), errors[left]
     covariance[~converged] = np.nan
-    determined = np.diagonal(covariance, axis1=1, axis2=2) < settings.largest_sigma**2
+    determined = np.diagonal(covariance, axis1=1, axis2=2) < largest_sigma**2
     covariance = np.where(determined[:, :, None] & determined[:, None, :], covariance, np.nan)
     return EndForces(force=np.where(determined, loads[:, :2], np.nan), covariance=covariance)
 

@@ -98,7 +98,7 @@ def read_experiments(
         if place in loads:
             return with_known_load(run, loads[place])
         if place in named:
-            check_unloaded(run)
+            check_unloaded(run, frame)
             why = 'given'
         else:
             why = '' if named else reason_unloaded(run, frame.sensors)

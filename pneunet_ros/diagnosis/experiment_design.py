@@ -117,7 +117,7 @@ def propose_experiment(
     if not wanted:
         return ''
     design, arm = settings.experiment_design, refit.point.arm
-    force = largest_force(refit, design)
+    force = largest_force(refit)
     linearization = linearize_experiments(refit, EXPERIMENTS, arm.pressure_range, force, design)
     if linearization is None:
         return ''
@@ -181,11 +181,11 @@ def linearize_experiments(
         return None
 
 
-def largest_force(refit: Refit, settings: ExperimentDesignSettings) -> float:
-    """Return the largest force (N) of the training runs, the usual one where there is none."""
+def largest_force(refit: Refit) -> float:
+    """Return the largest force (N) of the training runs; the weight where no load was recorded."""
     fitted = refit.linearization
     force = max(float(np.abs(run.force).max()) for run in fitted.runs[: fitted.training])
-    return force or settings.usual_force
+    return force or refit.point.arm.weight
 
 
 def effect_information(

@@ -87,7 +87,7 @@ def lack_of_fit_tests(
     """
     statistics = [
         score_statistic(name, linearization, problem, runs, fields, seed, settings)
-        for name, runs, fields in tested_fields(linearization, settings)
+        for name, runs, fields in tested_fields(linearization)
     ]
     moments = map_function(clean_moments, statistics)
     tests: dict[str, LackOfFit] = {}
@@ -104,10 +104,11 @@ def lack_of_fit_tests(
 
 
 def tested_fields(
-    linearization: Linearization, settings: LackOfFitSettings
+    linearization: Linearization,
 ) -> Iterable[tuple[str, range, list[Array]]]:
     """Yield the name of each test, its runs, and their fields (frames, 2 targets, n) m."""
     count = len(linearization.blocks)
+    size = linearization.settings.tolerance * linearization.length
     training, held_out = range(linearization.training), range(linearization.training, count)
     for label, runs in (('training', training), ('held out', held_out)):
         if not runs:
@@ -115,11 +116,11 @@ def tested_fields(
         fields = [linearization.blocks[which].fields for which in runs]
         smooth = [item.generic * linearization.tolerance for item in fields]
         yield f'{label}: smooth fields', runs, smooth
-        yield f'{label}: single targets', runs, [i.single() * settings.field_size for i in fields]
+        yield f'{label}: single targets', runs, [item.single() * size for item in fields]
         for which, item in zip(runs, fields, strict=True):
             windows = item.windows()
             rms = np.sqrt(np.mean(windows**2, axis=(0, 1)))
-            scaled = windows * (settings.field_size / np.maximum(rms, 1e-12))
+            scaled = windows * (size / np.maximum(rms, 1e-12))
             yield f'{label}: windows of time', range(which, which + 1), [scaled]
 
 

@@ -91,7 +91,6 @@ class LackOfFitSettings:
 
     level: float = tuning(0.002, 'probability of a false alarm in any of the tests')
     least_seen: float = tuning(0.3, 'score variance from which a field is seen in the data')
-    field_size: float = tuning(1e-4, 'rms of fields of single targets and of windows', unit='m')
     draws: int = tuning(2000, 'simulations of clean data')
     placement_dof: int = tuning(20, 'values that placement_std is estimated from')
     camera_dof: int = tuning(8, 'values that registration_std and drift_std are estimated from')
@@ -199,7 +198,6 @@ class ExperimentDesignSettings:
 
     frames: int = tuning(60, 'frames of an experiment')
     rate: float = tuning(20.0, 'rate of readings', unit='Hz')
-    usual_force: float = tuning(0.2, 'largest force, where none was recorded so far', unit='N')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -29,12 +29,12 @@ class SafeSet:
             )
 
     @classmethod
-    def of(cls, arm: Arm, usual_force: float) -> SafeSet:
-        """Return what a model was calibrated to; the force where it was never loaded."""
+    def of(cls, arm: Arm) -> SafeSet:
+        """Return what a model was calibrated to; its weight as force where it was never loaded."""
         low, high = arm.pressure_range
         loads = np.zeros((0, 2)) if arm.domain is None else arm.domain.end_load[:, :2]
-        force = float(np.hypot(*loads.T).max()) if loads.size else usual_force
-        return cls(low=max(low, 0.0), high=high, force=force or usual_force)
+        force = float(np.hypot(*loads.T).max()) if loads.size else arm.weight
+        return cls(low=max(low, 0.0), high=high, force=force or arm.weight)
 
     def corners(self, experiment: Experiment) -> Array:
         """Return the corners (k, 4) of an experiment: time s, pressure Pa, F1 and F2 N."""

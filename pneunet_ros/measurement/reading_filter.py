@@ -31,11 +31,10 @@ class ReadingFilterSettings:
     corner: float = tuning(25.0, 'gain of two lines over one', unit='chi squared')
     slope: float = tuning(9.0, 'gain of a slope over none', unit='chi squared')
     scatter: float = tuning(4.0, 'chi squared of a line above its mean', unit='std')
-    least_std: float = tuning(1e-3, 'stands for readings without noise', unit='Pa')
-    least_load_std: float = tuning(1e-9, 'the same of a load', unit='N, N m')
 
 
 READING_FILTER = ReadingFilterSettings()
+NO_NOISE = 1e-9  # of the range of the readings: stands for a std of zero
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,8 +62,7 @@ def filter_readings(
     if run.static:
         return FilteredReadings(run=run, noise=np.zeros(len(run.stamp_ns)))
     stamps = run.reading_stamp_ns
-    std = max(noise.pressure_std, settings.least_std)
-    lines = Lines(stamps, run.pressure, std, settings)
+    lines = Lines(stamps, run.pressure, noise.pressure_std, settings)
     pieces = lines.pieces()
     fitted = lines.joined(pieces)
     kept = np.union1d(stamps[np.array(pieces).ravel()], run.instants)
@@ -90,7 +88,6 @@ def filtered_wrench(
     for values, std in zip(
         run.wrench.T, (noise.force_std, noise.force_std, noise.moment_std), strict=True
     ):
-        std = max(std, settings.least_load_std)
         lines = Lines(run.wrench_stamp_ns, values, std, settings)
         columns.append(lines.joined(lines.pieces()))
     return np.column_stack(columns)
@@ -105,8 +102,8 @@ class Lines:
         seconds = (stamp_ns - stamp_ns[0]) / NANOSECONDS_PER_SECOND
         self.time, self.settings = seconds - seconds.mean(), settings
         self.level = float(values.mean())
-        self.values = (values - self.level) / std
-        self.std = std
+        self.std = max(std, NO_NOISE * float(np.ptp(values))) or 1.0
+        self.values = (values - self.level) / self.std
         products = np.stack(
             [
                 np.ones_like(self.time),

@@ -182,7 +182,7 @@ def holds(series: Mapping[str, ReadingSeries], arm: Arm) -> list[dict[str, float
         wrench = series[END_WRENCH.name]
         found, _ = nearest(pressure.stamp_ns, wrench)
         values = np.column_stack([values, wrench.values[found, :2]])
-        still += [max(STILL * arm.sensors.force_std, PRECONDITIONS.smallest_force)] * 2
+        still += [max(STILL * arm.sensors.force_std, STILL_SHARE * arm.weight)] * 2
     start = int(pressure.stamp_ns[0])
     return [
         {
@@ -263,7 +263,8 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
     def calibrates_unloaded() -> str:
         needs(PRESSURE)
         data = reads_as_run()
-        if data.loaded and (force := largest_force(data)) > PRECONDITIONS.unloaded_force:
+        idle = PRECONDITIONS.unloaded_force * request.arm.weight
+        if data.loaded and (force := largest_force(data)) > idle:
             raise RecordingError(f'its end force reaches {force:.3g} N: it is a loaded one')
         check_runs([data], [], request.arm)
         return ''
@@ -273,8 +274,10 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         check_targets(data, request.arm)
         check_units(data, request.arm)
         check_clamp(data, request.arm)
-        if largest_force(data) < (least := PRECONDITIONS.smallest_force):
-            raise RecordingError(f'it has no end force above {least} N: it is an unloaded one')
+        if data.is_idle(request.arm.sensors):
+            raise RecordingError(
+                'its end force never exceeds the noise of the force sensor: it is an unloaded one'
+            )
         return '' if data.pressurized else f'of a beam: there is no {PRESSURE.name}'
 
     asked: dict[str, Callable[[], str]] = {

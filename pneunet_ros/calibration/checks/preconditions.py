@@ -68,16 +68,16 @@ def check_runs(
         check_units(run, arm, limits)
         check_clamp(run, arm)
     for run in unloaded:
-        check_unloaded(run, limits)
+        check_unloaded(run, arm, limits)
     for run in loaded:
         check_loads(run, arm, limits)
     check_same_arm(unloaded, arm.length, settings.consistency)
     if first and constant and not unloaded:
-        check_different_loads(loaded, arm, limits)
+        check_different_loads(loaded, arm, settings.resolution)
     if loaded:
-        check_bending(runs if constant else loaded, limits)
+        check_bending(runs if constant else loaded, arm, limits)
     if first and unloaded:
-        check_pressures(unloaded, arm, limits, constant=constant)
+        check_pressures(unloaded, arm, settings, constant=constant)
 
 
 def has_one_pressure(
@@ -85,18 +85,23 @@ def has_one_pressure(
 ) -> bool:
     """Whether the pressure of these recordings never changes by more than its sensor's noise."""
     pressures = np.concatenate([run.frame_pressure for run in runs])
-    same = max(settings.same_pressure, settings.noise_span * arm.sensors.pressure_std)
-    return bool(np.ptp(pressures) <= same)
+    return bool(np.ptp(pressures) <= same_pressure(arm, settings))
+
+
+def same_pressure(arm: Arm, settings: ResolutionSettings) -> float:
+    """Return by how much (Pa) readings of one pressure differ by the noise of its sensor."""
+    return settings.noise_span * arm.sensors.pressure_std
 
 
 def check_loads(
     run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
 ) -> None:
     """Raise RecordingError where a loaded recording has no load, or one that no arm carries."""
-    if not run.loaded or largest_force(run) < settings.smallest_force:
+    if not run.loaded or run.is_idle(arm.sensors):
         raise RecordingError(
-            f'{run.name} was given as loaded, but it has no end force above '
-            f'{settings.smallest_force} N; name it after --unloaded'
+            f'{run.name} was given as loaded, but its end force never exceeds the noise of the '
+            f'force sensor, {arm.sensors.force_std:.3g} N (sensors.force_std of --arm); name it '
+            'after --unloaded'
         )
     if float(np.max(np.abs(run.force))) > settings.largest_force * arm.weight:
         raise RecordingError(
@@ -105,9 +110,9 @@ def check_loads(
         )
 
 
-def check_bending(runs: Sequence[RecordingData], settings: PreconditionSettings) -> None:
+def check_bending(runs: Sequence[RecordingData], arm: Arm, settings: PreconditionSettings) -> None:
     """Raise RecordingError where the targets stay in one place under all loads."""
-    if motion(runs) < settings.smallest_motion:
+    if motion(runs) < settings.smallest_motion * arm.length:
         raise RecordingError(
             f'{names_of(runs)}: the targets hardly move, so they say nothing of the moment law; '
             'change the pressure or the load, within a recording or between them'
@@ -115,12 +120,12 @@ def check_bending(runs: Sequence[RecordingData], settings: PreconditionSettings)
 
 
 def check_different_loads(
-    loaded: Sequence[RecordingData], arm: Arm, settings: PreconditionSettings
+    loaded: Sequence[RecordingData], arm: Arm, settings: ResolutionSettings
 ) -> None:
     """Raise RecordingError where one load alone, at one pressure, is all there is."""
     force = np.concatenate([run.force for run in loaded])
     reach = float(np.max(np.ptp(force, axis=0)))
-    if reach < max(settings.smallest_force, settings.load_noise * arm.sensors.force_std):
+    if reach < settings.noise_span * arm.sensors.force_std:
         raise RecordingError(
             f'{names_of(loaded)}: one load at one pressure; how the arm bends at rest and how '
             'stiff it is cannot be distinguished: record another load, or the arm without one '
@@ -129,25 +134,26 @@ def check_different_loads(
 
 
 def check_pressures(
-    unloaded: Sequence[RecordingData], arm: Arm, settings: PreconditionSettings, *, constant: bool
+    unloaded: Sequence[RecordingData], arm: Arm, settings: CalibrationSettings, *, constant: bool
 ) -> None:
     """Raise RecordingError where unloaded recordings do not show what the pressure does.
 
     constant: it never changes, also under load.
     """
+    limits, same = settings.preconditions, same_pressure(arm, settings.resolution)
     pressures = np.concatenate([run.frame_pressure for run in unloaded])
     names = names_of(unloaded)
     moved = max(motion([run]) for run in unloaded)
     highest = float(np.max(np.abs(pressures)))
-    if highest < settings.smallest_span and moved > settings.bending_motion * arm.length:
+    if highest < limits.few_pascals and moved > limits.bending_motion * arm.length:
         raise RecordingError(
             f'{names}: the pressure never exceeds {highest:.3g} Pa, and yet the arm moves by '
             f'{millimeters(moved):.3g} mm; pressure must be gauge, in Pa, not in kPa, mbar or psi'
         )
     for run in unloaded:
         moves = motion([run])
-        still = np.ptp(run.frame_pressure) < settings.smallest_span
-        if still and moves > settings.hanging_motion * arm.length:
+        still = np.ptp(run.frame_pressure) < same
+        if still and moves > limits.hanging_motion * arm.length:
             raise RecordingError(
                 f'{run.name}: the pressure stands at {kilopascals(run.frame_pressure[0]):.3g} '
                 f'kPa, and yet the arm, without a load, moves by {millimeters(moves):.3g} mm; '
@@ -155,19 +161,20 @@ def check_pressures(
             )
     if constant:
         return
-    if looks_absolute(float(pressures.min()), arm, settings):
+    if looks_absolute(float(pressures.min()), arm, limits):
         raise RecordingError(
             f'{names}: the pressure is never below {kilopascals(float(pressures.min())):.4g} kPa, '
             'as if it were absolute; if it is, say so (--pressure-reference absolute); a gauge '
             'pressure begins near zero: record that too, or start from a model that was '
             'calibrated up there (--arm)'
         )
-    if np.ptp(pressures) < settings.smallest_span:
+    if np.ptp(pressures) < same:
         raise RecordingError(
             f'pressure spans {kilopascals(float(np.ptp(pressures))):.2g} kPa in {names}: kappa_p0 '
             'needs at least two pressures; record a ramp or a staircase'
         )
-    if moved < settings.smallest_motion and motion(unloaded) < settings.smallest_motion:
+    least = limits.smallest_motion * arm.length
+    if moved < least and motion(unloaded) < least:
         raise RecordingError(
             f'{names}: the targets hardly move although the '
             'pressure changes; do the target topic and the pressure belong together?'
@@ -186,9 +193,11 @@ def largest_force(run: RecordingData) -> float:
     return float(np.max(np.hypot(*run.force.T)))
 
 
-def check_unloaded(run: RecordingData, settings: PreconditionSettings = PRECONDITIONS) -> None:
+def check_unloaded(
+    run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
+) -> None:
     """Raise RecordingError where a recording that was given as unloaded has an end force."""
-    if run.loaded and largest_force(run) > settings.unloaded_force:
+    if run.loaded and largest_force(run) > settings.unloaded_force * arm.weight:
         raise RecordingError(
             f'{run.name} was given as unloaded, but its end force reaches '
             f'{largest_force(run):.3g} N; take it from --unloaded (calibrate: name it '

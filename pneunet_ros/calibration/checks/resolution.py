@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pneunet_ros.calibration.checks.preconditions import has_one_pressure
+from pneunet_ros.calibration.checks.preconditions import has_one_pressure, same_pressure
 from pneunet_ros.calibration.settings import RESOLUTION, ResolutionSettings
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData
@@ -57,8 +57,7 @@ def resolve(
     with_heading = any(run.heading is not None for run in runs)
     shapes = min(max(shapes + with_heading, 1), settings.knots)
     pressure = np.sort(np.concatenate([run.frame_pressure for run in runs]))
-    same = max(settings.same_pressure, settings.noise_span * arm.sensors.pressure_std)
-    pressures = count_apart(pressure.tolist(), same)
+    pressures = count_apart(pressure.tolist(), same_pressure(arm, settings))
     constant = has_one_pressure(runs, arm, settings)
     notes = []
     if shapes == 1:

@@ -28,7 +28,6 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.diagnosis.experiment_design import Experiment
 from pneunet_ros.diagnosis.result import Diagnosis
-from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.discovery.discovery import discover
 from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.exploration.exploration import explore, is_clear, Round
@@ -214,7 +213,7 @@ def run(arguments: Namespace) -> int:
 
 def safe_set(arguments: Namespace, model: Arm) -> SafeSet:
     """Return what may be done to the arm: what was asked for, within what the model knows."""
-    known = SafeSet.of(model, DEFAULTS.experiment_design.usual_force)
+    known = SafeSet.of(model)
     low, high = arguments.pressure or (known.low, known.high)
     if low < known.low or high > known.high:
         raise RequestError(
