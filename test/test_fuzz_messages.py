@@ -186,15 +186,18 @@ def test_every_layout_of_an_image_is_read_as_it_stands(examples):
     """All encodings, odd steps, and data that is longer than needed or a byte too short."""
 
     def body(encoding: str, width: int, height: int, more: int, behind: int) -> None:
-        row = width * len(ENCODINGS[encoding])
+        layout = ENCODINGS[encoding]
+        row = width * layout.channels * (1 + layout.deep)
         step = row + more
         needed = step * (height - 1) + row
         given = np.random.default_rng(1).integers(0, 256, needed + behind, np.uint8)
         fields = {'width': width, 'height': height, 'step': step, 'encoding': encoding}
+        fields['is_bigendian'] = more % 2
         heading = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=2), frame_id='camera')
         image = answer(decode_image, SimpleNamespace(header=heading, data=given, **fields))
-        assert image.pixels[-1, -1].tolist() == given[needed - image.channels : needed].tolist()
         assert image.grey().shape == (height, width)
+        if layout.channels == 1 and not layout.deep and 'bayer' not in encoding:
+            assert image.grey()[-1, -1] == given[needed - 1]
         short = SimpleNamespace(header=heading, data=given[: needed - 1], **fields)
         assert 'is cut off' in str(answer(decode_image, short))
 

@@ -169,12 +169,15 @@ def test_a_damaged_tiff_is_not_taken_for_an_image(tmp_path, capfd):
     assert capfd.readouterr() == ('', '')
 
 
-def test_an_image_of_16_bits_is_refused(tmp_path):
+@pytest.mark.parametrize('suffix', ['.tif', '.png'])
+def test_an_image_may_have_16_bits_but_no_fractions(tmp_path, suffix):
     folder = write_folder(tmp_path / 'f', PICTURES[:1])
-    (folder / 'frame1.tif').write_bytes(encoded(PICTURES[1].astype(np.uint16) * 257, '.tif'))
-    reading = read(folder)[2].reading
-    assert isinstance(reading, MessageError)
-    assert 'uint16' in str(reading)
+    (folder / f'frame1{suffix}').write_bytes(encoded(PICTURES[1].astype(np.uint16) * 257, suffix))
+    (folder / 'frame2.tif').write_bytes(encoded(PICTURES[1].astype(np.float32), '.tif'))
+    deep, fractions = (item.reading for item in read(folder)[2:4])
+    assert np.array_equal(deep.grey(), PICTURES[1])
+    assert isinstance(fractions, MessageError)
+    assert 'float32' in str(fractions)
 
 
 @pytest.mark.parametrize('name', ['camera_info.yaml', 'ost.yaml'])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -11,24 +13,78 @@ import numpy.typing as npt
 from pneunet_ros.core.errors import MessageError
 
 Bytes = npt.NDArray[np.uint8]
+Levels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
-# Encoding -> what its channels hold, in their order.
-ENCODINGS = {'mono8': 'g', 'rgb8': 'rgb', 'bgr8': 'bgr', 'rgba8': 'rgba', 'bgra8': 'bgra'}
 LARGEST_SIDE = 16_384  # px; what claims to be larger is no image of an arm
-_TO_GREY = {
-    'rgb8': cv2.COLOR_RGB2GRAY,
-    'bgr8': cv2.COLOR_BGR2GRAY,
-    'rgba8': cv2.COLOR_RGBA2GRAY,
-    'bgra8': cv2.COLOR_BGRA2GRAY,
-}
+
+
+class Layout(NamedTuple):
+    """How the bytes of an encoding become grey levels.
+
+    channels: values per pixel of a row; deep: whether a value has two bytes; grey: (height, width,
+    channels) to (height, width). Planes that follow the brightness (nv12) are not read.
+    """
+
+    channels: int
+    deep: bool
+    grey: Callable[[Levels], Levels]
+
+
+def _channel(number: int) -> Callable[[Levels], Levels]:
+    return lambda pixels: pixels[:, :, number]
+
+
+def _converted(code: int) -> Callable[[Levels], Levels]:
+    def grey(pixels: Levels) -> Levels:
+        whole: Any = np.ascontiguousarray(pixels[:, :, 0] if pixels.shape[2] == 1 else pixels)
+        converted: Any = cv2.cvtColor(whole, code)
+        levels: Levels = converted
+        return levels
+
+    return grey
+
+
+def _layouts() -> dict[str, Layout]:
+    """List the encodings of sensor_msgs that hold a picture, and nv12."""
+    grey, colors = _channel(0), ('rgb', 'bgr', 'rgba', 'bgra')
+    table: dict[str, Layout] = {}
+    for bits, deep in ((8, False), (16, True)):
+        table |= {name: Layout(1, deep, grey) for name in (f'mono{bits}', f'{bits}UC1')}
+        for name in colors:
+            convert = _converted(getattr(cv2, f'COLOR_{name.upper()}2GRAY'))
+            table[f'{name}{bits}'] = Layout(len(name), deep, convert)
+        table[f'{bits}UC3'], table[f'{bits}UC4'] = table[f'bgr{bits}'], table[f'bgra{bits}']
+        for name in ('RGGB', 'BGGR', 'GBRG', 'GRBG'):
+            convert = _converted(getattr(cv2, f'COLOR_Bayer{name}2GRAY'))
+            table[f'bayer_{name.lower()}{bits}'] = Layout(1, deep, convert)
+    table |= {name: Layout(2, False, _channel(1)) for name in ('yuv422', 'uyvy')}
+    table |= {name: Layout(2, False, grey) for name in ('yuv422_yuy2', 'yuyv')}
+    table |= {name: Layout(1, False, grey) for name in ('nv12', 'nv21', 'nv24')}
+    return table
+
+
+ENCODINGS = MappingProxyType(_layouts())
+
+
+def eight_bits(levels: Levels) -> Bytes:
+    """Return levels of 16 bits as 8, by as many bits as the brightest pixel needs.
+
+    A camera of 10, 12 or 14 bits fills the lower bits and does not say how many: the range is
+    the smallest even number of bits that holds the picture.
+    """
+    if levels.dtype == np.uint8:
+        return np.asarray(levels, np.uint8)
+    used = int(levels.max(initial=0)).bit_length()
+    return np.asarray(levels >> max(used + used % 2 - 8, 0), np.uint8)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Image:
     """A camera image: `height` rows of `step` bytes each, in which `width` pixels stand.
 
-    `data` (bytes,) is read-only; `encoding` is a key of ENCODINGS. Pixel (u, v) = (0, 0) is the
-    center of the first pixel, u to the right, v down. Raises MessageError where these do not fit.
+    `data` (bytes,) is read-only; `encoding` is a key of ENCODINGS; big_endian: of values with two
+    bytes, the first one is the larger. Pixel (u, v) = (0, 0) is the center of the first pixel, u
+    to the right, v down. Raises MessageError where these do not fit.
     """
 
     stamp_ns: int
@@ -38,6 +94,7 @@ class Image:
     step: int
     encoding: str
     data: Bytes
+    big_endian: bool = False
 
     def __post_init__(self) -> None:
         """Check the layout once."""
@@ -51,7 +108,8 @@ class Image:
                 f'an image of {self.width} x {self.height} pixels cannot be used; '
                 f'sides go from 1 to {LARGEST_SIDE}'
             )
-        row = self.width * self.channels
+        layout = ENCODINGS[self.encoding]
+        row = self.width * layout.channels * (1 + layout.deep)
         if self.step < row:
             raise MessageError(
                 f'an image of {self.width} pixels of {self.encoding} needs rows of {row} bytes, '
@@ -67,31 +125,22 @@ class Image:
             data.flags.writeable = False
         object.__setattr__(self, 'data', data)
 
-    @property
-    def channels(self) -> int:
-        """How many bytes a pixel has."""
-        return len(ENCODINGS[self.encoding])
-
-    @property
-    def pixels(self) -> Bytes:
-        """All pixels, (height, width, channels), a read-only view."""
-        view: Bytes = np.ndarray(
-            (self.height, self.width, self.channels),
-            np.uint8,
-            self.data.data,
-            0,
-            (self.step, self.channels, 1),
-        )
-        return view
-
     def grey(self) -> Bytes:
         """How bright all pixels are, (height, width); a view where the image is grey itself."""
-        if self.encoding == 'mono8':
-            return self.pixels[:, :, 0]
-        grey: Any = cv2.cvtColor(np.ascontiguousarray(self.pixels), _TO_GREY[self.encoding])
-        return np.asarray(grey, np.uint8)
+        layout = ENCODINGS[self.encoding]
+        kind = np.dtype(np.uint16 if layout.deep else np.uint8)
+        pixels: Any = np.ndarray(
+            (self.height, self.width, layout.channels),
+            kind.newbyteorder('>' if self.big_endian else '<'),
+            self.data.data,
+            0,
+            (self.step, layout.channels * kind.itemsize, kind.itemsize),
+        )
+        return eight_bits(layout.grey(pixels.astype(kind) if self.big_endian else pixels))
 
     def inverted(self) -> Image:
         """Return the image in grey, with dark and bright exchanged."""
         dark = np.asarray(cv2.bitwise_not(np.ascontiguousarray(self.grey())), np.uint8)
-        return replace(self, encoding='mono8', step=self.width, data=dark.reshape(-1))
+        return replace(
+            self, encoding='mono8', step=self.width, data=dark.reshape(-1), big_endian=False
+        )

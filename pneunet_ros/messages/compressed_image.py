@@ -15,12 +15,11 @@ import tempfile
 from typing import Any
 
 import cv2
-import numpy as np
 from pneunet_ros.core.errors import MessageError
-from pneunet_ros.core.image import Bytes, LARGEST_SIDE
+from pneunet_ros.core.image import Bytes, eight_bits, LARGEST_SIDE
 
 LARGEST_AREA = 64_000_000  # px; 64 MB of grey levels
-POSSIBLE = 'possible are jpeg and png with 8 bits per channel'
+POSSIBLE = 'possible are jpeg with 8 bits per channel and png'
 
 JPEG, JPEG_END = b'\xff\xd8\xff', b'\xff\xd9'
 PNG, PNG_END = b'\x89PNG\r\n\x1a\n', b'\0\0\0\0IEND\xaeB`\x82'
@@ -29,7 +28,7 @@ FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 BARE, SCAN = frozenset({0x01, *range(0xD0, 0xD8)}), 0xDA
 
 # Grey as it was stored: a turn that a camera app noted in the file is not in camera_info either.
-_FLAGS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+_FLAGS = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 _BY_DECODERS = re.compile(
     rb'(?m)^.*(?:JPEG|JFIF|SOS|progression|Adobe|libpng|grfmt_|loadsave|imdecode_).*\n*'
 )
@@ -39,8 +38,8 @@ _DAMAGE = re.compile(rb'(?:Corrupt JPEG data|Premature end of JPEG|libpng error)
 def decode_compressed(data: Bytes) -> Bytes:
     """Return the grey levels (height, width) of a jpeg or png, recognized by how it begins.
 
-    Raises MessageError for other formats, more than 8 bits per channel, sides above LARGEST_SIDE
-    or an area above LARGEST_AREA, and for an image that is cut off or damaged.
+    Raises MessageError for other formats, a jpeg of more than 8 bits per channel, sides above
+    LARGEST_SIDE or an area above LARGEST_AREA, and for an image that is cut off or damaged.
     """
     head = data[: len(PNG)].tobytes()
     # Some cameras fill their messages up with zeros.
@@ -69,7 +68,7 @@ def decode_compressed(data: Bytes) -> Bytes:
         raise MessageError(f'a {kind} is damaged: {damage.group().decode(errors="replace")}')
     if grey is None or grey.shape != (height, width):
         raise MessageError(f'a {kind} of {width} x {height} pixels is damaged')
-    return np.asarray(grey, np.uint8)
+    return eight_bits(grey)
 
 
 def decode_heard(data: Bytes, flags: int) -> tuple[Any, bytes]:
@@ -107,13 +106,11 @@ def jpeg_size(data: Bytes) -> tuple[int, int]:
 
 
 def png_size(data: Bytes) -> tuple[int, int]:
-    """Width and height by the header of a png; MessageError where it has none, or is deep."""
+    """Width and height by the header of a png; MessageError where it has none."""
     raw = data[8:25].tobytes()
     if len(raw) < 17 or raw[4:8] != b'IHDR':
         raise MessageError(f'a png of {data.size} bytes has no header: it is damaged')
-    width, height, bits = struct.unpack('>IIB', raw[8:])
-    if bits > 8:
-        raise MessageError(f'a png has {bits} bits per channel, as depth images have; {POSSIBLE}')
+    width, height = struct.unpack('>II', raw[8:16])
     return width, height
 
 

@@ -64,6 +64,7 @@ def decode_image(message: Any) -> Image:
             step=int(message.step),
             encoding=str(message.encoding),
             data=_bytes(message.data),
+            big_endian=bool(message.is_bigendian),
         )
     except UNFIT as error:
         raise MessageError(f'a message is no usable {IMAGE_TYPE}: {error}') from error

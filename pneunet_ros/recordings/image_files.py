@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 from pneunet_ros.core.errors import MessageError, RecordingError, RequestError
-from pneunet_ros.core.image import Bytes, Image
+from pneunet_ros.core.image import Bytes, eight_bits, Image
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.files.camera_file import load_camera_info
 from pneunet_ros.files.regular_file import open_regular
@@ -123,9 +123,11 @@ def _decode_plain(data: Bytes) -> Bytes:
     grey, complaint = decode_heard(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
     if grey is None or complaint:  # a tiff that is damaged is decoded all the same
         raise MessageError('it is no image, or is damaged')
-    if grey.dtype != np.uint8:
-        raise MessageError(f'an image of {grey.dtype} cannot be read; 8 bits per channel are')
-    return np.asarray(grey, np.uint8)
+    if grey.dtype not in (np.uint8, np.uint16):
+        raise MessageError(
+            f'an image of {grey.dtype} cannot be read; 8 or 16 bits per channel are'
+        )
+    return eight_bits(grey)
 
 
 def video_images(path: Path, camera_info: str | None, rate: float | None) -> ImageStream:
