@@ -21,7 +21,6 @@ from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.estimation.consistency import (
     agreement_of,
-    chi_square_limit,
     ConsistencySettings,
     ConsistencyState,
     FrameInnovation,
@@ -35,6 +34,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
+from pneunet_ros.measurement.inference.adequacy import chi_square_limit, RARELY
 from pneunet_ros.measurement.predicted_targets import (
     innovation,
     predict_targets,
@@ -340,8 +340,8 @@ def test_too_few_targets_tell_no_tip():
 
 @pytest.mark.parametrize('coordinates', [2, 10, 46, 100])
 def test_the_limit_is_the_quantile_of_chi_square(coordinates):
-    exact = stats.chi2.isf(stats.norm.sf(USED.quantile), coordinates) / coordinates
-    assert chi_square_limit(coordinates, USED.quantile) == pytest.approx(exact, rel=0.05)
+    exact = stats.chi2.isf(stats.norm.sf(RARELY), coordinates) / coordinates
+    assert chi_square_limit(coordinates) == pytest.approx(exact, rel=0.05)
 
 
 # Which frames are compared

@@ -865,6 +865,21 @@ def test_one_frame_that_is_stamped_ahead_costs_nothing():
     )
 
 
+@pytest.mark.parametrize('seconds', [100, 3600])
+@pytest.mark.parametrize('count', [1, 3])
+def test_the_running_nis_outlives_readings_that_are_stamped_ahead(seconds, count):
+    state = FusionState()
+    for frame in range(30):
+        ahead_ns = seconds * 10**9 if 12 <= frame < 12 + count else 0
+        stamp_ns = int(recorded().stamp_ns[frame]) + ahead_ns
+        state, _ = fusion().step(state, sightings(frame, stamp_ns=stamp_ns))
+        state, _ = fusion().step(state, replace(pressure(frame), stamp_ns=stamp_ns))
+    assert state.frames >= 29
+    assert state.nis is not None
+    assert state.nis.stamp_ns == recorded().stamp_ns[29]
+    assert 1.0 < state.nis.weight <= 30 - 12 - count
+
+
 @pytest.mark.parametrize('times', [0.02, 50.0])
 def test_an_arm_of_any_stiffness_is_fused_alike(times):
     arm = fusion().arm

@@ -14,6 +14,7 @@ from pneunet_ros.core.units import (
     quantities,
     quantity,
     seconds_between,
+    seconds_since,
 )
 import pytest
 
@@ -32,8 +33,12 @@ def test_conversions():
 
 def test_stamps_are_subtracted_before_they_become_seconds():
     year_2026 = 1_780_000_000_000_000_000
-    assert seconds_between(year_2026, year_2026 + 1) == 1e-9
-    assert seconds_between(year_2026 + 2_500_000_000, year_2026) == -2.5
+    assert seconds_since(year_2026, year_2026 + 1) == 1e-9
+    assert seconds_since(year_2026 + 2_500_000_000, year_2026) == -2.5
+
+
+def test_an_age_is_never_negative():
+    assert seconds_between(1, 2_500_000_001) == seconds_between(2_500_000_001, 1) == 2.5
 
 
 def test_a_quantity_carries_its_declaration():

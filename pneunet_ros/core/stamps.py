@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between, seconds_since
 
 BACKWARD_JUMP = 1.0  # s; a stamp older by more is a new start of time, by less a late message
 STARTS_ANEW = 'starts_anew'
@@ -61,7 +61,7 @@ class StampGate:
     def after(self, stamp_ns: int) -> StampGate:
         """Return it after one more message."""
         last_ns = self.last_ns
-        gap = last_ns is not None and seconds_between(last_ns, stamp_ns) > BACKWARD_JUMP
+        gap = last_ns is not None and seconds_since(last_ns, stamp_ns) > BACKWARD_JUMP
         return StampGate(last_ns=stamp_ns, before_ns=last_ns if gap else None)
 
 

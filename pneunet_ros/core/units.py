@@ -56,9 +56,14 @@ def millimeters(length: float) -> float:
     return length * 1000.0
 
 
-def seconds_between(earlier_ns: int, later_ns: int) -> float:
-    """Seconds from one stamp to another, exact also for large stamps."""
-    return (later_ns - earlier_ns) / NANOSECONDS_PER_SECOND
+def seconds_between(one_ns: int, other_ns: int) -> float:
+    """Return the seconds between two stamps, never negative: an age or a gap."""
+    return abs(seconds_since(one_ns, other_ns))
+
+
+def seconds_since(start_ns: int, stamp_ns: int) -> float:
+    """Return the time (s) of a stamp on an axis that begins at start_ns; negative before it."""
+    return (stamp_ns - start_ns) / NANOSECONDS_PER_SECOND
 
 
 def quantity(

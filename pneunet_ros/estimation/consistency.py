@@ -33,6 +33,7 @@ from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.frame_prediction import BESIDE, predict_frame
 from pneunet_ros.estimation.persistent_errors import FrameEvidence, PersistentErrors
+from pneunet_ros.measurement.inference.adequacy import chi_square_limit
 from pneunet_ros.measurement.predicted_targets import innovation, PredictedTargets
 from scipy.special import bdtrc
 
@@ -65,11 +66,6 @@ class ConsistencySettings:
     )
     sure: float = tuning(
         1e-3, 'probability that so many tips are outside by chance', source='invented'
-    )
-    quantile: float = tuning(
-        3.719,
-        'one-sided quantile of 1e-4: how rarely the targets of a frame go beyond the limit',
-        unit='sigma',
     )
 
 
@@ -252,7 +248,7 @@ class ConsistencyState:
         running = self.running
         if running is None or running.frames < settings.fewest_frames:
             return None
-        most = chi_square_limit(running.coordinates, settings.quantile)
+        most = chi_square_limit(running.coordinates)
         target = int(np.nanargmax(running.at_targets))
         return Disagreement(
             stamp_ns=running.stamp_ns,
@@ -399,7 +395,7 @@ def add_frame(
     assert frame is not None
     stamp_ns, time = sightings.stamp_ns, estimator.settings.watch_time
     chi_square = frame.chi_square / frame.coordinates
-    most = chi_square_limit(frame.coordinates, settings.quantile)
+    most = chi_square_limit(frame.coordinates)
     force_read = estimate.wrench_age is not None
     by_itself = FrameInnovation(
         stamp_ns=stamp_ns,
@@ -466,9 +462,3 @@ def evidence_of(
         tip_covariance=estimate.tip_covariance[:2, :2],
         beyond=beyond,
     )
-
-
-def chi_square_limit(coordinates: float, quantile: float) -> float:
-    """Return what chi square per coordinate of one frame rarely exceeds (Wilson and Hilferty)."""
-    variance = 2.0 / (9.0 * coordinates)
-    return (1.0 - variance + quantile * math.sqrt(variance)) ** 3

@@ -13,7 +13,12 @@ import math
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
-from pneunet_ros.core.units import kilopascals, PASCALS_PER_KILOPASCAL, seconds_between
+from pneunet_ros.core.units import (
+    kilopascals,
+    PASCALS_PER_KILOPASCAL,
+    seconds_between,
+    seconds_since,
+)
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import estimate_of, Outcome, ShapeEstimate
 from pneunet_ros.estimation.out_of_plane import out_of_plane, OutOfPlane
@@ -189,7 +194,7 @@ class Estimator:
             sentence = 'no end wrench received; set wrench_required to false if there is no load'
             refusal = refuse(stamp_ns, 'no_wrench', sentence, awaits_others=True)
             return unloaded, None, refusal
-        age = seconds_between(state.wrench.stamp_ns, stamp_ns)
+        age = seconds_since(state.wrench.stamp_ns, stamp_ns)
         if abs(age) <= self.settings.wrench_timeout:
             return state.wrench, age, None
         side = 'older' if age > 0.0 else 'newer'

@@ -31,6 +31,7 @@ from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.errors.noise_model import camera_errors
+from pneunet_ros.measurement.inference.adequacy import RARELY
 from pneunet_ros.measurement.predicted_targets import PredictedTargets
 from pneunet_ros.model.arm import Arm
 from scipy.special import chdtrc, gammaincc
@@ -62,7 +63,6 @@ class PersistenceSettings:
     )
     sure: float = tuning(1e-4, 'probability that unknowns are so far off by chance')
     white_error: float = tuning(0.05, 'relative error of the std of white noise')
-    quantile: float = tuning(3.719, 'one-sided quantile of 1e-4 of what is left', unit='sigma')
 
 
 PERSISTENCE = PersistenceSettings()
@@ -234,7 +234,7 @@ def persistent_errors(
         chance=chance,
         sure=settings.sure,
         left=float(np.sum(rest**2)) / dof,
-        left_limit=1.0 + settings.quantile * spread_left,
+        left_limit=1.0 + RARELY * spread_left,
         tip_rms=math.sqrt(squares),
         tips_outside=outside,
     )

@@ -345,7 +345,7 @@ def move_belief(
     first by its walk, and after `interval` as one that goes on steadily, since a load that swings
     does. One column of the root follows for all that moves, then those of the noise.
     """
-    seconds = abs(seconds_between(belief.stamp_ns, stamp_ns))
+    seconds = seconds_between(belief.stamp_ns, stamp_ns)
     steady = max(seconds / belief.interval, 1.0) if walk is None else 1.0
     walk = belief.walk if walk is None else walk
     moving = unknowns.moving

@@ -162,7 +162,7 @@ class Bench:
         )
         if not belief.touched:
             return moved
-        seconds = abs(seconds_between(belief.stamp_ns, stamp_ns))
+        seconds = seconds_between(belief.stamp_ns, stamp_ns)
         settings = self.settings
         force_walk = min(moved.walk, settings.contact_walk * self.unknowns.force_scale)
         walks = np.array([force_walk, settings.place_walk * self.arm.length])

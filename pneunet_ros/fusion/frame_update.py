@@ -12,9 +12,9 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.estimation.consistency import chi_square_limit
 from pneunet_ros.fusion.belief import Belief, FORCE
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem, Trial
+from pneunet_ros.measurement.inference.adequacy import chi_square_limit
 
 Fit = tuple[FrameProblem, FrameLinearization]
 
@@ -148,9 +148,9 @@ def with_fit(update: FrameUpdate, best: Fit, used: Fit, seen: int) -> FrameUpdat
 
 def excess(fit: Fit) -> float:
     """Return the NIS of a fit over what noise rarely exceeds."""
-    problem, found = fit
+    found = fit[1]
     coordinates = found.trial.residual.size
-    return found.cost / (coordinates * chi_square_limit(coordinates, problem.settings.quantile))
+    return found.cost / (coordinates * chi_square_limit(coordinates))
 
 
 def misfits(fit: Fit) -> bool:
@@ -158,11 +158,9 @@ def misfits(fit: Fit) -> bool:
 
     Along a straight arm the force ends where it buckles, and the search with it.
     """
-    problem, found = fit
+    found = fit[1]
     coordinates = found.trial.residual.size
-    return found.cost - found.gain > coordinates * chi_square_limit(
-        coordinates, problem.settings.quantile
-    )
+    return found.cost - found.gain > coordinates * chi_square_limit(coordinates)
 
 
 def leave_out(problem: FrameProblem, fit: FrameLinearization) -> Fit:

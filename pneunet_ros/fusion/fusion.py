@@ -16,9 +16,8 @@ import numpy as np
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, Reading, TargetSightings, WrenchReading
 from pneunet_ros.core.stamps import AHEAD, STARTS_ANEW
-from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between, seconds_since
 from pneunet_ros.effects.effect import Load
-from pneunet_ros.estimation.consistency import chi_square_limit
 from pneunet_ros.estimation.estimator import reference_hint, refuse
 from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -56,6 +55,7 @@ from pneunet_ros.fusion.state import FusionState, RunningNis, TakenFrame
 from pneunet_ros.measurement.between_readings import error_between
 from pneunet_ros.measurement.errors.rounding_error import smallest_change, with_rounding
 from pneunet_ros.measurement.errors.white_noise import white_std
+from pneunet_ros.measurement.inference.adequacy import chi_square_limit
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load, OUT_OF_RANGE
 
@@ -170,7 +170,7 @@ class Fusion:
             return self.refuse_pressure(state, reading)
         state = self.with_pressure(state)
         age = state.target_age(instant.stamp_ns)
-        late = age is None or abs(age) > self.settings.target_timeout
+        late = age is None or age > self.settings.target_timeout
         ahead = self.ahead_notes(state)
         mode = Mode.PREDICTION if late else Mode.FUSED
         state, outcome = self.publish(state, instant, mode, [*notes, *ahead])
@@ -196,7 +196,7 @@ class Fusion:
         shown = [self.bench.shown_ns(sightings) for sightings in state.waiting]
         if state.belief is not None and state.belief.frames:
             shown.append(state.belief.stamp_ns)
-        ahead = max((seconds_between(last_ns, ns) for ns in shown), default=0.0)
+        ahead = max((seconds_since(last_ns, ns) for ns in shown), default=0.0)
         if ahead <= self.settings.most_ahead + 1.5 * seconds_between(before_ns, last_ns):
             return []
         return [
@@ -282,7 +282,7 @@ class Fusion:
 
     def is_stale(self, last_ns: int, stamp_ns: int) -> bool:
         """Whether a pressure reading is too old at a stamp."""
-        return abs(seconds_between(last_ns, stamp_ns)) > self.sensors.input_timeout
+        return seconds_between(last_ns, stamp_ns) > self.sensors.input_timeout
 
     def pressure_at(self, state: FusionState, stamp_ns: int) -> PressureInstant:
         """Return the pressure at a stamp: on the line between readings, else the nearest one.
@@ -333,7 +333,7 @@ class Fusion:
         if not state.wrenches or (with_targets and not self.knows_force_noise(state)):
             return None
         wrench = nearest_to(state.wrenches, stamp_ns)
-        age = seconds_between(wrench.stamp_ns, stamp_ns)
+        age = seconds_since(wrench.stamp_ns, stamp_ns)
         if abs(age) > self.sensors.wrench_timeout:
             return None
         return NearWrench(reading=wrench, age=age, std=self.force_std(state))
@@ -522,7 +522,7 @@ class Fusion:
         """Remember what became of a frame, and count it; seen: what else of it is remembered."""
         nis, update, shown_ns = state.nis, taken.update, taken.frame.stamp_ns
         if update.coordinates:
-            limit = chi_square_limit(update.coordinates, self.settings.quantile)
+            limit = chi_square_limit(update.coordinates)
             value = update.nis / update.coordinates
             first = RunningNis(stamp_ns=shown_ns, weight=1.0, last=value, mean=value, limit=limit)
             nis = (

@@ -197,11 +197,6 @@ class FusionSettings:
     frame_gate: float = tuning(
         4.0, 'of a frame, beyond which it is not used', unit='limit of the NIS of noise'
     )
-    quantile: float = tuning(
-        3.719,
-        'one-sided quantile of 1e-4: how rarely noise takes the NIS of a frame beyond its limit',
-        unit='sigma',
-    )
     frames_lost: int = tuning(3, 'frames not used in a row, after which the force is forgotten')
     most_lost: int = tuning(9, 'frames not used in a row, after which all is forgotten')
     restart_frames: int = tuning(6, 'frames over which the cold starts are tried, once a round')

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, frozen_array, pressure_rows
-from pneunet_ros.core.units import seconds_between
+from pneunet_ros.core.units import seconds_since
 from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
@@ -79,7 +79,7 @@ def inputs_of(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
             sensed = arm.sense(Load(pressure=pressure)).pressure
             if history is None:
                 history, before = arm.initial_history(sensed), stamp
-            seconds = max(seconds_between(before, stamp), 0.0)
+            seconds = max(seconds_since(before, stamp), 0.0)
             history, chamber[place] = arm.actuate(history, seconds, sensed)
             histories.append(history)
             before = stamp

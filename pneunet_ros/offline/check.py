@@ -23,7 +23,7 @@ from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.stamps import Stamps
-from pneunet_ros.core.units import kilopascals, seconds_between
+from pneunet_ros.core.units import kilopascals, seconds_between, seconds_since
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -147,7 +147,7 @@ def sync(series: Mapping[str, ReadingSeries], name: str) -> dict[str, Any]:
     return {
         'share': float(np.mean(matched)),
         'offset': float(np.median(stamps - pressure.stamp_ns[found])) * 1e-9,
-        'starts': seconds_between(int(pressure.stamp_ns[0]), int(stamps[0])),
+        'starts': seconds_since(int(pressure.stamp_ns[0]), int(stamps[0])),
     }
 
 
@@ -186,8 +186,8 @@ def holds(series: Mapping[str, ReadingSeries], arm: Arm) -> list[dict[str, float
     start = int(pressure.stamp_ns[0])
     return [
         {
-            'from': seconds_between(start, int(pressure.stamp_ns[first])),
-            'to': seconds_between(start, int(pressure.stamp_ns[last])),
+            'from': seconds_since(start, int(pressure.stamp_ns[first])),
+            'to': seconds_since(start, int(pressure.stamp_ns[last])),
             'pressure': float(np.mean(pressure.values[first : last + 1])),
         }
         for first, last in held_spans(pressure.stamp_ns, values, np.array(still))

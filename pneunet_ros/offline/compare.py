@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.units import seconds_between
+from pneunet_ros.core.units import seconds_since
 from pneunet_ros.estimation.shape_error import (
     CenterlineErrors,
     compare_shapes,
@@ -170,7 +170,5 @@ def spans(comparison: Comparison) -> str:
         if not items:
             return f'{side.name} has no frame that can be compared'
         start, end = min(item[0] for item in items), max(item[-1] for item in items)
-        texts.append(
-            f'{seconds_between(0, int(start)):.3f} to {seconds_between(0, int(end)):.3f} s'
-        )
+        texts.append(f'{seconds_since(0, int(start)):.3f} to {seconds_since(0, int(end)):.3f} s')
     return f'stamps are {texts[0]} and {texts[1]}'

@@ -11,7 +11,7 @@ from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.unit_system import SI, UnitSystem
-from pneunet_ros.core.units import seconds_between, SI_PER_UNIT
+from pneunet_ros.core.units import seconds_since, SI_PER_UNIT
 from pneunet_ros.messages.readings import Component, SENSORS, TARGETS
 
 
@@ -55,7 +55,7 @@ def columns(table: ReadingTable, units: UnitSystem = SI) -> dict[str, npt.NDArra
     Those in SI are the names that `import` knows. What was never read has no column.
     """
     start = int(table.stamp_ns[0]) if len(table.stamp_ns) else 0
-    seconds = [seconds_between(start, stamp) for stamp in table.stamp_ns.tolist()]
+    seconds = [seconds_since(start, stamp) for stamp in table.stamp_ns.tolist()]
     found: dict[str, npt.NDArray[np.generic]] = {
         'stamp_ns': table.stamp_ns,
         'time_s': np.array(seconds),

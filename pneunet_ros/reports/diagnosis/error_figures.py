@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.units import kilopascals, millimeters, seconds_between
+from pneunet_ros.core.units import kilopascals, millimeters, seconds_since
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.measurement.dataset import RecordingData
@@ -296,7 +296,7 @@ def draw_shapes(axes: Axes, item: RecordingErrors, frame: int) -> None:
 
 def frame_label(run: RecordingData, frame: int) -> str:
     """Name a frame: recording, time, pressure and end force."""
-    seconds = seconds_between(int(run.stamp_ns[0]), int(run.stamp_ns[frame]))
+    seconds = seconds_since(int(run.stamp_ns[0]), int(run.stamp_ns[frame]))
     f1, f2 = (round(1000.0 * value) for value in run.force[frame].tolist())
     pressure = f'{kilopascals(float(run.frame_pressure[frame])):z.1f} kPa'
     load = f', F = ({f1}, {f2}) mN' if run.loaded else ', no load'

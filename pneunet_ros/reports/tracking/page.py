@@ -23,7 +23,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.stamps import match_stamps
-from pneunet_ros.core.units import seconds_between
+from pneunet_ros.core.units import seconds_since
 from pneunet_ros.estimation.shape_error import Centerlines, median_period
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.reports.page import render_page
@@ -86,7 +86,7 @@ class TrackingPage:
         if tracking is not None:
             self._tally(tracking)
         if image is not None and tracking is not None and self._count % self._every == 0:
-            seconds = seconds_between(self._start_ns, log_time_ns)
+            seconds = seconds_since(self._start_ns, log_time_ns)
             self._frames.append(self._frame(seconds, image, tracking, state))
         if len(self._frames) > SHOWN:
             self._frames = self._frames[::2]

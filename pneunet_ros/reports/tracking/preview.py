@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.errors import shortened
 from pneunet_ros.core.image import Image
-from pneunet_ros.core.units import seconds_between
+from pneunet_ros.core.units import seconds_since
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.style import figure_text
@@ -143,7 +143,7 @@ class Preview:
         return picture('tracking', 'All frames', 'Curves, and targets over time.', figure)
 
     def _seconds(self, log_time_ns: int) -> float:
-        return seconds_between(self._times_ns[0], log_time_ns)
+        return seconds_since(self._times_ns[0], log_time_ns)
 
     def _draw_pictures(self, part: Any) -> None:
         shown = self.shown()
