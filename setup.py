@@ -48,8 +48,10 @@ def long_description():
 
 
 CLUSTER = ['distributed>=2024.2']
+MUJOCO = ['mujoco>=3.13']  # the first with the integrator `discrete`
 TEST = [
     *CLUSTER,
+    *MUJOCO,
     'hypothesis>=6.98',
     'pytest>=7.4',
     # The photographs that they ship, on which pictures are composed.
@@ -109,6 +111,7 @@ setup(
             f'ros-jazzy-common-interfaces; {WHEELS}',
         ],
         'cluster': CLUSTER,
+        'mujoco': MUJOCO,
         'completion': ['argcomplete>=2'],
         'docs': DOCS,
         'test': TEST,

@@ -47,7 +47,7 @@ LIBRARIES = {
 }
 
 # Imported where they are asked for only, and absent from most robots: extras of setup.py.
-OPTIONAL = {'argcomplete': 'completion', 'distributed': 'cluster'}
+OPTIONAL = {'argcomplete': 'completion', 'distributed': 'cluster', 'mujoco': 'mujoco'}
 
 
 @pytest.fixture(scope='module')

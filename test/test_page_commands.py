@@ -32,6 +32,7 @@ NOT_TO_BE_HAD = (
     'git clone ',
     'docker ',
     'pip install rerun-sdk',
+    "pip install 'pneunet_ros[mujoco]'",
     'python examples/look_in_rerun.py',
 )
 BLOCKS = {page: blocks_of(page) for page in PAGES}

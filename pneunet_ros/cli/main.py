@@ -217,6 +217,12 @@ VERBS = (
         'pneunet urdf --model model.yaml --output arm.urdf',
     ),
     Verb(
+        'mjcf',
+        'write the finger as a MuJoCo model: hinges, masses, damping, contact',
+        'pneunet_ros.cli.verbs.mjcf',
+        'pneunet mjcf --model model.yaml --output finger.xml',
+    ),
+    Verb(
         'compile',
         'compile all kernels ahead and keep them on the disk',
         'pneunet_ros.cli.verbs.compile',

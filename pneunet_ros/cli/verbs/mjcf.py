@@ -1,0 +1,98 @@
+"""`pneunet mjcf`: the finger as a model for MuJoCo."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from pneunet_ros.cli.quantity_option import quantity_type
+from pneunet_ros.cli.verb import (
+    add_json,
+    add_model,
+    add_overwrite,
+    DONE,
+    model_of,
+    output_console,
+    print_json,
+)
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.model.hinge_chain import hinge_chain
+from pneunet_ros.mujoco.hinge_chain import LINKS, mjcf, STANDARD_GRAVITY
+
+DAMPING_TIME = 0.03  # s, 10 % of critical damping at 1 Hz: zeta = pi f1 damping_time
+FEWEST_LINKS, MOST_LINKS = 4, 400
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    add_model(parser)
+    parser.add_argument(
+        '--links',
+        type=int,
+        default=LINKS,
+        metavar='N',
+        help='hinges of the chain (default: %(default)s, within 0.05 mm of `pneunet predict`)',
+    )
+    parser.add_argument(
+        '--damping-time',
+        type=quantity_type('time'),
+        default=DAMPING_TIME,
+        metavar='S',
+        help='Kelvin-Voigt damping: damping of a hinge / its stiffness; a free decay at f1 with '
+        'damping ratio zeta gives zeta / (pi f1) (default: %(default)s s, an assumption: 10 %% of '
+        'critical at 1 Hz)',
+    )
+    parser.add_argument(
+        '--tip-weight',
+        type=quantity_type('force'),
+        default=0.0,
+        metavar='N',
+        help='weight of something at the free end, e.g. 2g (default: 0)',
+    )
+    parser.add_argument(
+        '--radius',
+        type=quantity_type('length'),
+        metavar='M',
+        help='of the collision capsules: half of the thickness of the finger (default: a '
+        'sixteenth of its length)',
+    )
+    parser.add_argument(
+        '--output', type=Path, required=True, metavar='FILE', help='MJCF file to write, .xml'
+    )
+    add_overwrite(parser)
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Write the MJCF."""
+    arm = model_of(arguments)
+    if not FEWEST_LINKS <= arguments.links <= MOST_LINKS:
+        raise RequestError(f'--links must lie between {FEWEST_LINKS} and {MOST_LINKS}')
+    chain = hinge_chain(
+        arm,
+        damping_time=arguments.damping_time,
+        tip_mass=arguments.tip_weight / STANDARD_GRAVITY,
+        radius=arguments.radius,
+        links=arguments.links,
+    )
+    with atomic_output(arguments.output, overwrite=arguments.overwrite) as temporary:
+        temporary.write_text(mjcf(chain), encoding='utf-8')
+    if arguments.json:
+        print_json(
+            {
+                'output': arguments.output,
+                'model': arm.name,
+                'hinges': chain.hinge.size,
+                'mass': chain.mass + chain.tip_mass,
+                'damping_time': chain.damping_time,
+                'radius': chain.radius,
+                'pressure_range': [chain.pressure[0], chain.pressure[-1]],
+            }
+        )
+    else:
+        output_console().print(
+            f'wrote {arguments.output}: {arm.name} with {chain.hinge.size} hinges and '
+            f'{1e3 * (chain.mass + chain.tip_mass):.1f} g, damping time {chain.damping_time:g} s'
+        )
+    return DONE

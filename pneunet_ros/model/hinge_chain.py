@@ -1,0 +1,130 @@
+"""An arm as a chain of hinges for MuJoCo: each bends as the part of the rod it stands for."""
+
+from __future__ import annotations
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.mujoco.hinge_chain import HingeChain, LINKS, STANDARD_GRAVITY
+from pneunet_ros.solver.columns import (
+    AXIAL_COMPLIANCE,
+    CLAMP_ANGLE,
+    CLAMP_COMPLIANCE,
+    CUBIC,
+    LOAD_OFFSET,
+    LOAD_X,
+    LOAD_Y,
+    MOMENT_OFFSET,
+    REST_STRAIN,
+    RIGIDITY,
+    START,
+)
+from pneunet_ros.solver.rod import Rods
+
+# Between the tables' own rows the laws are linear in pressure, but 1/B and l1 within a hinge are
+# not: with so many rows what is interpolated is below 1 um at the tip.
+ROWS = 64
+SLENDER = 1.0 / 16.0  # radius of the capsules / length: a finger of 112 mm is 14 mm thick
+
+
+def hinge_chain(
+    arm: Arm,
+    *,
+    damping_time: float,
+    tip_mass: float = 0.0,
+    radius: float | None = None,
+    links: int = LINKS,
+) -> HingeChain:
+    """Return an arm as a chain of hinges with its masses, springs and damping.
+
+    damping_time: s, damping of a hinge / its stiffness (Kelvin-Voigt); tip_mass: kg; radius: m, of
+    the capsules, a sixteenth of the length without one; links: how many. Effects of sensors are
+    no part of the finger, and those with a history are at rest. Raises RequestError where the arm
+    has an effect that a chain of hinges cannot carry.
+    """
+    pressure = table_pressures(arm)
+    rods = arm.rods(pressure)
+    refuse_what_hinges_cannot(arm, rods)
+    borders = np.linspace(0.0, arm.length, links + 1)
+    sections = spans(rods, borders)
+    stretch_per_moment = sections / rods.sections[:, None, :, RIGIDITY]
+    compliance = stretch_per_moment.sum(axis=2)
+    offset = (stretch_per_moment * rods.sections[:, None, :, MOMENT_OFFSET]).sum(axis=2)
+    rest = np.diff(rotation_at(rods, borders), axis=1) - offset
+    cubic = rods.sections[0, 0, CUBIC] / np.diff(borders) ** 2
+    hinge = 0.5 * (borders[:-1] + borders[1:])
+    clamp = rods.clamp[:, CLAMP_COMPLIANCE : CLAMP_COMPLIANCE + 1]
+    if clamp.any():
+        compliance = np.concatenate([clamp, compliance], axis=1)
+        rest = np.concatenate([np.zeros_like(clamp), rest], axis=1)
+        cubic, hinge = np.append(0.0, cubic), np.append(0.0, hinge)
+    mass = arm.weight / STANDARD_GRAVITY
+    load = rods.sections[0, 0, [LOAD_X, LOAD_Y]]
+    return HingeChain(
+        name=arm.name,
+        length=arm.length,
+        tip_cap=arm.tip_cap,
+        clamp_angle=float(rods.clamp[0, CLAMP_ANGLE]),
+        mass=mass,
+        tip_mass=tip_mass,
+        damping_time=damping_time,
+        radius=arm.length * SLENDER if radius is None else radius,
+        hinge=hinge,
+        pressure=pressure,
+        stiffness=1.0 / compliance,
+        rest=rest,
+        cubic=cubic,
+        target=arm.target_arclength,
+        gravity=load * arm.length / mass,
+    )
+
+
+def table_pressures(arm: Arm) -> Array:
+    """Return the rows of the arm's tables, and `ROWS` steps between the first and the last."""
+    rows = arm.table.pressure
+    return freeze(np.union1d(rows, np.linspace(rows[0], rows[-1], ROWS + 1)))
+
+
+def refuse_what_hinges_cannot(arm: Arm, rods: Rods) -> None:
+    """Raise RequestError where the rod stretches, or carries what no hinge can."""
+    soft = rods.sections[:, : rods.sections.shape[1] - bool(arm.tip_cap)]
+    refused = {
+        'stretches': soft[:, :, [AXIAL_COMPLIANCE, REST_STRAIN]].any(),
+        'is pushed at a place': bool(rods.push.any()),
+        'is loaded beside its tip': rods.clamp[:, LOAD_OFFSET].any(),
+        'changes with its end load': bool(arm.by_load),
+        'has a weight or a stiffening that is not the same everywhere': (
+            np.ptp(soft[:, :, [LOAD_X, LOAD_Y, CUBIC]], axis=(0, 1)).any()
+        ),
+        'has a clamp whose heading goes with the pressure': (
+            np.ptp(rods.clamp[:, CLAMP_ANGLE]) > 0.0
+        ),
+    }
+    for what, found in refused.items():
+        if found:
+            names = ', '.join(effect.name for effect in arm.effects if not effect.is_neutral)
+            raise RequestError(
+                f'{arm.name} {what}, which a chain of hinges cannot carry: take the effect out of '
+                f'the model file (its effects: {names})'
+            )
+
+
+def spans(rods: Rods, borders: Array) -> Array:
+    """Return how much (m) of every part between borders lies in every section.
+
+    borders (parts + 1,) m; returns (pressures, parts, sections).
+    """
+    starts = rods.sections[:, None, :, START]
+    after = np.full((*starts.shape[:2], 1), np.inf)
+    stops = np.concatenate([starts[:, :, 1:], after], axis=2)
+    low, high = borders[:-1, None], borders[1:, None]
+    return np.asarray(np.clip(np.minimum(high, stops) - np.maximum(low, starts), 0.0, None))
+
+
+def rotation_at(rods: Rods, places: Array) -> Array:
+    """Return how far (rad) the unloaded rod has turned at places (m), (pressures, places)."""
+    last = rods.knots.size - 2
+    piece = np.clip(np.searchsorted(rods.knots, places, side='right') - 1, 0, last)
+    powers = (places - rods.knots[piece])[:, None] ** np.arange(float(rods.rotation.shape[2]))
+    return np.asarray((rods.rotation[:, piece] * powers).sum(axis=2))

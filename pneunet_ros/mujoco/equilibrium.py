@@ -1,0 +1,49 @@
+"""The shape at which a MuJoCo finger comes to rest, found without waiting for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.mujoco.library import load_mujoco
+
+STEP = 1e-6  # rad, of finite differences
+SETTLED = 1e-11  # rad, of the last step of Newton, quadratic before
+MOST_STEPS = 100
+LONGEST_STEP = 0.03  # rad of a hinge: a finger of 56 links turns by 1.7 rad at most at once
+
+
+def come_to_rest(model: Any, data: Any, apply_loads: Callable[[], None]) -> None:
+    """Move all joints, by Newton, to where MuJoCo's forces balance; velocities are 0 then.
+
+    apply_loads: sets `data.qfrc_applied` and `data.xfrc_applied` at the positions in `data`.
+    Contacts count for nothing. Raises RequestError where no equilibrium is found.
+    """
+    mujoco = load_mujoco()
+
+    def unbalanced(qpos: Array) -> Array:
+        data.qpos[:] = qpos
+        mujoco.mj_fwdPosition(model, data)
+        apply_loads()
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        mujoco.mj_fwdAcceleration(model, data)
+        return np.array(data.qfrc_smooth)
+
+    data.qvel[:] = 0.0
+    qpos = np.array(data.qpos)
+    for _ in range(MOST_STEPS):
+        force = unbalanced(qpos)
+        slope = np.empty((model.nv, model.nv))
+        for joint, moved in enumerate(np.eye(model.nv) * STEP):
+            slope[:, joint] = (unbalanced(qpos + moved) - unbalanced(qpos - moved)) / (2.0 * STEP)
+        step = np.linalg.solve(slope, -force)
+        largest = float(np.abs(step).max())
+        qpos = qpos + step * min(1.0, LONGEST_STEP / max(largest, 1e-300))
+        if largest < SETTLED:
+            unbalanced(qpos)
+            return
+    raise RequestError('the MuJoCo finger finds no equilibrium: use smaller loads')

@@ -1,0 +1,20 @@
+"""MuJoCo, where it is installed: an extra, that nothing else of this package needs."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+from pneunet_ros.core.errors import RequestError
+
+
+def load_mujoco() -> ModuleType:
+    """Return the module `mujoco`; RequestError that names the command where it is missing."""
+    try:
+        import mujoco
+    except ImportError as error:
+        raise RequestError(
+            f"MuJoCo is not installed ({error}): type pip install 'pneunet_ros[mujoco]', or pip "
+            "install '.[mujoco]' in a checkout"
+        ) from None
+    module: ModuleType = mujoco
+    return module
