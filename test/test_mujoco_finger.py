@@ -12,15 +12,18 @@ from pneunet_ros import load_model, solve
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
+from pneunet_ros.core.units import STANDARD_GRAVITY
 from pneunet_ros.effects.clamp_compliance import ClampCompliance
 from pneunet_ros.effects.extensibility import Extensibility
 from pneunet_ros.effects.gravity import Gravity
 from pneunet_ros.effects.stiffening import Stiffening
+from pneunet_ros.model import gravity as plane
 from pneunet_ros.model.hinge_chain import hinge_chain
 from pneunet_ros.model.moment_law import LinearLaw
+from pneunet_ros.model.motion import Motion
 from pneunet_ros.mujoco import Finger
 from pneunet_ros.mujoco.equilibrium import come_to_rest
-from pneunet_ros.mujoco.hinge_chain import mjcf, STANDARD_GRAVITY
+from pneunet_ros.mujoco.hinge_chain import mjcf
 from pneunet_ros.mujoco.library import load_mujoco
 import pytest
 
@@ -32,7 +35,8 @@ def paper_arm():
     return load_model(share_path('config/paper_arm.yaml'))
 
 
-def started(arm, **options):
+def started(arm, *, tip_mass=0.0, **options):
+    arm = dataclasses.replace(arm, motion=Motion(tip_mass=tip_mass))
     text = mjcf(hinge_chain(arm, **{'damping_time': 0.03} | options))
     model = mujoco.MjModel.from_xml_string(text)
     return Finger(model, mujoco.MjData(model))
@@ -86,6 +90,20 @@ def test_at_rest_it_stands_where_the_rod_does(effects):
         assert shape.converged
         tip = tip_at_rest(finger, pressure, force, moment)
         assert np.hypot(*(tip - shape.tip[:2])) < TIP_GOAL
+
+
+def test_an_arm_that_hangs_with_a_mass_at_its_tip_stands_where_the_rod_does():
+    arm = dataclasses.replace(
+        paper_arm(), gravity=plane.Gravity(x=0.6, y=-0.8), motion=Motion(tip_mass=3e-3)
+    )
+    finger = started(arm, tip_mass=3e-3)
+    for pressure, force, moment in LOADS[:3]:
+        shape = solve(arm, pressure=pressure, force=force, moment=moment)
+        tip = tip_at_rest(finger, pressure, force, moment)
+        assert np.hypot(*(tip - shape.tip[:2])) < TIP_GOAL
+    pulled = dataclasses.replace(arm, effects=(Gravity(weight_y=0.1),))
+    with pytest.raises(RequestError, match='mass at its tip'):
+        hinge_chain(pulled, damping_time=0.03)
 
 
 def test_targets_and_a_rigid_cap_stand_where_the_rod_has_them():
@@ -205,12 +223,12 @@ def test_without_mujoco_the_command_that_installs_it_is_named(monkeypatch):
 
 def test_the_verb_writes_a_file_that_mujoco_loads(tmp_path, capsys):
     output = tmp_path / 'finger.xml'
-    command = ['mjcf', '--output', str(output), '--tip-weight', '2g', '--links', '20', '--json']
+    command = ['mjcf', '--output', str(output), '--links', '20', '--json']
     assert main(command) == 0
     said = json.loads(capsys.readouterr().out)
     model = mujoco.MjModel.from_xml_path(str(output))
     assert said['hinges'] == model.njnt == 20
     # The half link at the clamp is fixed, and weighs as well.
     assert model.body_mass.sum() == pytest.approx(said['mass'], rel=1e-9)
-    assert said['mass'] == pytest.approx(0.17 / STANDARD_GRAVITY + 2e-3)
+    assert said['mass'] == pytest.approx(0.17 / STANDARD_GRAVITY)
     assert main([*command[:3], '--links', '1', '--overwrite']) == 2

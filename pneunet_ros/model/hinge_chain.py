@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import STANDARD_GRAVITY
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.mujoco.hinge_chain import HingeChain, LINKS, STANDARD_GRAVITY
+from pneunet_ros.mujoco.hinge_chain import HingeChain, LINKS
 from pneunet_ros.solver.columns import (
     AXIAL_COMPLIANCE,
     CLAMP_ANGLE,
     CLAMP_COMPLIANCE,
     CUBIC,
+    END_X,
+    END_Y,
     LOAD_OFFSET,
     LOAD_X,
     LOAD_Y,
@@ -32,16 +35,15 @@ def hinge_chain(
     arm: Arm,
     *,
     damping_time: float,
-    tip_mass: float = 0.0,
     radius: float | None = None,
     links: int = LINKS,
 ) -> HingeChain:
     """Return an arm as a chain of hinges with its masses, springs and damping.
 
-    damping_time: s, damping of a hinge / its stiffness (Kelvin-Voigt); tip_mass: kg; radius: m, of
-    the capsules, a sixteenth of the length without one; links: how many. Effects of sensors are
-    no part of the finger, and those with a history are at rest. Raises RequestError where the arm
-    has an effect that a chain of hinges cannot carry.
+    damping_time: s, damping of a hinge / its stiffness (Kelvin-Voigt); radius: m, of the capsules,
+    a sixteenth of the length without one; links: how many. Effects of sensors are no part of the
+    finger, and those with a history are at rest. Raises RequestError where the arm has an effect
+    that a chain of hinges cannot carry.
     """
     pressure = table_pressures(arm)
     rods = arm.rods(pressure)
@@ -60,14 +62,13 @@ def hinge_chain(
         rest = np.concatenate([np.zeros_like(clamp), rest], axis=1)
         cubic, hinge = np.append(0.0, cubic), np.append(0.0, hinge)
     mass = arm.weight / STANDARD_GRAVITY
-    load = rods.sections[0, 0, [LOAD_X, LOAD_Y]]
     return HingeChain(
         name=arm.name,
         length=arm.length,
         tip_cap=arm.tip_cap,
         clamp_angle=float(rods.clamp[0, CLAMP_ANGLE]),
         mass=mass,
-        tip_mass=tip_mass,
+        tip_mass=0.0 if arm.motion is None else arm.motion.tip_mass,
         damping_time=damping_time,
         radius=arm.length * SLENDER if radius is None else radius,
         hinge=hinge,
@@ -76,7 +77,7 @@ def hinge_chain(
         rest=rest,
         cubic=cubic,
         target=arm.target_arclength,
-        gravity=load * arm.length / mass,
+        gravity=gravity_of(arm, rods),
     )
 
 
@@ -89,13 +90,14 @@ def table_pressures(arm: Arm) -> Array:
 def refuse_what_hinges_cannot(arm: Arm, rods: Rods) -> None:
     """Raise RequestError where the rod stretches, or carries what no hinge can."""
     soft = rods.sections[:, : rods.sections.shape[1] - bool(arm.tip_cap)]
+    everywhere = soft[:, :, [LOAD_X, LOAD_Y, CUBIC]]
     refused = {
         'stretches': soft[:, :, [AXIAL_COMPLIANCE, REST_STRAIN]].any(),
         'is pushed at a place': bool(rods.push.any()),
         'is loaded beside its tip': rods.clamp[:, LOAD_OFFSET].any(),
         'changes with its end load': bool(arm.by_load),
         'has a weight or a stiffening that is not the same everywhere': (
-            np.ptp(soft[:, :, [LOAD_X, LOAD_Y, CUBIC]], axis=(0, 1)).any()
+            not np.allclose(everywhere, everywhere[0, 0], rtol=1e-9, atol=0.0)
         ),
         'has a clamp whose heading goes with the pressure': (
             np.ptp(rods.clamp[:, CLAMP_ANGLE]) > 0.0
@@ -108,6 +110,22 @@ def refuse_what_hinges_cannot(arm: Arm, rods: Rods) -> None:
                 f'{arm.name} {what}, which a chain of hinges cannot carry: take the effect out of '
                 f'the model file (its effects: {names})'
             )
+
+
+def gravity_of(arm: Arm, rods: Rods) -> Array:
+    """Return the gravity (2,) m/s^2 in the plane under which the arm has its line load.
+
+    Raises RequestError where the mass at the tip would weigh something else under it.
+    """
+    load = rods.sections[0, 0, [LOAD_X, LOAD_Y]]
+    gravity = load * arm.length * STANDARD_GRAVITY / arm.weight
+    tip_mass = 0.0 if arm.motion is None else arm.motion.tip_mass
+    if not np.allclose(tip_mass * gravity, rods.clamp[0, [END_X, END_Y]], rtol=1e-9):
+        raise RequestError(
+            f'{arm.name} has a mass at its tip, and an effect gravity beside its own weight: '
+            'MuJoCo has one gravity for both; say where gravity points (--gravity=0,-1) instead'
+        )
+    return freeze(gravity)
 
 
 def spans(rods: Rods, borders: Array) -> Array:

@@ -15,9 +15,8 @@ from xml.etree import ElementTree
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.units import check_quantities, quantity
+from pneunet_ros.core.units import check_quantities, quantity, STANDARD_GRAVITY
 
-STANDARD_GRAVITY = 9.80665  # m/s^2, CODATA
 LINKS = 56
 # Inertia of a link about its own axis, as a share of that across: a rod is a line. No hinge turns
 # about that axis; MuJoCo needs it positive.

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pneunet_ros.cli.quantity_option import quantity_type
 from pneunet_ros.cli.verb import (
+    add_gravity,
     add_json,
     add_model,
     add_overwrite,
@@ -18,7 +19,7 @@ from pneunet_ros.cli.verb import (
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.model.hinge_chain import hinge_chain
-from pneunet_ros.mujoco.hinge_chain import LINKS, mjcf, STANDARD_GRAVITY
+from pneunet_ros.mujoco.hinge_chain import LINKS, mjcf
 
 DAMPING_TIME = 0.03  # s, 10 % of critical damping at 1 Hz: zeta = pi f1 damping_time
 FEWEST_LINKS, MOST_LINKS = 4, 400
@@ -27,6 +28,7 @@ FEWEST_LINKS, MOST_LINKS = 4, 400
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
     add_model(parser)
+    add_gravity(parser)
     parser.add_argument(
         '--links',
         type=int,
@@ -37,18 +39,10 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--damping-time',
         type=quantity_type('time'),
-        default=DAMPING_TIME,
         metavar='S',
-        help='Kelvin-Voigt damping: damping of a hinge / its stiffness; a free decay at f1 with '
-        'damping ratio zeta gives zeta / (pi f1) (default: %(default)s s, an assumption: 10 %% of '
-        'critical at 1 Hz)',
-    )
-    parser.add_argument(
-        '--tip-weight',
-        type=quantity_type('force'),
-        default=0.0,
-        metavar='N',
-        help='weight of something at the free end, e.g. 2g (default: 0)',
+        help='damping of a hinge / its stiffness; a free decay at f1 with damping ratio zeta '
+        "gives zeta / (pi f1) (default: the model file's; where it has none, "
+        f'{DAMPING_TIME} s, an assumption: 10 %% of critical damping at 1 Hz)',
     )
     parser.add_argument(
         '--radius',
@@ -69,12 +63,12 @@ def run(arguments: Namespace) -> int:
     arm = model_of(arguments)
     if not FEWEST_LINKS <= arguments.links <= MOST_LINKS:
         raise RequestError(f'--links must lie between {FEWEST_LINKS} and {MOST_LINKS}')
+    known = 0.0 if arm.motion is None else arm.motion.damping_time
+    damping_time = known or DAMPING_TIME
+    if arguments.damping_time is not None:
+        damping_time = arguments.damping_time
     chain = hinge_chain(
-        arm,
-        damping_time=arguments.damping_time,
-        tip_mass=arguments.tip_weight / STANDARD_GRAVITY,
-        radius=arguments.radius,
-        links=arguments.links,
+        arm, damping_time=damping_time, radius=arguments.radius, links=arguments.links
     )
     with atomic_output(arguments.output, overwrite=arguments.overwrite) as temporary:
         temporary.write_text(mjcf(chain), encoding='utf-8')
