@@ -1,6 +1,7 @@
 """Damaged and hostile inputs of every kind, thrown at the verbs that read them.
 
-    python acceptance/attack.py [--cases N] [--kind KIND ...] [--seed N] [--json] [--keep DIR]
+    python acceptance/attack.py [--cases N] [--seconds S] [--kind KIND ...] [--seed N] [--json]
+                                [--keep DIR]
 
 One case is one input of one kind, mutated by a generator that its number seeds, and one verb on
 it. The verb runs in a forked process of its own with limits on memory, processor time and waiting.
@@ -14,13 +15,15 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter, defaultdict
+import math
 from pathlib import Path
 import sys
 import tempfile
 import time
 
-from hostile.cases import Case, case_of, CASES
+from hostile.cases import case_of, CASES
 from hostile.corpus import Corpus, make_corpus
+from hostile.place import Case
 from hostile.running import Finding, LIMITS, run_case
 from pneunet_ros.files.json_text import json_text
 from rich.console import Console
@@ -35,11 +38,16 @@ def kinds_of(arguments: argparse.Namespace) -> list[str]:
     return arguments.kind or list(CASES)
 
 
-def attack(corpus: Corpus, kinds: list[str], first: int, cases: int) -> list[tuple[Case, Finding]]:
-    """Run so many cases, the kinds by their weights in turn."""
+def attack(
+    corpus: Corpus, kinds: list[str], first: int, cases: int, until: float
+) -> list[tuple[Case, Finding]]:
+    """Run so many cases, the kinds by their weights in turn; none begins after a time."""
     wanted = [kind for kind in kinds for _ in range(CASES[kind].weight)]
     found = []
     for number in range(first, first + cases):
+        if time.monotonic() > until:
+            print(f'out of time: the next case is --seed {number}', file=sys.stderr)
+            break
         case = case_of(wanted[number % len(wanted)], number, corpus)
         finding = run_case(case, corpus)
         found.append((case, finding))
@@ -90,13 +98,17 @@ def main() -> int:
     parser.add_argument('--cases', type=int, default=5000, help='how many (default: 5000)')
     parser.add_argument('--kind', nargs='+', default=[], help=f'of {", ".join(CASES)}')
     parser.add_argument('--seed', type=int, default=0, help='number of the first case')
+    parser.add_argument(
+        '--seconds', type=float, default=math.inf, help='begin no case after so long'
+    )
     parser.add_argument('--keep', type=Path, help='work in this folder, and leave it')
     parser.add_argument('--json', action='store_true', help='print one JSON object')
     arguments = parser.parse_args()
     kinds, started = kinds_of(arguments), time.perf_counter()
+    until = time.monotonic() + arguments.seconds
     with tempfile.TemporaryDirectory() as folder:
         corpus = make_corpus(arguments.keep or Path(folder))
-        found = attack(corpus, kinds, arguments.seed, arguments.cases)
+        found = attack(corpus, kinds, arguments.seed, arguments.cases, until)
     summary = summary_of(found)
     problems = sum(len(finding.problems) for _, finding in found)
     if arguments.json:

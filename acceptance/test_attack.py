@@ -8,9 +8,9 @@ import resource
 import sys
 import time
 
-from hostile.cases import Case
 from hostile.corpus import Corpus
 from hostile.mutations import damage_bytes, damage_text, flip_bit
+from hostile.place import Case
 import hostile.running
 from hostile.running import fault_of, run_case
 from pneunet_ros.core.errors import RecordingError

@@ -50,6 +50,13 @@ def found(tmp_path, said, arm, **request):
     return check_recording(record(tmp_path / 'r.mcap', said), CheckRequest(arm=arm, **request))
 
 
+def test_a_recording_without_topics_is_a_sentence(tmp_path, capsys):
+    with write_recording(tmp_path / 'empty.mcap'):
+        pass
+    assert main(['check', str(tmp_path / 'empty.mcap')]) == 0
+    assert 'no topics' in capsys.readouterr().out
+
+
 def test_a_loaded_recording(tmp_path, said, arm):
     check = found(tmp_path, said, arm)
     assert check['sentences'] == []

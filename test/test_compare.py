@@ -290,7 +290,7 @@ def test_recordings_without_a_common_stamp_are_a_negative_answer(tmp_path, stamp
         (['a.mcap', 'x.truth.npz', '--topic', 'targets=/t'], 'has no topic /t'),
         (['a.mcap', 'absent.npz'], 'absent.npz is no truth'),
         (['a.mcap', 'empty.npz'], 'empty.npz is no truth'),
-        (['a.mcap', 'back.npz'], 'arclength that increases'),
+        (['a.mcap', 'back.npz'], 'arclength must increase'),
         (['five.mcap', 'x.truth.npz'], 'the arm has 23 targets'),
         (['wrench.mcap', 'x.truth.npz'], 'holds no shape'),
     ],

@@ -72,3 +72,9 @@ def test_a_word_that_no_width_holds_is_folded():
     lines = printed(40, table)
     assert max(map(len, lines)) <= 40
     assert [''.join(lines).count(letter) for letter in 'abc'] == [30, 30, 30]
+
+
+def test_a_table_without_rows_is_a_sentence():
+    table = Table(title='r.mcap, 0 s')
+    table.add_column('topic')
+    assert printed(80, table) == ['r.mcap, 0 s: none']

@@ -82,6 +82,20 @@ def test_a_recording_after_another_one(run):
     assert np.abs(tips[1] - tips[0]).max() > 1e-4
 
 
+def test_the_memory_of_another_arm_is_refused(run):
+    effects = ('--effect', 'hysteresis.width=3000')
+    assert run('strings', *effects, '--output', 'first.mcap')[0] == 0
+    with np.load('first.truth.npz') as content:
+        arrays = {name: content[name] for name in content.files}
+    memory = json.loads(str(arrays['memory']))
+    memory['time'] = 0.0
+    memory['past']['hysteresis'].append(0.0)
+    np.savez('first.truth.npz', **arrays | {'memory': np.array(json.dumps(memory))})
+    code, _, err = run('strings', *effects, '--after', 'first.mcap', '--output', 'x.mcap')
+    assert code == 2
+    assert '4 numbers of the state of hysteresis' in err
+
+
 def test_a_scenario_file_of_the_user(run, tmp_path):
     for name in ('lab_arm', 'strings'):
         shutil.copy(share_path(f'scenarios/{name}.yaml'), tmp_path)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 import random
 import shutil
@@ -16,10 +15,11 @@ from pneunet_ros.recordings.mcap_file import MAGIC
 from pneunet_ros.recordings.message_store import jazzy
 import zstandard
 
+from hostile.all_verbs import ALL_VERBS
 from hostile.corpus import Corpus
 from hostile.mutations import damage_bytes, damage_text, flip_bit, replace_by_no_file
+from hostile.place import Case, Made, made_kind, Place
 
-Mutation = Callable[[bytes, random.Random], bytes]
 NAMES = (
     '[/]',
     '\x1b[2J\x1b]0;owned\x07',
@@ -39,78 +39,6 @@ NAMES = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Case:
-    """One verb on one input.
-
-    outputs: what it may write. read_back: a recording whose readings must be those of the whole
-    one unless it is said to be damaged. room: bytes that may be written, None: any. kill:
-    seconds after which it is killed, None for never.
-    """
-
-    kind: str
-    folder: Path
-    words: tuple[str, ...]
-    outputs: tuple[Path, ...] = ()
-    read_back: Path | None = None
-    room: int | None = None
-    kill: float | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Kind:
-    """A kind of case: how many there are in a round, and how one is made."""
-
-    weight: int
-    make: Callable[[str, Path, Corpus, random.Random], Case]
-
-
-@dataclass(slots=True)
-class Place:
-    """The folder of a case, with what it needs of the corpus."""
-
-    kind: str
-    folder: Path
-    corpus: Corpus
-    dice: random.Random
-    outputs: list[Path] = field(default_factory=list)
-
-    def take(self, name: str) -> Path:
-        """Copy a whole input."""
-        source, path = self.corpus.whole(name), self.folder / name
-        if source.is_dir():
-            shutil.copytree(source, path)
-        else:
-            shutil.copy(source, path)
-        return path
-
-    def mutate(self, path: Path, *mutations: Mutation) -> Path:
-        """Change a file by one of these."""
-        path.write_bytes(self.dice.choice(mutations)(path.read_bytes(), self.dice))
-        return path
-
-    def output(self, name: str) -> Path:
-        """Name an output."""
-        self.outputs.append(self.folder / name)
-        return self.outputs[-1]
-
-    def case(self, *words: object, read_back: Path | None = None) -> Case:
-        """Return the case that runs this verb."""
-        texts = [str(word) for word in words]
-        if self.dice.random() < 0.5:
-            texts.append('--json')
-        return Case(
-            kind=self.kind,
-            folder=self.folder,
-            words=tuple(texts),
-            outputs=tuple(self.outputs),
-            read_back=read_back,
-        )
-
-
-Made = Callable[[Place], Case]
-
-
 def case_of(kind: str, number: int, corpus: Corpus) -> Case:
     """Return the case of this kind and number; the same one whenever it is asked for."""
     dice = random.Random(f'{kind}/{number}')
@@ -118,13 +46,6 @@ def case_of(kind: str, number: int, corpus: Corpus) -> Case:
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
     return CASES[kind].make(kind, folder, corpus, dice)
-
-
-def _made(make: Made, weight: int) -> Kind:
-    def made(kind: str, folder: Path, corpus: Corpus, dice: random.Random) -> Case:
-        return make(Place(kind, folder, corpus, dice))
-
-    return Kind(weight=weight, make=made)
 
 
 def model(place: Place) -> Case:
@@ -439,25 +360,26 @@ def killed(place: Place) -> Case:
 
 
 CASES = {
-    'model': _made(model, 5),
-    'camera': _made(camera, 3),
-    'camera_info': _made(camera_info, 2),
-    'scenario': _made(scenario, 4),
-    'recording': _made(our_recording, 8),
-    'bag': _made(our_folder, 3),
-    'foreign_recording': _made(foreign_recording, 6),
-    'metadata': _made(metadata, 2),
-    'table': _made(table, 4),
-    'truth': _made(truth, 2),
-    'knowledge': _made(knowledge, 2),
-    'images': _made(images, 3),
-    'film': _made(film, 2),
-    'film_and_table': _made(film_and_table, 3),
-    'compared': _made(compared, 2),
-    'image_recording': _made(image_recording, 2),
-    'no_file': _made(no_file, 4),
-    'bomb': _made(bomb, 2),
-    'name': _made(name, 3),
-    'full_disk': _made(full_disk, 2),
-    'killed': _made(killed, 2),
+    'model': made_kind(model, 5),
+    'camera': made_kind(camera, 3),
+    'camera_info': made_kind(camera_info, 2),
+    'scenario': made_kind(scenario, 4),
+    'recording': made_kind(our_recording, 8),
+    'bag': made_kind(our_folder, 3),
+    'foreign_recording': made_kind(foreign_recording, 6),
+    'metadata': made_kind(metadata, 2),
+    'table': made_kind(table, 4),
+    'truth': made_kind(truth, 2),
+    'knowledge': made_kind(knowledge, 2),
+    'images': made_kind(images, 3),
+    'film': made_kind(film, 2),
+    'film_and_table': made_kind(film_and_table, 3),
+    'compared': made_kind(compared, 2),
+    'image_recording': made_kind(image_recording, 2),
+    'no_file': made_kind(no_file, 4),
+    'bomb': made_kind(bomb, 2),
+    'name': made_kind(name, 3),
+    'full_disk': made_kind(full_disk, 2),
+    'killed': made_kind(killed, 2),
+    **ALL_VERBS,
 }

@@ -14,7 +14,7 @@ import cv2
 from mcap.writer import CompressionType, Writer
 import numpy as np
 from pneunet_ros.calibration.posterior import PosteriorState
-from pneunet_ros.cli.main import main, VERBS
+from pneunet_ros.cli.main import main, parser, VERBS
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import seconds_between
@@ -58,6 +58,7 @@ noise: {pressure_std: 60.0}
 rates: {pressure: 20.0, wrench: 20.0, frames: 5.0}
 detail: {elements: 32.0, stations: 9.0}
 """
+FREE = 'kind: staircase, duration: 12.0, rest: 0.5, ramp: 0.2'
 CAMERA_INFO = """\
 image_width: {width}
 image_height: {height}
@@ -74,6 +75,12 @@ class Corpus:
 
     folder: Path
     trials: Path
+
+    def options(self, verb: str) -> list[str]:
+        """Return all options of a verb."""
+        (verbs,) = (action for action in parser([verb])._actions if action.dest == 'verb')
+        actions = verbs.choices[verb]._actions  # type: ignore[index]
+        return [option for action in actions for option in action.option_strings]
 
     def whole(self, name: str) -> Path:
         """Return the whole input of this name."""
@@ -105,7 +112,19 @@ def make_corpus(folder: Path) -> Corpus:
     _run('track', whole / 'images', '--camera-info', 'none')
     _run('predict', '--pressure', '20000', '--tip', '0.08', '0.05')
     save_knowledge(KNOWLEDGE, whole / 'model.yaml', overwrite=False)
+    _calibrated(whole)
     return Corpus(folder=whole, trials=folder / 'trials')
+
+
+def _calibrated(whole: Path) -> None:
+    """Write a recording of an unloaded arm and a calibration of it, with what it knows."""
+    text = SCENARIO.replace('kind: random_mix, duration: 2.0, rest: 0.2, ramp: 0.1', FREE)
+    (whole / 'free.yaml').write_text(text)
+    _run('simulate', whole / 'free.yaml', '--output', whole / 'free.mcap')
+    sizes = '--length 0.112 --weight 0.17 --pressure 60kPa --dot 3mm --places 0 0.05 0.11'
+    _run('new-arm', *sizes.split(), '--no-template', '--output', whole / 'arm.yaml')
+    words = ('calibrate', '--unloaded', whole / 'free.mcap', '--arm', whole / 'arm.yaml')
+    _run(*words, '--output', whole / 'known.yaml')
 
 
 def _run(*words: object) -> None:

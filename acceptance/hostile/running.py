@@ -22,8 +22,8 @@ from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.files.yaml_file import YamlFile
 from pneunet_ros.recordings.recording import open_recording, Recording
 
-from hostile.cases import Case
 from hostile.corpus import Corpus
+from hostile.place import Case
 
 LIMITS: dict[str, float] = {
     'seconds': 20.0,  # of processor
@@ -67,7 +67,7 @@ def run_case(case: Case, corpus: Corpus) -> Finding:
         _be_the_verb(case, list(said.values()))
     for pipe in said.values():
         pipe.listen()
-    code, usage, waited = _wait(child, started, case.kill, list(said.values()))
+    code, usage, waited = _wait(child, started, case, list(said.values()))
     texts = {name: pipe.text() for name, pipe in said.items()}
     seconds = usage.ru_utime + usage.ru_stime
     finding = Finding(
@@ -117,11 +117,12 @@ def _be_the_verb(case: Case, said: list[Pipe]) -> None:
             os.dup2(pipe.writer, number)
         sys.stdout = os.fdopen(1, 'w', encoding='utf-8')
         sys.stderr = os.fdopen(2, 'w', encoding='utf-8', errors='backslashreplace')
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
         os.chdir(case.folder)
         mapped = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()
         limit = mapped + int(LIMITS['address_space'])
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-        seconds = int(LIMITS['seconds'])
+        seconds = int(case.seconds or LIMITS['seconds'])
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))  # SIGXCPU, then SIGKILL
         if case.room is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (case.room, case.room))
@@ -139,11 +140,10 @@ def _be_the_verb(case: Case, said: list[Pipe]) -> None:
         os._exit(code)
 
 
-def _wait(
-    child: int, started: float, kill: float | None, said: list[Pipe]
-) -> tuple[int, Any, bool]:
+def _wait(child: int, started: float, case: Case, said: list[Pipe]) -> tuple[int, Any, bool]:
     """Wait for a child; returns exit code (or -signal), usage, and whether it took too long."""
-    patience = LIMITS['patience'] if kill is None else kill
+    patience = LIMITS['patience'] + 4.0 * (case.seconds or 0.0)
+    patience = patience if case.kill is None else case.kill
     while True:
         for pipe in said:
             pipe.hear()
@@ -153,7 +153,7 @@ def _wait(
         if time.perf_counter() - started > patience:
             os.kill(child, signal.SIGKILL)
             _, status, usage = os.wait4(child, 0)
-            return os.waitstatus_to_exitcode(status), usage, kill is None
+            return os.waitstatus_to_exitcode(status), usage, case.kill is None
         time.sleep(0.002)
 
 
@@ -168,7 +168,11 @@ def _problems(
 ) -> list[Problem]:
     """List all that must not be."""
     found = []
-    if waited or usage.ru_utime + usage.ru_stime >= LIMITS['seconds'] or code == -signal.SIGXCPU:
+    if (
+        waited
+        or usage.ru_utime + usage.ru_stime >= (case.seconds or LIMITS['seconds'])
+        or code == -signal.SIGXCPU
+    ):
         found.append(Problem('hang', ' '.join(case.words)))
     elif code not in CODES and not (case.kill is not None and code == -signal.SIGKILL):
         found.append(Problem('traceback', f'code {code}: {said["err"][-3000:]}'))
@@ -180,6 +184,8 @@ def _problems(
         bare = text.replace('\n', '').replace('\t', '')
         if any(not letter.isprintable() and ord(letter) < 0x3000 for letter in bare):
             found.append(Problem('control', f'{name}: {text!r}'))
+    if 'Warning: ' in said['err']:
+        found.append(Problem('warning', said['err']))
     found += _wrong_outputs(case, code)
     if case.kill is None and code != -signal.SIGKILL:
         left = [path.name for path in case.folder.rglob('.pneunet-*')]

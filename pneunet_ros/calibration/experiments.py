@@ -296,6 +296,15 @@ class FitSequence:
         if kind is not None and (earlier.kind or loaded):
             stiffness = earlier.stiffness or self.first_stiffness
             law = self.law(kind, stiffness, (earlier.low, earlier.high))
+        numbers = earlier.pressure.size * earlier.arclength.size
+        if earlier.kind and law is not None:
+            numbers += law.mean.size
+        if earlier.values.size != numbers:
+            raise RequestError(
+                f'the knowledge of the calibration to be continued is damaged: its tables and its '
+                f'moment law have {numbers} parameters, and it holds {earlier.values.size}; '
+                'calibrate again with all recordings'
+            )
         return self.fit('all that is new', runs, self.wide, law, earlier=earlier)
 
 

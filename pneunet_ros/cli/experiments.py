@@ -12,6 +12,7 @@ from pneunet_ros.calibration.checks.preconditions import check_unloaded
 from pneunet_ros.cli.quantity_option import quantity_of
 from pneunet_ros.cli.verb import add_settings, add_topics, SENSOR_SETTINGS, settings_of, topics_of
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.paths import resolved
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.model.arm import Arm
@@ -80,7 +81,7 @@ def read_experiments(
     """
     paths = list(itertools.chain(*groups))
     loads = end_loads(arguments.end_load, paths)
-    named = {path.resolve() for path in arguments.unloaded}
+    named = {resolved(path) for path in arguments.unloaded}
     check_given(named, paths, '--unloaded')
     if both := named & loads.keys():
         raise RequestError(f'{both.pop()} stands after --unloaded and after --end-load')
@@ -94,7 +95,7 @@ def read_experiments(
         )
         left_out.extend(f'{path.name}: {sentence}' for sentence in sentences)
         run = replace(run, static=arguments.static)
-        place = path.resolve()
+        place = resolved(path)
         if place in loads:
             return with_known_load(run, loads[place])
         if place in named:
@@ -150,7 +151,7 @@ def end_loads(
     for name, *components in given:
         option = f'--end-load {name}'
         force_x, force_y = (quantity_of(option, text, 'force') for text in components)
-        place = Path(name).resolve()
+        place = resolved(name)
         check_given({place}, paths, '--end-load')
         if place in loads:
             raise RequestError(f'--end-load {name} is given twice')
@@ -160,7 +161,7 @@ def end_loads(
 
 def check_given(places: set[Path], paths: Sequence[Path], option: str) -> None:
     """Refuse a recording that an option names and that is not among those to read."""
-    for place in sorted(places - {path.resolve() for path in paths}):
+    for place in sorted(places - {resolved(path) for path in paths}):
         raise RequestError(
             f'{option} {place.name}: this recording is not among those that are to be read; the '
             'option only says what they hold'

@@ -13,12 +13,15 @@ ANY_WIDTH = 10_000  # letters
 FRAME, EDGE = 3, 1  # letters beside the text: of each column, and of the table
 
 
-def print_table(console: Console, table: Table) -> None:
+def print_table(console: Console, table: Table, empty: str = 'none') -> None:
     """Print a table; where it is too wide, texts break, and then columns stand below each other.
 
     Texts break between words, and a word that no width holds after a slash, where it has one.
-    Each part of a table begins with its first column.
+    Each part of a table begins with its first column. empty: what a table without rows says.
     """
+    if not table.row_count:
+        console.print(f'{table.title}: {empty}' if table.title else empty)
+        return
     needs = [need(console, column) for column in table.columns]
     if width_of([item.maximum for item in needs]) <= console.width:
         console.print(table)

@@ -20,6 +20,7 @@ from typing import Any, get_args
 import zlib
 
 from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.paths import resolved
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import DEFINES, Effect, METHODS, Place
@@ -43,7 +44,7 @@ def add_effects(directory: str | Path) -> tuple[type[Effect], ...]:
             an effect breaks the contract or has the name of another. Nothing is added then.
 
     """
-    folder = Path(directory).resolve()
+    folder = resolved(directory)
     if not folder.is_dir():
         raise ModelError(f'effects path {directory} is no folder')
     files = sorted(file for file in folder.glob('*.py') if not file.name.startswith('_'))

@@ -21,6 +21,7 @@ import shutil
 import tempfile
 
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.paths import resolved
 
 # What the system says when there is no room: disk full, quota used up, file larger than allowed.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -226,7 +227,7 @@ def _final_place(
 ) -> Path:
     """Return where an output will stand; RecordingError where it cannot."""
     try:
-        final = Path(path).resolve()
+        final = resolved(path, RecordingError)
         if not final.name:
             raise RecordingError(f'{path} cannot be written: it is the root of all folders')
         if len(os.fsencode(final.name)) > LONGEST_NAME:
@@ -236,8 +237,7 @@ def _final_place(
         if Path(path).is_symlink() and not final.exists():
             raise RecordingError(f'{path} cannot be written: it is a link to nothing, {final}')
         _check_place(path, final, overwrite, inputs, replaceable)
-    except (OSError, ValueError, RuntimeError) as error:
-        # A loop of links, a name that no file can have, a folder that may not be looked into.
+    except (OSError, ValueError) as error:  # a name that no file can have, a closed folder
         why = getattr(error, 'strerror', None) or error
         raise RecordingError(f'{path} cannot be written: {why}') from error
     return final
@@ -267,7 +267,7 @@ def _check_place(
 ) -> None:
     """Refuse, before any work is done, a place that could not be used at the end."""
     for name in inputs:
-        source = Path(name).resolve()
+        source = resolved(name, RecordingError)
         if source == final or source in final.parents or final in source.parents:
             raise RecordingError(
                 f'{path} would overwrite the input {name} or lie inside it: choose another place'

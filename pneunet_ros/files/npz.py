@@ -1,23 +1,28 @@
-"""Archives of arrays (npz) read as data alone: nothing is unpickled, and sizes are bounded."""
+"""Archives of arrays (npz): read as data alone, and only as what each array is declared to be."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 import struct
 import tokenize
-from typing import Any
+from typing import Any, Literal
 from zipfile import BadZipFile, ZipFile
 import zlib
 
 import numpy as np
+from pneunet_ros.core.arrays import Array, frozen_array, LARGEST
+from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.files.regular_file import open_regular
 
 LARGEST_ARCHIVE = 100_000_000  # bytes, unpacked
+ROUNDING = 1e-9  # of the largest entry, by which a sum of outer products is not symmetric
+KINDS = {'number': 'iuf', 'integer': 'iu', 'text': 'U'}  # kind codes of numpy
 
 # What zipfile and numpy meet damaged bytes with; an error of zip is also a RuntimeError
 # (encrypted) or a NotImplementedError (a way of packing that is not known).
-DAMAGED_ARCHIVE = (
+DAMAGED = (
     OSError,
     ValueError,
     LookupError,
@@ -34,16 +39,98 @@ DAMAGED_ARCHIVE = (
 )
 
 
-def read_arrays(path: Path, names: Iterable[str], optional: Iterable[str] = ()) -> dict[str, Any]:
-    """Return these arrays of an archive, and the optional ones that it has.
+class ArchiveError(PneunetError):
+    """An archive is damaged, or an array in it is not what was declared."""
 
-    Raises one of DAMAGED_ARCHIVE where that cannot be.
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Declared:
+    """What an array of an archive must be.
+
+    axes: a name for the size of each axis, the same size wherever the name stands. Numbers are
+    finite and below 1e30 in magnitude. increasing: strictly. definite: a covariance or information
+    matrix, symmetric and positive (semi)definite. required: whether the archive must have it.
     """
-    with open_regular(path) as stream:
-        with ZipFile(stream) as archive:
-            if sum(item.file_size for item in archive.infolist()) > LARGEST_ARCHIVE:
-                raise ValueError(f'it holds more than {LARGEST_ARCHIVE // 1_000_000} MB')
-        stream.seek(0)
-        with np.load(stream, allow_pickle=False) as content:
-            found = [*names, *(name for name in optional if name in content)]
-            return {name: content[name] for name in found}
+
+    kind: Literal['number', 'integer', 'text'] = 'number'
+    axes: tuple[str, ...] = ()
+    increasing: bool = False
+    definite: Literal['no', 'positive', 'semi'] = 'no'
+    required: bool = True
+
+
+def read_arrays(path: Path, declared: Mapping[str, Declared]) -> dict[str, Any]:
+    """Return the declared arrays of an archive by name: float64, int64, text.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ArchiveError: it is damaged, or an array is missing or not what it was declared to be.
+
+    """
+    try:
+        with open_regular(path) as stream:
+            with ZipFile(stream) as archive:
+                if sum(item.file_size for item in archive.infolist()) > LARGEST_ARCHIVE:
+                    raise ArchiveError(f'it holds more than {LARGEST_ARCHIVE // 1_000_000} MB')
+            stream.seek(0)
+            with np.load(stream, allow_pickle=False) as content:
+                found = {name: content[name] for name in declared if name in content}
+    except FileNotFoundError:
+        raise
+    except DAMAGED as error:
+        raise ArchiveError(' '.join(str(error).split())) from error
+    sizes: dict[str, int] = {}
+    for name, what in declared.items():
+        if name in found:
+            found[name] = _as_declared(name, np.asarray(found[name]), what, sizes)
+        elif what.required:
+            raise ArchiveError(f'{name} is missing')
+    return found
+
+
+def _as_declared(name: str, array: Any, what: Declared, sizes: dict[str, int]) -> Any:
+    """Return one array as it was declared; ArchiveError where it is something else."""
+    if array.dtype.kind not in KINDS[what.kind]:
+        raise ArchiveError(f'{name} must be of kind {what.kind}, and is {array.dtype}')
+    fits = array.ndim == len(what.axes) and all(
+        sizes.setdefault(axis, size) == size
+        for axis, size in zip(what.axes, array.shape, strict=True)
+    )
+    if not fits:
+        wanted = ', '.join(
+            f'{axis} {sizes[axis]}' if axis in sizes else axis for axis in what.axes
+        )
+        raise ArchiveError(f'{name} must have the shape ({wanted}), and has {array.shape}')
+    if what.kind == 'text':
+        return array.item() if not what.axes else array
+    if what.kind == 'integer':
+        if array.dtype.kind == 'u' and array.size and array.max() > np.iinfo(np.int64).max:
+            raise ArchiveError(f'{name} holds an integer beyond 64 bits')
+        values = array.astype(np.int64)
+    else:
+        values = frozen_array(array.astype(np.float64))
+        if not np.all(np.abs(values) <= LARGEST):
+            raise ArchiveError(f'{name} holds NaN, infinity or a number beyond {LARGEST:g}')
+    if what.increasing and not np.all(values[1:] > values[:-1]):
+        raise ArchiveError(f'{name} must increase strictly')
+    if what.definite != 'no':
+        _check_definite(name, values, strictly=what.definite == 'positive')
+    return values if what.axes else values.item()
+
+
+def _check_definite(name: str, matrix: Array, *, strictly: bool) -> None:
+    """Refuse a matrix that is no covariance (strictly), or no information, up to rounding."""
+    rounding = ROUNDING * np.max(np.abs(matrix), initial=0.0)
+    if np.any(np.abs(matrix - matrix.T) > rounding):
+        raise ArchiveError(f'{name} is not symmetric')
+    if not strictly:
+        if np.any(np.linalg.eigvalsh(matrix) < -rounding * len(matrix)):
+            raise ArchiveError(f'{name} is not positive semidefinite')
+        return
+    diagonal = np.diag(matrix)
+    if np.any(diagonal <= 0.0):
+        raise ArchiveError(f'{name} has a variance that is not positive')
+    try:  # as a correlation: its quantities have different units
+        np.linalg.cholesky(matrix / np.sqrt(np.outer(diagonal, diagonal)))
+    except np.linalg.LinAlgError:
+        raise ArchiveError(f'{name} is not positive definite') from None

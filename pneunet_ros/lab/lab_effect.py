@@ -10,7 +10,8 @@ import abc
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
-from pneunet_ros.core.arrays import Array
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import check_quantities, quantity
 from pneunet_ros.lab.chain import Chain
@@ -60,6 +61,20 @@ class LabEffect(abc.ABC):
     def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
         """Return the course with this effect, and what is remembered of it; past () is rest."""
         return course, past
+
+    def resume(self, past: Past, rest: Array) -> Array:
+        """Return what is remembered in the shape of the state at rest, which past () stands for.
+
+        Raises RequestError where another arm remembered it.
+        """
+        if not past:
+            return rest
+        if len(past) != rest.size:
+            raise RequestError(
+                f'the earlier recording holds {len(past)} numbers of the state of {self.name}, '
+                f'and this arm has {rest.size}: continue a recording of the same arm'
+            )
+        return freeze(np.array(past).reshape(rest.shape))
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
         """Return the chain with this effect at chamber pressures (frames,) Pa."""

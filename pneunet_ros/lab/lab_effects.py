@@ -125,7 +125,7 @@ class LabPressureLag(LabEffect):
 
     def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
         """Let the chamber follow the sensor."""
-        start = past[0] if past else float(course.chamber[0])
+        start = float(self.resume(past, course.chamber[:1])[0])
         filling = self.time_constant * (1.0 - 0.25 * self.richness)
         emptying = self.time_constant * (1.0 + 0.25 * self.richness)
         chamber = freeze(lag_pressure(course.time, course.chamber, start, filling, emptying))
@@ -143,8 +143,8 @@ class LabHysteresis(LabEffect):
         """Let the plays follow the chamber."""
         spread = np.array([-1.0, 0.0, 1.0]) * min(0.6 * self.richness, 1.0)
         half = 0.5 * self.width * (1.0 + spread)
-        start = np.array(past) if past else np.full(half.size, course.chamber[0])
-        answers = play_pressure(course.chamber, freeze(start), freeze(half))
+        start = self.resume(past, freeze(np.full(half.size, course.chamber[0])))
+        answers = play_pressure(course.chamber, start, freeze(half))
         return course.with_chamber(freeze(answers.mean(axis=1))), tuple(answers[-1].tolist())
 
 
@@ -158,8 +158,8 @@ class LabCreep(LabEffect):
 
     def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
         """Let a part of the intrinsic curvature come late."""
-        wanted, rows = course.weights, course.weights.shape[1]
-        start = np.array(past).reshape(2, rows) if past else np.stack([wanted[0]] * 2)
+        wanted = course.weights
+        start = self.resume(past, np.stack([wanted[0]] * 2))
         constants = self.time_constant, self.time_constant / 8.0
         slow, fast = (
             relax_curvature(course.time, wanted, freeze(start[i].copy()), constants[i])
@@ -183,7 +183,7 @@ class LabSoftening(LabEffect):
         """Scale the rigidity."""
         top = course.arm.pressure_range[1]
         rest = float(course.chamber[0])
-        start, later = past if past else (rest, rest)
+        start, later = self.resume(past, np.array([rest, rest])).tolist()
         ever = largest_so_far(course.time, course.chamber, start, 0.0)
         lately = largest_so_far(course.time, course.chamber, later, 1.0 / RECOVERY_TIME)
         recovering = RECOVERING * self.richness

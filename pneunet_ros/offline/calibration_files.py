@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import fields, MISSING, replace
+from dataclasses import fields, replace
 import hashlib
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from pneunet_ros.calibration.posterior import PosteriorState
 from pneunet_ros.core.errors import ModelError, PneunetError, RecordingError
 from pneunet_ros.core.printable import printable
 from pneunet_ros.files.atomic import atomic_output
-from pneunet_ros.files.npz import DAMAGED_ARCHIVE, read_arrays
+from pneunet_ros.files.npz import ArchiveError, Declared, read_arrays
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.files.yaml_file import one_line
 from pneunet_ros.model.arm import Arm
@@ -28,6 +28,20 @@ from pneunet_ros.recordings.mcap_file import check_is_mcap
 
 KNOWLEDGE_SUFFIX = '.knowledge.npz'
 PIECE = 1 << 20  # bytes read at a time
+KNOWLEDGE = {
+    'pressure': Declared(axes=('rows',), increasing=True),
+    'arclength': Declared(axes=('knots',), increasing=True),
+    'kind': Declared(kind='text'),
+    'stiffness': Declared(),
+    'low': Declared(),
+    'high': Declared(),
+    'values': Declared(axes=('values',)),
+    'placement': Declared(axes=('placement',)),
+    'covariance': Declared(axes=('all', 'all'), definite='positive'),
+    # Files of older versions have neither.
+    'information': Declared(axes=('values', 'values'), definite='semi', required=False),
+    'shapes': Declared(kind='integer', required=False),
+}
 
 
 def file_hash(path: Path) -> str:
@@ -105,25 +119,16 @@ def load_knowledge(model: Path) -> PosteriorState:
     """Read the knowledge beside a model file; ModelError where there is none or it is damaged."""
     path = knowledge_file(model)
     try:
-        needed = [item.name for item in fields(PosteriorState) if item.default is MISSING]
-        needed.remove('information')  # older files have none
-        values = read_arrays(path, needed, ['shapes', 'information'])
-        kind = values.pop('kind')
-        for name, array in values.items():
-            if array.dtype.kind not in 'iuf' or not np.isfinite(array).all():
-                raise ValueError(f'{name} holds what is no number')
-        for name in ('stiffness', 'low', 'high'):
-            values[name] = float(values[name])
-        if kind.shape or str(kind) not in ('', *MOMENT_LAW_PARAMETERS):
+        values = read_arrays(path, KNOWLEDGE)
+        if values['kind'] not in ('', *MOMENT_LAW_PARAMETERS):
             allowed = ', '.join(MOMENT_LAW_PARAMETERS)
-            raise ValueError(f'the kind of its moment law is none of {allowed}')
-        values['shapes'] = int(values.get('shapes', 0))
+            raise ArchiveError(f'the kind of its moment law is none of {allowed}')
         values.setdefault('information', np.zeros((values['values'].size,) * 2))
-        return PosteriorState(**values, kind=str(kind))
+        return PosteriorState(**values)
     except FileNotFoundError:
         raise ModelError(
             f'{path} is missing: `pneunet calibrate` writes it beside a model, and it is needed '
             'to continue; calibrate anew with all recordings'
         ) from None
-    except (*DAMAGED_ARCHIVE, PneunetError) as error:
+    except (OSError, PneunetError) as error:
         raise ModelError(f'{path} is damaged: {one_line(error)}; calibrate anew') from None

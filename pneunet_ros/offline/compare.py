@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.paths import resolved
 from pneunet_ros.core.units import seconds_since
 from pneunet_ros.estimation.shape_error import (
     CenterlineErrors,
@@ -76,7 +77,7 @@ def read_side(path: Path, topics: Mapping[str, str], target_arclength: Array) ->
 
 def refuse_itself(a: ShapeSeries, b: ShapeSeries) -> None:
     """Refuse to compare something with itself, which always agrees."""
-    if Path(a.name).resolve() == Path(b.name).resolve() and contents(a) == contents(b):
+    if resolved(a.name) == resolved(b.name) and contents(a) == contents(b):
         raise RequestError(
             f'A and B are the same topics of {a.name}: choose what of B to compare with, as in '
             '--topic b.targets=/pneunet/targets'

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import fields
 import json
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pneunet_ros.core.arrays import LARGEST
 from pneunet_ros.core.errors import PneunetError, RecordingError, RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.estimation.shape_error import Centerlines, ShapeSeries, Tips
 from pneunet_ros.files.atomic import atomic_output, written_together
-from pneunet_ros.files.npz import DAMAGED_ARCHIVE, read_arrays
+from pneunet_ros.files.npz import ArchiveError, Declared, read_arrays
 from pneunet_ros.files.yaml_file import one_line
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
 from pneunet_ros.lab.scenario import describe
@@ -26,6 +26,24 @@ NAMESPACE = '/pneunet'
 PRESSURE_FRAME = 'pressure_sensor'
 TRANSPORT_NS = 1_000_000  # from sensor to recorder
 TRACKING_NS = 20_000_000  # from exposure to recorder, with all that the tracker does
+
+FRAMES = ('frames', 'stations')
+TRUTH = {
+    'stamp_ns': Declared(kind='integer', axes=('frames',), increasing=True),
+    'arclength': Declared(axes=('stations',), increasing=True),
+    **{name: Declared(axes=FRAMES) for name in ('x', 'y', 'theta')},
+}
+MEMORY = {'memory': Declared(kind='text')}
+# What a text that is no memory of the lab is met with on the way to its numbers.
+NO_MEMORY = (
+    OSError,
+    ArchiveError,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    RecursionError,
+)
 
 Message = tuple[int, str, Any]  # log time, topic, message
 
@@ -113,12 +131,13 @@ def truth_arrays(recording: LabRecording) -> dict[str, Any]:
 def read_truth(path: Path) -> ShapeSeries:
     """Return the true shapes of a recording of the lab; RecordingError where it is no truth."""
     try:
-        arrays = read_arrays(path, ['stamp_ns', 'arclength', 'x', 'y', 'theta'])
-        points = np.stack([arrays['x'], arrays['y']], axis=1).astype(np.float64)
-        stamp_ns = arrays['stamp_ns'].astype(np.int64)
-        arclength, heading = (arrays[name].astype(np.float64) for name in ('arclength', 'theta'))
-        if not np.all(np.diff(stamp_ns) > 0):
-            raise ValueError('stamp_ns must increase')
+        arrays = read_arrays(path, TRUTH)
+        points = np.stack([arrays['x'], arrays['y']], axis=1)
+        stamp_ns, arclength, heading = (
+            arrays[name] for name in ('stamp_ns', 'arclength', 'theta')
+        )
+        if not points.size:
+            raise ArchiveError('it holds no frame')
         return ShapeSeries(
             name=str(path),
             centerlines=Centerlines(
@@ -131,7 +150,7 @@ def read_truth(path: Path) -> ShapeSeries:
             exact=True,
             whole=True,
         )
-    except (*DAMAGED_ARCHIVE, PneunetError) as error:
+    except (OSError, PneunetError) as error:
         raise RecordingError(
             f'{path} is no truth: an .npz with stamp_ns (frames,), arclength (stations,) m, and '
             f'x, y, theta (frames, stations), as `pneunet simulate` writes it ({one_line(error)})'
@@ -145,14 +164,14 @@ def memory_after(path: Path) -> LabMemory:
     """
     truth = truth_file(path)
     try:
-        memory = json.loads(str(read_arrays(truth, ['memory'])['memory']))
+        memory = json.loads(read_arrays(truth, MEMORY)['memory'])
         past = {
             name: tuple(_number(value) for value in values)
             for name, values in memory['past'].items()
         }
         time, pressure = _number(memory['time']), _number(memory['pressure'])
         return LabMemory(time=time, pressure=pressure, past=past)
-    except (*DAMAGED_ARCHIVE, AttributeError) as error:
+    except NO_MEMORY as error:
         raise RequestError(
             f'--after {path}: {truth} is no truth of a recording of the lab '
             f'({one_line(error)}); name a recording that `pneunet simulate` has written'
@@ -161,6 +180,6 @@ def memory_after(path: Path) -> LabMemory:
 
 def _number(value: Any) -> float:
     """Return a number of the truth; ValueError for anything else."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= LARGEST:
         raise ValueError(f'{str(value)[:40]!r} is no number')
     return float(value)

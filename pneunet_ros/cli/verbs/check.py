@@ -75,7 +75,7 @@ def show(found: dict[str, Any], console: Console) -> None:
             gaps,
             topic['stamps'],
         )
-    print_table(console, table)
+    print_table(console, table, 'no topics')
     for line in [*sync_lines(found['sync']), *range_lines(found['ranges'])]:
         console.print(line)
     holds = found['holds']

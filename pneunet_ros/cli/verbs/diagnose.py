@@ -31,6 +31,7 @@ from pneunet_ros.cli.verb import (
 from pneunet_ros.cli.verbs.simulate import seed
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.executor import open_executor
+from pneunet_ros.core.paths import resolved
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.diagnosis import investigate
 from pneunet_ros.diagnosis.result import CLEAR, UnsettledDiagnosis
@@ -214,7 +215,7 @@ def executor_for(
     """
     if scheduler is None:
         return nullcontext()
-    prepare = None if effects_path is None else partial(add_effects, effects_path.resolve())
+    prepare = None if effects_path is None else partial(add_effects, resolved(effects_path))
     return open_executor(scheduler=scheduler, prepare=prepare)
 
 

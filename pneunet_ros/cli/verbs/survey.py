@@ -34,6 +34,7 @@ from pneunet_ros.cli.verb import (
 from pneunet_ros.cli.verbs.simulate import seed
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.executor import open_executor
+from pneunet_ros.core.paths import resolved
 from pneunet_ros.core.progress import say_nothing
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.atomic import atomic_output
@@ -128,8 +129,8 @@ def options(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Do the arms that are not done, and write the page."""
     started = time.perf_counter()
-    arm = (arguments.arm or share_path(PAPER_ARM)).resolve()
-    fleet = read_fleet(arguments.source.resolve(), arm)
+    arm = resolved(arguments.arm or share_path(PAPER_ARM))
+    fleet = read_fleet(resolved(arguments.source), arm)
     topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
     request = SurveyRequest(
         static=arguments.static,
@@ -138,7 +139,7 @@ def run(arguments: Namespace) -> int:
         seed=arguments.seed,
         effects_path=''
         if arguments.effects_path is None
-        else str(arguments.effects_path.resolve()),
+        else str(resolved(arguments.effects_path)),
     )
     folder = SurveyFolder(path=arguments.output, overwrite=arguments.overwrite)
     folder.check(REPLACEABLE)

@@ -28,6 +28,7 @@ from pneunet_ros.cli.verb import (
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.image import Image
+from pneunet_ros.core.paths import resolved
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.atomic import written_together
 from pneunet_ros.files.camera_file import load_camera
@@ -235,7 +236,7 @@ def check_request(arguments: Namespace, settings: CameraSettings) -> None:
     if arguments.with_images and arguments.output is None:
         raise RequestError('--with-images needs --output OUT.mcap, where the images go')
     outputs = [arguments.output, arguments.table, arguments.preview]
-    places = [path.resolve() for path in outputs if path is not None]
+    places = [resolved(path) for path in outputs if path is not None]
     if len(set(places)) < len(places):
         raise RequestError('--output, --table and --preview must be different files')
     if arguments.camera_info == NO_LENS and isinstance(settings.plane, PosePlane):

@@ -1,0 +1,69 @@
+"""Archives of arrays: what was declared is read, and nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+from pneunet_ros.files.npz import ArchiveError, Declared, read_arrays
+import pytest
+
+DECLARED = {
+    'time': Declared(axes=('frames',), increasing=True),
+    'x': Declared(axes=('frames', 'stations')),
+    'count': Declared(kind='integer'),
+    'kind': Declared(kind='text'),
+    'covariance': Declared(axes=('n', 'n'), definite='positive'),
+    'information': Declared(axes=('n', 'n'), definite='semi', required=False),
+}
+WHOLE = {
+    'time': np.array([0.0, 1.0, 2.0]),
+    'x': np.zeros((3, 2)),
+    'count': np.array(4),
+    'kind': np.array('linear'),
+    'covariance': np.diag([1e-20, 1.0, 1e12]),
+    'information': np.diag([0.0, 1.0, 1e12]),
+}
+
+
+def test_arrays_as_declared_are_read(tmp_path):
+    path = tmp_path / 'a.npz'
+    np.savez(path, **WHOLE, other=np.array('is left alone'))
+    found = read_arrays(path, DECLARED)
+    assert found.keys() == WHOLE.keys()
+    assert (found['count'], found['kind']) == (4, 'linear')
+    assert found['x'].dtype == np.float64
+    with pytest.raises(ValueError, match='read-only'):
+        found['x'][0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'names'),
+    [
+        ('time', np.array([0.0, 2.0, 2.0]), 'time must increase'),
+        ('time', np.array([0.0, np.nan, 2.0]), 'time holds NaN'),
+        ('time', np.array([0.0, 1.0]), 'x must have the shape'),
+        ('time', np.array(0.0), 'time must have the shape'),
+        ('x', np.full((3, 2), 1e31), 'x holds NaN, infinity'),
+        ('x', np.zeros((3, 2), complex), 'x must be of kind number'),
+        ('count', np.array(4.0), 'count must be of kind integer'),
+        ('count', np.array(2**64 - 1, np.uint64), 'count holds an integer'),
+        ('kind', np.array(['a']), 'kind must have the shape'),
+        ('covariance', np.ones((3, 3)), 'covariance is not positive definite'),
+        ('covariance', np.diag([1.0, 0.0, 1.0]), 'covariance has a variance'),
+        ('covariance', np.eye(3) + np.eye(3, k=1), 'covariance is not symmetric'),
+        ('information', -np.eye(3), 'information is not positive semidefinite'),
+        ('information', np.eye(2), 'information must have the shape'),
+    ],
+)
+def test_what_is_not_as_declared_is_refused(tmp_path, name, value, names):
+    np.savez(tmp_path / 'a.npz', **WHOLE | {name: value})
+    with pytest.raises(ArchiveError, match=names):
+        read_arrays(tmp_path / 'a.npz', DECLARED)
+
+
+def test_a_missing_array_is_refused_unless_it_may_be(tmp_path):
+    path = tmp_path / 'a.npz'
+    np.savez(path, **{name: value for name, value in WHOLE.items() if name != 'information'})
+    assert 'information' not in read_arrays(path, DECLARED)
+    np.savez(path, **{name: value for name, value in WHOLE.items() if name != 'x'})
+    with pytest.raises(ArchiveError, match='x is missing'):
+        read_arrays(path, DECLARED)
