@@ -11,6 +11,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.files.yaml_file import or_default, YamlFile
 from pneunet_ros.lab.lab_arm import LabArm, vary_arm
 from pneunet_ros.lab.lab_effect import LabEffect
+from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS
 from pneunet_ros.lab.protocols import Protocol, PROTOCOLS, SlowRamp
 from pneunet_ros.lab.scenario import Detail, Scenario
@@ -19,7 +20,17 @@ from pneunet_ros.lab.sensors import LabNoise, Rates
 SCHEMA_VERSION = 1
 FOLDER = 'scenarios'  # of the shipped ones
 NEEDED = ('schema_version', 'name', 'arm', 'protocol')
-OPTIONAL = ('seed', 'start', 'arm_seed', 'effects', 'richness', 'noise', 'rates', 'detail')
+OPTIONAL = (
+    'seed',
+    'start',
+    'arm_seed',
+    'effects',
+    'richness',
+    'noise',
+    'rates',
+    'detail',
+    'motion',
+)
 ARM_KEYS = (
     'schema_version',
     'name',
@@ -79,6 +90,9 @@ def scenario_from_mapping(content: Any, folder: Path) -> Scenario:
         noise=LabNoise(**FILE.numbers_of(LabNoise, or_default(top.get('noise'), {}), 'noise')),
         rates=Rates(**FILE.numbers_of(Rates, or_default(top.get('rates'), {}), 'rates')),
         detail=Detail(**FILE.numbers_of(Detail, or_default(top.get('detail'), {}), 'detail')),
+        motion=None
+        if 'motion' not in top
+        else LabMotion(**values_of(LabMotion, or_default(top['motion'], {}), 'motion')),
     )
 
 
@@ -125,14 +139,20 @@ def protocol_from_mapping(content: Any) -> Protocol:
     kind = PROTOCOLS.get(str(values.get('kind')))
     if kind is None:
         raise RequestError(f'protocol.kind must be one of {", ".join(PROTOCOLS)}')
-    lists = kind.lists()
-    numbers: dict[str, Any] = {**FILE.numbers_of(kind, content, 'protocol', ('kind', *lists))}
-    numbers |= {
-        name: tuple(table_array(values[name], f'protocol.{name}', 1, RequestError).tolist())
+    return kind(**values_of(kind, content, 'protocol', ('kind',)))
+
+
+def values_of(
+    kind: type[Protocol] | type[LabMotion], content: Any, where: str, others: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """Return numbers and lists of numbers of a block, which may have other keys, too."""
+    values, lists = FILE.mapping(content, where), kind.lists()
+    numbers: dict[str, Any] = {**FILE.numbers_of(kind, content, where, (*others, *lists))}
+    return numbers | {
+        name: tuple(table_array(values[name], f'{where}.{name}', 1, RequestError).tolist())
         for name in lists
         if name in values
     }
-    return kind(**numbers)
 
 
 def changes_of(pairs: Iterable[str]) -> dict[str, dict[str, float]]:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.lab.lab_effect import Past
+from pneunet_ros.lab.moving_arm import MotionTruth
 from pneunet_ros.lab.scenario import Scenario
 
 Stamps = npt.NDArray[np.int64]
@@ -62,7 +63,7 @@ class LabRecording:
     arm all the time (`loaded` False); stamp_ns (frames,), x, y (frames, targets): frames, NaN
     where a target was not seen. reading (frames,) is the pressure reading nearest to each frame,
     force (frames, 2) and moment (frames,) the nearest wrench reading, exactly zero where nothing
-    hangs on the arm.
+    hangs on the arm. motion: what an arm with mass does beside `truth`.
     """
 
     scenario: Scenario
@@ -80,3 +81,4 @@ class LabRecording:
     y: Array
     truth: LabTruth
     memory: LabMemory
+    motion: MotionTruth | None = None

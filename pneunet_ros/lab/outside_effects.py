@@ -107,7 +107,9 @@ class LabPush(LabEffect):
     """Something pushes the arm at a place of it, along its normal there, see `Push`.
 
     It is there from `begins` to `ends`, seconds from the beginning of the recording, between which
-    the force comes and goes in `ramp`. Live it is there all the time if it begins at 0.
+    the force comes and goes in `ramp`, and again `every` so many seconds later. An arm that has
+    mass is plucked by it: it swings when a push without `ramp` ends. Live it is there all the time
+    if it begins at 0.
     """
 
     name: ClassVar[str] = 'push'
@@ -119,8 +121,13 @@ class LabPush(LabEffect):
     ends: float = quantity(math.inf, unit='s', meaning='of the recording', bounds=(0.0, math.inf))
     ramp: float = quantity(0.0, unit='s', meaning='of its rise and fall', bounds=(0.0, 1e5))
 
+    every: float = quantity(
+        math.inf, unit='s', meaning='from push to push', bounds=(1e-3, math.inf)
+    )
+
     def force_at(self, time: Array) -> Array:
         """Return the force (n,) N at times (n,) s."""
+        time = np.where(time < self.begins, time, self.begins + (time - self.begins) % self.every)
         inside = np.minimum(time - self.begins, self.ends - time)
         if self.ramp > 0.0:
             return freeze(self.force * np.clip(inside / self.ramp, 0.0, 1.0))

@@ -13,6 +13,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import check_quantities, quantity
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_effect import LabEffect
+from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS
 from pneunet_ros.lab.protocols import Protocol
 from pneunet_ros.lab.sensors import LabNoise, Rates
@@ -41,7 +42,8 @@ class Scenario:
 
     `seed` is that of the noise of this recording; what belongs to the arm (parameters, where
     targets were painted) has the arm's own. `start` (s): when the recording begins, counted from
-    the lab's first moment.
+    the lab's first moment. With `motion` the arm has mass, and MuJoCo moves it; without it the
+    arm is in equilibrium all the time.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Scenario:
     noise: LabNoise = field(default_factory=LabNoise)
     rates: Rates = field(default_factory=Rates)
     detail: Detail = field(default_factory=Detail)
+    motion: LabMotion | None = None
 
     def __post_init__(self) -> None:
         """Check what goes together and put the effects into the order of their table."""
@@ -96,6 +99,7 @@ def describe(scenario: Scenario) -> dict[str, Any]:
         'effects': {effect.name: as_plain(effect) for effect in scenario.effects},
         'protocol': {'kind': scenario.protocol.kind, **protocol},
         **{name: as_plain(getattr(scenario, name)) for name in ('noise', 'rates', 'detail')},
+        **({} if scenario.motion is None else {'motion': as_plain(scenario.motion)}),
     }
 
 

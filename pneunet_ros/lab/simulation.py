@@ -1,11 +1,13 @@
 """The virtual lab at work: scenario -> recording with known truth.
 
 Pressure and load come from the protocol. Effects with a history are followed in small steps of
-time; at every frame of the camera a chain in equilibrium gives the shape; sensors read all of it.
+time; at every frame of the camera a chain in equilibrium, or MuJoCo where the scenario has a block
+`motion`, gives the shape; sensors read all of it.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -14,6 +16,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.chain import Chain, ChainShape, equilibrium_shape, middle_joints
 from pneunet_ros.lab.lab_effect import Course, Past
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording, LabTruth, Stamps
+from pneunet_ros.lab.moving_arm import MotionTruth, moving_shape, MovingShape
 from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.lab.sensors import (
     draw_drift,
@@ -48,7 +51,7 @@ def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordin
         raise RequestError('protocol.duration must hold two frames or more')
     arm, weights = scenario.arm, sample(course, course.weights, times)
     chamber = sample(course, course.chamber[:, None], times)[:, 0]
-    shape = equilibrium_shape(chain_of(scenario, course, times, events.force_at(times)))
+    shape, motion = shape_of(scenario, course, events, times)
     arclength = np.linspace(0.0, arm.reach, int(scenario.detail.stations))
     x, y, theta = shape.points(arclength)
     placement = draw_placement(
@@ -77,14 +80,20 @@ def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordin
         placement=placement,
         drift=drift,
     )
-    return measure(scenario, events, truth, memory)
+    return measure(scenario, events, truth, memory, motion)
 
 
 def check_size(scenario: Scenario) -> None:
     """Refuse, before anything is computed, a recording that would not fit into memory."""
     seconds, rates = scenario.protocol.duration, scenario.rates
     frames = rates.frames * seconds
+    moving = (
+        ()
+        if scenario.motion is None
+        else (('steps of MuJoCo', seconds / scenario.motion.timestep, MOST_STEPS),)
+    )
     for what, count, most in (
+        *moving,
         ('frames by elements of the chain', frames * scenario.detail.elements, MOST_NODES),
         ('frames by stations', frames * scenario.detail.stations, MOST_NODES),
         ('frames by targets', frames * scenario.arm.targets.size, MOST_NODES),
@@ -155,6 +164,22 @@ def apply_effects(
     return course, later
 
 
+def shape_of(
+    scenario: Scenario, course: Course, events: Timeline, times: Array
+) -> tuple[ChainShape | MovingShape, MotionTruth | None]:
+    """Return the shapes of the arm at times (n,) s: in equilibrium, or moving as MuJoCo says."""
+    motion = scenario.motion
+    if motion is None:
+        chain = chain_of(scenario, course, times, events.force_at(times))
+        return equilibrium_shape(chain), None
+    fine = replace(scenario, detail=replace(scenario.detail, elements=2.0 * motion.links))
+
+    def chain_at(at: Array) -> Chain:
+        return chain_of(fine, course, at, events.force_at(at))
+
+    return moving_shape(scenario.arm, motion, chain_at, times, events.duration)
+
+
 def sample(course: Course, columns: Array, times: Array) -> Array:
     """Return columns (n, k) of a course at other times (s), (times, k)."""
     values = [np.interp(times, course.time, column) for column in columns.T]
@@ -185,7 +210,9 @@ def chain_of(scenario: Scenario, course: Course, times: Array, force: Array) -> 
     return chain
 
 
-def painted_targets(shape: ChainShape, places: Array, placement: Array) -> tuple[Array, Array]:
+def painted_targets(
+    shape: ChainShape | MovingShape, places: Array, placement: Array
+) -> tuple[Array, Array]:
     """Return x, y (m) of targets painted beside their places, each (frames, targets)."""
     x, y, theta = shape.points(places)
     cosine, sine = np.cos(theta), np.sin(theta)
@@ -194,7 +221,11 @@ def painted_targets(shape: ChainShape, places: Array, placement: Array) -> tuple
 
 
 def measure(
-    scenario: Scenario, events: Timeline, truth: LabTruth, memory: LabMemory
+    scenario: Scenario,
+    events: Timeline,
+    truth: LabTruth,
+    memory: LabMemory,
+    motion: MotionTruth | None,
 ) -> LabRecording:
     """Return what the sensors make of the truth."""
     arm, noise, rates = scenario.arm, scenario.noise, scenario.rates
@@ -245,6 +276,7 @@ def measure(
         y=freeze(np.ascontiguousarray(points[..., 1])),
         truth=truth,
         memory=memory,
+        motion=motion,
     )
 
 

@@ -96,6 +96,13 @@ class HingeChain:
 
 
 def mjcf(chain: HingeChain) -> str:
+    """Return the MJCF of a finger, see `mjcf_tree`, as text."""
+    root = mjcf_tree(chain)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding='unicode', xml_declaration=True) + '\n'
+
+
+def mjcf_tree(chain: HingeChain) -> ElementTree.Element:
     """Return the MJCF of a finger: clamp at the origin, straight along x, bending about z.
 
     Bodies `base` and `link_1` ... with hinges `bend_0` ... between them, a site `tip` and sites
@@ -131,8 +138,7 @@ def mjcf(chain: HingeChain) -> str:
             add_hinge(body, chain, index - 1)
         add_link(body, chain, float(start), float(end))
     add_tip(body, chain)
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding='unicode', xml_declaration=True) + '\n'
+    return root
 
 
 def add_hinge(body: ElementTree.Element, chain: HingeChain, hinge: int) -> None:

@@ -117,12 +117,20 @@ def messages(recording: LabRecording) -> Iterator[Message]:
 
 
 def truth_arrays(recording: LabRecording) -> dict[str, Any]:
-    """Return the content of the truth file: arrays of `LabTruth`, scenario and memory as JSON."""
-    truth, memory = recording.truth, recording.memory
+    """Return the content of the truth file: arrays of the truth, scenario and memory as JSON.
+
+    Of an arm with mass it has the arrays of `MotionTruth`, too.
+    """
+    truth, memory, motion = recording.truth, recording.memory, recording.motion
     remembered = {'time': memory.time, 'pressure': memory.pressure, 'past': dict(memory.past)}
     return {
         'stamp_ns': recording.stamp_ns,
         **{item.name: getattr(truth, item.name) for item in fields(truth)},
+        **(
+            {}
+            if motion is None
+            else {item.name: getattr(motion, item.name) for item in fields(motion)}
+        ),
         'scenario': np.array(json.dumps(describe(recording.scenario))),
         'memory': np.array(json.dumps(remembered)),
     }

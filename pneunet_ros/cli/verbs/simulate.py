@@ -24,6 +24,7 @@ from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.scenario_file import changes_of, FOLDER, load_scenario
 from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.lab_recording import LabRecording
+from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.scenario import describe, Scenario
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.recordings.lab_files import memory_after, message_count, write_lab
@@ -72,6 +73,12 @@ def options(parser: ArgumentParser) -> None:
         help='the arm remembers this earlier recording of the lab '
         '(default: an unconditioned arm at rest)',
     )
+    parser.add_argument(
+        '--engine',
+        choices=('chain', 'mujoco'),
+        help='chain: the arm is in equilibrium all the time; mujoco: it has mass and is moved by '
+        'MuJoCo, as the block `motion` of the scenario says (default: mujoco where there is one)',
+    )
     add_json(parser)
 
 
@@ -83,6 +90,13 @@ def run(arguments: Namespace) -> int:
     if arguments.seed is not None:
         scenario = dataclasses.replace(scenario, seed=arguments.seed)
     scenario = scenario.with_effects(changes_of(arguments.effect))
+    if arguments.engine == 'mujoco' and scenario.motion is None:
+        scenario = dataclasses.replace(scenario, motion=LabMotion())
+    elif arguments.engine == 'chain' and scenario.motion is not None:
+        raise RequestError(
+            f'{scenario.name} has a block motion, which a chain in equilibrium cannot carry: '
+            'leave --engine out, or the block'
+        )
     memory = memory_after(arguments.after) if arguments.after is not None else None
     started = time.perf_counter()
     recording = simulate(scenario, memory)

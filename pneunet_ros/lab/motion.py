@@ -1,0 +1,79 @@
+"""What a scenario says of an arm that moves: mass, damping, gravity, a turning base, a peg.
+
+A scenario with a block `motion` is simulated by MuJoCo; one without is a row of equilibria.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import check_quantities, quantity
+
+Row = tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabMotion:
+    """The mass of the arm is `arm.weight` / 9.80665 m/s^2; all else that moves it is here.
+
+    gravity_x, gravity_y: the unit vector that points down, in the base frame while the base rests;
+    zero: out of the plane. The base turns about the clamp through `turn_angle` (rad) at
+    `turn_share` of the recording, with minimum jerk between them. A peg without a radius is not
+    there; it is fixed to the base and has friction `peg_friction`.
+    """
+
+    damping_time: float = quantity(
+        0.03, unit='s', meaning='Kelvin-Voigt: damping of a hinge / stiffness', bounds=(0.0, 1e2)
+    )
+    tip_mass: float = quantity(0.0, unit='kg', meaning='at the free end', bounds=(0.0, 1e2))
+    gravity_x: float = quantity(0.0, unit='-', meaning='share of gravity', bounds=(-1.0, 1.0))
+    gravity_y: float = quantity(0.0, unit='-', meaning='share of gravity', bounds=(-1.0, 1.0))
+    turn_share: Row = (0.0, 1.0)
+    turn_angle: Row = (0.0, 0.0)
+    peg_x: float = quantity(0.0, unit='m', meaning='axis of the peg', bounds=(-10.0, 10.0))
+    peg_y: float = quantity(0.0, unit='m', meaning='axis of the peg', bounds=(-10.0, 10.0))
+    peg_radius: float = quantity(0.0, unit='m', meaning='0: no peg', bounds=(0.0, 10.0))
+    peg_friction: float = quantity(0.0, unit='-', meaning='coefficient', bounds=(0.0, 10.0))
+    radius: float = quantity(
+        0.007, unit='m', meaning='of the arm, where it touches the peg', bounds=(1e-6, 1.0)
+    )
+    links: float = quantity(56.0, unit='-', meaning='hinges of the arm', bounds=(4.0, 400.0))
+    timestep: float = quantity(1e-3, unit='s', meaning='of MuJoCo', bounds=(1e-6, 0.01))
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        check_quantities(self, 'motion', RequestError)
+        if not float(self.links).is_integer():
+            raise RequestError(f'motion.links = {self.links} is no whole number')
+        if math.hypot(self.gravity_x, self.gravity_y) > 1.0 + 1e-9:
+            raise RequestError('motion.gravity_x and gravity_y are those of a unit vector')
+        share, angle = np.array(self.turn_share), np.array(self.turn_angle)
+        ends = share.size >= 2 and share[0] == 0.0 and share[-1] == 1.0
+        if not ends or share.size != angle.size or np.any(np.diff(share) <= 0.0):
+            raise RequestError(
+                'motion.turn_share must rise from 0 to 1, with an angle in turn_angle for each'
+            )
+        if not np.all(np.isfinite(angle)):
+            raise RequestError('motion.turn_angle must hold numbers')
+
+    @classmethod
+    def lists(cls) -> tuple[str, ...]:
+        """Return the names of fields that are lists of numbers."""
+        return tuple(item.name for item in fields(cls) if 'unit' not in item.metadata)
+
+    def turn(self, share: Array) -> tuple[Array, Array, Array]:
+        """Return angle (rad) of the base and its derivatives by the share of time (n,)."""
+        knots, angles = np.array(self.turn_share), np.array(self.turn_angle)
+        part = np.clip(np.searchsorted(knots, share, side='right') - 1, 0, knots.size - 2)
+        span = np.diff(knots)[part]
+        u = np.clip((share - knots[part]) / span, 0.0, 1.0)
+        by = np.diff(angles)[part]
+        return (
+            freeze(angles[part] + by * u**3 * (10.0 + u * (6.0 * u - 15.0))),
+            freeze(by / span * 30.0 * u**2 * (1.0 - u) ** 2),
+            freeze(by / span**2 * 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)),
+        )

@@ -1,0 +1,452 @@
+"""The lab arm with its mass, moved by MuJoCo: a chain of hinges with the springs of the chain.
+
+A hinge stands for two elements of a `Chain` of twice as many, so that whatever effects do to the
+chain in an instant, the hinges do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array, freeze, frozen_array
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import STANDARD_GRAVITY
+from pneunet_ros.lab.chain import Chain
+from pneunet_ros.lab.lab_arm import LabArm
+from pneunet_ros.lab.motion import LabMotion
+from pneunet_ros.mujoco.equilibrium import come_to_rest
+from pneunet_ros.mujoco.hinge_chain import HingeChain, mjcf_tree
+from pneunet_ros.mujoco.library import load_mujoco
+
+BLOCK = 1000  # steps whose springs and loads are computed at once
+DRIVE = 1e6  # inertia of what turns the base, in those of the arm about the clamp
+
+HOLD = 1e3  # N m/rad, of the base while the arm comes to rest; anything that is no spring of it
+
+ChainAt = Callable[[Array], Chain]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MotionTruth:
+    """What an arm with mass does at every frame, in the base frame, SI.
+
+    tip_velocity (frames, 3): m/s, m/s, rad/s. contact_force (frames, 2) N on the arm and
+    contact_place (frames,) m along it, NaN where it does not touch the peg. base_angle (frames,)
+    rad, base_rate (frames,) rad/s, specific_force (frames, 2) m/s^2 as an accelerometer at the
+    clamp reads it.
+    """
+
+    tip_velocity: Array
+    contact_force: Array
+    contact_place: Array
+    base_angle: Array
+    base_rate: Array
+    specific_force: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MovingShape:
+    """Headings (frames, links + 1) rad of the links of an arm; x, y (frames, links + 1) m.
+
+    The places are those in the middle of the links, at every `link` (m) from the clamp; of the
+    half link at the clamp its beginning, of that at the free end its end.
+    """
+
+    link: float
+    length: float
+    heading: Array
+    x: Array = field(init=False)
+    y: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Add up the links."""
+        before = 0.5 * self.link * np.ones(self.heading.shape[1] - 1)
+        for name, part in (('x', np.cos(self.heading)), ('y', np.sin(self.heading))):
+            steps = before * (part[:, :-1] + part[:, 1:])
+            start = np.zeros((len(steps), 1))
+            object.__setattr__(
+                self, name, frozen_array(np.concatenate([start, np.cumsum(steps, axis=1)], axis=1))
+            )
+
+    def points(self, arclength: npt.ArrayLike) -> tuple[Array, Array, Array]:
+        """Return x, y (m) and theta (rad) at places along the arm (m), each (frames, places).
+
+        Cubics with the headings at the links; beyond the free end the arm goes on straight.
+        """
+        places = np.asarray(arclength, np.float64)
+        s = np.minimum(places, self.length)
+        row = np.clip((s / self.link).astype(np.int64), 0, self.heading.shape[1] - 2)
+        u = s / self.link - row
+        theta = (1.0 - u) * self.heading[:, row] + u * self.heading[:, row + 1]
+        first, last = self.link * u * (1.0 - u) ** 2, self.link * u**2 * (u - 1.0)
+        later = u**2 * (3.0 - 2.0 * u)
+        found = []
+        for values, part in ((self.x, np.cos), (self.y, np.sin)):
+            slope = part(self.heading)
+            place = (1.0 - later) * values[:, row] + later * values[:, row + 1]
+            place = place + first * slope[:, row] + last * slope[:, row + 1]
+            found.append(freeze(place + (places - s) * part(theta)))
+        return found[0], found[1], freeze(theta)
+
+    def curvature(self, arclength: npt.ArrayLike) -> Array:
+        """Return the curvature (1/m) at places (m), (frames, places); 0 on the cap."""
+        wanted = np.asarray(arclength, np.float64)
+        middles = self.link * (np.arange(self.heading.shape[1] - 1) + 0.5)
+        bend = np.diff(self.heading, axis=1) / self.link
+        s = np.clip(wanted, middles[0], middles[-1])
+        row = np.clip(np.searchsorted(middles, s, side='right') - 1, 0, middles.size - 2)
+        above = (s - middles[row]) / self.link
+        curvature = (1.0 - above) * bend[:, row] + above * bend[:, row + 1]
+        return freeze(np.where(wanted > self.length, 0.0, curvature))
+
+
+class Frame(NamedTuple):
+    """An instant: angles (rad) and rates (rad/s) of clamp and hinges (links + 1,), and contact."""
+
+    angles: Array
+    rates: Array
+    contact_force: Array
+    contact_place: float
+
+
+def moving_shape(
+    arm: LabArm, motion: LabMotion, chain_at: ChainAt, times: Array, duration: float
+) -> tuple[MovingShape, MotionTruth]:
+    """Return shapes at times (frames,) s of an arm that rests at the beginning, and its motion.
+
+    chain_at: the chain, of two elements for each hinge, at times (n,) s. Raises RequestError
+    where MuJoCo is not installed, cannot carry what the chain has, or diverges.
+    """
+    run = Run(arm, motion, chain_at, duration)
+    frames = list(run.frames(times))
+    angles = np.array([frame.angles for frame in frames])
+    rates = np.array([frame.rates for frame in frames])
+    shape = MovingShape(
+        link=run.link,
+        length=arm.length,
+        heading=freeze(arm.clamp_angle + np.cumsum(angles, axis=1)),
+    )
+    turned, rate, _ = run.base_at(times)
+    down = STANDARD_GRAVITY * np.array([motion.gravity_x, motion.gravity_y])
+    return shape, MotionTruth(
+        tip_velocity=tip_velocity(shape, np.cumsum(rates, axis=1), arm.tip_cap),
+        contact_force=freeze(np.array([frame.contact_force for frame in frames])),
+        contact_place=freeze(np.array([frame.contact_place for frame in frames])),
+        base_angle=turned,
+        base_rate=rate,
+        specific_force=rotated(-down, -turned),
+    )
+
+
+def tip_velocity(shape: MovingShape, spin: Array, cap: float) -> Array:
+    """Return the velocity (frames, 3) of the tip: m/s, m/s in the base frame, rad/s.
+
+    spin (frames, links + 1) rad/s: of the links.
+    """
+    weight = np.full(spin.shape[1], shape.link)
+    weight[[0, -1]] *= 0.5
+    weight[-1] += cap
+    across = -np.sin(shape.heading) * spin, np.cos(shape.heading) * spin
+    return freeze(np.column_stack([across[0] @ weight, across[1] @ weight, spin[:, -1]]))
+
+
+def rotated(vector: Array, angle: Array) -> Array:
+    """Return a vector (2,) turned counter-clockwise by angles (n,) rad, (n, 2)."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    x, y = vector
+    return freeze(np.column_stack([cosine * x - sine * y, sine * x + cosine * y]))
+
+
+class Hinges:
+    """Springs and loads of the hinges of a chain, at its instants.
+
+    stiffness (n, hinges) N m/rad, rest (n, hinges) rad, cubic (hinges,) 1/rad^2: the first hinge
+    is the clamp's where that gives. weight (n, links + 1, 2) N: loads along the arm, a row for
+    each link.
+    """
+
+    def __init__(self, chain: Chain, links: int) -> None:
+        """Add up the two elements of the chain for each hinge."""
+        frames, joints = chain.turning.shape
+        edges = np.clip(chain.element * (np.arange(joints + 1) - 0.5), 0.0, chain.length)
+        before = np.clip(chain.split[:, None] - edges[:-1], 0.0, np.diff(edges))
+        first, second = chain.rigidity[:, :1], chain.rigidity[:, 1:]
+        bend = (before / first + (np.diff(edges) - before) / second) / chain.stiffer
+        compliance, rest = paired(bend), paired(chain.turning)
+        cubic = np.full(links, chain.cubic * (links / chain.length) ** 2)
+        if chain.clamp_compliance > 0.0:
+            clamp = np.full((frames, 1), chain.clamp_compliance)
+            compliance = np.concatenate([clamp, compliance], axis=1)
+            rest = np.concatenate([np.zeros((frames, 1)), rest], axis=1)
+            cubic = np.append(0.0, cubic)
+        self.stiffness, self.rest, self.cubic = 1.0 / compliance, rest, cubic
+        borders = 0.5 * (chain.line[:, :-1:2] + chain.line[:, 1::2])
+        clamped = 1.5 * chain.line[:, :1] - 0.5 * chain.line[:, 1:2]
+        free = np.zeros_like(clamped)
+        self.weight = -np.diff(np.concatenate([clamped, borders, free], axis=1), axis=1)
+
+
+def paired(joints: Array) -> Array:
+    """Add up what joints (n, 2 links + 1) of a chain have for each hinge, (n, links).
+
+    A hinge stands for its own joint and for half of that on either side; for all of those at the
+    clamp and at the free end.
+    """
+    shared = joints[:, ::2].copy()
+    shared[:, 1:-1] *= 0.5
+    result: Array = joints[:, 1::2] + shared[:, :-1] + shared[:, 1:]
+    return result
+
+
+def refuse_what_mujoco_cannot(chain: Chain) -> None:
+    """Raise RequestError where hinges cannot do what effects do to the chain."""
+    refused = {
+        'extensibility': chain.axial_compliance > 0.0,
+        'pressure_elongation': chain.rest.any(),
+        'touching_peg': chain.peg is not None,
+        'clamp_compliance of richness above 0': chain.clamp_hardening > 0.0,
+        'stiffening of richness above 0': chain.quintic > 0.0,
+    }
+    names = [name for name, found in refused.items() if found]
+    if names:
+        peg = '; motion.peg_radius is the peg of MuJoCo' if 'touching_peg' in names else ''
+        raise RequestError(
+            f'MuJoCo cannot carry the effect {", ".join(names)}: its links do not stretch, and '
+            f'its springs are linear or cubic; leave it out{peg}'
+        )
+
+
+class Run:
+    """A simulation by MuJoCo, from the rest at the beginning of a recording on."""
+
+    def __init__(self, arm: LabArm, motion: LabMotion, chain_at: ChainAt, duration: float) -> None:
+        """Build the model, and let the arm come to rest under its first loads."""
+        self.mujoco = load_mujoco()
+        self.arm, self.motion, self.chain_at, self.duration = arm, motion, chain_at, duration
+        self.links = int(motion.links)
+        self.link = arm.length / self.links
+        self.turning = any(motion.turn_angle)
+        chain = chain_at(np.zeros(1))
+        refuse_what_mujoco_cannot(chain)
+        self.gives = chain.clamp_compliance > 0.0
+        self.hinges = Hinges(chain, self.links)
+        root = mjcf_tree(self.hinge_chain())
+        self.add_surroundings(root)
+        text = ElementTree.tostring(root, encoding='unicode')
+        self.model = self.mujoco.MjModel.from_xml_string(text)
+        self.data = self.mujoco.MjData(self.model)
+        start = self.model.body('link_1' if self.gives else 'base').id
+        self.bodies = np.arange(start, start + self.links + 1)
+        self.dofs = slice(int(self.turning), None)
+        # From the middle of mass of each link back to where it begins (m).
+        self.middles = np.full(self.links + 1, 0.5 * self.link)
+        self.middles[[0, -1]] *= 0.5
+        self.come_to_rest(chain)
+
+    def hinge_chain(self) -> HingeChain:
+        """Return the arm as hinges, with the springs of its first instant."""
+        arm, motion = self.arm, self.motion
+        hinge = self.link * (np.arange(self.links, dtype=np.float64) + 0.5)
+        return HingeChain(
+            name='lab',
+            length=arm.length,
+            tip_cap=arm.tip_cap,
+            clamp_angle=arm.clamp_angle,
+            mass=arm.weight / STANDARD_GRAVITY,
+            tip_mass=motion.tip_mass,
+            damping_time=motion.damping_time,
+            radius=motion.radius,
+            timestep=motion.timestep,
+            hinge=np.append(0.0, hinge) if self.gives else hinge,
+            pressure=np.zeros(1),
+            stiffness=self.hinges.stiffness,
+            rest=self.hinges.rest,
+            cubic=self.hinges.cubic,
+            gravity=STANDARD_GRAVITY * np.array([motion.gravity_x, motion.gravity_y]),
+        )
+
+    def add_surroundings(self, root: ElementTree.Element) -> None:
+        """Let the base turn, and put up the peg, which turns with it."""
+        arm, motion = self.arm, self.motion
+        base = root.find("worldbody/body[@name='base']")
+        assert base is not None
+        if self.turning:
+            inertia = DRIVE * (arm.weight / STANDARD_GRAVITY + motion.tip_mass) * arm.reach**2
+            ElementTree.SubElement(
+                base, 'joint', name='turn', type='hinge', axis='0 0 1', armature=f'{inertia:.9g}'
+            )
+            if base.find('inertial') is None:
+                ElementTree.SubElement(
+                    base, 'inertial', pos='0 0 0', mass='1', diaginertia='1 1 1'
+                )
+        for geom in root.iter('geom'):
+            geom.set('friction', f'{motion.peg_friction:g} 0 0')
+        if motion.peg_radius > 0.0:
+            x, y = rotated(np.array([motion.peg_x, motion.peg_y]), np.array([-arm.clamp_angle]))[0]
+            ElementTree.SubElement(
+                base,
+                'geom',
+                name='peg',
+                type='cylinder',
+                size=f'{motion.peg_radius:.9g} {2.0 * motion.radius:.9g}',
+                pos=f'{x:.9g} {y:.9g} 0',
+                mass='0',
+                friction=f'{motion.peg_friction:g} 0 0',
+            )
+
+    def base_at(self, times: Array) -> tuple[Array, Array, Array]:
+        """Return angle of the base (rad), its rate and its acceleration at times (n,) s."""
+        angle, rate, acceleration = self.motion.turn(freeze(times / self.duration))
+        return angle, freeze(rate / self.duration), freeze(acceleration / self.duration**2)
+
+    def come_to_rest(self, chain: Chain) -> None:
+        """Put the arm where its first loads leave it, without the peg."""
+        base = float(self.base_at(np.zeros(1))[0][0])
+        self.set_springs(0)
+        self.data.qpos[self.dofs] = self.hinges.rest[0]
+        if self.turning:
+            self.data.qpos[0] = base
+
+        def loads() -> None:
+            self.set_loads(chain, 0)
+            if self.turning:  # nothing else holds the base
+                self.data.qfrc_applied[0] = -HOLD * (self.data.qpos[0] - base)
+
+        come_to_rest(self.model, self.data, loads)
+        if self.motion.peg_radius > 0.0:
+            self.mujoco.mj_forward(self.model, self.data)
+            if self.data.ncon:
+                raise RequestError('the arm already touches the peg at the start: move the peg')
+
+    def set_springs(self, row: int) -> None:
+        """Set springs and damping to one of the instants of the hinges."""
+        model, hinges, dofs = self.model, self.hinges, self.dofs
+        stiffness, rest = hinges.stiffness[row], hinges.rest[row]
+        bent = self.data.qpos[dofs] - rest
+        model.jnt_stiffness[dofs], model.qpos_spring[dofs] = stiffness, rest
+        model.jnt_stiffnesspoly[dofs, 1] = stiffness * hinges.cubic
+        # The integrator `discrete` damps as a damping time of one step does.
+        damping = max(self.motion.damping_time - self.motion.timestep, 0.0)
+        model.dof_damping[dofs] = damping * stiffness * (1.0 + 3.0 * hinges.cubic * bent**2)
+
+    def headings(self) -> Array:
+        """Return the headings (links + 1,) rad of all links in the world."""
+        qpos = self.data.qpos
+        turned = np.cumsum(qpos[self.dofs])
+        turned = turned if self.gives else np.append(0.0, turned)
+        base = float(qpos[0]) if self.turning else 0.0
+        return freeze(base + self.arm.clamp_angle + turned)
+
+    def set_loads(self, chain: Chain, row: int) -> None:
+        """Set all forces on links to those of one of the instants, at the positions in `data`."""
+        heading = self.headings()
+        base = float(self.data.qpos[0]) if self.turning else 0.0
+        force = self.hinges.weight[row].copy()
+        torque = np.zeros(self.links + 1)
+        torque[-1] += chain.moment[row]
+        end = 0.5 * self.link + chain.beyond - self.middles[-1]
+        relative = heading[-1] - base
+        lever = along(relative, end, chain.beside)
+        add(force, torque, self.links, chain.force[row], lever)
+        if chain.push is not None:
+            place = chain.push.place
+            link = min(int(place / self.link + 0.5), self.links)
+            start = max(link - 0.5, 0.0) * self.link
+            relative = heading[link] - base
+            push = along(relative, 0.0, float(chain.push.force[row]))
+            lever = along(relative, place - start - self.middles[link], 0.0)
+            add(force, torque, link, push, lever)
+        cosine, sine = np.cos(base), np.sin(base)
+        applied = self.data.xfrc_applied
+        applied[self.bodies, 0] = cosine * force[:, 0] - sine * force[:, 1]
+        applied[self.bodies, 1] = sine * force[:, 0] + cosine * force[:, 1]
+        applied[self.bodies, 5] = torque
+
+    def frames(self, times: Array) -> Iterator[Frame]:
+        """Step through the recording; yield what happens at times (frames,) s, increasing."""
+        step, wanted = self.motion.timestep, 0
+        count = int(np.ceil(times[-1] / step))
+        for first in range(0, count, BLOCK):
+            # Springs and loads of a step are those in its middle.
+            begins = step * np.arange(first, min(first + BLOCK, count), dtype=np.float64)
+            chain = self.chain_at(freeze(begins + 0.5 * step))
+            self.hinges = Hinges(chain, self.links)
+            base = self.base_at(begins)
+            for row in range(begins.size):
+                before = self.state()
+                self.step(chain, row, base)
+                contact = self.contact()
+                after, begun = self.state(), float(begins[row])
+                while wanted < times.size and times[wanted] <= begun + step:
+                    share = float(times[wanted] - begun) / step
+                    angles, rates = (
+                        (1.0 - share) * one + share * two
+                        for one, two in zip(before, after, strict=True)
+                    )
+                    yield Frame(angles, rates, *contact)
+                    wanted += 1
+            self.check(float(begins[-1]) + step)
+
+    def step(self, chain: Chain, row: int, base: tuple[Array, Array, Array]) -> None:
+        """Step once."""
+        if self.turning:
+            self.data.qpos[0], self.data.qvel[0] = base[0][row], base[1][row]
+            self.data.qfrc_applied[0] = self.model.dof_armature[0] * base[2][row]
+        self.set_springs(row)
+        self.mujoco.mj_step1(self.model, self.data)
+        self.set_loads(chain, row)
+        self.mujoco.mj_step2(self.model, self.data)
+
+    def state(self) -> tuple[Array, Array]:
+        """Return angles (rad) and rates (rad/s) of clamp and hinges, each (links + 1,)."""
+        found = np.array([self.data.qpos[self.dofs], self.data.qvel[self.dofs]])
+        if not self.gives:
+            found = np.concatenate([np.zeros((2, 1)), found], axis=1)
+        return found[0], found[1]
+
+    def contact(self) -> tuple[Array, float]:
+        """Return the force (2,) N of the peg on the arm in the base frame, and its place (m)."""
+        force, place, weight, result = np.zeros(2), 0.0, 0.0, np.zeros(6)
+        for index in range(self.data.ncon):
+            touch = self.data.contact[index]
+            self.mujoco.mj_contactForce(self.model, self.data, index, result)
+            pushed = touch.frame.reshape(3, 3).T @ result[:3]
+            bodies = [int(self.model.geom_bodyid[geom]) for geom in touch.geom]
+            peg = self.model.geom('peg').id
+            second = int(touch.geom[0]) == peg
+            link = int(np.searchsorted(self.bodies, bodies[1] if second else bodies[0]))
+            force += (pushed if second else -pushed)[:2]
+            size = float(np.hypot(*pushed[:2]))
+            body = self.bodies[link]
+            beyond = float((touch.pos - self.data.xpos[body]) @ self.data.xmat[body][::3])
+            place += size * (max(link - 0.5, 0.0) * self.link + beyond)
+            weight += size
+        base = float(self.data.qpos[0]) if self.turning else 0.0
+        return rotated(force, np.array([-base]))[0], place / weight if weight else float('nan')
+
+    def check(self, time: float) -> None:
+        """Raise RequestError where MuJoCo says that the simulation diverged."""
+        warnings = self.mujoco.mjtWarning
+        for kind in (warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC):
+            if self.data.warning[int(kind)].number:
+                raise RequestError(
+                    f'the arm in MuJoCo diverges before {time:.3g} s: make motion.timestep '
+                    f'({self.motion.timestep:g} s) shorter'
+                )
+
+
+def along(heading: float, forward: float, left: float) -> Array:
+    """Return the vector (2,) that goes forward and to the left of a heading (rad)."""
+    cosine, sine = np.cos(heading), np.sin(heading)
+    return np.array([forward * cosine - left * sine, forward * sine + left * cosine])
+
+
+def add(force: Array, torque: Array, link: int, pushed: Array, lever: Array) -> None:
+    """Add a force (2,) N that acts at a lever (2,) m from the middle of mass of a link."""
+    force[link] += pushed
+    torque[link] += lever[0] * pushed[1] - lever[1] * pushed[0]
