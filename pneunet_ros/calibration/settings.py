@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pneunet_ros.core.settings import tuning
+from pneunet_ros.core.settings import setting, tuning
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -13,13 +13,10 @@ class PreconditionSettings:
 
     fewest_frames: int = tuning(3, 'frames, of all recordings together')
     fewest_targets: int = tuning(4, 'targets seen somewhere in a recording')
-    few_pascals: float = tuning(1000.0, 'that bend no arm: another unit', unit='Pa')
     smallest_motion: float = tuning(0.0045, 'of the tip', unit='length')
     unloaded_force: float = tuning(0.12, 'more than the offset of a force sensor', unit='weight')
     largest_pressure: float = tuning(1e6, 'gauge', unit='Pa')
-    like_air: float = tuning(
-        81e3, 'that a pressure is never below, beyond the range of the model: not gauge', unit='Pa'
-    )
+    judge_readings: bool = setting(True, 'refuse pressures of another unit or reference')
     bending_motion: float = tuning(
         0.05, 'pressures that bend so much are no few Pa', unit='length'
     )

@@ -33,6 +33,7 @@ _SHOWN = {
     'hpa': 'hPa',
     'kpa': 'kPa',
     'mpa': 'MPa',
+    'mmhg': 'mmHg',
     'n': 'N',
     'mn': 'mN',
     'n_m': 'Nm',

@@ -8,6 +8,7 @@ from dataclasses import replace
 import time
 
 from pneunet_ros.cli.fitted_table import print_table
+from pneunet_ros.cli.judged import refuse_readings
 from pneunet_ros.cli.verb import (
     DONE,
     model_of,
@@ -20,7 +21,6 @@ from pneunet_ros.cli.verb import (
 )
 from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.units import millimeters
-from pneunet_ros.estimation.estimator import kilopascal_doubts
 from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION
@@ -33,6 +33,7 @@ from pneunet_ros.offline.fuse import (
     FusionTally,
     record_fusion,
 )
+from pneunet_ros.offline.judge import judge_recording, verdict_summary
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
 from rich.table import Table
@@ -47,6 +48,9 @@ def run_fusion(arguments: Namespace) -> int:
     recording = open_recording(arguments.recording)
     wrench = not (arguments.no_wrench or arguments.free_tip)
     topics = fusion_topics(recording, overrides, wrench=wrench)
+    verdict = judge_recording(recording, arm, fusion.sensors, overrides)
+    if verdict is not None and verdict.doubted:
+        return refuse_readings(arguments, arguments.recording, verdict)
     tally = FusionTally()
     begun = time.perf_counter()
     with ExitStack() as stack:
@@ -92,10 +96,10 @@ def run_fusion(arguments: Namespace) -> int:
         'std_leaves_out': error_left_out(arm.covariance, arm.sources),
         'settings': settings_used(fusion.settings),
         'seconds': time.perf_counter() - begun,
+        'pressure_verdict': verdict_summary(verdict),
         'sentences': [
             *recording.sentences,
             *fusion.other_sensors(state).values(),
-            *kilopascal_doubts(arm, tally.largest_pressure),
         ],
         'last_refusal': tally.refusal.sentence if tally.refusal else None,
     }

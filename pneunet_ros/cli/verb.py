@@ -29,12 +29,15 @@ PAPER_ARM = 'config/paper_arm.yaml'
 SENSOR_SETTINGS = (
     'frame_id',
     'wrench_required',
+    'pressure_unit',
     'pressure_reference',
+    'pressure_sign',
     'ambient_pressure',
     'pressure_offset',
     'wrench_sign',
     'wrench_yaw',
     'wrench_frame',
+    'judge_readings',
 )
 
 

@@ -30,6 +30,7 @@ SI_PER_UNIT: dict[str, dict[str, float]] = {
         'mbar': 100.0,
         'bar': 1e5,
         'psi': 6894.757293168,
+        'mmhg': 133.322387415,
     },
     # What a scale shows in g or kg is the weight of that mass.
     'force': {

@@ -13,22 +13,17 @@ import math
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
-from pneunet_ros.core.units import (
-    kilopascals,
-    PASCALS_PER_KILOPASCAL,
-    seconds_between,
-    seconds_since,
-)
+from pneunet_ros.core.units import seconds_between, seconds_since
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import estimate_of, Outcome, ShapeEstimate
 from pneunet_ros.estimation.out_of_plane import out_of_plane, OutOfPlane
-from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, wrong_frame
+from pneunet_ros.estimation.sensor_mapping import base_wrench, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit, EstimatorState
 from pneunet_ros.measurement.errors.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian
 from pneunet_ros.measurement.errors.propagated_errors import propagate_errors
-from pneunet_ros.model.arm import Arm, EXTRAPOLATION
+from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import DomainPosition, locate_load, OUT_OF_RANGE
 from pneunet_ros.model.equilibrium import (
     jacobian_of,
@@ -80,6 +75,7 @@ class Estimator:
                 if refusal is None:
                     return state, None
             else:
+                state = state.watch_pressure(reading, self.arm, self.settings)
                 state, outcome = self.take_pressure(state, reading, note)
                 if not isinstance(outcome, Refusal):
                     return state, outcome
@@ -105,7 +101,7 @@ class Estimator:
         notes = [note] if note else []
         if elapsed > self.settings.input_timeout:
             notes.append(f'first pressure after {elapsed:.3g} s')
-        gauge = gauge_pressure(self.settings, reading.pressure)
+        gauge = self.settings.pressure.gauge(reading.pressure)
         wrench, age, refusal = self.wrench_at(state, reading.stamp_ns)
         sensed = Load(
             pressure=gauge,
@@ -120,8 +116,9 @@ class Estimator:
         history, chamber = self.arm.actuate(history, elapsed, load.pressure)
         position = locate_load(self.arm, load, chamber, self.reading_std(reading))
         beside = out_of_plane(self.arm, self.settings, wrench)
-        refusal = refusal or self.forbidden(reading, position, beside)
-        if refusal is not None and position.reason == OUT_OF_RANGE:
+        other = state.watch.refusal(reading.stamp_ns)
+        refusal = other or refusal or self.forbidden(state, reading, position, beside)
+        if refusal is not None and (other or position.reason == OUT_OF_RANGE):
             return state.with_impossible(reading.stamp_ns), refusal
         if refusal is not None:
             return state.with_reading(reading.stamp_ns, history), refusal
@@ -157,7 +154,11 @@ class Estimator:
         return state.with_estimate(reading.stamp_ns, history, solution), estimate
 
     def forbidden(
-        self, reading: PressureReading, position: DomainPosition, beside: OutOfPlane
+        self,
+        state: EstimatorState,
+        reading: PressureReading,
+        position: DomainPosition,
+        beside: OutOfPlane,
     ) -> Refusal | None:
         """Return why the model says nothing under a load; None where it does."""
         if beside.stops:
@@ -166,13 +167,14 @@ class Estimator:
             return None
         hint = ''
         if position.reason == OUT_OF_RANGE:
-            hint = reference_hint(self.arm, self.settings, reading.pressure)
+            hint = state.watch.hint(self.arm, self.settings)
         return refuse(reading.stamp_ns, position.reason, position.sentence + hint)
 
     def reading_std(self, reading: PressureReading) -> tuple[float, float, float, float]:
         """Return one sigma of F1, F2 (N), M (N m) and pressure (Pa)."""
         sensors = self.arm.sensors
-        pressure = math.sqrt(reading.variance) if reading.variance > 0.0 else sensors.pressure_std
+        pressure = self.settings.pressure.size * math.sqrt(reading.variance)
+        pressure = pressure if reading.variance > 0.0 else sensors.pressure_std
         if not self.settings.wrench_required:
             return 0.0, 0.0, 0.0, pressure
         return sensors.force_std, sensors.force_std, sensors.moment_std, pressure
@@ -203,38 +205,6 @@ class Estimator:
             f'wrench_timeout = {self.settings.wrench_timeout:.3g} s'
         )
         return state.wrench, age, refuse(stamp_ns, 'stale_wrench', sentence)
-
-
-def reference_hint(arm: Arm, settings: EstimatorSettings, raw: float) -> str:
-    """Say what to do where a reading (Pa) fits the range as the other kind of pressure."""
-    ambient = settings.ambient_pressure
-    if settings.pressure_reference == 'gauge':
-        other, gauge = 'absolute', raw - ambient
-    else:
-        other, gauge = 'gauge', raw
-    if arm.beyond_range(gauge + settings.pressure_offset) > EXTRAPOLATION:
-        return ''
-    return (
-        f'; as {other} pressure it would be {kilopascals(gauge):.4g} kPa gauge: '
-        f'set pressure_reference to {other} if the sensor reports that'
-    )
-
-
-def may_be_kilopascals(arm: Arm, pressure: float) -> bool:
-    """Whether a number of pascals is next to nothing for an arm, and as kPa within its range."""
-    largest = max(map(abs, arm.pressure_range))
-    return 0.0 < abs(pressure) <= largest / PASCALS_PER_KILOPASCAL
-
-
-def kilopascal_doubts(arm: Arm, largest: float) -> list[str]:
-    """Ask whether readings were in kPa, of which the largest (Pa) is next to nothing."""
-    if not may_be_kilopascals(arm, largest):
-        return []
-    return [
-        f'the pressure never exceeds {largest:.3g} Pa, and the model goes to '
-        f'{kilopascals(max(map(abs, arm.pressure_range))):g} kPa: was it recorded in kPa? A '
-        'FluidPressure is in Pa'
-    ]
 
 
 def refuse(stamp_ns: int, reason: str, sentence: str, *, awaits_others: bool = False) -> Refusal:

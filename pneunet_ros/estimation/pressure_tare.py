@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.core.readings import PressureReading
@@ -36,9 +36,8 @@ def pressure_zero(
     fewest = settings.fewest_readings
     if len(readings) < fewest:
         return None, f'only {len(readings)} recent pressure readings; at least {fewest} are needed'
-    values = np.array([reading.pressure for reading in readings])
-    if estimator.settings.pressure_reference == 'absolute':
-        values = values - estimator.settings.ambient_pressure
+    untared = replace(estimator.settings.pressure, offset=0.0)
+    values = np.array([untared.gauge(reading.pressure) for reading in readings])
     low, high = estimator.arm.pressure_range
     moved, mean = float(np.ptp(values)), float(values.mean())
     noise = settings.noise_band * estimator.arm.sensors.pressure_std

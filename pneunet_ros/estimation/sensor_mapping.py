@@ -1,4 +1,4 @@
-"""What a reading means by the settings: gauge pressure, end load in the base frame."""
+"""What an end wrench means by the settings: the end load in the base frame."""
 
 from __future__ import annotations
 
@@ -7,14 +7,6 @@ import math
 from pneunet_ros.core.frames import rotate
 from pneunet_ros.core.readings import WrenchReading
 from pneunet_ros.estimation.settings import EstimatorSettings
-
-
-def gauge_pressure(settings: EstimatorSettings, pressure: float) -> float:
-    """Return the gauge pressure (Pa) behind what a sensor reports."""
-    gauge = pressure + settings.pressure_offset
-    if settings.pressure_reference == 'absolute':
-        gauge -= settings.ambient_pressure
-    return gauge
 
 
 def base_wrench(settings: EstimatorSettings, reading: WrenchReading) -> WrenchReading:

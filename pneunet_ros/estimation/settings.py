@@ -8,6 +8,12 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.settings import check_settings, setting
 from pneunet_ros.core.units import quantity, STANDARD_ATMOSPHERE
+from pneunet_ros.measurement.pressure_convention import (
+    ABSOLUTE,
+    GAUGE,
+    PRESSURE_UNITS,
+    PressureConvention,
+)
 from pneunet_ros.model.equilibrium import DEFAULT_STATIONS
 
 
@@ -26,8 +32,10 @@ class EstimatorSettings:
     input_timeout: float = quantity(
         0.5, unit='s', meaning='silence of the pressure that is an error', bounds=(1e-3, 3600.0)
     )
-    pressure_reference: str = setting(
-        'gauge', 'what the pressure sensor reports', ('gauge', 'absolute')
+    pressure_unit: str = setting('Pa', 'unit of what the pressure sensor reports', PRESSURE_UNITS)
+    pressure_reference: str = setting(GAUGE, 'what the pressure sensor reports', (GAUGE, ABSOLUTE))
+    pressure_sign: int = setting(
+        1, '-1 where the ports of a differential pressure sensor are swapped', (1, -1)
     )
     ambient_pressure: float = quantity(
         STANDARD_ATMOSPHERE,
@@ -55,6 +63,11 @@ class EstimatorSettings:
         'share of the calibrated force and its moment; three times that is an error',
         bounds=(1e-3, 1e6),
     )
+    judge_readings: bool = setting(
+        True,
+        'give no estimate of readings that are almost surely of another unit, reference or '
+        'sign; false: they are what the settings say',
+    )
     watch_targets: bool = setting(
         True, 'compare measured targets, where there are any, with the estimate'
     )
@@ -70,3 +83,14 @@ class EstimatorSettings:
         check_settings(self)
         if not self.frame_id:
             raise RequestError('frame_id must not be empty')
+
+    @property
+    def pressure(self) -> PressureConvention:
+        """What a number of the pressure sensor means."""
+        return PressureConvention(
+            unit=self.pressure_unit,
+            reference=self.pressure_reference,
+            sign=self.pressure_sign,
+            ambient=self.ambient_pressure,
+            offset=self.pressure_offset,
+        )

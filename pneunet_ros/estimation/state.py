@@ -18,6 +18,9 @@ from pneunet_ros.core.stamps import (
 )
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.effects.effect import History
+from pneunet_ros.estimation.pressure_watch import PressureWatch
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.model.arm import Arm
 from pneunet_ros.solver.solution import SolverNodes
 
 
@@ -28,7 +31,7 @@ class EstimatorState:
     history_ns: the stamp of the pressure reading that the history goes up to, which is the last
     one but for readings that no arm can have; before: the state before a pressure reading that
     came after a gap of more than a second, until the next one says whether time has gone on from
-    there or that stamp was wrong.
+    there or that stamp was wrong; watch: whether the pressure is what it is declared to be.
     """
 
     pressure_stamp_ns: int | None = None
@@ -40,6 +43,7 @@ class EstimatorState:
     resets: int = 0
     rejected: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     before: EstimatorState | None = None
+    watch: PressureWatch = field(default_factory=PressureWatch)
 
     def with_wrench(self, wrench: WrenchReading) -> EstimatorState:
         """After an end wrench, in the base frame."""
@@ -53,6 +57,7 @@ class EstimatorState:
             resets=self.resets,
             rejected=self.rejected,
             before=self.before,
+            watch=self.watch,
         )
 
     def with_reading(self, stamp_ns: int, history: tuple[History, ...]) -> EstimatorState:
@@ -66,7 +71,14 @@ class EstimatorState:
             resets=self.resets,
             rejected=self.rejected,
             before=self.before,
+            watch=self.watch,
         )
+
+    def watch_pressure(
+        self, reading: PressureReading, arm: Arm, settings: EstimatorSettings
+    ) -> EstimatorState:
+        """After a pressure reading, as far as its unit, reference and sign are concerned."""
+        return replace(self, watch=self.watch.after(reading, arm, settings))
 
     def with_impossible(self, stamp_ns: int) -> EstimatorState:
         """After a pressure reading that no arm can have, and that leaves no trace in it."""
@@ -86,6 +98,7 @@ class EstimatorState:
             resets=self.resets,
             rejected=self.rejected,
             before=self.before,
+            watch=self.watch,
         )
 
     def fresh(self) -> EstimatorState:

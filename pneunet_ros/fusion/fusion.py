@@ -18,8 +18,8 @@ from pneunet_ros.core.readings import PressureReading, Reading, TargetSightings,
 from pneunet_ros.core.stamps import AHEAD, STARTS_ANEW
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between, seconds_since
 from pneunet_ros.effects.effect import Load
-from pneunet_ros.estimation.estimator import reference_hint, refuse
-from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, wrong_frame
+from pneunet_ros.estimation.estimator import refuse
+from pneunet_ros.estimation.sensor_mapping import base_wrench, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit
 from pneunet_ros.fusion.belief import (
@@ -147,11 +147,17 @@ class Fusion:
         """Take the frames that have waited for a pressure reading, and estimate at its stamp."""
         if state.pressure_off:
             return self.refuse_pressure(state, reading)
+        readings = state.readings.watch_pressure(reading, self.arm, self.sensors)
+        state = replace(state, readings=readings)
+        refusal = readings.watch.refusal(reading.stamp_ns)
+        if refusal is not None:
+            readings = readings.with_impossible(reading.stamp_ns)
+            return replace(state, readings=readings).count_rejected(refusal.reason), refusal
         instant = self.instant_at(state, reading)
         position = locate_load(self.arm, Load(pressure=instant.gauge), instant.chamber)
         if position.reason == OUT_OF_RANGE:
             # It is not kept: without a pressure that can be, the camera is alone.
-            hint = reference_hint(self.arm, self.sensors, reading.pressure)
+            hint = readings.watch.hint(self.arm, self.sensors)
             refusal = refuse(reading.stamp_ns, position.reason, position.sentence + hint)
             readings = state.readings.with_impossible(reading.stamp_ns)
             return replace(state, readings=readings).count_rejected(refusal.reason), refusal
@@ -210,7 +216,7 @@ class Fusion:
         elapsed = 0.0
         if before.history_ns is not None:
             elapsed = seconds_between(before.history_ns, reading.stamp_ns)
-        gauge = gauge_pressure(self.sensors, reading.pressure)
+        gauge = self.sensors.pressure.gauge(reading.pressure)
         sensed = self.arm.sense(Load(pressure=gauge)).pressure
         history = before.history
         if history is None:
@@ -219,7 +225,7 @@ class Fusion:
         last = state.pressures[-1] if state.pressures else None
         step = math.inf if last is None else smallest_change(last.step, gauge - last.gauge)
         if reading.variance > 0.0:
-            std = math.sqrt(reading.variance)
+            std = self.sensors.pressure.size * math.sqrt(reading.variance)
         else:
             rounding = self.bench.pressure_rounding(step)
             std = with_rounding(self.arm.sensors.pressure_std, rounding)

@@ -24,7 +24,7 @@ from pneunet_ros.core.readings import (
     TipPoseReading,
     WrenchReading,
 )
-from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, wrong_frame
+from pneunet_ros.estimation.sensor_mapping import base_wrench, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.messages.builders import (
     header,
@@ -265,7 +265,7 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
 def pressure_row(message: Any, settings: EstimatorSettings, _: int | None) -> tuple[int, Array]:
     """Return stamp and gauge pressure (1,) Pa of a FluidPressure."""
     reading = decode_pressure(message)
-    return reading.stamp_ns, np.array([gauge_pressure(settings, reading.pressure)])
+    return reading.stamp_ns, np.array([settings.pressure.gauge(reading.pressure)])
 
 
 def wrench_row(message: Any, settings: EstimatorSettings, _: int | None) -> tuple[int, Array]:

@@ -15,7 +15,6 @@ from pneunet_ros.calibration.checks.preconditions import (
     check_targets,
     check_units,
     largest_force,
-    looks_absolute,
 )
 from pneunet_ros.calibration.settings import PRECONDITIONS
 from pneunet_ros.core.arrays import Array
@@ -28,9 +27,11 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.pressure_judge import PressureVerdict
 from pneunet_ros.measurement.steady_states import held_spans
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, SENSORS, TARGETS
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
+from pneunet_ros.offline.judge import judge_series, verdict_summary
 from pneunet_ros.offline.replay import input_topics, Step, steps, targets_topic
 from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.recordings.image_sources import (
@@ -53,7 +54,6 @@ from pneunet_ros.vision.camera.camera_model import Lens
 GAP = 2.5  # median periods without a message
 STILL = 8.0  # standard deviations of a reading, over which it spreads while it stands still
 STILL_SHARE = 0.005  # of the calibrated range of pressure, the same
-FEW_PASCALS = 0.01  # of the range: a pressure that never exceeds this share is of another unit
 SOLVES_TRIED = 20  # readings without an equilibrium, after which no other is tried
 
 
@@ -85,7 +85,10 @@ def check_recording(path: Any, request: CheckRequest) -> dict[str, Any]:
     for item in series.values():
         sentences += item.sentences()
     series = {name: item for name, item in series.items() if len(item.stamp_ns)}
-    sentences += doubts(series, request)
+    verdict = None
+    if request.settings.judge_readings:
+        verdict = judge_series(series, request.arm, request.settings)
+    sentences = [*doubts(series, request, verdict), *sentences]
     return {
         'recording': path,
         'seconds': seconds_between(recording.start_ns, recording.end_ns),
@@ -95,7 +98,8 @@ def check_recording(path: Any, request: CheckRequest) -> dict[str, Any]:
         else {},
         'ranges': ranges(series),
         'holds': holds(series, request.arm),
-        'uses': uses(recording, request),
+        'pressure_verdict': verdict_summary(verdict),
+        'uses': uses(recording, request, verdict),
         'sentences': sentences,
     }
 
@@ -194,18 +198,17 @@ def holds(series: Mapping[str, ReadingSeries], arm: Arm) -> list[dict[str, float
     ]
 
 
-def doubts(series: Mapping[str, ReadingSeries], request: CheckRequest) -> list[str]:
+def doubts(
+    series: Mapping[str, ReadingSeries], request: CheckRequest, verdict: PressureVerdict | None
+) -> list[str]:
     """Return sentences about pressures that do not look like gauge pressures of this arm."""
     if PRESSURE.name not in series:
         return []
     arm = request.arm
     topic, values = series[PRESSURE.name].topic, series[PRESSURE.name].values[:, 0]
-    lowest, highest = limits(values)
+    if verdict is not None and verdict.doubted:
+        return [f'{topic} is {verdict.finding}: give {verdict.options} to every verb']
     low, high = arm.pressure_range
-    if looks_absolute(lowest, arm):
-        return [f'{topic}: never below {kilopascals(lowest):.4g} kPa: if it is absolute, say so']
-    if 0.0 < highest < FEW_PASCALS * high:
-        return [f'{topic}: never above {highest:.3g} Pa: is it in another unit than Pa?']
     outside = [arm.beyond_range(value) > EXTRAPOLATION for value in values.tolist()]
     beyond = float(np.mean(outside))
     if beyond == 0.0:
@@ -217,7 +220,9 @@ def doubts(series: Mapping[str, ReadingSeries], request: CheckRequest) -> list[s
     ]
 
 
-def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any]]:
+def uses(
+    recording: Recording, request: CheckRequest, verdict: PressureVerdict | None
+) -> dict[str, dict[str, Any]]:
     """Return for each use whether the recording serves it, and why not or how."""
     run: list[RecordingData] = []
     settings, overrides = request.settings, request.overrides
@@ -241,6 +246,8 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
 
     def replays() -> str:
         needs(PRESSURE)
+        if verdict is not None and verdict.doubted:
+            raise RecordingError(f'the pressure is {verdict.finding}; give {verdict.options}')
         loaded = find_series(recording, END_WRENCH, overrides, required=False) is not None
         asked = replace(settings, wrench_required=loaded and settings.wrench_required)
         estimator = Estimator(arm=request.arm, settings=asked)

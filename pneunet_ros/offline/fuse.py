@@ -93,11 +93,10 @@ class FusionTally:
     modes: estimates by mode; determined: estimates with F1, and with F2; contacts: those with a
     contact, and those in which it may be the tip force as well; beyond: those made while the
     running NIS was more than noise explains; said: those that say what is wrong with the bench, by
-    sentence; largest_pressure (Pa): as of `Tally`.
+    sentence.
     """
 
     messages: int = 0
-    largest_pressure: float = 0.0
     state: FusionState = field(default_factory=FusionState)
     last: FusedEstimate | None = None
     refusal: Refusal | None = None
@@ -117,8 +116,6 @@ class FusionTally:
             self.refusal = outcome
         elif outcome is not None:
             self.last = outcome
-            pressure = abs(outcome.estimate.shape.pressure)
-            self.largest_pressure = max(self.largest_pressure, pressure)
             self.modes[outcome.mode.name.lower()] += 1
             self.ambiguous += outcome.ambiguous
             if outcome.contact is not None:

@@ -152,13 +152,11 @@ def record_steps(
 class Tally:
     """What a replay came to, counted step by step.
 
-    largest_pressure (Pa): of all estimates; warned: how many estimates by warning; kept: frames
-    that tell of errors that persist.
+    warned: how many estimates by warning; kept: frames that tell of errors that persist.
     """
 
     messages: int = 0
     pressures: int = 0
-    largest_pressure: float = 0.0
     state: EstimatorState | None = None
     last: ShapeEstimate | None = None
     worst_residual: float = 0.0
@@ -179,7 +177,6 @@ class Tally:
             self.refusal = step.outcome
         elif step.outcome is not None:
             self.last = step.outcome
-            self.largest_pressure = max(self.largest_pressure, abs(step.outcome.shape.pressure))
             self.worst_residual = max(self.worst_residual, step.outcome.shape.residual)
             for warning in step.outcome.warnings:
                 self.warned[warning] = self.warned.get(warning, 0) + 1

@@ -13,9 +13,12 @@ from pneunet_ros.calibration.settings import (
     PreconditionSettings,
     ResolutionSettings,
 )
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.pressure_convention import PressureConvention
+from pneunet_ros.measurement.pressure_judge import judge_pressure, record_of
 from pneunet_ros.measurement.row_order import (
     clamp_motion,
     end_turns,
@@ -144,12 +147,8 @@ def check_pressures(
     pressures = np.concatenate([run.frame_pressure for run in unloaded])
     names = names_of(unloaded)
     moved = max(motion([run]) for run in unloaded)
-    highest = float(np.max(np.abs(pressures)))
-    if highest < limits.few_pascals and moved > limits.bending_motion * arm.length:
-        raise RecordingError(
-            f'{names}: the pressure never exceeds {highest:.3g} Pa, and yet the arm moves by '
-            f'{millimeters(moved):.3g} mm; pressure must be gauge, in Pa, not in kPa, mbar or psi'
-        )
+    if limits.judge_readings:
+        check_meaning(pressures, names, moves=moved > limits.bending_motion * arm.length)
     for run in unloaded:
         moves = motion([run])
         still = np.ptp(run.frame_pressure) < same
@@ -161,13 +160,6 @@ def check_pressures(
             )
     if constant:
         return
-    if looks_absolute(float(pressures.min()), arm, limits):
-        raise RecordingError(
-            f'{names}: the pressure is never below {kilopascals(float(pressures.min())):.4g} kPa, '
-            'as if it were absolute; if it is, say so (--pressure-reference absolute); a gauge '
-            'pressure begins near zero: record that too, or start from a model that was '
-            'calibrated up there (--arm)'
-        )
     if np.ptp(pressures) < same:
         raise RecordingError(
             f'pressure spans {kilopascals(float(np.ptp(pressures))):.2g} kPa in {names}: kappa_p0 '
@@ -181,11 +173,18 @@ def check_pressures(
         )
 
 
-def looks_absolute(
-    lowest: float, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
-) -> bool:
-    """Whether a lowest pressure (Pa) is that of the air, and not one that the arm is known at."""
-    return lowest > max(settings.like_air, arm.pressure_range[1])
+def check_meaning(pressures: Array, names: str, *, moves: bool) -> None:
+    """Raise RecordingError where pressures (frames,) Pa are almost surely of another unit.
+
+    Nothing is known of the arm: they are compared with those of any soft actuator. moves: it bends.
+    """
+    record = record_of(range(pressures.size), pressures.tolist())
+    verdict = judge_pressure(record, PressureConvention(), None, moves=moves)
+    if verdict is not None and verdict.doubted:
+        raise RecordingError(
+            f'{names}: the pressure is {verdict.finding}: type {verdict.options} '
+            '(--no-judge-readings if the readings are right)'
+        )
 
 
 def largest_force(run: RecordingData) -> float:

@@ -10,7 +10,11 @@ import time
 from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.cli.calibrate_summary import numbers_of, show
-from pneunet_ros.cli.experiments import add_experiments, read_experiments
+from pneunet_ros.cli.experiments import (
+    add_experiments,
+    calibration_settings,
+    read_experiments,
+)
 from pneunet_ros.cli.provenance import provenance_of
 from pneunet_ros.cli.verb import (
     add_dimensionless,
@@ -119,6 +123,7 @@ def run(arguments: Namespace) -> int:
             kind=arguments.law,
             compare=not arguments.no_compare,
             earlier=earlier,
+            settings=calibration_settings(arguments),
             on_progress=lambda stage, step, total: bar.update(
                 task, description=f'fitting {stage}, step {step}'
             ),

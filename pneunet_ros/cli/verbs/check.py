@@ -14,6 +14,7 @@ from pneunet_ros.cli.verb import (
     add_topics,
     DONE,
     model_of,
+    NEGATIVE,
     output_console,
     print_json,
     SENSOR_SETTINGS,
@@ -49,13 +50,15 @@ def run(arguments: Namespace) -> int:
         overrides=topics_of(arguments.topic, [*(sensor.name for sensor in SENSORS), *TOPIC_NAMES]),
     )
     found = [check_recording(path, request) for path in arguments.recordings]
+    verdicts = [content['pressure_verdict'] for content in found]
+    code = NEGATIVE if any(verdict and verdict['doubted'] for verdict in verdicts) else DONE
     if arguments.json:
         print_json({'model': request.arm.name, 'recordings': found})
-        return DONE
+        return code
     console = output_console()
     for content in found:
         show(content, console)
-    return DONE
+    return code
 
 
 def show(found: dict[str, Any], console: Console) -> None:

@@ -12,7 +12,11 @@ from pathlib import Path
 import time
 
 from pneunet_ros.cli.diagnose_summary import show, show_unsettled
-from pneunet_ros.cli.experiments import add_experiments, read_experiments
+from pneunet_ros.cli.experiments import (
+    add_experiments,
+    calibration_settings,
+    read_experiments,
+)
 from pneunet_ros.cli.provenance import versions
 from pneunet_ros.cli.verb import (
     add_dimensionless,
@@ -152,7 +156,10 @@ def run(arguments: Namespace) -> int:
                 seed=arguments.seed,
                 executor=executor,
                 on_progress=on_progress,
-                settings=settings_without(arguments.without),
+                settings=replace(
+                    settings_without(arguments.without),
+                    calibration=calibration_settings(arguments),
+                ),
             )
             discovery = discover(investigation, on_progress=on_progress)
             found = investigation.overruled(discovery.overruling).diagnosis

@@ -30,12 +30,14 @@ from pneunet_ros.core.unit_system import DIMENSIONLESS, SHOWN_SI, Unit, UnitSyst
 from pneunet_ros.core.units import kilopascals, PASCALS_PER_KILOPASCAL
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import ShapeEstimate
-from pneunet_ros.estimation.estimator import Estimator, may_be_kilopascals
+from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.measured_tip import with_measured_tip
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.errors.noise_jacobian import true_load
 from pneunet_ros.measurement.errors.noise_model import measured_tip_std
+from pneunet_ros.measurement.pressure_convention import GAUGE, PressureConvention
+from pneunet_ros.measurement.pressure_judge import expected_of, judge_pressure, record_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load
 from pneunet_ros.model.equilibrium import (
@@ -293,11 +295,15 @@ def show(arm: Arm, prediction: Prediction, units: UnitSystem) -> None:
 
 
 def likely_pressure(arm: Arm, pressure: float) -> str:
-    """Ask whether kPa were meant, where a pressure (Pa) would be next to none of the range."""
-    if not may_be_kilopascals(arm, pressure):
+    """Ask whether another unit was meant, where a pressure (Pa) is next to none of the range."""
+    record = record_of([0], [pressure])
+    verdict = judge_pressure(
+        record, PressureConvention(), expected_of(arm), moves=True, running=True
+    )
+    if verdict is None or not verdict.doubted or verdict.other.reference != GAUGE:
         return ''
-    largest = max(map(abs, arm.pressure_range))
+    low, high = arm.pressure_range
     return (
-        f'{pressure:g} Pa is next to nothing: the model goes to {kilopascals(largest):g} kPa; is '
-        f'--pressure {pressure:g}kPa meant?'
+        f'the model knows {kilopascals(low):g} to {kilopascals(high):g} kPa; is '
+        f'--pressure {verdict.other.sign * pressure:g}{verdict.other.unit} meant?'
     )

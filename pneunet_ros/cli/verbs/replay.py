@@ -9,6 +9,7 @@ from pathlib import Path
 import time
 
 from pneunet_ros.cli.fitted_table import print_table
+from pneunet_ros.cli.judged import refuse_readings
 from pneunet_ros.cli.replay_fuse import run_fusion
 from pneunet_ros.cli.verb import (
     add_gravity,
@@ -29,12 +30,13 @@ from pneunet_ros.cli.verb import (
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.estimation.consistency import Agreement
-from pneunet_ros.estimation.estimator import Estimator, kilopascal_doubts
+from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.messages.link_chain import JOINT_STATES
 from pneunet_ros.messages.markers import markers_output, TIP_FRAME, transform_output
 from pneunet_ros.messages.readings import PRESSURE, SENSORS, TARGETS
 from pneunet_ros.model.uncertainty import error_left_out
+from pneunet_ros.offline.judge import judge_recording, verdict_summary
 from pneunet_ros.offline.replay import (
     input_topics,
     record_steps,
@@ -102,6 +104,9 @@ def run(arguments: Namespace) -> int:
     topics = input_topics(recording, estimator, overrides)
     targets = targets_topic(recording, estimator, overrides)
     pressure_topic = next(name for name, sensor in topics.items() if sensor is PRESSURE)
+    verdict = judge_recording(recording, arm, estimator.settings, overrides)
+    if verdict is not None and verdict.doubted:
+        return refuse_readings(arguments, arguments.recording, verdict)
     tally = Tally()
     begun = time.perf_counter()
     with ExitStack() as stack:
@@ -146,10 +151,8 @@ def run(arguments: Namespace) -> int:
         'worst_residual': tally.worst_residual,
         'watch': None if targets is None else consistency_summary(tally, agreement),
         'seconds': seconds,
-        'sentences': [
-            *recording.sentences,
-            *kilopascal_doubts(arm, tally.largest_pressure),
-        ],
+        'pressure_verdict': verdict_summary(verdict),
+        'sentences': list(recording.sentences),
         'last_refusal': tally.refusal.sentence if tally.refusal else None,
     }
     if arguments.json:

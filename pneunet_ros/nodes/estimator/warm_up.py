@@ -23,6 +23,7 @@ def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
     arm = estimator.arm
     low, high = arm.pressure_range
     middle = 0.5 * (low + high)
+    further = middle + 0.01 * (high - low)
     BoundaryValueProblem(arm.rods(np.array([middle])), (0.0, 0.0), 0.0).continue_in_load()
     force_x, force_y, moment = load_inside(arm)
     readings = (
@@ -33,8 +34,8 @@ def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
             moment=moment,
             frame_id=estimator.settings.frame_id,
         ),
-        PressureReading(stamp_ns=1, pressure=reading_at(estimator, middle)),
-        PressureReading(stamp_ns=2, pressure=reading_at(estimator, middle + 0.01 * (high - low))),
+        PressureReading(stamp_ns=1, pressure=estimator.settings.pressure.reading(middle)),
+        PressureReading(stamp_ns=2, pressure=estimator.settings.pressure.reading(further)),
     )
     state, outcome = EstimatorState(), None
     for reading in readings:
@@ -59,10 +60,3 @@ def load_inside(arm: Arm) -> tuple[float, float, float]:
     rows = arm.domain.end_load
     force_x, force_y, moment, _ = rows[int(np.argmax(np.hypot(rows[:, 0], rows[:, 1])))].tolist()
     return 0.5 * force_x, 0.5 * force_y, 0.5 * moment
-
-
-def reading_at(estimator: Estimator, pressure: float) -> float:
-    """Return what the sensor reports at a gauge pressure (Pa)."""
-    settings = estimator.settings
-    absolute = settings.pressure_reference == 'absolute'
-    return pressure - settings.pressure_offset + absolute * settings.ambient_pressure

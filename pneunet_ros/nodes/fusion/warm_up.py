@@ -31,9 +31,7 @@ def warm_up(fusion: Fusion, serializer: MessageSerializer) -> str:
     x, y = (
         np.interp(arm.target_arclength, shape.arclength, values) for values in (shape.x, shape.y)
     )
-    reading = pressure - sensors.pressure_offset
-    if sensors.pressure_reference == 'absolute':
-        reading += sensors.ambient_pressure
+    reading = sensors.pressure.reading(pressure)
     state, outcome = FusionState(), None
     frames = fusion.settings.restart_frames + 2 if jit.is_compiled() else 2
     for index in range(frames):

@@ -1,0 +1,86 @@
+"""Whether the pressure readings so far are what the settings say, for estimator and fusion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.readings import PressureReading
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.measurement.pressure_judge import (
+    expected_of,
+    judge_pressure,
+    PressureRecord,
+    PressureVerdict,
+)
+from pneunet_ros.model.arm import Arm
+
+OTHER_PRESSURE = 'other_pressure'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WatchSettings:
+    """When running readings are judged."""
+
+    first: float = tuning(
+        10.0, 'of readings before the first verdict', unit='s', source='convention: a few breaths'
+    )
+    period: float = tuning(
+        1.0, 'from one verdict to the next', unit='s', source='convention: diagnostics'
+    )
+
+
+WATCH = WatchSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressureWatch:
+    """The record of the readings so far, when they were last judged, and the verdict."""
+
+    record: PressureRecord = field(default_factory=PressureRecord)
+    judged_ns: int | None = None
+    verdict: PressureVerdict | None = None
+
+    def after(
+        self,
+        reading: PressureReading,
+        arm: Arm,
+        settings: EstimatorSettings,
+        watch: WatchSettings = WATCH,
+    ) -> PressureWatch:
+        """Take one more reading, and judge all so far where it is time."""
+        record = self.record.after(reading.stamp_ns, reading.pressure)
+        known = self.verdict is None or self.verdict.declared == settings.pressure
+        last = self.judged_ns if known else None
+        if not settings.judge_readings or record.seconds < watch.first:
+            return PressureWatch(record=record)
+        if last is not None and seconds_between(last, reading.stamp_ns) < watch.period:
+            return PressureWatch(record=record, judged_ns=last, verdict=self.verdict)
+        verdict = judge_pressure(record, settings.pressure, expected_of(arm), running=True)
+        return PressureWatch(record=record, judged_ns=reading.stamp_ns, verdict=verdict)
+
+    def refusal(self, stamp_ns: int) -> Refusal | None:
+        """Return why the readings cannot be used; None where they can."""
+        if self.verdict is None or not self.verdict.doubted:
+            return None
+        return Refusal(
+            stamp_ns=stamp_ns,
+            reason=OTHER_PRESSURE,
+            sentence=f'the pressure is {self.verdict.finding}: {remedy(self.verdict)}; if the '
+            'readings are right, set judge_readings to false',
+            error=True,
+        )
+
+    def hint(self, arm: Arm, settings: EstimatorSettings) -> str:
+        """Say what a reading that no arm can have may mean instead; empty where nothing fits."""
+        verdict = judge_pressure(self.record, settings.pressure, expected_of(arm), running=True)
+        if verdict is None or verdict.log_odds < 0.0:
+            return ''
+        return f'; {verdict.finding}: {remedy(verdict)} if so'
+
+
+def remedy(verdict: PressureVerdict) -> str:
+    """Return what to set in a node so that readings are taken by the other meaning."""
+    return f'set {verdict.parameters}'

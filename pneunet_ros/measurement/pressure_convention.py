@@ -1,0 +1,58 @@
+"""What a number of a pressure sensor means: its unit, its reference, its sign and its zero."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pneunet_ros.core.units import SI_PER_UNIT, STANDARD_ATMOSPHERE
+
+PRESSURE_UNITS = ('Pa', 'hPa', 'mbar', 'kPa', 'MPa', 'bar', 'psi', 'mmHg')
+GAUGE, ABSOLUTE = 'gauge', 'absolute'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressureConvention:
+    """One meaning of the numbers of a pressure sensor.
+
+    unit: one of PRESSURE_UNITS. reference: GAUGE, or ABSOLUTE, from which `ambient` (Pa) is
+    subtracted. sign: -1 where the two ports of a differential sensor are swapped. offset (Pa): is
+    added at the end.
+    """
+
+    unit: str = 'Pa'
+    reference: str = GAUGE
+    sign: int = 1
+    ambient: float = STANDARD_ATMOSPHERE
+    offset: float = 0.0
+
+    @property
+    def size(self) -> float:
+        """How many Pa one unit is."""
+        return SI_PER_UNIT['pressure'][self.unit.lower()]
+
+    def gauge(self, reading: float) -> float:
+        """Return the gauge pressure (Pa) behind a reading (in `unit`)."""
+        above = self.ambient if self.reference == ABSOLUTE else 0.0
+        return self.sign * (reading * self.size - above) + self.offset
+
+    def reading(self, gauge: float) -> float:
+        """Return what the sensor reports (in `unit`) at a gauge pressure (Pa)."""
+        above = self.ambient if self.reference == ABSOLUTE else 0.0
+        return (self.sign * (gauge - self.offset) + above) / self.size
+
+    @property
+    def words(self) -> str:
+        """Name it to a person: 'absolute hPa', 'gauge Pa with the sign reversed'."""
+        return f'{self.reference} {self.unit}{" with the sign reversed" * (self.sign < 0)}'
+
+    def changes_from(self, other: PressureConvention) -> dict[str, str]:
+        """Return what must be set to get from another convention to this one, by setting."""
+        shown = {
+            'pressure_unit': (self.unit, other.unit),
+            'pressure_reference': (self.reference, other.reference),
+            'pressure_sign': (str(self.sign), str(other.sign)),
+            'pressure_offset': (f'{self.offset:.6g}', f'{other.offset:.6g}'),
+        }
+        if self.reference == ABSOLUTE:
+            shown['ambient_pressure'] = (f'{self.ambient:.6g}', f'{other.ambient:.6g}')
+        return {name: new for name, (new, old) in shown.items() if new != old}

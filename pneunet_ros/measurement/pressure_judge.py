@@ -1,0 +1,493 @@
+"""Which meaning of pressure readings is the most likely: unit x reference x sign x zero.
+
+Each meaning is a hypothesis with a prior. Its likelihood is that of three features of the
+readings: the reading at rest, the furthest from it, and the noise. The first two are compared
+by their logarithm, so that a unit alone is no evidence. Measured targets, where there are
+any, add how well the model reproduces them. Live and offline ask the same function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+import math
+
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.core.units import kilopascals
+from pneunet_ros.measurement.pressure_convention import (
+    ABSOLUTE,
+    GAUGE,
+    PRESSURE_UNITS,
+    PressureConvention,
+)
+from pneunet_ros.model.arm import Arm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressureJudgeSettings:
+    """Priors of what pressure readings mean and look like, and the odds that are enough."""
+
+    other_unit: float = tuning(
+        0.02,
+        'prior of each unit that drivers and data sheets often use instead',
+        source='convention: FluidPressure is in Pa by its definition',
+    )
+    rare_unit: float = tuning(
+        0.005, 'prior of MPa and mmHg', source='convention: a quarter of the usual ones'
+    )
+    absolute: float = tuning(
+        0.05, 'prior of the other reference', source='convention: nineteen of twenty set it right'
+    )
+    reversed: float = tuning(
+        0.03, 'prior of swapped ports', source='convention: as likely as another unit'
+    )
+    unset_zero: float = tuning(
+        0.03, 'prior of a zero that was never set', source='convention: as likely as another unit'
+    )
+    zero_span: float = tuning(
+        0.2,
+        'one sigma of a zero that was never set',
+        unit='of the range',
+        source='convention: beyond it a sensor is taken for broken',
+    )
+    vented: float = tuning(
+        0.9, 'recordings in which the arm is vented once', source='convention: nine of ten'
+    )
+    at_rest: float = tuning(
+        0.1, 'recordings that never leave the vented arm', source='convention: one of ten'
+    )
+    vacuum: float = tuning(
+        0.001,
+        'recordings with a pressure of the sign for which the model was not calibrated',
+        source='convention: one of a thousand',
+    )
+    offset: float = tuning(
+        2e3, 'zero error of a gauge', unit='Pa', source='literature: prior of pressure_offset'
+    )
+    decades: float = tuning(
+        6.0,
+        'over which a zero error is uniform by its logarithm',
+        unit='decades',
+        source='convention: from the last digit of a 20 bit converter to the full scale',
+    )
+    lowland: tuple[float, float] = tuning(
+        (95e3, 105e3), 'the air below 500 m', unit='Pa', source='literature: ISO 2533, weather'
+    )
+    highland: tuple[float, float] = tuning(
+        (72e3, 105e3), 'the air below 2700 m', unit='Pa', source='literature: ISO 2533, weather'
+    )
+    in_lowland: float = tuning(
+        0.75,
+        'people who live below 500 m',
+        source='literature: Cohen and Small, PNAS 95 (1998)',
+    )
+    beyond: float = tuning(
+        0.3,
+        'sigma of how far recordings leave the calibrated range',
+        unit='of the range',
+        source='convention: the load margin of the domain is of this order',
+    )
+    noise_spread: float = tuning(
+        10.0, 'one sigma of the noise over that of the model', source='convention: a decade'
+    )
+    noise_decades: float = tuning(
+        4.0, 'beyond which noise is no evidence', unit='decades', source='convention: rounding'
+    )
+    white_span: float = tuning(
+        8.0,
+        'span of white noise',
+        unit='sigma',
+        source='literature: extremes of 10 000 normal values',
+    )
+    model_error: float = tuning(
+        0.02,
+        'error of a model that holds',
+        unit='of the length',
+        source='convention: models of soft arms are seldom better in new conditions',
+    )
+    log_odds: float = tuning(
+        3.0,
+        'log odds at which a meaning is held to be another',
+        source='literature: Kass and Raftery (1995), strong evidence: 20 to 1',
+    )
+    viable: float = tuning(
+        25.0,
+        'log odds from the best beyond which targets are not asked',
+        source='convention: more than targets ever add',
+    )
+
+
+JUDGE = PressureJudgeSettings()
+LEAST = 1e-300  # whose logarithm is a number
+FULL_VACUUM = 1.0e5  # Pa below the air: less than nothing
+IMPOSSIBLE = -1e6  # log likelihood of what cannot be
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressureRecord:
+    """What is remembered of the readings of a pressure sensor, in its own unit.
+
+    low, high: of the medians of three readings in a row, so that no single glitch counts; last:
+    the last two readings. steps: sum of squares of differences; curved, log_curved: how many
+    second differences are not zero, and the sum of the logarithms of their size.
+    """
+
+    count: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    low: float = math.inf
+    high: float = -math.inf
+    last: tuple[float, ...] = ()
+    steps: float = 0.0
+    curved: int = 0
+    log_curved: float = 0.0
+
+    def after(self, stamp_ns: int, reading: float) -> PressureRecord:
+        """Return the record with one more finite reading."""
+        around = (*self.last, reading)
+        middle = sorted(around)[len(around) // 2]
+        started = self.count > 1  # with two readings the median is one of them
+        step = reading - self.last[-1] if self.last else 0.0
+        second = around[2] - 2.0 * around[1] + around[0] if len(around) == 3 else 0.0
+        curved = second != 0.0
+        return PressureRecord(
+            count=self.count + 1,
+            first_ns=self.first_ns if self.count else stamp_ns,
+            last_ns=stamp_ns,
+            low=min(self.low, middle) if started else min(around),
+            high=max(self.high, middle) if started else max(around),
+            last=around[-2:],
+            steps=self.steps + step * step,
+            curved=self.curved + curved,
+            log_curved=self.log_curved + (math.log(abs(second)) if curved else 0.0),
+        )
+
+    @property
+    def seconds(self) -> float:
+        """Time (s) from the first reading to the last."""
+        return (self.last_ns - self.first_ns) * 1e-9
+
+    @property
+    def noise(self) -> float:
+        """White noise (one sigma) behind second differences; 0 where most of them are zero."""
+        if 2 * self.curved <= self.count - 2 or not self.curved:
+            return 0.0
+        # E log |x| of a normal x is log sigma - (euler gamma + log 2) / 2; sigma is sqrt(6) of it.
+        return math.exp(self.log_curved / self.curved + 0.6352) / math.sqrt(6.0)
+
+    @property
+    def returned(self) -> bool:
+        """Whether the last reading is nearer to one end of the range than its middle quarter.
+
+        A pressure that is still rising says nothing of how far it will go.
+        """
+        if not self.last:
+            return False
+        away = (self.last[-1] - self.low) / (self.high - self.low or 1.0)
+        return away < 0.25 if abs(self.high) > abs(self.low) else away > 0.75
+
+    @property
+    def whiteness(self) -> float:
+        """Span over the noise that differences from reading to reading would make of it."""
+        step = math.sqrt(self.steps / max(self.count - 1, 1) / 2.0)
+        return (self.high - self.low) / step if step > 0.0 else 0.0
+
+
+def record_of(stamp_ns: Iterable[int], readings: Iterable[float]) -> PressureRecord:
+    """Return the record of all these readings, in the unit of the sensor."""
+    record = PressureRecord()
+    for stamp, reading in zip(stamp_ns, readings, strict=True):
+        record = record.after(stamp, reading)
+    return record
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExpectedPressure:
+    """What gauge pressures (Pa) an arm is known at.
+
+    std (Pa): noise of its sensor, 0 where it is not known; share: prior of this arm among others.
+    """
+
+    low: float
+    high: float
+    std: float = 0.0
+    name: str = 'a soft actuator'
+    share: float = 1.0
+
+    @property
+    def reach(self) -> float:
+        """The pressure (Pa) furthest from zero."""
+        return max(abs(self.low), abs(self.high))
+
+
+def expected_of(arm: Arm) -> ExpectedPressure:
+    """Return what an arm was calibrated for."""
+    low, high = arm.pressure_range
+    return ExpectedPressure(low=low, high=high, std=arm.sensors.pressure_std, name=arm.name)
+
+
+# Where no model says more: 3 kPa to the 700 kPa of a shop line, and vacuum; the shares
+# are a convention.
+ANY_ACTUATOR = tuple(
+    ExpectedPressure(low=low, high=high, share=share)
+    for low, high, share in (
+        (0.0, 3e3, 0.05),
+        (0.0, 1e4, 0.2),
+        (0.0, 3e4, 0.25),
+        (0.0, 1e5, 0.25),
+        (0.0, 3e5, 0.1),
+        (0.0, 7e5, 0.05),
+        (-3e4, 0.0, 0.05),
+        (-9e4, 0.0, 0.05),
+    )
+)
+Fit = Callable[[PressureConvention], tuple[float, int]]
+"""Mean squared error of the model's targets, of the length squared, and how many levels it is."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressureVerdict:
+    """The declared meaning of readings, the likeliest other one, and its log odds over that.
+
+    alike: further meanings that are hardly less likely than the other one. low, high: of the
+    readings, in the unit of the sensor; name: of what they were compared with; limit: of log_odds.
+    """
+
+    declared: PressureConvention
+    other: PressureConvention
+    alike: tuple[PressureConvention, ...]
+    log_odds: float
+    low: float
+    high: float
+    name: str
+    limit: float
+
+    @property
+    def doubted(self) -> bool:
+        """Whether the readings are almost surely not what they are declared to be."""
+        return self.log_odds > self.limit
+
+    def range_of(self, meaning: PressureConvention) -> str:
+        """Return the range of the readings by a meaning, in kPa gauge."""
+        low, high = sorted(kilopascals(meaning.gauge(end)) for end in (self.low, self.high))
+        return f'{shown(low)} to {shown(high)} kPa gauge'
+
+    @property
+    def changes(self) -> dict[str, str]:
+        """What must be set to take the readings by the other meaning."""
+        return self.other.changes_from(self.declared)
+
+    @property
+    def finding(self) -> str:
+        """Say what the readings most likely are, in one sentence without a remedy."""
+        alike = list(dict.fromkeys(one.words for one in self.alike))[:2]
+        return (
+            f'most likely {self.other.words}: {self.low:.4g} to {self.high:.4g} is '
+            f'{self.range_of(self.other)}{"".join(f" (or {words})" for words in alike)}; as '
+            f'{self.declared.words} it would be {self.range_of(self.declared)}, which does not '
+            f'look like readings of {self.name}'
+        )
+
+    @property
+    def options(self) -> str:
+        """Return the options of a command that take the readings by the other meaning."""
+        return ' '.join(
+            f'--{name.replace("_", "-")} {value}' for name, value in self.changes.items()
+        )
+
+    @property
+    def parameters(self) -> str:
+        """Return the parameters of a node that do."""
+        return ', '.join(f'{name} to {value}' for name, value in self.changes.items())
+
+
+def shown(value: float) -> str:
+    """Return a number with three digits, and no minus zero."""
+    return f'{0.0 if abs(value) < 5e-3 else value:.3g}'
+
+
+def judge_pressure(
+    record: PressureRecord,
+    declared: PressureConvention,
+    expected: ExpectedPressure | None,
+    *,
+    fit: Fit | None = None,
+    moves: bool = False,
+    running: bool = False,
+    settings: PressureJudgeSettings = JUDGE,
+) -> PressureVerdict | None:
+    """Weigh all meanings of readings against the declared one.
+
+    Args:
+        record: of the readings, in the unit of the sensor.
+        declared: what they are said to mean.
+        expected: what the arm is known at; None: of any soft actuator.
+        fit: how well a model reproduces measured targets by a meaning; None: no targets.
+        moves: the arm is known to bend, so that its pressure changes.
+        running: readings are still to come, so that the largest may be.
+        settings: priors, and the odds that are enough.
+
+    Returns:
+        The verdict; None where there is no reading, or all are the same number, zero.
+
+    """
+    if not record.count or (record.low == record.high == 0.0):
+        return None
+    known = (expected,) if expected is not None else ANY_ACTUATOR
+    features = Features(record=record, moves=moves, complete=not running or record.returned)
+
+    def weigh(meaning: PressureConvention) -> float:
+        logs = [
+            math.log(one.share)
+            + log_prior(meaning, declared, one, settings)
+            + log_likelihood(features, meaning, one, settings)
+            for one in known
+        ]
+        top = max(logs)
+        return top + math.log(sum(math.exp(value - top) for value in logs))
+
+    weights = {meaning: weigh(meaning) for meaning in meanings(record, declared, known[0])}
+    if fit is not None:
+        least = max(weights.values()) - settings.viable
+        asked = {one for one, weight in weights.items() if weight > least} | {declared}
+        for meaning in asked:
+            square, levels = fit(meaning)
+            weights[meaning] -= 0.5 * levels * math.log(square + settings.model_error**2)
+        weights = {one: weights[one] for one in asked}
+    ours = weights.pop(declared)
+    if not weights:
+        return None
+    other, *rest = sorted(weights, key=weights.__getitem__, reverse=True)
+    alike = [one for one in rest if weights[other] - weights[one] < settings.log_odds]
+    return PressureVerdict(
+        declared=declared,
+        other=other,
+        alike=tuple(one for one in alike if one.words != other.words),
+        log_odds=weights[other] - ours,
+        low=record.low,
+        high=record.high,
+        name=known[0].name,
+        limit=settings.log_odds,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Features:
+    """A record; whether the arm is known to move, and whether the record shows all it will do."""
+
+    record: PressureRecord
+    moves: bool
+    complete: bool
+
+
+def meanings(
+    record: PressureRecord, declared: PressureConvention, expected: ExpectedPressure
+) -> Iterator[PressureConvention]:
+    """Yield the declared meaning, and every other one, with ambient pressure and zero by rest."""
+    yield declared
+    vacuum = -expected.low > expected.high
+    for unit, sign in product(PRESSURE_UNITS, (1, -1)):
+        if unit == 'mbar' and declared.unit != 'mbar':
+            continue  # the same as hPa
+        gauge = replace(declared, unit=unit, reference=GAUGE, sign=sign, offset=0.0)
+        rest = record.high if vacuum == (sign > 0) else record.low
+        own = unit == declared.unit and sign == declared.sign
+        if not own or declared.reference == ABSOLUTE:
+            yield gauge
+        elif gauge.gauge(rest) != -declared.offset:
+            yield replace(gauge, offset=-gauge.gauge(rest))
+        if sign < 0:
+            continue  # no absolute sensor has a second port
+        absolute = replace(gauge, reference=ABSOLUTE)
+        if not own or declared.reference == GAUGE:
+            yield absolute
+        yield replace(absolute, ambient=rest * absolute.size)
+
+
+def log_prior(
+    meaning: PressureConvention,
+    declared: PressureConvention,
+    expected: ExpectedPressure,
+    settings: PressureJudgeSettings,
+) -> float:
+    """Return the log prior of a meaning where another may be declared."""
+    weight = 0.0
+    if meaning.unit != declared.unit:
+        rare = meaning.unit in ('MPa', 'mmHg')
+        weight += math.log(settings.rare_unit if rare else settings.other_unit)
+    if meaning.reference != declared.reference:
+        weight += math.log(settings.absolute)
+        if meaning.reference == ABSOLUTE and meaning.ambient == declared.ambient:
+            weight += math.log(1.0 - settings.vented)  # else the lowest reading is the air
+    if meaning.sign != declared.sign:
+        weight += math.log(settings.reversed)
+    if meaning.offset not in (0.0, declared.offset):
+        if abs(meaning.offset - declared.offset) < settings.offset:
+            return IMPOSSIBLE  # that is a zero error, and no other meaning
+        spread = settings.zero_span * expected.reach
+        weight += math.log(settings.unset_zero) - 0.5 * (meaning.offset / spread) ** 2
+    return weight
+
+
+def log_likelihood(
+    features: Features,
+    meaning: PressureConvention,
+    expected: ExpectedPressure,
+    settings: PressureJudgeSettings,
+) -> float:
+    """Return the log likelihood of the features of readings by one meaning."""
+    record = features.record
+    low, high = sorted((meaning.gauge(record.low), meaning.gauge(record.high)))
+    log_uniform = 1.0 / (settings.decades * math.log(10.0))
+    rest = max(low, -high, 0.0)
+    held = (1.0 - settings.vented) * min(rest / expected.reach, 1.0)
+    at_zero = math.exp(-0.5 * (rest / settings.offset) ** 2)
+    absolute = meaning.reference == ABSOLUTE
+    air = air_density(meaning.ambient, settings) if absolute else 0.0
+    vented = settings.vented * at_zero * (air if absolute else log_uniform)
+    above = high if expected.high > settings.offset else 0.0
+    below = -low if expected.low < -settings.offset else 0.0
+    used = min(max(above, below, 0.0) / expected.reach, 1.0)
+    # Of recordings that are over the largest pressures are dense towards the range: Beta(2, 1).
+    active = (1.0 - settings.at_rest) * (2.0 * used**2 if features.complete else used)
+    drift = math.log(max(record.whiteness / settings.white_span, 1.0))
+    near = math.exp(-0.5 * (max(-low, high) / settings.offset) ** 2 - 0.5 * drift**2)
+    still = 0.0 if features.moves else settings.at_rest * log_uniform * near
+    wrong_side = max(-low if expected.low >= 0.0 else 0.0, high if expected.high <= 0.0 else 0.0)
+    vacuum = settings.vacuum + math.exp(-0.5 * (wrong_side / settings.offset) ** 2)
+    span = max(expected.high, 0.0) - min(expected.low, 0.0)
+    out = max(high - max(expected.high, 0.0), min(expected.low, 0.0) - low, 0.0) / span
+    if (absolute and air == 0.0) or low < -FULL_VACUUM:
+        return IMPOSSIBLE
+    return (
+        math.log(max(vented + held, LEAST))
+        + math.log(max(active + still, LEAST))
+        + math.log(vacuum)
+        - 0.5 * (out / settings.beyond) ** 2
+        + log_noise(record, meaning, expected, settings)
+    )
+
+
+def air_density(ambient: float, settings: PressureJudgeSettings) -> float:
+    """Return the prior density of the logarithm of the pressure (Pa) of the air."""
+    density = 0.0
+    pairs = (settings.lowland, settings.in_lowland), (settings.highland, 1 - settings.in_lowland)
+    for (low, high), share in pairs:
+        if low <= ambient <= high:
+            density += share / math.log(high / low)
+    return density
+
+
+def log_noise(
+    record: PressureRecord,
+    meaning: PressureConvention,
+    expected: ExpectedPressure,
+    settings: PressureJudgeSettings,
+) -> float:
+    """Return the log likelihood of the noise of readings; 0 where they show or expect none."""
+    if record.noise <= 0.0 or expected.std <= 0.0:
+        return 0.0
+    decades = abs(math.log10(record.noise * meaning.size / expected.std))
+    limited = min(decades, settings.noise_decades)
+    return -0.5 * (limited / math.log10(settings.noise_spread)) ** 2
