@@ -147,8 +147,10 @@ def test_readings_left_out_are_counted(tmp_path, said, arm):
 @pytest.mark.parametrize(
     ('change', 'doubt'),
     [
-        (lambda value: value / 1000.0, 'never above 5.9 Pa: is it in another unit than Pa'),
-        (lambda value: value + 101_325.0, 'never below 101.3 kPa: if it is absolute'),
+        (lambda value: value / 100.0, 'most likely gauge kPa'),
+        (lambda value: -10.0 * value, 'most likely gauge Pa with the sign reversed'),
+        (lambda value: 10.0 * value + 101_325.0, '--pressure-reference absolute'),
+        (lambda value: value + 101_325.0, 'of the readings are outside the calibrated range of'),
         (lambda value: 20.0 * value, '% of the readings are outside the calibrated range of'),
     ],
 )

@@ -442,18 +442,25 @@ def test_a_recording_in_kilopascals_is_asked_for(run, run_json, recording, tmp_p
                 ('/pneunet/targets', POINTS_TYPE),
             )
         )
-        seen = np.linspace(0.0, 0.1, 23)
         for index in range(1, 31):
             stamp = index * 10_000_000
             writer.write(wrenches, stamp, wrench(stamp))
-            shown = targets_message(stamp, seen, 0.0 * seen, 'pneunet_base', ROSBAGS_TYPES)
+            arm = load_model(share_path('config/paper_arm.yaml'))
+            shape = solve(arm, 200.0 * index)
+            seen = [
+                np.interp(arm.target_arclength, shape.arclength, part)
+                for part in (shape.x, shape.y)
+            ]
+            shown = targets_message(stamp, *seen, 'pneunet_base', ROSBAGS_TYPES)
             writer.write(targets, stamp, shown)
             writer.write(pressures, stamp, pressure(stamp, 0.2 * index))
-    _, summary = run_json('replay', path, *fuse)
-    (asked,) = [one for one in summary['sentences'] if 'was it recorded in kPa?' in one]
-    assert asked.startswith('the pressure never exceeds 6 Pa, and the model goes to ')
-    assert 'was it recorded in kPa?' in ' '.join(run('replay', path, *fuse)[1].split())
-    assert not any('kPa?' in one for one in run_json('replay', recording)[1]['sentences'])
+    code, summary = run_json('replay', path, *fuse)
+    assert (code, summary['estimates']) == (1, 0)
+    assert summary['pressure_verdict']['likely'] == 'gauge kPa'
+    assert '--pressure-unit kPa' in ' '.join(run('replay', path, *fuse)[1].split())
+    assert run_json('replay', path, *fuse, '--pressure-unit', 'kPa')[0] == 0
+    assert run_json('replay', path, *fuse, '--no-judge-readings')[0] == 0
+    assert not run_json('replay', recording)[1]['pressure_verdict']['doubted']
 
 
 def test_replay_has_every_setting_as_an_option_with_its_default(run):

@@ -226,9 +226,6 @@ def test_a_tally_counts_what_the_steps_say(replay):
     assert tally.last is replay[2][-1].outcome
     assert tally.refusal.reason == 'not_finite'
     assert 0.0 < tally.worst_residual < 1e-6
-    shown = [abs(one.outcome.shape.pressure) for one in replay[2]
-             if isinstance(one.outcome, ShapeEstimate)]  # fmt: skip
-    assert tally.largest_pressure == max(shown) > 1e4
 
 
 # Measured targets

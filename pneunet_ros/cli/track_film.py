@@ -10,9 +10,13 @@ from typing import Any
 
 from pneunet_ros.cli.quantity_option import quantity_of
 from pneunet_ros.cli.table_options import add_table_options, table_request
+from pneunet_ros.cli.verb import add_settings
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.estimation.clock_delay import ClockDelay
+from pneunet_ros.measurement.pressure_judge import ANY_ACTUATOR, expected_of
+from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.film import check_readings, delay_of, FilmedRun, join, with_end_load
+from pneunet_ros.offline.judge import table_doubts
 from pneunet_ros.recordings.image_stream import ImageStream
 from pneunet_ros.tables.reading_table import ReadingTable
 from pneunet_ros.tables.table_reader import read_table
@@ -46,6 +50,7 @@ def add_film_options(parser: ArgumentParser) -> None:
         'or with a unit, as 20g',
     )
     add_table_options(parser)
+    add_settings(parser, ['judge_readings'])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -86,6 +91,16 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
         sentences=sentences,
         delay=None if automatic else quantity_of('--delay', arguments.delay, 'time'),
     )
+
+
+def reading_doubts(table: ReadingTable, arguments: Namespace, arm: Arm) -> tuple[str, ...]:
+    """Say what the pressures of the table most likely are; empty where they fit.
+
+    Without --model they are compared with those of any soft actuator.
+    """
+    if not arguments.judge_readings:
+        return ()
+    return table_doubts(table, ANY_ACTUATOR if arguments.model is None else [expected_of(arm)])
 
 
 def joined(

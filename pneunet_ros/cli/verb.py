@@ -82,13 +82,17 @@ def add_json(parser: ArgumentParser) -> None:
     )
 
 
-def add_model(parser: ArgumentParser) -> None:
+def add_model(
+    parser: ArgumentParser, meaning: str = "(default: the shipped model of the paper's arm)"
+) -> None:
     """Add the option for the model file."""
     parser.add_argument(
         '--model',
         type=Path,
         metavar='FILE',
-        help="model file, YAML (default: the shipped model of the paper's arm)",
+        help=f'model file, YAML: {meaning}'
+        if meaning[0] != '('
+        else f'model file, YAML {meaning}',
     )
     add_effects_path(parser)
 

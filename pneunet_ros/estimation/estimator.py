@@ -173,8 +173,9 @@ class Estimator:
     def reading_std(self, reading: PressureReading) -> tuple[float, float, float, float]:
         """Return one sigma of F1, F2 (N), M (N m) and pressure (Pa)."""
         sensors = self.arm.sensors
-        pressure = self.settings.pressure.size * math.sqrt(reading.variance)
-        pressure = pressure if reading.variance > 0.0 else sensors.pressure_std
+        pressure = sensors.pressure_std
+        if reading.variance > 0.0:
+            pressure = self.settings.pressure.size * math.sqrt(reading.variance)
         if not self.settings.wrench_required:
             return 0.0, 0.0, 0.0, pressure
         return sensors.force_std, sensors.force_std, sensors.moment_std, pressure

@@ -58,7 +58,7 @@ class PressureWatch:
             return PressureWatch(record=record)
         if last is not None and seconds_between(last, reading.stamp_ns) < watch.period:
             return PressureWatch(record=record, judged_ns=last, verdict=self.verdict)
-        verdict = judge_pressure(record, settings.pressure, expected_of(arm), running=True)
+        verdict = judge_pressure(record, settings.pressure, [expected_of(arm)], running=True)
         return PressureWatch(record=record, judged_ns=reading.stamp_ns, verdict=verdict)
 
     def refusal(self, stamp_ns: int) -> Refusal | None:
@@ -75,7 +75,7 @@ class PressureWatch:
 
     def hint(self, arm: Arm, settings: EstimatorSettings) -> str:
         """Say what a reading that no arm can have may mean instead; empty where nothing fits."""
-        verdict = judge_pressure(self.record, settings.pressure, expected_of(arm), running=True)
+        verdict = judge_pressure(self.record, settings.pressure, [expected_of(arm)], running=True)
         if verdict is None or verdict.log_odds < 0.0:
             return ''
         return f'; {verdict.finding}: {remedy(verdict)} if so'

@@ -10,6 +10,11 @@ PRESSURE_UNITS = ('Pa', 'hPa', 'mbar', 'kPa', 'MPa', 'bar', 'psi', 'mmHg')
 GAUGE, ABSOLUTE = 'gauge', 'absolute'
 
 
+def pressure_unit(size: float) -> str:
+    """Return the name of the unit that is so many Pa."""
+    return next(name for name in PRESSURE_UNITS if SI_PER_UNIT['pressure'][name.lower()] == size)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureConvention:
     """One meaning of the numbers of a pressure sensor.

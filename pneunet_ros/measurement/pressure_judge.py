@@ -8,7 +8,7 @@ any, add how well the model reproduces them. Live and offline ask the same funct
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 import math
@@ -22,6 +22,7 @@ from pneunet_ros.measurement.pressure_convention import (
     PressureConvention,
 )
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.domain import DOMAIN
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,6 +83,14 @@ class PressureJudgeSettings:
         'people who live below 500 m',
         source='literature: Cohen and Small, PNAS 95 (1998)',
     )
+    leaves: float = tuning(
+        0.05, 'recordings that leave the calibrated range', source='convention: one of twenty'
+    )
+    another_arm: float = tuning(
+        1e-4,
+        'recordings of an arm of quite another range than the model',
+        source='convention: so small that the range counts',
+    )
     beyond: float = tuning(
         0.3,
         'sigma of how far recordings leave the calibrated range',
@@ -89,7 +98,9 @@ class PressureJudgeSettings:
         source='convention: the load margin of the domain is of this order',
     )
     noise_spread: float = tuning(
-        10.0, 'one sigma of the noise over that of the model', source='convention: a decade'
+        5.0,
+        'one sigma of the noise over that of the model',
+        source='convention: converters of one kind differ by less, those of two by more',
     )
     noise_decades: float = tuning(
         4.0, 'beyond which noise is no evidence', unit='decades', source='convention: rounding'
@@ -282,9 +293,10 @@ class PressureVerdict:
     def finding(self) -> str:
         """Say what the readings most likely are, in one sentence without a remedy."""
         alike = list(dict.fromkeys(one.words for one in self.alike))[:2]
+        or_else = f' (or {" or ".join(alike)})' if alike else ''
         return (
             f'most likely {self.other.words}: {self.low:.4g} to {self.high:.4g} is '
-            f'{self.range_of(self.other)}{"".join(f" (or {words})" for words in alike)}; as '
+            f'{self.range_of(self.other)}{or_else}; as '
             f'{self.declared.words} it would be {self.range_of(self.declared)}, which does not '
             f'look like readings of {self.name}'
         )
@@ -310,7 +322,7 @@ def shown(value: float) -> str:
 def judge_pressure(
     record: PressureRecord,
     declared: PressureConvention,
-    expected: ExpectedPressure | None,
+    expected: Sequence[ExpectedPressure],
     *,
     fit: Fit | None = None,
     moves: bool = False,
@@ -322,7 +334,7 @@ def judge_pressure(
     Args:
         record: of the readings, in the unit of the sensor.
         declared: what they are said to mean.
-        expected: what the arm is known at; None: of any soft actuator.
+        expected: what the arm may be known at, one or several by their shares.
         fit: how well a model reproduces measured targets by a meaning; None: no targets.
         moves: the arm is known to bend, so that its pressure changes.
         running: readings are still to come, so that the largest may be.
@@ -334,20 +346,19 @@ def judge_pressure(
     """
     if not record.count or (record.low == record.high == 0.0):
         return None
-    known = (expected,) if expected is not None else ANY_ACTUATOR
     features = Features(record=record, moves=moves, complete=not running or record.returned)
 
     def weigh(meaning: PressureConvention) -> float:
         logs = [
             math.log(one.share)
             + log_prior(meaning, declared, one, settings)
-            + log_likelihood(features, meaning, one, settings)
-            for one in known
+            + log_likelihood(features, meaning, declared, one, settings)
+            for one in expected
         ]
         top = max(logs)
         return top + math.log(sum(math.exp(value - top) for value in logs))
 
-    weights = {meaning: weigh(meaning) for meaning in meanings(record, declared, known[0])}
+    weights = {meaning: weigh(meaning) for meaning in meanings(record, declared, expected)}
     if fit is not None:
         least = max(weights.values()) - settings.viable
         asked = {one for one, weight in weights.items() if weight > least} | {declared}
@@ -367,7 +378,7 @@ def judge_pressure(
         log_odds=weights[other] - ours,
         low=record.low,
         high=record.high,
-        name=known[0].name,
+        name=expected[0].name,
         limit=settings.log_odds,
     )
 
@@ -382,27 +393,30 @@ class Features:
 
 
 def meanings(
-    record: PressureRecord, declared: PressureConvention, expected: ExpectedPressure
+    record: PressureRecord, declared: PressureConvention, expected: Sequence[ExpectedPressure]
 ) -> Iterator[PressureConvention]:
-    """Yield the declared meaning, and every other one, with ambient pressure and zero by rest."""
+    """Yield the declared meaning, and every other one, with ambient pressure and zero by rest.
+
+    An arm rests at the lowest reading, and one that works by vacuum at the highest.
+    """
     yield declared
-    vacuum = -expected.low > expected.high
+    rests = {(one.high < -one.low) for one in expected}
     for unit, sign in product(PRESSURE_UNITS, (1, -1)):
         if unit == 'mbar' and declared.unit != 'mbar':
             continue  # the same as hPa
         gauge = replace(declared, unit=unit, reference=GAUGE, sign=sign, offset=0.0)
-        rest = record.high if vacuum == (sign > 0) else record.low
         own = unit == declared.unit and sign == declared.sign
         if not own or declared.reference == ABSOLUTE:
             yield gauge
-        elif gauge.gauge(rest) != -declared.offset:
-            yield replace(gauge, offset=-gauge.gauge(rest))
-        if sign < 0:
-            continue  # no absolute sensor has a second port
         absolute = replace(gauge, reference=ABSOLUTE)
-        if not own or declared.reference == GAUGE:
+        if sign > 0 and (not own or declared.reference == GAUGE):
             yield absolute
-        yield replace(absolute, ambient=rest * absolute.size)
+        for vacuum in rests:
+            rest = record.high if vacuum == (sign > 0) else record.low
+            if own and declared.reference == GAUGE and gauge.gauge(rest) != -declared.offset:
+                yield replace(gauge, offset=-gauge.gauge(rest))
+            if sign > 0:  # no absolute sensor has a second port
+                yield replace(absolute, ambient=rest * absolute.size)
 
 
 def log_prior(
@@ -418,8 +432,6 @@ def log_prior(
         weight += math.log(settings.rare_unit if rare else settings.other_unit)
     if meaning.reference != declared.reference:
         weight += math.log(settings.absolute)
-        if meaning.reference == ABSOLUTE and meaning.ambient == declared.ambient:
-            weight += math.log(1.0 - settings.vented)  # else the lowest reading is the air
     if meaning.sign != declared.sign:
         weight += math.log(settings.reversed)
     if meaning.offset not in (0.0, declared.offset):
@@ -433,6 +445,7 @@ def log_prior(
 def log_likelihood(
     features: Features,
     meaning: PressureConvention,
+    declared: PressureConvention,
     expected: ExpectedPressure,
     settings: PressureJudgeSettings,
 ) -> float:
@@ -446,6 +459,8 @@ def log_likelihood(
     absolute = meaning.reference == ABSOLUTE
     air = air_density(meaning.ambient, settings) if absolute else 0.0
     vented = settings.vented * at_zero * (air if absolute else log_uniform)
+    if absolute and meaning.ambient != declared.ambient:
+        held = 0.0  # the lowest reading is that of the air
     above = high if expected.high > settings.offset else 0.0
     below = -low if expected.low < -settings.offset else 0.0
     used = min(max(above, below, 0.0) / expected.reach, 1.0)
@@ -456,15 +471,18 @@ def log_likelihood(
     still = 0.0 if features.moves else settings.at_rest * log_uniform * near
     wrong_side = max(-low if expected.low >= 0.0 else 0.0, high if expected.high <= 0.0 else 0.0)
     vacuum = settings.vacuum + math.exp(-0.5 * (wrong_side / settings.offset) ** 2)
+    margin = DOMAIN.pressure_margin
     span = max(expected.high, 0.0) - min(expected.low, 0.0)
     out = max(high - max(expected.high, 0.0), min(expected.low, 0.0) - low, 0.0) / span
+    leaves = settings.leaves * math.exp(-0.5 * (out / settings.beyond) ** 2)
+    inside = 1.0 if out <= margin else leaves + settings.another_arm
     if (absolute and air == 0.0) or low < -FULL_VACUUM:
         return IMPOSSIBLE
     return (
         math.log(max(vented + held, LEAST))
         + math.log(max(active + still, LEAST))
         + math.log(vacuum)
-        - 0.5 * (out / settings.beyond) ** 2
+        + math.log(inside)
         + log_noise(record, meaning, expected, settings)
     )
 

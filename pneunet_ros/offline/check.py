@@ -88,7 +88,9 @@ def check_recording(path: Any, request: CheckRequest) -> dict[str, Any]:
     verdict = None
     if request.settings.judge_readings:
         verdict = judge_series(series, request.arm, request.settings)
-    sentences = [*doubts(series, request, verdict), *sentences]
+    doubted = verdict is not None and verdict.doubted
+    about = doubts(series, request, verdict)
+    sentences = [*about, *sentences] if doubted else [*sentences, *about]
     return {
         'recording': path,
         'seconds': seconds_between(recording.start_ns, recording.end_ns),
@@ -217,6 +219,7 @@ def doubts(
         f'{topic}: {100.0 * beyond:.3g} % of the readings are outside the calibrated range of '
         f'{arm.name}, {kilopascals(low):g} to {kilopascals(high):g} kPa, by more than '
         f'{100.0 * EXTRAPOLATION:g} % of it'
+        + (f'; {verdict.finding}' if verdict is not None and verdict.log_odds > 0.0 else '')
     ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.pressure_convention import PressureConvention
 from pneunet_ros.measurement.pressure_judge import (
     expected_of,
+    ExpectedPressure,
     judge_pressure,
     PressureVerdict,
     record_of,
@@ -24,6 +25,7 @@ from pneunet_ros.model.batch import solve_many
 from pneunet_ros.model.equilibrium import solve
 from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series, ReadingSeries
 from pneunet_ros.recordings.recording import Recording
+from pneunet_ros.tables.reading_table import ReadingTable
 
 LEVELS = 8  # pressures at which the model is compared with targets
 
@@ -95,7 +97,32 @@ def judge_series(
     reading = np.array([declared.reading(value) for value in pressure.values[:, 0].tolist()])
     record = record_of(pressure.stamp_ns.tolist(), reading.tolist())
     fit = target_fit(series, reading, arm)
-    return judge_pressure(record, declared, expected_of(arm), fit=fit)
+    return judge_pressure(record, declared, [expected_of(arm)], fit=fit)
+
+
+def judge_table(
+    table: ReadingTable, expected: Sequence[ExpectedPressure]
+) -> PressureVerdict | None:
+    """Weigh what the pressures of a table may mean; its column names their unit."""
+    declared = PressureConvention(unit=table.pressure_unit)
+    kept = np.isfinite(table.values[PRESSURE.name][:, 0])
+    values = table.values[PRESSURE.name][kept, 0] / declared.size
+    record = record_of(table.stamp_ns[kept].tolist(), values.tolist())
+    return judge_pressure(record, declared, expected)
+
+
+def table_doubts(table: ReadingTable, expected: Sequence[ExpectedPressure]) -> tuple[str, ...]:
+    """Say what the pressures of a table most likely are, and what to do; empty where they fit."""
+    verdict = judge_table(table, expected)
+    if verdict is None or not verdict.doubted:
+        return ()
+    changes = dict(verdict.changes)
+    unit = changes.pop('pressure_unit', None)
+    do = [f'rename its column to pressure_{unit.lower()}'] if unit else []
+    if changes:
+        options = (f'--{name.replace("_", "-")} {value}' for name, value in changes.items())
+        do.append(f'give {" ".join(options)} to every verb that reads the recording')
+    return (f'the pressure is {verdict.finding}: {" and ".join(do)}',)
 
 
 def readable_series(
@@ -153,7 +180,8 @@ def measured_points(
 ) -> tuple[Stamps, Array, Array] | None:
     """Return stamps, points (frames, 2, targets) m and their places (targets,) m on the arm."""
     targets, pose = series.get(TARGETS.name), series.get(TIP_POSE.name)
-    if targets is not None and len(targets.stamp_ns):
+    count = arm.target_arclength.size
+    if targets is not None and len(targets.stamp_ns) and targets.values.shape[2] == count > 0:
         return targets.stamp_ns, targets.values, arm.target_arclength
     if pose is not None and len(pose.stamp_ns):
         return pose.stamp_ns, pose.values[:, :2, None], np.array([arm.reach])

@@ -15,7 +15,8 @@ from pneunet_ros.core.arrays import Array, LARGEST
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.stamps import LATEST_STAMP, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT
-from pneunet_ros.messages.readings import Sensor, SENSORS, TARGETS
+from pneunet_ros.measurement.pressure_convention import pressure_unit
+from pneunet_ros.messages.readings import PRESSURE, Sensor, SENSORS, TARGETS
 from pneunet_ros.tables.columns import (
     Column,
     columns_of,
@@ -129,8 +130,11 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         parts = [along_axes.get(n, si(n)) if n in given else absent for n in names]
         return np.stack(parts, axis=1)
 
+    pressure = columns.get((PRESSURE.name, None))
     found = ReadingTable(
-        stamp_ns=stamp_ns, values={sensor.name: values_of(sensor) for sensor in SENSORS}
+        stamp_ns=stamp_ns,
+        values={sensor.name: values_of(sensor) for sensor in SENSORS},
+        pressure_unit='Pa' if pressure is None else pressure_unit(pressure.si_per_unit),
     )
     if not any(found.counts().values()):
         raise RecordingError(f'{path} holds no reading: no pressure, no force, no target')

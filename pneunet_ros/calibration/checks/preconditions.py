@@ -18,7 +18,12 @@ from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.pressure_convention import PressureConvention
-from pneunet_ros.measurement.pressure_judge import judge_pressure, record_of
+from pneunet_ros.measurement.pressure_judge import (
+    ANY_ACTUATOR,
+    expected_of,
+    judge_pressure,
+    record_of,
+)
 from pneunet_ros.measurement.row_order import (
     clamp_motion,
     end_turns,
@@ -148,7 +153,7 @@ def check_pressures(
     names = names_of(unloaded)
     moved = max(motion([run]) for run in unloaded)
     if limits.judge_readings:
-        check_meaning(pressures, names, moves=moved > limits.bending_motion * arm.length)
+        check_meaning(pressures, names, arm, moves=moved > limits.bending_motion * arm.length)
     for run in unloaded:
         moves = motion([run])
         still = np.ptp(run.frame_pressure) < same
@@ -173,13 +178,16 @@ def check_pressures(
         )
 
 
-def check_meaning(pressures: Array, names: str, *, moves: bool) -> None:
+def check_meaning(pressures: Array, names: str, arm: Arm, *, moves: bool) -> None:
     """Raise RecordingError where pressures (frames,) Pa are almost surely of another unit.
 
-    Nothing is known of the arm: they are compared with those of any soft actuator. moves: it bends.
+    Where a calibration begins the range of `arm` is a guess: they may as well be of any soft
+    actuator. moves: the arm bends.
     """
     record = record_of(range(pressures.size), pressures.tolist())
-    verdict = judge_pressure(record, PressureConvention(), None, moves=moves)
+    verdict = judge_pressure(
+        record, PressureConvention(), [*ANY_ACTUATOR, expected_of(arm)], moves=moves
+    )
     if verdict is not None and verdict.doubted:
         raise RecordingError(
             f'{names}: the pressure is {verdict.finding}: type {verdict.options} '

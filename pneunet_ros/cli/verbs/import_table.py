@@ -6,10 +6,22 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from pneunet_ros.cli.table_options import add_table_options, table_request
-from pneunet_ros.cli.verb import add_json, add_overwrite, DONE, output_console, print_json
+from pneunet_ros.cli.verb import (
+    add_json,
+    add_model,
+    add_overwrite,
+    add_settings,
+    DONE,
+    model_of,
+    NEGATIVE,
+    output_console,
+    print_json,
+)
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import seconds_between
+from pneunet_ros.measurement.pressure_judge import ANY_ACTUATOR, expected_of
 from pneunet_ros.messages.readings import TARGETS
+from pneunet_ros.offline.judge import table_doubts
 from pneunet_ros.offline.table_conversion import record_table
 from pneunet_ros.recordings.file_kinds import recording_from, VIDEOS
 from pneunet_ros.recordings.recording_writer import write_recording
@@ -34,6 +46,8 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--rate', type=float, metavar='HZ', help='rows per second of a table without time'
     )
+    add_model(parser, 'judge the readings by it (default: by any soft actuator)')
+    add_settings(parser, ['judge_readings'])
     add_json(parser)
 
 
@@ -47,6 +61,8 @@ def run(arguments: Namespace) -> int:
         )
     request = table_request(arguments, rate=arguments.rate)
     table, sentences = read_table(arguments.table, request)
+    expected = ANY_ACTUATOR if arguments.model is None else [expected_of(model_of(arguments))]
+    doubts = table_doubts(table, expected) if arguments.judge_readings else ()
     with write_recording(
         arguments.output, overwrite=arguments.overwrite, inputs=[arguments.table]
     ) as writer:
@@ -59,15 +75,15 @@ def run(arguments: Namespace) -> int:
         'targets': table.values[TARGETS.name].shape[2],
         'seconds': seconds,
         'topics': topics,
-        'sentences': list(sentences),
+        'sentences': [*doubts, *sentences],
     }
     if arguments.json:
         print_json(summary)
-        return DONE
+        return NEGATIVE if doubts else DONE
     console = output_console()
     counts = ', '.join(f'{count} of {name}' for name, count in topics.items())
     console.print(f'{len(table.stamp_ns)} rows over {seconds:g} s: {counts}')
-    for sentence in sentences:
+    for sentence in (*doubts, *sentences):
         console.print(f'note: {sentence}')
     console.print(f'wrote {arguments.output}')
-    return DONE
+    return NEGATIVE if doubts else DONE

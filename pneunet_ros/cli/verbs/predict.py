@@ -298,7 +298,7 @@ def likely_pressure(arm: Arm, pressure: float) -> str:
     """Ask whether another unit was meant, where a pressure (Pa) is next to none of the range."""
     record = record_of([0], [pressure])
     verdict = judge_pressure(
-        record, PressureConvention(), expected_of(arm), moves=True, running=True
+        record, PressureConvention(), [expected_of(arm)], moves=True, running=True
     )
     if verdict is None or not verdict.doubted or verdict.other.reference != GAUGE:
         return ''

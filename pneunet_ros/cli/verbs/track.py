@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 import numpy as np
-from pneunet_ros.cli.track_film import add_film_options, film_readings, joined
+from pneunet_ros.cli.track_film import add_film_options, film_readings, joined, reading_doubts
 from pneunet_ros.cli.track_summary import show, summary_of
 from pneunet_ros.cli.verb import (
     add_json,
@@ -149,6 +149,7 @@ def run(arguments: Namespace) -> int:
     )
     stream = open_images(arguments.source, request)
     readings = film_readings(arguments, stream)
+    doubts = () if readings is None else reading_doubts(readings.table, arguments, arm)
     tracker = Tracker(arm=arm, settings=settings)
     unit = length_unit(arguments.lengths, arm.length)
     tally = TrackTally(targets=arm.target_arclength.size)
@@ -197,7 +198,7 @@ def run(arguments: Namespace) -> int:
             bar.update(task, description='matching film and table')
             run_, found = joined(readings, trackings)
             film.update(found)
-            sentences = (*sentences, *readings.sentences)
+            sentences = (*doubts, *sentences, *readings.sentences)
             if run_ is not None:
                 record_film(stack.enter_context(output_writer(arguments)), run_)
                 for tracking in run_.trackings:
@@ -214,7 +215,8 @@ def run(arguments: Namespace) -> int:
         print_json(summary)
     else:
         show(summary, unit)
-    return DONE if tally.explained and film.get('frames_covered', 1) else NEGATIVE
+    done = tally.explained and film.get('frames_covered', 1) and not doubts
+    return DONE if done else NEGATIVE
 
 
 def output_writer(arguments: Namespace) -> AbstractContextManager[RecordingWriter]:
