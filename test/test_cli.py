@@ -446,14 +446,14 @@ def test_a_recording_in_kilopascals_is_asked_for(run, run_json, recording, tmp_p
             stamp = index * 10_000_000
             writer.write(wrenches, stamp, wrench(stamp))
             arm = load_model(share_path('config/paper_arm.yaml'))
-            shape = solve(arm, 200.0 * index)
+            shape = solve(arm, 2000.0 * index)
             seen = [
                 np.interp(arm.target_arclength, shape.arclength, part)
                 for part in (shape.x, shape.y)
             ]
             shown = targets_message(stamp, *seen, 'pneunet_base', ROSBAGS_TYPES)
             writer.write(targets, stamp, shown)
-            writer.write(pressures, stamp, pressure(stamp, 0.2 * index))
+            writer.write(pressures, stamp, pressure(stamp, 2.0 * index))
     code, summary = run_json('replay', path, *fuse)
     assert (code, summary['estimates']) == (1, 0)
     assert summary['pressure_verdict']['likely'] == 'gauge kPa'

@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 from pneunet_ros.core.stamps import AHEAD, STARTS_ANEW
 from pneunet_ros.estimation.consistency import ConsistencyState
+from pneunet_ros.estimation.pressure_watch import OTHER_PRESSURE
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState
@@ -128,6 +129,7 @@ REASONS = {
     'estimator': [
         UNREADABLE,
         AHEAD,
+        OTHER_PRESSURE,
         OUT_OF_RANGE,
         LOAD_OUT_OF_DOMAIN,
         *(reasons_in(m) for m in ('estimation/estimator', 'estimation/state')),
@@ -143,6 +145,7 @@ REASONS = {
     'fusion': [
         UNREADABLE,
         AHEAD,
+        OTHER_PRESSURE,
         OUT_OF_RANGE,
         LOAD_OUT_OF_DOMAIN,
         *(

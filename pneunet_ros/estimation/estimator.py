@@ -167,7 +167,7 @@ class Estimator:
             return None
         hint = ''
         if position.reason == OUT_OF_RANGE:
-            hint = state.watch.hint(self.arm, self.settings)
+            hint = state.watch.hint(reading, self.arm, self.settings)
         return refuse(reading.stamp_ns, position.reason, position.sentence + hint)
 
     def reading_std(self, reading: PressureReading) -> tuple[float, float, float, float]:

@@ -73,12 +73,17 @@ class PressureWatch:
             error=True,
         )
 
-    def hint(self, arm: Arm, settings: EstimatorSettings) -> str:
-        """Say what a reading that no arm can have may mean instead; empty where nothing fits."""
-        verdict = judge_pressure(self.record, settings.pressure, [expected_of(arm)], running=True)
-        if verdict is None or verdict.log_odds < 0.0:
-            return ''
-        return f'; {verdict.finding}: {remedy(verdict)} if so'
+    def hint(self, reading: PressureReading, arm: Arm, settings: EstimatorSettings) -> str:
+        """Say what a reading that no arm can have may mean instead; empty where nothing fits.
+
+        All readings so far are judged, and where these do not fit this one alone.
+        """
+        alone = PressureRecord().after(reading.stamp_ns, reading.pressure)
+        for record in (self.record, alone):
+            verdict = judge_pressure(record, settings.pressure, [expected_of(arm)], running=True)
+            if verdict is not None and verdict.log_odds > 0.0:
+                return f'; {verdict.finding}: {remedy(verdict)} if so'
+        return ''
 
 
 def remedy(verdict: PressureVerdict) -> str:

@@ -157,7 +157,7 @@ class Fusion:
         position = locate_load(self.arm, Load(pressure=instant.gauge), instant.chamber)
         if position.reason == OUT_OF_RANGE:
             # It is not kept: without a pressure that can be, the camera is alone.
-            hint = readings.watch.hint(self.arm, self.sensors)
+            hint = readings.watch.hint(reading, self.arm, self.sensors)
             refusal = refuse(reading.stamp_ns, position.reason, position.sentence + hint)
             readings = state.readings.with_impossible(reading.stamp_ns)
             return replace(state, readings=readings).count_rejected(refusal.reason), refusal

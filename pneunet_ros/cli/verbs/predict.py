@@ -300,7 +300,7 @@ def likely_pressure(arm: Arm, pressure: float) -> str:
     verdict = judge_pressure(
         record, PressureConvention(), [expected_of(arm)], moves=True, running=True
     )
-    if verdict is None or not verdict.doubted or verdict.other.reference != GAUGE:
+    if verdict is None or verdict.log_odds < 0.0 or verdict.other.reference != GAUGE:
         return ''
     low, high = arm.pressure_range
     return (
