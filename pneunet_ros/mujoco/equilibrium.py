@@ -40,10 +40,22 @@ def come_to_rest(model: Any, data: Any, apply_loads: Callable[[], None]) -> None
         slope = np.empty((model.nv, model.nv))
         for joint, moved in enumerate(np.eye(model.nv) * STEP):
             slope[:, joint] = (unbalanced(qpos + moved) - unbalanced(qpos - moved)) / (2.0 * STEP)
-        step = np.linalg.solve(slope, -force)
+        step = towards_rest(slope, force)
         largest = float(np.abs(step).max())
         qpos = qpos + step * min(1.0, LONGEST_STEP / max(largest, 1e-300))
         if largest < SETTLED:
             unbalanced(qpos)
             return
     raise RequestError('the MuJoCo finger finds no equilibrium: use smaller loads')
+
+
+def towards_rest(slope: Array, force: Array) -> Array:
+    """Return the step (joints,) rad of Newton, or one downhill where the energy is not convex.
+
+    slope (joints, joints): of the unbalanced force (joints,). Downhill is Newton with the sizes of
+    the eigenvalues (saddle-free Newton, Dauphin et al. 2014).
+    """
+    values, vectors = np.linalg.eigh(-0.5 * (slope + slope.T))
+    if values[0] > 0.0:
+        return np.asarray(np.linalg.solve(slope, -force))
+    return np.asarray(vectors @ ((vectors.T @ force) / np.abs(values)))
