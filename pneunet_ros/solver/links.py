@@ -1,0 +1,141 @@
+"""A solved rod as a chain of equal links, the form in which its motion is computed.
+
+Link i is straight, has the heading of the rod in its middle, and a joint with the rod's stiffness
+at its beginning. Frequencies and shapes are second order in the length of a link.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.kernels.jit import kernel
+from pneunet_ros.solver import columns as col
+from pneunet_ros.solver.columns import panel_force, read_panel
+from pneunet_ros.solver.panel import C1, C2, C3, C4, curvature_change, resolve, sine_cosine
+
+ABSCISSAE = np.array([0.0, C1, C2, C3, C4, 1.0])  # where the nodes of a panel know theta
+
+
+class Links(NamedTuple):
+    """An equilibrium of a rod as n links.
+
+    heading (n,) rad; length (n,) m; compliance (n,) rad/(N m) of the joint at the beginning of
+    each, for small changes; force (n, 2) N, the contact force in the middle of each. offset m:
+    across the tip, where the end load acts.
+    """
+
+    heading: Array
+    length: Array
+    compliance: Array
+    force: Array
+    offset: float
+
+
+class Masses(NamedTuple):
+    """What is heavy in a chain: mass (n,) kg of the links, spread evenly; tip (kg) at its end."""
+
+    mass: Array
+    tip: float
+
+
+def room_for_links(count: int, offset: float = 0.0) -> Links:
+    """Return so many links, to be filled; offset (m): of the end load."""
+    return Links(
+        heading=np.empty(count),
+        length=np.empty(count),
+        compliance=np.empty(count),
+        force=np.empty((count, 2)),
+        offset=offset,
+    )
+
+
+def links_of(panels: Array, ends: Array, nodes: Array, count: int) -> Links:
+    """Return a solved rod, its tables those of `solver.columns`, as so many links."""
+    links = room_for_links(count, float(ends[col.LOAD_OFFSET]))
+    cut_links(panels, ends, nodes, links.heading, links.length, links.compliance, links.force)
+    return links
+
+
+@kernel
+def cut_links(
+    panels: Array,
+    ends: Array,
+    nodes: Array,
+    heading: Array,
+    length: Array,
+    compliance: Array,
+    force: Array,
+) -> None:
+    """Fill the tables of `Links` from those of a solved rod."""
+    count = heading.size
+    last = len(panels) - 1
+    reach = panels[last, col.PANEL_START] + panels[last, col.PANEL_LENGTH]
+    p, passed = 0, ends[col.CLAMP_COMPLIANCE]  # compliance up to panel p
+    before = 0.0
+    for i in range(count):
+        s = reach * (i + 0.5) / count
+        while p < last and s >= panels[p + 1, col.PANEL_START]:
+            passed += panels[p, col.PANEL_LENGTH] * bending_compliance(panels, nodes, p)
+            p += 1
+        row = panels[p]
+        share = (s - row[col.PANEL_START]) / row[col.PANEL_LENGTH]
+        k = 0
+        while k < ABSCISSAE.size - 2 and share >= ABSCISSAE[k + 1]:
+            k += 1
+        low = nodes[p, k]
+        high = nodes[p, k + 1] if k + 2 < ABSCISSAE.size else nodes[p + 1, col.NODE_THETA]
+        weight = (share - ABSCISSAE[k]) / (ABSCISSAE[k + 1] - ABSCISSAE[k])
+        heading[i] = (1.0 - weight) * low + weight * high
+        force[i, 0], force[i, 1] = panel_force(row, share)
+        sine, cosine = sine_cosine(heading[i])
+        axial, _ = resolve(sine, cosine, force[i, 0], force[i, 1])
+        length[i] = reach / count * (row[col.PANEL_STRETCH] + row[col.PANEL_AXIAL] * axial)
+        to_here = passed + share * row[col.PANEL_LENGTH] * bending_compliance(panels, nodes, p)
+        compliance[i] = to_here - before
+        before = to_here
+
+
+@kernel
+def bending_compliance(panels: Array, nodes: Array, p: int) -> float:
+    """Return d kappa / d M, 1/(N m^2), in the middle of a panel."""
+    _, law, _, _ = read_panel(panels, p)
+    moment = 0.5 * (nodes[p, col.NODE_MOMENT] + nodes[p + 1, col.NODE_MOMENT])
+    _, compliance = curvature_change(moment, law)
+    return compliance
+
+
+def ways(links: Links) -> Array:
+    """Return how middles of links, and the tip, move per turn of each link, (2, n + 1, n) m."""
+    count = links.heading.size
+    beyond = np.tril(np.ones((count + 1, count)), -1)
+    beyond[np.arange(count), np.arange(count)] = 0.5
+    across = links.length * np.stack([-np.sin(links.heading), np.cos(links.heading)])
+    return np.asarray(beyond * across[:, None, :])
+
+
+def mass_matrix(links: Links, masses: Masses) -> Array:
+    """Return the inertia (n, n) kg m^2 of the chain against turns of its links."""
+    way = ways(links)
+    inertia = np.append(masses.mass, masses.tip)
+    matrix = np.einsum('dki,k,dkj->ij', way, inertia, way)
+    matrix[np.diag_indices_from(matrix)] += masses.mass * links.length**2 / 12.0
+    return np.asarray(matrix)
+
+
+def bending_stiffness(links: Links) -> Array:
+    """Return the stiffness (n, n) N m/rad of the joints against turns of the links."""
+    stiffness = 1.0 / links.compliance
+    matrix = np.diag(stiffness + np.append(stiffness[1:], 0.0))
+    between = np.arange(stiffness.size - 1)
+    matrix[between, between + 1] = matrix[between + 1, between] = -stiffness[1:]
+    return matrix
+
+
+def stiffness_matrix(links: Links) -> Array:
+    """Return the second variation (n, n) N m/rad of the energy, with that of its dead loads."""
+    cosine, sine = np.cos(links.heading), np.sin(links.heading)
+    along = links.length * (links.force[:, 0] * cosine + links.force[:, 1] * sine)
+    along[-1] += links.offset * (links.force[-1, 1] * cosine[-1] - links.force[-1, 0] * sine[-1])
+    return bending_stiffness(links) + np.diag(along)
