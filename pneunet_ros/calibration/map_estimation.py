@@ -39,12 +39,12 @@ class ScaledPrior:
         parameters: Parameters,
         runs: Sequence[RecordingData],
         noise: SensorNoise,
-        arclength: Array,
+        targets: int,
     ) -> None:
-        self.disturbances = Disturbances(arclength=arclength, runs=runs, noise=noise)
+        self.disturbances = Disturbances(targets=targets, runs=runs, noise=noise)
         model, rest = parameters.prior, self.disturbances.prior
         self.size = model.shape[0]
-        self.shared = self.size + 2 * arclength.size
+        self.shared = self.size + 2 * targets
         prior = block_diag(model, rest)
         self.mean = np.concatenate([parameters.mean, np.zeros(rest.shape[0])])
         if parameters.earlier is not None:
@@ -102,7 +102,7 @@ class Posterior:
         targets: Array,
     ) -> None:
         self.parameters, self.runs, self.noise = parameters, tuple(runs), noise
-        self.prior = ScaledPrior(parameters, self.runs, noise, targets)
+        self.prior = ScaledPrior(parameters, self.runs, noise, targets.size)
         self.models = [ForwardModel(targets, run.points) for run in runs]
         self.linearized: list[ForwardModel] = []
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.checks.stiffness_variation import StiffnessVariation
-from pneunet_ros.calibration.target_row import target_row
 from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
@@ -50,7 +49,6 @@ def numbers_of(calibration: Calibration, files: Files) -> dict[str, Any]:
             }
             for fitted in joint.runs
         ],
-        'target_row': asdict(target_row(joint)),
         'laws': [
             {
                 'kind': law.kind,
@@ -85,7 +83,6 @@ def show(
     verdict = summary['verdict']
     console.print(Text(verdict['fit'], style='bold'))
     console.print(Text(verdict['certainty']))
-    console.print(target_row(calibration.joint).sentence)
     table = Table(title='Recordings')
     for column in ('recording', 'load', 'frames', 'rms (mm)', 'chi2 per coordinate'):
         table.add_column(column, justify='left' if column in ('recording', 'load') else 'right')

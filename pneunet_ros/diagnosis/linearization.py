@@ -152,7 +152,8 @@ class Linearization:
         parameters = point.with_effects()
         arm = parameters.arm(point.values)
         self.length = arm.length
-        prior = ScaledPrior(parameters, self.runs, noise, arm.target_arclength)
+        targets = arm.target_arclength.size
+        prior = ScaledPrior(parameters, self.runs, noise, targets)
         self.size, shared = prior.size, prior.shared
         values = np.concatenate([point.values, point.placement.ravel()])
         self.scale, self.mean = prior.scale[:shared, :shared], prior.mean[:shared]

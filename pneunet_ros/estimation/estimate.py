@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.estimation.moving_arm import MotionEstimate
 from pneunet_ros.measurement.errors.propagated_errors import propagate_errors, PropagatedErrors
 from pneunet_ros.measurement.errors.second_order import SecondOrder
 from pneunet_ros.model.domain_position import DomainPosition
@@ -25,7 +26,9 @@ class ShapeEstimate:
 
     noise (sources, causes), the noise input matrix, and curved, to second order, with the
     linearization in it: from these covariance and standard deviations come, so that nobody has to
-    linearize again. What is allowed for the model beyond its domain is not in noise.
+    linearize again. What is allowed for the model beyond its domain is not in noise. motion: how
+    the arm moves, None where the model has no `motion`; then shape and standard deviations are
+    those of the moving arm, and jacobian, noise and curved those of its equilibrium.
     """
 
     stamp_ns: int
@@ -41,6 +44,7 @@ class ShapeEstimate:
     position: DomainPosition | None = None
     noise: Array | None = None
     curved: SecondOrder | None = None
+    motion: MotionEstimate | None = None
 
     @property
     def second_order(self) -> SecondOrder | None:
@@ -67,6 +71,7 @@ def estimate_of(
     position: DomainPosition,
     wrench_age: float | None,
     notes: Sequence[str],
+    motion: MotionEstimate | None = None,
 ) -> ShapeEstimate:
     """Return a solved shape with its propagated errors; notes: what is to be said beside it."""
     warnings = [*notes, *position.notes]
@@ -92,6 +97,7 @@ def estimate_of(
         position=position,
         noise=noise,
         curved=curved,
+        motion=motion,
     )
 
 

@@ -16,6 +16,7 @@ from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
 from pneunet_ros.core.units import seconds_between, seconds_since
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import estimate_of, Outcome, ShapeEstimate
+from pneunet_ros.estimation.moving_arm import MovingArm, Places, places_along
 from pneunet_ros.estimation.out_of_plane import out_of_plane, OutOfPlane
 from pneunet_ros.estimation.sensor_mapping import base_wrench, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -40,20 +41,32 @@ class Estimator:
 
     arm: with the noise of its sensors and the covariance of its model; settings: what the sensors
     report and when a reading is too old. Then follow arclength (stations,) m of the stations, and
-    the table of how the record of the rod changes with pressure and model. Raises ModelError where
-    a column of the model's covariance leads out of bounds.
+    the table of how the record of the rod changes with pressure and model, the moving arm with
+    stations and targets on it, None where the model has no `motion`. Raises ModelError where a
+    column of the model's covariance leads out of bounds.
     """
 
     arm: Arm
     settings: EstimatorSettings = field(default_factory=EstimatorSettings)
     arclength: Array = field(init=False, repr=False)
     table: PerturbationTable = field(init=False, repr=False)
+    moving: MovingArm | None = field(init=False, repr=False)
+    places: Places | None = field(init=False, repr=False)
+    target_places: Places | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Prepare stations and the table."""
         stations = station_arclength(self.arm.reach, self.settings.stations)
         object.__setattr__(self, 'arclength', stations)
         object.__setattr__(self, 'table', PerturbationTable(arm=self.arm))
+        moving = places = targets = None
+        if self.arm.motion is not None:
+            moving = MovingArm(arm=self.arm, table=self.table)
+            places = places_along(self.arm.reach, stations)
+            targets = places_along(self.arm.reach, self.arm.target_arclength)
+        object.__setattr__(self, 'moving', moving)
+        object.__setattr__(self, 'places', places)
+        object.__setattr__(self, 'target_places', targets)
 
     def step(self, state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Outcome]:
         """Take one reading: Eq 4 gives the shape, its linearization the covariance.
@@ -140,6 +153,11 @@ class Estimator:
             )
             refusal = refuse(reading.stamp_ns, 'no_uncertainty', sentence)
             return state.with_reading(reading.stamp_ns, history), refusal
+        moving = motion = None
+        if self.moving is not None and self.places is not None:
+            moving, motion, shape, errors = self.moving.step(
+                state.moving, reading.stamp_ns, shape, errors, self.places
+            )
         estimate = estimate_of(
             stamp_ns=reading.stamp_ns,
             shape=shape,
@@ -147,11 +165,12 @@ class Estimator:
             jacobian=jacobian_of(self.arm, sensitivity, history),
             noise=noise,
             errors=errors,
+            motion=motion,
             position=position,
             wrench_age=age,
             notes=[*notes, *([beside.note] if beside.warns else [])],
         )
-        return state.with_estimate(reading.stamp_ns, history, solution), estimate
+        return state.with_estimate(reading.stamp_ns, history, solution, moving), estimate
 
     def forbidden(
         self,

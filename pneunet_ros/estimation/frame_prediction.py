@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
@@ -53,7 +54,7 @@ def predict_frame(
     assert nearest.noise is not None and nearest.second_order is not None
     predicted = predict_targets(estimator.table, nearest.noise, nearest.second_order)
     if len(estimates) < 2:
-        return predicted
+        return in_motion(estimator, predicted, [nearest], [1.0], nearest)
     places, shares = places_between(shown, stamps)
     before, share = int(places[0]), float(shares[0])
     pair = estimates[before : before + 2]
@@ -83,11 +84,38 @@ def predict_frame(
     size[:LOADS] = interpolated_noise(shown, wrench_ns)
     size[PRESSURE] = interpolated_noise(shown, stamps)[0]
     size[: PRESSURE + 1] = np.hypot(size[: PRESSURE + 1], missed)
-    return replace(
+    still = replace(
         predicted,
         x=predicted.x + moved[0],
         y=predicted.y + moved[1],
         errors=size[:, None, None] * predicted.errors,
+    )
+    return in_motion(estimator, still, pair, [1.0 - share, share], nearest)
+
+
+def in_motion(
+    estimator: Estimator,
+    predicted: PredictedTargets,
+    pair: Sequence[ShapeEstimate],
+    shares: Sequence[float],
+    nearest: ShapeEstimate,
+) -> PredictedTargets:
+    """Return predicted targets of an arm that moves, from those of its equilibrium.
+
+    pair, shares: the estimates around the frame, and how near it is to each; nearest: whose
+    motion has the errors.
+    """
+    places = estimator.target_places
+    if places is None or nearest.motion is None:
+        return predicted
+    beside = np.zeros((3, predicted.x.size))
+    for estimate, share in zip(pair, shares, strict=True):
+        if estimate.motion is not None:
+            beside += share * estimate.motion.beside(places)
+    errors = nearest.motion.errors(places)[:, :2]
+    see = partial(estimator.arm.see_moves, predicted.x, predicted.y)
+    return predicted.moved(
+        *see(beside[0], beside[1]), np.stack(see(errors[:, 0], errors[:, 1]), axis=1)
     )
 
 

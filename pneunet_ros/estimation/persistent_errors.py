@@ -267,7 +267,8 @@ def linear_problem(
     std = np.tile(np.maximum(white, SMALLEST_STD), (1, 2))
     errors = np.array([frame.predicted.errors for frame in kept])
     errors = errors.reshape(count, -1, size).transpose(0, 2, 1)
-    columns = errors[:, :, READINGS:-1]
+    last = kept[0].predicted.own
+    columns = errors[:, :, READINGS:-last]
     placing = placement_jacobian(np.array([frame.predicted.theta for frame in kept]))
     placing = placing.reshape(count, size, size)
     residual = residual.reshape(count, size)
@@ -290,7 +291,7 @@ def linear_problem(
     own = np.concatenate(
         [
             errors[:, :, :READINGS],
-            errors[:, :, -1:],
+            errors[:, :, -last:],
             np.broadcast_to(between, (count, *between.shape)),
         ],
         axis=2,

@@ -18,6 +18,7 @@ from pneunet_ros.core.stamps import (
 )
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.effects.effect import History
+from pneunet_ros.estimation.moving_arm import MovingState
 from pneunet_ros.estimation.pressure_watch import PressureWatch
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.model.arm import Arm
@@ -29,9 +30,10 @@ class EstimatorState:
     """All that an estimator remembers from one reading to the next.
 
     history_ns: the stamp of the pressure reading that the history goes up to, which is the last
-    one but for readings that no arm can have; before: the state before a pressure reading that
-    came after a gap of more than a second, until the next one says whether time has gone on from
-    there or that stamp was wrong; watch: whether the pressure is what it is declared to be.
+    one but for readings that no arm can have; moving: how the arm moves, where the model has
+    `motion`; before: the state before a pressure reading that came after a gap of more than a
+    second, until the next one says whether time has gone on from there or that stamp was wrong;
+    watch: whether the pressure is what it is declared to be.
     """
 
     pressure_stamp_ns: int | None = None
@@ -39,6 +41,7 @@ class EstimatorState:
     wrench: WrenchReading | None = None
     history: tuple[History, ...] | None = None
     solution: SolverNodes | None = None
+    moving: MovingState | None = None
     estimates: int = 0
     resets: int = 0
     rejected: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
@@ -53,6 +56,7 @@ class EstimatorState:
             wrench=wrench,
             history=self.history,
             solution=self.solution,
+            moving=self.moving,
             estimates=self.estimates,
             resets=self.resets,
             rejected=self.rejected,
@@ -67,6 +71,7 @@ class EstimatorState:
             history_ns=stamp_ns,
             wrench=self.wrench,
             history=history,
+            moving=self.moving,
             estimates=self.estimates,
             resets=self.resets,
             rejected=self.rejected,
@@ -85,7 +90,11 @@ class EstimatorState:
         return replace(self, pressure_stamp_ns=stamp_ns, solution=None)
 
     def with_estimate(
-        self, stamp_ns: int, history: tuple[History, ...], solution: SolverNodes
+        self,
+        stamp_ns: int,
+        history: tuple[History, ...],
+        solution: SolverNodes,
+        moving: MovingState | None = None,
     ) -> EstimatorState:
         """After an estimate, whose branch the next one follows."""
         return EstimatorState(
@@ -94,6 +103,7 @@ class EstimatorState:
             wrench=self.wrench,
             history=history,
             solution=solution,
+            moving=moving,
             estimates=self.estimates + 1,
             resets=self.resets,
             rejected=self.rejected,
@@ -170,5 +180,6 @@ def resume(state: EstimatorState, reading: Reading) -> EstimatorState | None:
         history_ns=before.history_ns,
         history=before.history,
         solution=before.solution,
+        moving=before.moving,
         before=None,
     ).count_rejected(AHEAD)

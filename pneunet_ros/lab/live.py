@@ -144,7 +144,7 @@ class LiveLab:
     def __post_init__(self) -> None:
         """Paint the targets and put up the camera, as for a recording of the same scenario."""
         arm, noise = self.scenario.arm, self.scenario.noise
-        placement = draw_placement(random_stream('placement', arm.seed), arm.targets, noise)
+        placement = draw_placement(random_stream('placement', arm.seed), arm.targets.size, noise)
         beside = random_of(self.scenario, 'registration').standard_normal(2)
         object.__setattr__(self, 'placement', placement)
         object.__setattr__(self, 'registration', freeze(noise.registration_std * beside))

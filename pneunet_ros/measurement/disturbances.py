@@ -24,7 +24,6 @@ PATH_NODES = 9  # of the camera's path in one recording, straight lines between
 # of drift_std: a random walk between its nodes on a straight line, per frame
 BETWEEN_NODES = 1.0 / np.sqrt(6.0 * (PATH_NODES - 1))
 OF_RUN = 2 * PATH_NODES + LOADS  # unknowns of one recording
-FEWEST_OF_ROW = 3  # targets beyond the clamp: two tell no spacing from a scale
 SMALLEST_STD = 1e-7  # m, N and N m: stands for zero
 
 
@@ -36,7 +35,7 @@ class Disturbances:
     then in y, then the error of its known load.
     """
 
-    arclength: Array
+    targets: int
     runs: Sequence[RecordingData]
     noise: SensorNoise
     prior: Array = field(init=False)
@@ -45,7 +44,8 @@ class Disturbances:
         """Put the prior together."""
         size = 2 * self.targets + OF_RUN * len(self.runs)
         prior = np.zeros((size, size))
-        prior[: 2 * self.targets, : 2 * self.targets] = placement_prior(self.noise, self.arclength)
+        placement = max(self.noise.placement_std, SMALLEST_STD)
+        prior[: 2 * self.targets, : 2 * self.targets] = placement**2 * np.eye(2 * self.targets)
         path = path_prior(self.noise)
         for start, run in zip(range(2 * self.targets, size, OF_RUN), self.runs, strict=True):
             load = np.maximum(known_load_std(self.noise, run), SMALLEST_STD)
@@ -54,42 +54,11 @@ class Disturbances:
             prior[end:stop, end:stop] = np.diag(load**2)
         object.__setattr__(self, 'prior', frozen_array(prior))
 
-    @property
-    def targets(self) -> int:
-        """How many targets there are."""
-        return self.arclength.size
-
     def of_run(self, which: int) -> Array:
         """Return the places of the unknowns that a run has a part in, (n,) int."""
         start = 2 * self.targets + OF_RUN * which
         own = np.arange(start, start + OF_RUN)
         return np.concatenate([np.arange(2 * self.targets), own])
-
-
-def placement_prior(noise: SensorNoise, arclength: Array) -> Array:
-    """Return the covariance (2 targets, 2 targets) m^2 of where targets are painted.
-
-    arclength (targets,) m. First along the arm, then across it: each target by itself, and the
-    whole row, which may lie beside the neutral line and have another spacing than the arm file.
-    """
-    own, row = max(noise.placement_std, SMALLEST_STD), row_shifts(arclength)
-    sizes = np.array([noise.row_spacing_std, noise.row_offset_std])
-    return np.asarray(own**2 * np.eye(2 * arclength.size) + (row * sizes**2) @ row.T)
-
-
-def row_shifts(arclength: Array) -> Array:
-    """Return how targets are shifted (2 targets, 2) m, along the arm and then across it.
-
-    Per relative error of the spacing of their row, and per offset of the row from the neutral
-    line over the arclength of the last target. arclength (targets,) m. Fewer than three targets
-    beyond the clamp are no row: each was placed by itself.
-    """
-    targets = arclength.size
-    shifts = np.zeros((2 * targets, 2))
-    if np.count_nonzero(arclength) >= FEWEST_OF_ROW:
-        shifts[:targets, 0] = arclength
-        shifts[targets:, 1] = arclength[-1]
-    return shifts
 
 
 def path_prior(noise: SensorNoise) -> Array:

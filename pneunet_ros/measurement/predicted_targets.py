@@ -7,7 +7,7 @@ right size and raises false alarms all the same.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -30,8 +30,9 @@ class PredictedTargets:
     """Where the targets of the arm must be measured; x, y (targets,) m in the base frame.
 
     errors (sources, 2, targets) m: what one sigma of each independent error of reading or model
-    does to all of them, of F1, F2, M, the pressure and the columns of the model's covariance, the
-    last to second order. The place of the camera and the targets' own noise are not among these.
+    does to all of them, of F1, F2, M, the pressure and the columns of the model's covariance; the
+    last `own` are of this frame alone: to second order, then of motion. The place of the camera
+    and the targets' own noise are not among these.
     by_load (3, 2, targets): how they move by F1, F2 (m/N), M (1/N). theta (targets,) rad. share
     (targets,): where they are, of the way to the last one. placed (2, targets) m: by how much each
     is painted beside its place, as the calibration found it, and placed_std (targets,) m how well
@@ -46,6 +47,17 @@ class PredictedTargets:
     share: Array
     placed: Array
     placed_std: Array
+    own: int = 1
+
+    def moved(self, x: Array, y: Array, errors: Array) -> PredictedTargets:
+        """Return the targets moved by x, y (targets,) m, with further errors (n, 2, targets) m."""
+        return replace(
+            self,
+            x=self.x + x,
+            y=self.y + y,
+            errors=np.concatenate([self.errors, errors]),
+            own=self.own + len(errors),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -149,8 +161,7 @@ def innovation(
     targets = int(np.count_nonzero(seen))
     if not targets:
         return None
-    beside = np.stack([sightings.x - predicted.x, sightings.y - predicted.y])
-    residual = (beside - predicted.placed)[:, seen]
+    residual = np.stack([sightings.x - predicted.x, sightings.y - predicted.y])[:, seen]
     std = target_stds(noise, np.fmax(sightings.std[seen], noise.target_std))
     camera = camera_errors(float(np.hypot(noise.registration_std, noise.drift_std)), targets)
     moved = predicted.errors[:, :, seen].reshape(-1, 2 * targets).T
@@ -161,7 +172,7 @@ def innovation(
     total = chi_squared(residual.ravel(), np.tile(std, 2), errors)
     white = np.fmax(sightings.std[seen], noise.target_std)
     at_tip = tip_chi_squared(
-        residual,
+        residual - predicted.placed[:, seen],
         np.hypot(white, predicted.placed_std[seen]),
         predicted.errors[:, :, seen],
         predicted.share[seen],

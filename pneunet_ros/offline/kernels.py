@@ -28,6 +28,7 @@ from pneunet_ros.messages.tracker import camera_info_message, decode_camera_info
 from pneunet_ros.model.batch import solve_many
 from pneunet_ros.model.equilibrium import solve
 from pneunet_ros.model.inverse import solve_tip
+from pneunet_ros.model.motion import Motion
 from pneunet_ros.offline.replay import input_topics, steps, targets_topic
 from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.recordings.lab_files import write_lab
@@ -39,6 +40,7 @@ from pneunet_ros.vision.tracker import Tracker, TrackerState
 RECORDING = 'strings'  # the scenario of it
 DURATION = 6.0  # s of it
 MESSAGES = 200  # of it are replayed
+MOVING_MESSAGES = 10  # by an arm with mass
 FRAMES = 4  # of a recording, for a fit that nobody reads
 IMAGES = 14
 PRESSURE = 2000.0  # Pa, by which the arm is inflated from image to image once it has rested
@@ -75,6 +77,9 @@ def estimate(folder: Path) -> None:
     topics = input_topics(recording, estimator, {})
     every = steps(recording, estimator, topics, targets_topic(recording, estimator, {}))
     for _ in islice(every, MESSAGES):
+        pass
+    moving = Estimator(arm=replace(arm, motion=Motion()))
+    for _ in islice(steps(recording, moving, topics), MOVING_MESSAGES):
         pass
     shape = solve(arm, 31e3, (0.175, 0.07))
     solve_tip(arm, 31e3, shape.tip[:2])

@@ -1,0 +1,539 @@
+"""Motion of a chain of links about an equilibrium that moves, in a few shapes.
+
+The headings are theta(t) = theta_e(t) + Phi(t)^T q(t): theta_e of the equilibrium, which goes on
+straight from one reading to the next, Phi (shapes, links) how the joints bend under fixed bending
+moments. So the shapes follow a stiffness that goes with the pressure. Kinematics are exact: a
+swing may be large. With the energies T of motion and V of bending and loads, Lagrange's equations
+in the momenta p = dT/dq' are
+
+    q' = A^-1 (p - A_e),   p' = d(T - V)/dq - damping,
+
+A (shapes, shapes) the inertia of the shapes and A_e that of the moving equilibrium against them.
+Momenta go on smoothly where the pressure begins to rise. Damping is that of Kelvin and Voigt:
+damping_time times the stiffness of a joint times the rate at which it bends.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.kernels.jit import inner, kernel
+from pneunet_ros.solver import columns as col
+from pneunet_ros.solver.links import cut_links, Links, Masses
+from pneunet_ros.solver.panel import sine_cosine
+
+Q, P = range(2)  # rows of a state
+MASS, DAMPING = range(2)  # errors that stay
+# Integral of a parabola between two readings, per second difference of it and time between them.
+BETWEEN = 1.0 / 12.0
+
+
+class Swing(NamedTuple):
+    """How far a chain is beside its equilibrium, and how sure that is.
+
+    state (2, shapes): q in units of the moments, then momenta p. covariance (2 shapes, 2 shapes)
+    of q and p as one vector, by what goes on between readings; columns (2, 2 shapes): its change
+    per relative error of all masses, and of the damping.
+    """
+
+    state: Array
+    covariance: Array
+    columns: Array
+
+
+class Room(NamedTuple):
+    """What the kernels write into: see `slopes`; rates (2, shapes) of q and p, at the end."""
+
+    turns: Array
+    way: Array
+    gram: Array
+    bends: Array
+    damped: Array
+    rates: Array
+
+
+def at_rest(shapes: int) -> Swing:
+    """Return a chain that rests in its equilibrium."""
+    size = 2 * shapes
+    return Swing(
+        state=np.zeros((2, shapes)),
+        covariance=np.zeros((size, size)),
+        columns=np.zeros((2, size)),
+    )
+
+
+def room_for(shapes: int, links: int) -> Room:
+    """Return the tables that `go_on` writes into."""
+    return Room(
+        turns=np.empty((2 * shapes + 1, links)),
+        way=np.empty((shapes + 1, 2, links + 1)),
+        gram=np.empty((shapes + 1, shapes + 1)),
+        bends=np.empty((shapes, links)),
+        damped=np.empty(shapes),
+        rates=np.zeros((2, shapes)),
+    )
+
+
+@inner
+def solve_small(matrix: Array, right: Array) -> None:
+    """Solve a small positive definite system (k, k) for columns (k, m); both are overwritten."""
+    size, columns = right.shape
+    for i in range(size):
+        for j in range(i + 1, size):
+            factor = matrix[j, i] / matrix[i, i]
+            for k in range(i, size):
+                matrix[j, k] -= factor * matrix[i, k]
+            for k in range(columns):
+                right[j, k] -= factor * right[i, k]
+    for i in range(size - 1, -1, -1):
+        for k in range(columns):
+            value = right[i, k]
+            for j in range(i + 1, size):
+                value -= matrix[i, j] * right[j, k]
+            right[i, k] = value / matrix[i, i]
+
+
+@inner
+def between(before: float, after: float, share: float) -> float:
+    """Return a number at a share of the way."""
+    return (1.0 - share) * before + share * after
+
+
+@inner
+def slopes(
+    state: Array,
+    share: float,
+    rate: float,
+    before: Links,
+    after: Links,
+    masses: Masses,
+    damping_time: float,
+    moments: Array,
+    room: Room,
+    out: Array,
+) -> None:
+    """Compute the rates (2, shapes) of q and p, into out, at a share of the way between readings.
+
+    rate 1/s: of the share. Leaves in room: turns, of the equilibrium with its shapes per second
+    (1, links), then the shapes (shapes, links), then their change per second; way (1 + shapes, 2,
+    links + 1) m, how the middles of links and the tip move per turn of these; gram (1 + shapes, 1
+    + shapes), their inertia; bends (shapes, links) rad of the joints; damped (shapes,): what
+    damping takes from p.
+    """
+    count, links = moments.shape
+    turns, way, gram, bends = room.turns, room.way, room.gram, room.bends
+    heading, length = np.empty(links), np.empty(links)
+    sine, cosine, tilt_x, tilt_y = (
+        np.empty(links),
+        np.empty(links),
+        np.empty(links),
+        np.empty(links),
+    )
+    for a in range(count):
+        bent, changed = 0.0, 0.0
+        for i in range(links):
+            bends[a, i] = moments[a, i] * between(before.compliance[i], after.compliance[i], share)
+            bent += bends[a, i]
+            changed += moments[a, i] * rate * (after.compliance[i] - before.compliance[i])
+            turns[1 + a, i] = bent
+            turns[1 + count + a, i] = changed
+    for i in range(links):
+        still = between(before.heading[i], after.heading[i], share)
+        heading[i] = still
+        turns[0, i] = rate * (after.heading[i] - before.heading[i])
+        for a in range(count):
+            heading[i] += turns[1 + a, i] * state[Q, a]
+            turns[0, i] += turns[1 + count + a, i] * state[Q, a]
+        length[i] = between(before.length[i], after.length[i], share)
+        sine[i], cosine[i] = sine_cosine(heading[i])
+        sine_e, cosine_e = sine_cosine(still)
+        tilt_x[i], tilt_y[i] = cosine[i] - cosine_e, sine[i] - sine_e
+    for a in range(1 + count):
+        x, y = 0.0, 0.0
+        for i in range(links):
+            turned = length[i] * turns[a, i]
+            way[a, 0, i], way[a, 1, i] = x - 0.5 * sine[i] * turned, y + 0.5 * cosine[i] * turned
+            x -= sine[i] * turned
+            y += cosine[i] * turned
+        way[a, 0, links], way[a, 1, links] = x, y
+        for b in range(a + 1):
+            total = masses.tip * (x * way[b, 0, links] + y * way[b, 1, links])
+            for i in range(links):
+                product = way[a, 0, i] * way[b, 0, i] + way[a, 1, i] * way[b, 1, i]
+                own = length[i] * length[i] / 12.0 * turns[a, i] * turns[b, i]
+                total += masses.mass[i] * (product + own)
+            gram[a, b] = total
+            gram[b, a] = total
+    matrix, right = np.empty((count, count)), np.empty((count, 1))
+    for a in range(count):
+        right[a, 0] = state[P, a] - gram[1 + a, 0]
+        for b in range(count):
+            matrix[a, b] = gram[1 + a, 1 + b]
+    solve_small(matrix, right)
+    for a in range(count):
+        out[Q, a], out[P, a], room.damped[a] = right[a, 0], 0.0, 0.0
+    # From the tip inwards: the momentum of all that is beyond.
+    x, y = masses.tip * velocity(way, out, 0, links), masses.tip * velocity(way, out, 1, links)
+    for i in range(links - 1, -1, -1):
+        mx = masses.mass[i] * velocity(way, out, 0, i)
+        my = masses.mass[i] * velocity(way, out, 1, i)
+        px, py = x + 0.5 * mx, y + 0.5 * my
+        x += mx
+        y += my
+        fx = between(before.force[i, 0], after.force[i, 0], share)
+        fy = between(before.force[i, 1], after.force[i, 1], share)
+        turning, inner_turning, bent = turns[0, i], 0.0, 0.0
+        if i > 0:
+            inner_turning = turns[0, i - 1]
+        for a in range(count):
+            turning += out[Q, a] * turns[1 + a, i]
+            bent += state[Q, a] * moments[a, i]
+            if i > 0:
+                inner_turning += out[Q, a] * turns[1 + a, i - 1]
+        push = length[i] * (fy * tilt_x[i] - fx * tilt_y[i])
+        push -= length[i] * turning * (cosine[i] * px + sine[i] * py)
+        if i + 1 == links:  # the load acts beside the tip
+            offset = between(before.offset, after.offset, share)
+            push -= offset * (fx * tilt_x[i] + fy * tilt_y[i])
+        spin = length[i] * (cosine[i] * py - sine[i] * px)
+        spin += masses.mass[i] * length[i] * length[i] / 12.0 * turning
+        for a in range(count):
+            damping = damping_time * moments[a, i] * (turning - inner_turning)
+            room.damped[a] += damping
+            out[P, a] += turns[1 + a, i] * push + turns[1 + count + a, i] * spin
+            out[P, a] -= bends[a, i] * bent + damping
+
+
+@inner
+def velocity(way: Array, rates: Array, axis: int, place: int) -> float:
+    """Return the velocity (m/s) of a place: of the equilibrium, and of the shapes at rates."""
+    total = way[0, axis, place]
+    for a in range(rates.shape[1]):
+        total += rates[Q, a] * way[1 + a, axis, place]
+    return total
+
+
+@inner
+def advance(
+    state: Array,
+    seconds: float,
+    steps: int,
+    before: Links,
+    after: Links,
+    masses: Masses,
+    damping_time: float,
+    moments: Array,
+    room: Room,
+) -> None:
+    """Let a state (2, shapes) go on, in place. Runge and Kutta's method of order four."""
+    count = moments.shape[0]
+    rates, moved, total = np.empty((2, count)), np.empty((2, count)), np.empty((2, count))
+    h, rate = seconds / steps, 1.0 / seconds
+    for step in range(steps):
+        for stage in range(4):
+            part = 0.5 if stage in (1, 2) else (1.0 if stage == 3 else 0.0)
+            for row in range(2):
+                for a in range(count):
+                    moved[row, a] = state[row, a]
+                    if stage:
+                        moved[row, a] += part * h * rates[row, a]
+            share = (step + part) / steps
+            slopes(moved, share, rate, before, after, masses, damping_time, moments, room, rates)
+            weight = 2.0 if stage in (1, 2) else 1.0
+            for row in range(2):
+                for a in range(count):
+                    if stage == 0:
+                        total[row, a] = 0.0
+                    total[row, a] += weight * rates[row, a]
+        for row in range(2):
+            for a in range(count):
+                state[row, a] += h / 6.0 * total[row, a]
+
+
+@inner
+def errors_that_stay(state: Array, damping: Array, room: Room, inverse: Array, out: Array) -> None:
+    """Compute what relative errors of mass and of damping change of the rates, (2, 2 shapes).
+
+    damping (shapes, shapes): of p per q'; inverse: that of the inertia of the shapes.
+    """
+    count = damping.shape[0]
+    for a in range(count):
+        along, lost = 0.0, 0.0
+        for b in range(count):
+            along -= inverse[a, b] * state[P, b]
+            for c in range(count):
+                lost += damping[a, b] * inverse[b, c] * state[P, c]
+        out[MASS, a], out[MASS, count + a] = along, lost
+        out[DAMPING, a], out[DAMPING, count + a] = 0.0, -room.damped[a]
+
+
+@inner
+def linear_rates(
+    links: Links, damping_time: float, moments: Array, room: Room, damping: Array, inverse: Array
+) -> Array:
+    """Return d(rates) / d(q, p), (2 shapes, 2 shapes), at the state that `slopes` has seen last.
+
+    Fills damping and inverse (shapes, shapes) as `errors_that_stay` takes them.
+    """
+    count, size = moments.shape
+    stiff, gram = np.zeros((count, count)), np.empty((count, count))
+    along = np.empty(size)
+    for i in range(size):
+        sine, cosine = sine_cosine(links.heading[i])
+        along[i] = links.length[i] * (links.force[i, 0] * cosine + links.force[i, 1] * sine)
+        if i + 1 == size:
+            across = links.force[i, 1] * cosine - links.force[i, 0] * sine
+            along[i] += links.offset * across
+    for a in range(count):
+        for b in range(count):
+            gram[a, b] = room.gram[1 + a, 1 + b]
+            inverse[a, b] = 1.0 if a == b else 0.0
+            bending = 0.0
+            for i in range(size):
+                bending += moments[a, i] * room.bends[b, i]
+                stiff[a, b] += room.turns[1 + a, i] * along[i] * room.turns[1 + b, i]
+            stiff[a, b] += bending
+            damping[a, b] = damping_time * bending
+    solve_small(gram, inverse)
+    rates = np.zeros((2 * count, 2 * count))
+    for a in range(count):
+        for b in range(count):
+            rates[a, count + b] = inverse[a, b]
+            rates[count + a, b] = -stiff[a, b]
+            for c in range(count):
+                rates[count + a, count + b] -= damping[a, c] * inverse[c, b]
+    return rates
+
+
+@inner
+def product(left: Array, right: Array, factor: float, out: Array) -> None:
+    """Compute factor left @ right of two small matrices."""
+    for i in range(left.shape[0]):
+        for j in range(right.shape[1]):
+            total = 0.0
+            for k in range(left.shape[1]):
+                total += left[i, k] * right[k, j]
+            out[i, j] = factor * total
+
+
+@inner
+def transition(rates: Array, seconds: float, steps: int) -> Array:
+    """Return exp(rates seconds), (k, k), as Runge and Kutta's method of order four has it."""
+    size = rates.shape[0]
+    one, power, whole, work = np.eye(size), np.eye(size), np.eye(size), np.empty((size, size))
+    for order in range(1, 5):
+        product(power, rates, seconds / steps / order, work)
+        for i in range(size):
+            for j in range(size):
+                power[i, j] = work[i, j]
+                one[i, j] += work[i, j]
+    for _ in range(steps):
+        product(one, whole, 1.0, work)
+        for i in range(size):
+            for j in range(size):
+                whole[i, j] = work[i, j]
+    return whole
+
+
+@kernel
+def go_on(
+    swing: Swing,
+    seconds: float,
+    steps: int,
+    before: Links,
+    after: Links,
+    masses: Masses,
+    damping_time: float,
+    moments: Array,
+    turned: Array,
+    room: Room,
+) -> None:
+    """Let a chain go on for so long, in place; moments (shapes, n) N m: those of the shapes.
+
+    before, after: its equilibrium at either end. turned (n,) rad/s: how fast it turned until
+    `before`; where it now turns otherwise, it may have gone on a parabola between the readings,
+    and not straight: that is what the covariance grows by.
+    """
+    count, links = moments.shape
+    rates = np.empty((2, count))
+    damping, inverse = np.empty((count, count)), np.empty((count, count))
+    errors = np.empty((2, 2 * count))
+    advance(swing.state, seconds, steps, before, after, masses, damping_time, moments, room)
+    slopes(
+        swing.state, 1.0, 1.0 / seconds, before, after, masses, damping_time, moments, room, rates
+    )
+    for row in range(2):
+        for a in range(count):
+            room.rates[row, a] = rates[row, a]
+    linear = linear_rates(after, damping_time, moments, room, damping, inverse)
+    errors_that_stay(swing.state, damping, room, inverse, errors)
+    moved = transition(linear, seconds, steps)
+    size = 2 * count
+    columns, covariance = np.empty((2, size)), np.empty((size, size))
+    for cause in range(2):
+        for i in range(size):
+            columns[cause, i] = seconds * errors[cause, i]
+            for j in range(size):
+                columns[cause, i] += moved[i, j] * swing.columns[cause, j]
+    for cause in range(2):
+        for i in range(size):
+            swing.columns[cause, i] = columns[cause, i]
+    product(moved, swing.covariance, 1.0, covariance)
+    for i in range(size):
+        for j in range(size):
+            total = 0.0
+            for k in range(size):
+                total += covariance[i, k] * moved[j, k]
+            swing.covariance[i, j] = total
+    kick = np.zeros(count)
+    for i in range(links):
+        change = (after.heading[i] - before.heading[i]) / seconds - turned[i]
+        if i > 0:
+            change -= (after.heading[i - 1] - before.heading[i - 1]) / seconds - turned[i - 1]
+        for a in range(count):
+            kick[a] += BETWEEN * seconds * seconds * moments[a, i] * change
+    for a in range(count):
+        for b in range(count):
+            swing.covariance[count + a, count + b] += kick[a] * kick[b]
+
+
+@kernel
+def follow_swing(
+    solved: tuple[Array, Array, Array],
+    swing: Swing,
+    seconds: float,
+    steps: int,
+    before: Links,
+    after: Links,
+    masses: Masses,
+    damping_time: float,
+    moments: Array,
+    turned: Array,
+    room: Room,
+    at_nodes: Array,
+    at_joints: Array,
+    tip: Array,
+) -> None:
+    """Let a chain go on to the equilibrium of a solved rod, and say where it is then.
+
+    solved: tables of the rod; their links go into after. swing goes on in place; steps: 0 where it
+    rests, and `before` means nothing. The others as of `go_on`. Fills at_nodes (3 + 3 shapes, n +
+    2), at the clamp, the middles of the links and the tip: x, y (m), theta (rad) beside the
+    equilibrium, then their changes per q of each shape; at_joints (2 + shapes, n + 1), at the
+    joints and the tip: curvature (1/m) and moment (N m) beside the equilibrium, then the change of
+    curvature per q; tip (5,): its velocity (m/s, rad/s), and that of x, y which it would have if
+    the equilibrium stopped.
+    """
+    panels, ends, nodes = solved
+    cut_links(panels, ends, nodes, after.heading, after.length, after.compliance, after.force)
+    count, links = moments.shape
+    if steps:
+        go_on(swing, seconds, steps, before, after, masses, damping_time, moments, turned, room)
+        for i in range(links):
+            turned[i] = (after.heading[i] - before.heading[i]) / seconds
+    else:
+        slopes(
+            swing.state, 0.0, 1.0, after, after, masses, damping_time, moments, room, room.rates
+        )
+        for i in range(links):
+            turned[i] = 0.0
+    q = swing.state[Q]
+    for i in range(2 + links):  # nodes
+        for a in range(count):
+            for axis in range(2):
+                at_nodes[3 + 3 * a + axis, i] = 0.0 if i == 0 else room.way[1 + a, axis, i - 1]
+            turns = room.turns[1 + a, min(i, links) - 1] if i else 0.0
+            at_nodes[5 + 3 * a, i] = turns
+    at_nodes[0, 0], at_nodes[1, 0], at_nodes[2, 0] = 0.0, 0.0, 0.0
+    x, y = 0.0, 0.0
+    reach = 0.0
+    for p in range(len(panels)):
+        reach += panels[p, col.PANEL_LENGTH]
+    for i in range(links):
+        added = 0.0
+        for a in range(count):
+            added += q[a] * room.turns[1 + a, i]
+        sine, cosine = sine_cosine(after.heading[i] + added)
+        sine_e, cosine_e = sine_cosine(after.heading[i])
+        dx, dy = after.length[i] * (cosine - cosine_e), after.length[i] * (sine - sine_e)
+        at_nodes[0, 1 + i], at_nodes[1, 1 + i] = x + 0.5 * dx, y + 0.5 * dy
+        at_nodes[2, 1 + i] = added
+        x += dx
+        y += dy
+        at_joints[0, i], at_joints[1, i] = 0.0, 0.0
+        # The joint at the clamp stands for half a link, and has what the clamp gives.
+        compliance = after.compliance[i] if i else after.compliance[1]
+        for a in range(count):
+            bend = moments[a, i] * compliance * links / reach
+            at_joints[2 + a, i] = bend
+            at_joints[0, i] += q[a] * bend
+            at_joints[1, i] += q[a] * moments[a, i]
+    at_nodes[0, 1 + links], at_nodes[1, 1 + links] = x, y
+    at_nodes[2, 1 + links] = at_nodes[2, links]
+    for row in range(2 + count):
+        at_joints[row, links] = 0.0
+    held, matrix = np.empty((count, 1)), np.empty((count, count))
+    for a in range(count):
+        held[a, 0] = swing.state[P, a]
+        for b in range(count):
+            matrix[a, b] = room.gram[1 + a, 1 + b]
+    solve_small(matrix, held)
+    for axis in range(2):
+        tip[axis] = velocity(room.way, room.rates, axis, links)
+        tip[3 + axis] = 0.0
+        for a in range(count):
+            tip[3 + axis] += held[a, 0] * room.way[1 + a, axis, links]
+    tip[2] = room.turns[0, links - 1]
+    for a in range(count):
+        tip[2] += room.rates[Q, a] * room.turns[1 + a, links - 1]
+
+
+@kernel
+def widen(
+    swing: Swing,
+    relative: Array,
+    left_out: float,
+    along: Array,
+    bent: Array,
+    std: Array,
+    covariance: Array,
+) -> None:
+    """Add what is not known of a swing to standard deviations, in place.
+
+    relative (2,): one sigma of mass and damping; left_out m: of the tip, in each shape. along (3 +
+    3 shapes, places), bent (2 + shapes, places): as at_nodes and at_joints of `follow_swing`, at
+    places of which the last is the tip; std (3, places): of x, y (m) and curvature (1/m);
+    covariance (3, 3): of x, y, theta of the tip.
+    """
+    count = swing.state.shape[1]
+    q = np.empty((count, count))
+    for a in range(count):
+        for b in range(count):
+            q[a, b] = swing.covariance[a, b]
+            for cause in range(2):
+                square = relative[cause] * relative[cause]
+                q[a, b] += square * swing.columns[cause, a] * swing.columns[cause, b]
+    places = std.shape[1]
+    for a in range(count):
+        x, y = along[3 + 3 * a, places - 1], along[4 + 3 * a, places - 1]
+        q[a, a] += left_out * left_out / (x * x + y * y)
+    for place in range(places):
+        for row in range(3):
+            total = std[row, place] * std[row, place]
+            for a in range(count):
+                for b in range(count):
+                    if row < 2:
+                        both = along[3 + 3 * a + row, place] * along[3 + 3 * b + row, place]
+                    else:
+                        both = bent[2 + a, place] * bent[2 + b, place]
+                    total += q[a, b] * both
+            std[row, place] = np.sqrt(total)
+    tip = places - 1
+    for row in range(3):
+        for column in range(3):
+            for a in range(count):
+                for b in range(count):
+                    both = along[3 + 3 * a + row, tip] * along[3 + 3 * b + column, tip]
+                    covariance[row, column] += q[a, b] * both

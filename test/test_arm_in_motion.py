@@ -1,0 +1,269 @@
+"""An arm that swings: small vibrations, energy, errors, the estimator, and a finger in MuJoCo."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import itertools
+
+import numpy as np
+from pneunet_ros import solve
+from pneunet_ros.core.arrays import freeze
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.readings import PressureReading, WrenchReading
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.frame_prediction import predict_frame
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.gravity import gravity_of
+from pneunet_ros.model.moment_law import LinearLaw
+from pneunet_ros.model.motion import Motion
+from pneunet_ros.model.uncertainty import ModelCovariance
+from pneunet_ros.model.vibration import links_at, masses_of, vibration
+from pneunet_ros.solver.links import mass_matrix
+from pneunet_ros.solver.swing import at_rest, go_on, room_for, Swing
+import pytest
+from support.example_arms import paper_arm
+
+DAMPING_TIME, PERIOD_NS = 0.025, 10_000_000
+UNLOADED = EstimatorSettings(wrench_required=False)
+LARGEST_95 = 5.99
+
+
+def moving(damping_time: float = DAMPING_TIME, tip_mass: float = 0.0, **changes: object) -> Arm:
+    """Return the paper's arm with mass and damping."""
+    motion = Motion(damping_time=damping_time, tip_mass=tip_mass)
+    return replace(paper_arm(), motion=motion, **changes)  # type: ignore[arg-type]
+
+
+def swing_of(q: list[float]) -> Swing:
+    """Return a chain that is let go beside its equilibrium."""
+    swing = at_rest(len(q))
+    swing.state[0] = q
+    return swing
+
+
+def estimates(arm: Arm, pressures: np.ndarray, settings: EstimatorSettings = UNLOADED):
+    """Return what the estimator says of pressures (Pa) every 10 ms."""
+    estimator, state, found = Estimator(arm=arm, settings=settings), EstimatorState(), []
+    for index, pressure in enumerate(pressures.tolist()):
+        reading = PressureReading(stamp_ns=10**9 + index * PERIOD_NS, pressure=pressure)
+        state, outcome = estimator.step(state, reading)
+        assert isinstance(outcome, ShapeEstimate), outcome
+        found.append(outcome)
+    return found
+
+
+def step_of(low: float, high: float, count: int) -> np.ndarray:
+    """Return pressures (Pa) that rest, go from one to another within 0.1 s, and rest."""
+    return np.interp(np.arange(count), [20, 30], [low, high])
+
+
+@pytest.mark.parametrize('pressure', [0.0, 45e3])
+def test_a_small_swing_is_the_vibration_of_the_linearized_rod(pressure):
+    arm = moving()
+    shape = solve(arm, pressure)
+    links, masses, modes = links_at(shape.solution), masses_of(arm), vibration(arm, shape, 1)
+    swing, room = swing_of([1e-4]), room_for(1, links.heading.size)
+    still = np.zeros(links.heading.size)
+    frequency, rate = modes.frequency[0], modes.damping[0]
+    damped = np.sqrt(frequency**2 - 0.25 * rate**2)
+    for index in range(1, 100):
+        go_on(swing, 0.01, 2, links, links, masses, DAMPING_TIME, modes.moment, still, room)
+        time = 0.01 * index
+        wave = np.cos(damped * time) + 0.5 * rate / damped * np.sin(damped * time)
+        wanted = 1e-4 * np.exp(-0.5 * rate * time) * wave
+        assert swing.state[0, 0] == pytest.approx(wanted, abs=2e-7)
+
+
+def energy(arm: Arm, swing: Swing, moments: np.ndarray, links) -> float:
+    """Return the energy (J) of a swing about an equilibrium that stands still."""
+    turns = np.cumsum(moments * links.compliance, axis=1)
+    added = swing.state[0] @ turns
+    turned = links._replace(heading=links.heading + added)
+    inertia = turns @ mass_matrix(turned, masses_of(arm)) @ turns.T
+    moving_energy = 0.5 * swing.state[1] @ np.linalg.solve(inertia, swing.state[1])
+    bends = np.diff(added, prepend=0.0)
+    bending = 0.5 * np.sum(bends**2 / links.compliance)
+    along = np.stack([np.cos(turned.heading), np.sin(turned.heading)], axis=1)
+    still = np.stack([np.cos(links.heading), np.sin(links.heading)], axis=1)
+    normal = np.stack([-still[:, 1], still[:, 0]], axis=1)
+    lifted = along - still - normal * added[:, None]
+    loads = -np.sum(links.force * lifted * links.length[:, None])
+    return float(moving_energy + bending + loads)
+
+
+def test_without_damping_a_large_swing_keeps_its_energy():
+    arm = moving(damping_time=0.0, gravity=gravity_of([0.6, -0.8]), tip_mass=0.004)
+    shape = solve(arm, 20e3, (0.05, 0.02))
+    links, masses, modes = links_at(shape.solution), masses_of(arm), vibration(arm, shape, 2)
+    swing, room = swing_of([0.02, 1e-3]), room_for(2, links.heading.size)
+    still = np.zeros(links.heading.size)
+    first = energy(arm, swing, modes.moment, links)
+    turned = 0.0
+    for _ in range(150):
+        go_on(swing, 0.01, 4, links, links, masses, 0.0, modes.moment, still, room)
+        assert energy(arm, swing, modes.moment, links) == pytest.approx(first, rel=2e-3)
+        turned = max(turned, np.abs(swing.state[0] @ modes.shape)[-1])
+    assert turned > 1.0  # rad: it is large
+
+
+def test_errors_of_mass_and_damping_are_those_of_a_swing_with_others():
+    arm = moving()
+    low, high = (links_at(solve(arm, pressure).solution) for pressure in (20e3, 22e3))
+    modes = vibration(arm, solve(arm, 20e3), 2)
+
+    def swung(mass: float, damping: float) -> Swing:
+        masses = masses_of(arm)
+        masses = masses._replace(mass=freeze((1.0 + mass) * masses.mass))
+        swing, room = at_rest(2), room_for(2, low.heading.size)
+        before, still = low, np.zeros(low.heading.size)
+        for _ in range(60):
+            go_on(
+                swing, 0.01, 2, before, high, masses, (1.0 + damping) * DAMPING_TIME,
+                modes.moment, still, room,
+            )  # fmt: skip
+            before = high
+        return swing
+
+    found, step = swung(0.0, 0.0), 1e-3
+    for cause, (mass, damping) in enumerate(((step, 0.0), (0.0, step))):
+        sides = [swung(sign * mass, sign * damping).state.ravel() for sign in (-1.0, 1.0)]
+        slope = (sides[1] - sides[0]) / (2.0 * step)
+        size = np.abs(slope.reshape(2, -1)).max(axis=1).repeat(2)
+        assert found.columns[cause] / size == pytest.approx(slope / size, abs=0.15)
+
+
+def test_without_motion_in_the_model_no_bit_changes_and_at_rest_it_is_the_equilibrium():
+    still, rested = estimates(paper_arm(), np.full(3, 3e4)), estimates(moving(), np.full(3, 3e4))
+    for one, other in zip(still, rested, strict=True):
+        assert one.motion is None
+        assert other.motion.settled
+        assert other.shape.x == pytest.approx(one.shape.x, abs=1e-15)
+        assert other.tip_covariance == pytest.approx(one.tip_covariance, rel=1e-12)
+        assert other.motion.velocity == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+
+
+def test_a_step_of_pressure_lets_the_arm_swing_and_settle():
+    arm = moving(0.05)
+    found = estimates(arm, step_of(10e3, 30e3, 400))
+    tips = np.array([one.shape.tip for one in found])
+    rested = np.array(solve(arm, 30e3).tip)
+    assert np.abs(tips[40:200] - rested).max() > 5e-3
+    assert tips[-1] == pytest.approx(rested, abs=1e-4)
+    settled = [one.motion.settled for one in found]
+    assert all(settled[:20]) and not any(settled[25:60]) and settled[-1]
+    velocity = np.array([one.motion.velocity for one in found])
+    seen = np.gradient(tips, 0.01, axis=0)
+    assert np.abs(velocity - seen)[32:].max() < 0.03 * np.abs(seen).max()
+    widths = [np.sqrt(np.trace(one.tip_covariance[:2, :2])) for one in found]
+    assert max(widths) > 1.05 * widths[-1]
+    at_tip = found[60].motion.beside(Estimator(arm=arm, settings=UNLOADED).target_places)
+    assert at_tip[:2, -1] == pytest.approx(tips[60, :2] - rested[:2], rel=0.2)
+
+
+def test_errors_of_the_tip_mass_widen_the_covariance_of_a_swing():
+    arm = moving(tip_mass=0.004)
+    unsure = ModelCovariance(quantities=('motion.tip_mass',), factor=[[5e-4]])
+    steps = step_of(10e3, 30e3, 60)
+    sure, wide = estimates(arm, steps)[-1], estimates(replace(arm, covariance=unsure), steps)[-1]
+    sides = [
+        np.array(
+            estimates(arm.with_changes({'motion.tip_mass': sign * 5e-4}), steps)[-1].shape.tip
+        )
+        for sign in (-1.0, 1.0)
+    ]
+    added = wide.tip_covariance - sure.tip_covariance
+    moved = 0.5 * (sides[1] - sides[0])
+    assert np.sqrt(added[0, 0]) == pytest.approx(abs(moved[0]), rel=0.2)
+
+
+def test_a_gap_in_the_readings_is_followed_and_a_jump_back_starts_at_rest():
+    arm = moving()
+    estimator, state = Estimator(arm=arm, settings=UNLOADED), EstimatorState()
+    for stamp, pressure in ((1.0, 1e4), (1.1, 3e4), (1.6, 3e4)):
+        state, found = estimator.step(
+            state, PressureReading(stamp_ns=round(1e9 * stamp), pressure=pressure)
+        )
+    fine = estimates(arm, np.interp(np.arange(61), [0, 10], [1e4, 3e4]))[-1]
+    assert found.shape.tip == pytest.approx(fine.shape.tip, abs=2e-3)
+    assert abs(found.shape.tip[0] - solve(arm, 3e4).tip[0]) > 2e-3
+    back = PressureReading(stamp_ns=10_000, pressure=3e4)
+    _, again = estimator.step(state, back)
+    assert again.shape.tip == pytest.approx(solve(arm, 3e4).tip, abs=1e-12)
+
+
+def test_targets_are_predicted_where_the_moving_arm_has_them():
+    arm = moving()
+    estimator = Estimator(arm=arm, settings=UNLOADED)
+    found = estimates(arm, step_of(10e3, 30e3, 60))[-4:]
+    predicted = predict_frame(estimator, found, found[1].stamp_ns)
+    assert predicted is not None
+    wanted = [np.interp(arm.target_arclength, found[1].shape.arclength, found[1].shape.x)]
+    assert predicted.x == pytest.approx(wanted[0], abs=3e-5)
+    assert predicted.own == len(predicted.errors) - 4 - 0
+
+
+def test_an_arm_of_negative_rigidity_has_no_motion():
+    law = LinearLaw(bending_stiffness=-1e-4)
+    with pytest.raises(ModelError, match='motion'):
+        Estimator(arm=moving(moment_law=law, covariance=None, domain=None))
+
+
+@pytest.mark.parametrize('force', [None, (0.05, 0.08)])
+def test_mujoco_swings_alike_through_steps_of_40_kilopascals(force):
+    mujoco = pytest.importorskip('mujoco', reason="no MuJoCo here: pip install '.[mujoco]'")
+    from pneunet_ros.model.hinge_chain import hinge_chain
+    from pneunet_ros.mujoco.equilibrium import come_to_rest
+    from pneunet_ros.mujoco.finger import Finger
+    from pneunet_ros.mujoco.hinge_chain import mjcf
+
+    arm = moving()
+    model = mujoco.MjModel.from_xml_string(mjcf(hinge_chain(arm, damping_time=DAMPING_TIME)))
+    model.opt.timestep = 1e-3
+    data = mujoco.MjData(model)
+    finger, tip = Finger(model, data), model.site('tip').id
+    body = int(model.site_bodyid[tip])
+    times = np.arange(0.0, 3.0, 0.01)
+    pressures = np.interp(times, [0.2, 0.3, 1.6, 1.7], [10e3, 50e3, 50e3, 15e3])
+
+    def pull() -> None:
+        if force is not None:
+            data.qfrc_applied[:] = 0.0
+            full, no_turn = np.array([*force, 0.0]), np.zeros(3)
+            point = data.site_xpos[tip]
+            mujoco.mj_applyFT(model, data, full, no_turn, point, body, data.qfrc_applied)
+
+    finger.put_at_rest(pressures[0])
+    come_to_rest(model, data, pull)
+    truth = [data.site_xpos[tip][:2].copy()]
+    for before, after in itertools.pairwise(pressures.tolist()):
+        for part in range(10):
+            finger.set_pressure(before + (part + 0.5) / 10 * (after - before))
+            mujoco.mj_kinematics(model, data)
+            pull()
+            mujoco.mj_step(model, data)
+        mujoco.mj_kinematics(model, data)
+        truth.append(data.site_xpos[tip][:2].copy())
+
+    settings = EstimatorSettings(wrench_required=force is not None)
+    estimator, state, off, inside, still = Estimator(arm=arm, settings=settings), None, [], [], []
+    state = EstimatorState()
+    for index, pressure in enumerate(pressures.tolist()):
+        stamp_ns = 10**9 + index * PERIOD_NS
+        if force is not None:
+            wrench = WrenchReading(
+                stamp_ns=stamp_ns, force_x=force[0], force_y=force[1], moment=0.0,
+                frame_id=settings.frame_id,
+            )  # fmt: skip
+            state, _ = estimator.step(state, wrench)
+        state, found = estimator.step(state, PressureReading(stamp_ns=stamp_ns, pressure=pressure))
+        error = np.array(found.shape.tip[:2]) - truth[index]
+        off.append(error)
+        inside.append(error @ np.linalg.solve(found.tip_covariance[:2, :2], error) <= LARGEST_95)
+        still.append(np.array(solve(arm, pressure, force or (0.0, 0.0)).tip[:2]) - truth[index])
+    rms = np.sqrt(np.mean(np.sum(np.square(off), axis=1)))
+    assert rms < 0.4e-3
+    assert np.mean(inside) > 0.9
+    assert np.sqrt(np.mean(np.sum(np.square(still), axis=1))) > 10.0 * rms
