@@ -192,7 +192,7 @@ def test_a_truncated_recording_is_told_as_far_as_it_goes(tmp_path, arm):
     raw = path.read_bytes()
     path.write_bytes(raw[: len(raw) // 2])
     check = check_recording(path, CheckRequest(arm=arm))
-    assert 'ends in the middle of a record' in check['sentences'][0]
+    assert any('ends in the middle of a record' in one for one in check['sentences'])
     assert 0 < check['topics'][0]['count'] < 2000
 
 

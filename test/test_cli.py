@@ -456,11 +456,11 @@ def test_a_recording_in_kilopascals_is_asked_for(run, run_json, recording, tmp_p
             writer.write(pressures, stamp, pressure(stamp, 2.0 * index))
     code, summary = run_json('replay', path, *fuse)
     assert (code, summary['estimates']) == (1, 0)
-    assert summary['pressure_verdict']['likely'] == 'gauge kPa'
+    assert summary['verdicts']['pressure']['likely'] == 'gauge kPa'
     assert '--pressure-unit kPa' in ' '.join(run('replay', path, *fuse)[1].split())
     assert run_json('replay', path, *fuse, '--pressure-unit', 'kPa')[0] == 0
     assert run_json('replay', path, *fuse, '--no-judge-readings')[0] == 0
-    assert not run_json('replay', recording)[1]['pressure_verdict']['doubted']
+    assert not run_json('replay', recording)[1]['verdicts']['pressure']['doubted']
 
 
 def test_replay_has_every_setting_as_an_option_with_its_default(run):

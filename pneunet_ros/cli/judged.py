@@ -7,24 +7,23 @@ from pathlib import Path
 from typing import Any
 
 from pneunet_ros.cli.verb import NEGATIVE, output_console, print_json
-from pneunet_ros.measurement.pressure_judge import PressureVerdict
-from pneunet_ros.offline.judge import verdict_summary
+from pneunet_ros.offline.judge import Verdicts
 
 
-def refuse_readings(arguments: Namespace, path: Path, verdict: PressureVerdict) -> int:
+def refuse_readings(arguments: Namespace, path: Path, verdicts: Verdicts) -> int:
     """Print what the readings of a recording most likely are, and what to type; return the code.
 
     Nothing is estimated and nothing is written then.
     """
     sentence = (
-        f'{path}: the pressure is {verdict.finding}. Type: pneunet {arguments.verb} {path} '
-        f'{verdict.options} (--no-judge-readings if the readings are right)'
+        f'{path}: {verdicts.findings}. Type: pneunet {arguments.verb} {path} '
+        f'{verdicts.options} (--no-judge-readings if the readings are right)'
     )
     summary: dict[str, Any] = {
         'recording': path,
         'output': None,
         'estimates': 0,
-        'pressure_verdict': verdict_summary(verdict),
+        'verdicts': verdicts.summary,
         'sentences': [sentence],
     }
     if arguments.json:

@@ -33,7 +33,7 @@ from pneunet_ros.offline.fuse import (
     FusionTally,
     record_fusion,
 )
-from pneunet_ros.offline.judge import judge_recording, verdict_summary
+from pneunet_ros.offline.judge import judge_recording
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
 from rich.table import Table
@@ -48,9 +48,11 @@ def run_fusion(arguments: Namespace) -> int:
     recording = open_recording(arguments.recording)
     wrench = not (arguments.no_wrench or arguments.free_tip)
     topics = fusion_topics(recording, overrides, wrench=wrench)
-    verdict = judge_recording(recording, arm, fusion.sensors, overrides)
-    if verdict is not None and verdict.doubted:
-        return refuse_readings(arguments, arguments.recording, verdict)
+    verdicts = judge_recording(
+        recording, arm, replace(fusion.sensors, wrench_required=wrench), overrides
+    )
+    if verdicts.doubted:
+        return refuse_readings(arguments, arguments.recording, verdicts)
     tally = FusionTally()
     begun = time.perf_counter()
     with ExitStack() as stack:
@@ -96,7 +98,7 @@ def run_fusion(arguments: Namespace) -> int:
         'std_leaves_out': error_left_out(arm.covariance, arm.sources),
         'settings': settings_used(fusion.settings),
         'seconds': time.perf_counter() - begun,
-        'pressure_verdict': verdict_summary(verdict),
+        'verdicts': verdicts.summary,
         'sentences': [
             *recording.sentences,
             *fusion.other_sensors(state).values(),

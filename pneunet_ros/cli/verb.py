@@ -34,8 +34,11 @@ SENSOR_SETTINGS = (
     'pressure_sign',
     'ambient_pressure',
     'pressure_offset',
+    'wrench_unit',
     'wrench_sign',
     'wrench_yaw',
+    'force_offset_x',
+    'force_offset_y',
     'wrench_frame',
     'judge_readings',
 )

@@ -38,6 +38,7 @@ SI_PER_UNIT: dict[str, dict[str, float]] = {
         'mn': 1e-3,
         'gf': 1e-3 * STANDARD_GRAVITY,
         'kgf': STANDARD_GRAVITY,
+        'lbf': 4.4482216152605,
         'g': 1e-3 * STANDARD_GRAVITY,
         'kg': STANDARD_GRAVITY,
     },

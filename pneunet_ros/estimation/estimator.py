@@ -24,6 +24,7 @@ from pneunet_ros.estimation.state import admit, EstimatorState
 from pneunet_ros.measurement.errors.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian
 from pneunet_ros.measurement.errors.propagated_errors import propagate_errors
+from pneunet_ros.measurement.wrench_judge import load_hint
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import DomainPosition, locate_load, OUT_OF_RANGE
 from pneunet_ros.model.equilibrium import (
@@ -187,6 +188,10 @@ class Estimator:
         hint = ''
         if position.reason == OUT_OF_RANGE:
             hint = state.watch.hint(reading, self.arm, self.settings)
+        elif state.wrench is not None and self.settings.judge_readings:
+            force = complex(state.wrench.force_x, state.wrench.force_y)
+            pressure = self.settings.pressure.gauge(reading.pressure)
+            hint = load_hint(self.arm, self.settings.wrench, force, pressure)
         return refuse(reading.stamp_ns, position.reason, position.sentence + hint)
 
     def reading_std(self, reading: PressureReading) -> tuple[float, float, float, float]:
@@ -214,6 +219,8 @@ class Estimator:
             if not self.settings.wrench_required:
                 return unloaded, None, None
             sentence = 'no end wrench received; set wrench_required to false if there is no load'
+            if 'wrong_frame' in state.rejected:
+                sentence = 'no end wrench is in a frame that is known: set wrench_frame'
             refusal = refuse(stamp_ns, 'no_wrench', sentence, awaits_others=True)
             return unloaded, None, refusal
         age = seconds_since(state.wrench.stamp_ns, stamp_ns)

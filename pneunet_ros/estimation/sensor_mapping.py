@@ -14,7 +14,7 @@ def base_wrench(settings: EstimatorSettings, reading: WrenchReading) -> WrenchRe
 
     Of what is out of the plane, what was not measured is taken to be zero.
     """
-    sign = float(settings.wrench_sign)
+    sign = settings.wrench_sign * settings.wrench.size
     force = rotate(settings.wrench_yaw, sign * reading.force_x, sign * reading.force_y)
     force_z, moment_x, moment_y = (
         0.0 if math.isnan(part) else sign * part
@@ -23,8 +23,8 @@ def base_wrench(settings: EstimatorSettings, reading: WrenchReading) -> WrenchRe
     bending = rotate(settings.wrench_yaw, moment_x, moment_y)
     return WrenchReading(
         stamp_ns=reading.stamp_ns,
-        force_x=force[0],
-        force_y=force[1],
+        force_x=force[0] + settings.force_offset_x,
+        force_y=force[1] + settings.force_offset_y,
         moment=sign * reading.moment,
         frame_id=settings.frame_id,
         force_z=force_z,

@@ -14,6 +14,7 @@ from pneunet_ros.measurement.pressure_convention import (
     PRESSURE_UNITS,
     PressureConvention,
 )
+from pneunet_ros.measurement.wrench_judge import FORCE_UNITS, WrenchConvention
 from pneunet_ros.model.equilibrium import DEFAULT_STATIONS
 
 
@@ -46,6 +47,7 @@ class EstimatorSettings:
     pressure_offset: float = quantity(
         0.0, unit='Pa', meaning='added to every pressure reading', bounds=(-1e6, 1e6)
     )
+    wrench_unit: str = setting('N', 'unit of the forces that the sensor reports', FORCE_UNITS)
     wrench_sign: int = setting(
         1, '-1 where the sensor reports the force of the arm on it', (1, -1)
     )
@@ -54,6 +56,12 @@ class EstimatorSettings:
         unit='rad',
         meaning='angle of the wrench axes in the base frame, counter-clockwise',
         bounds=(-7.0, 7.0),
+    )
+    force_offset_x: float = quantity(
+        0.0, unit='N', meaning='added to every end force along x', bounds=(-1e3, 1e3)
+    )
+    force_offset_y: float = quantity(
+        0.0, unit='N', meaning='added to every end force along y', bounds=(-1e3, 1e3)
     )
     wrench_frame: str = setting('', 'frame id, beside frame_id, that wrench messages may carry')
     out_of_plane_limit: float = quantity(
@@ -83,6 +91,18 @@ class EstimatorSettings:
         check_settings(self)
         if not self.frame_id:
             raise RequestError('frame_id must not be empty')
+
+    @property
+    def wrench(self) -> WrenchConvention:
+        """What the numbers of the force sensor mean."""
+        return WrenchConvention(
+            unit=self.wrench_unit,
+            sign=self.wrench_sign,
+            yaw=self.wrench_yaw,
+            offset_x=self.force_offset_x,
+            offset_y=self.force_offset_y,
+            frame=self.wrench_frame,
+        )
 
     @property
     def pressure(self) -> PressureConvention:

@@ -469,7 +469,10 @@ def log_likelihood(
     drift = math.log(max(record.whiteness / settings.white_span, 1.0))
     near = math.exp(-0.5 * (max(-low, high) / settings.offset) ** 2 - 0.5 * drift**2)
     still = 0.0 if features.moves else settings.at_rest * log_uniform * near
-    wrong_side = max(-low if expected.low >= 0.0 else 0.0, high if expected.high <= 0.0 else 0.0)
+    least = settings.offset  # a calibration holds its zero error
+    wrong_side = max(
+        -low if expected.low > -least else 0.0, high if expected.high < least else 0.0
+    )
     vacuum = settings.vacuum + math.exp(-0.5 * (wrong_side / settings.offset) ** 2)
     margin = DOMAIN.pressure_margin
     span = max(expected.high, 0.0) - min(expected.low, 0.0)

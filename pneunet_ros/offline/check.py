@@ -27,11 +27,10 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.pressure_judge import PressureVerdict
 from pneunet_ros.measurement.steady_states import held_spans
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, SENSORS, TARGETS
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
-from pneunet_ros.offline.judge import judge_series, verdict_summary
+from pneunet_ros.offline.judge import judge_recording, NO_VERDICTS, Verdicts
 from pneunet_ros.offline.replay import input_topics, Step, steps, targets_topic
 from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.recordings.image_sources import (
@@ -85,12 +84,12 @@ def check_recording(path: Any, request: CheckRequest) -> dict[str, Any]:
     for item in series.values():
         sentences += item.sentences()
     series = {name: item for name, item in series.items() if len(item.stamp_ns)}
-    verdict = None
-    if request.settings.judge_readings:
-        verdict = judge_series(series, request.arm, request.settings)
-    doubted = verdict is not None and verdict.doubted
-    about = doubts(series, request, verdict)
-    sentences = [*about, *sentences] if doubted else [*sentences, *about]
+    try:
+        verdicts = judge_recording(recording, request.arm, request.settings, request.overrides)
+    except RecordingError:
+        verdicts = NO_VERDICTS  # why is among the sentences
+    about = doubts(series, request, verdicts)
+    sentences = [*about, *sentences] if verdicts.doubted else [*sentences, *about]
     return {
         'recording': path,
         'seconds': seconds_between(recording.start_ns, recording.end_ns),
@@ -100,8 +99,8 @@ def check_recording(path: Any, request: CheckRequest) -> dict[str, Any]:
         else {},
         'ranges': ranges(series),
         'holds': holds(series, request.arm),
-        'pressure_verdict': verdict_summary(verdict),
-        'uses': uses(recording, request, verdict),
+        'verdicts': verdicts.summary,
+        'uses': uses(recording, request, verdicts),
         'sentences': sentences,
     }
 
@@ -201,15 +200,15 @@ def holds(series: Mapping[str, ReadingSeries], arm: Arm) -> list[dict[str, float
 
 
 def doubts(
-    series: Mapping[str, ReadingSeries], request: CheckRequest, verdict: PressureVerdict | None
+    series: Mapping[str, ReadingSeries], request: CheckRequest, verdicts: Verdicts
 ) -> list[str]:
-    """Return sentences about pressures that do not look like gauge pressures of this arm."""
+    """Return sentences about readings that do not look like those of this arm."""
+    if verdicts.doubted:
+        return [f'{verdicts.findings}: give {verdicts.options} to every verb']
     if PRESSURE.name not in series:
         return []
-    arm = request.arm
+    arm, verdict = request.arm, verdicts.pressure
     topic, values = series[PRESSURE.name].topic, series[PRESSURE.name].values[:, 0]
-    if verdict is not None and verdict.doubted:
-        return [f'{topic} is {verdict.finding}: give {verdict.options} to every verb']
     low, high = arm.pressure_range
     outside = [arm.beyond_range(value) > EXTRAPOLATION for value in values.tolist()]
     beyond = float(np.mean(outside))
@@ -224,7 +223,7 @@ def doubts(
 
 
 def uses(
-    recording: Recording, request: CheckRequest, verdict: PressureVerdict | None
+    recording: Recording, request: CheckRequest, verdicts: Verdicts
 ) -> dict[str, dict[str, Any]]:
     """Return for each use whether the recording serves it, and why not or how."""
     run: list[RecordingData] = []
@@ -249,8 +248,8 @@ def uses(
 
     def replays() -> str:
         needs(PRESSURE)
-        if verdict is not None and verdict.doubted:
-            raise RecordingError(f'the pressure is {verdict.finding}; give {verdict.options}')
+        if verdicts.doubted:
+            raise RecordingError(f'{verdicts.findings}; give {verdicts.options}')
         loaded = find_series(recording, END_WRENCH, overrides, required=False) is not None
         asked = replace(settings, wrench_required=loaded and settings.wrench_required)
         estimator = Estimator(arm=request.arm, settings=asked)

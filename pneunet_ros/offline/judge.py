@@ -1,16 +1,20 @@
-"""Whether the readings of a recording are of the unit, reference and sign that are declared."""
+"""Whether the readings of a recording mean what is declared: pressure and end wrench."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+import math
 
 import numpy as np
+from pneunet_ros.calibration.tip_force import end_forces
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.effects.effect import Load
+from pneunet_ros.estimation.sensor_mapping import wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.pressure_convention import PressureConvention
 from pneunet_ros.measurement.pressure_judge import (
     expected_of,
@@ -18,6 +22,14 @@ from pneunet_ros.measurement.pressure_judge import (
     judge_pressure,
     PressureVerdict,
     record_of,
+)
+from pneunet_ros.measurement.wrench_judge import (
+    expected_load,
+    Forces,
+    judge_wrench,
+    ShownForces,
+    WrenchConvention,
+    WrenchVerdict,
 )
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS, TIP_POSE
 from pneunet_ros.model.arm import Arm
@@ -27,6 +39,9 @@ from pneunet_ros.recordings.recorded_series import find_series, nearest, read_se
 from pneunet_ros.recordings.recording import Recording
 from pneunet_ros.tables.reading_table import ReadingTable
 
+LOADS = 12  # readings and frames at which loads are looked at
+FAR_OUTSIDE = 2.0  # largest calibrated loads
+FEWEST = 3  # frames that show a force
 LEVELS = 8  # pressures at which the model is compared with targets
 
 
@@ -69,27 +84,94 @@ class TargetFit:
         return float(np.mean(squares)), len(squares)
 
 
-def judge_recording(
-    recording: Recording,
-    arm: Arm,
-    settings: EstimatorSettings,
-    overrides: Mapping[str, str],
-) -> PressureVerdict | None:
-    """Weigh what the pressure readings of a recording may mean, by targets where there are any.
+Verdict = PressureVerdict | WrenchVerdict
 
-    None where there is no pressure in it, where it is the same zero throughout, or where
-    `judge_readings` is false. Raises RecordingError as `find_series` does.
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdicts:
+    """What the pressure and the end wrench of a recording most likely mean."""
+
+    pressure: PressureVerdict | None = None
+    wrench: WrenchVerdict | None = None
+
+    @property
+    def doubted(self) -> dict[str, Verdict]:
+        """Those that are almost surely not what they are declared to be, by sensor."""
+        found = {PRESSURE.name: self.pressure, END_WRENCH.name: self.wrench}
+        return {name: item for name, item in found.items() if item is not None and item.doubted}
+
+    @property
+    def findings(self) -> str:
+        """Say what the doubted readings most likely are."""
+        return '; '.join(f'{name} is {item.finding}' for name, item in self.doubted.items())
+
+    @property
+    def options(self) -> str:
+        """Return the options of a command that take the readings so."""
+        return ' '.join(item.options for item in self.doubted.values())
+
+    @property
+    def summary(self) -> dict[str, object]:
+        """The verdicts as JSON carries them, by sensor."""
+        found = {PRESSURE.name: self.pressure, END_WRENCH.name: self.wrench}
+        return {
+            name: {
+                'declared': item.declared.words,
+                'likely': (item.other if item.doubted else item.declared).words,
+                'log_odds': item.log_odds,
+                'doubted': item.doubted,
+                'settings': item.changes if item.doubted else {},
+            }
+            for name, item in found.items()
+            if item is not None
+        }
+
+
+NO_VERDICTS = Verdicts()
+
+
+def judge_recording(
+    recording: Recording, arm: Arm, settings: EstimatorSettings, overrides: Mapping[str, str]
+) -> Verdicts:
+    """Weigh what the readings of a recording may mean, by targets where there are any.
+
+    No verdict where there are no readings, where all are zero, or where `judge_readings` is false.
+    Raises RecordingError as `find_series` does.
     """
     if not settings.judge_readings:
-        return None
-    series = readable_series(recording, arm, settings, overrides)
-    return judge_series(series, arm, settings)
+        return NO_VERDICTS
+    frame = '' if not settings.wrench_required else strange_frame(recording, settings, overrides)
+    read = replace(settings, wrench_frame=frame) if frame else settings
+    series = readable_series(recording, arm, read, overrides)
+    return judge_series(series, arm, settings, frame)
 
 
 def judge_series(
+    series: Mapping[str, ReadingSeries], arm: Arm, settings: EstimatorSettings, frame: str = ''
+) -> Verdicts:
+    """Do what `judge_recording` does, with the series of the recording.
+
+    frame: that of the end wrench, where it is not one that is declared.
+    """
+    pressure = judge_pressure_series(series, arm, settings)
+    trusted = pressure is None or not pressure.doubted
+    wrench = judge_wrench_series(series, arm, settings, shows=trusted)
+    if not frame:
+        return Verdicts(pressure=pressure, wrench=wrench)
+    declared = settings.wrench
+    if wrench is None:
+        wrench = WrenchVerdict(
+            declared=declared, other=declared, log_odds=-math.inf, largest=0.0, limit=0.0
+        )
+    likely = wrench.other if wrench.doubted else declared
+    other = replace(likely, frame=frame)
+    return Verdicts(pressure=pressure, wrench=replace(wrench, other=other, frame=frame))
+
+
+def judge_pressure_series(
     series: Mapping[str, ReadingSeries], arm: Arm, settings: EstimatorSettings
 ) -> PressureVerdict | None:
-    """Do what `judge_recording` does, with the series of the recording."""
+    """Weigh what the pressure readings mean."""
     pressure = series.get(PRESSURE.name)
     if pressure is None or not len(pressure.stamp_ns):
         return None
@@ -98,6 +180,84 @@ def judge_series(
     record = record_of(pressure.stamp_ns.tolist(), reading.tolist())
     fit = target_fit(series, reading, arm)
     return judge_pressure(record, declared, [expected_of(arm)], fit=fit)
+
+
+def judge_wrench_series(
+    series: Mapping[str, ReadingSeries], arm: Arm, settings: EstimatorSettings, *, shows: bool
+) -> WrenchVerdict | None:
+    """Weigh what the wrench readings mean; shows: the pressure is known, so targets show it."""
+    wrench, pressure = series.get(END_WRENCH.name), series.get(PRESSURE.name)
+    if wrench is None or not len(wrench.stamp_ns):
+        return None
+    declared, forces = settings.wrench, complex_forces(wrench.values)
+    largest = int(np.argmax(np.abs(forces)))
+    chosen = np.append(np.linspace(0, len(forces) - 1, LOADS).astype(np.int64), largest)
+    expected = None
+    if pressure is not None and len(pressure.stamp_ns):
+        at, _ = nearest(wrench.stamp_ns[chosen], pressure)
+        expected = expected_load(arm, pressure.values[at, 0])
+    shown = shown_forces(series, arm, declared) if shows else None
+    readings = declared.reading(forces[chosen])
+    return judge_wrench(readings, declared, expected, shown)
+
+
+def complex_forces(load: Array) -> Forces:
+    """Return F1 + i F2 (n,) of loads (n, 2 or 3)."""
+    return np.asarray(load[:, 0] + 1j * load[:, 1])
+
+
+def shown_forces(
+    series: Mapping[str, ReadingSeries], arm: Arm, declared: WrenchConvention
+) -> ShownForces | None:
+    """Return the forces that targets show in a few frames; None where they show none."""
+    targets, pressure = series.get(TARGETS.name), series.get(PRESSURE.name)
+    wrench = series[END_WRENCH.name]
+    if targets is None or pressure is None or not len(targets.stamp_ns):
+        return None
+    if targets.values.shape[2] != arm.target_arclength.size:
+        return None
+    at, known = nearest(targets.stamp_ns, pressure)
+    by, near = nearest(targets.stamp_ns, wrench)
+    usable = np.flatnonzero(known & near & np.isfinite(targets.values).any(axis=(1, 2)))
+    if usable.size < FEWEST:
+        return None
+    order = usable[np.argsort(np.abs(complex_forces(wrench.values[by[usable]])), kind='stable')]
+    chosen = np.sort(order[np.unique(np.linspace(0, order.size - 1, LOADS).astype(np.int64))])
+    run = RecordingData(
+        name='',
+        reading_stamp_ns=pressure.stamp_ns,
+        pressure=pressure.values[:, 0],
+        stamp_ns=targets.stamp_ns[chosen],
+        reading=at[chosen],
+        loaded=False,
+        force=np.zeros((chosen.size, 2)),
+        moment=np.zeros(chosen.size),
+        x=targets.values[chosen, 0],
+        y=targets.values[chosen, 1],
+    )
+    found = end_forces(arm, run)
+    good = np.isfinite(found.force).all(axis=1)
+    if np.count_nonzero(good) < FEWEST:
+        return None
+    return ShownForces(
+        force=complex_forces(found.force[good]),
+        std=np.sqrt(np.mean(found.sigma[good] ** 2, axis=1)),
+        reading=declared.reading(complex_forces(wrench.values[by[chosen]][good])),
+    )
+
+
+def strange_frame(
+    recording: Recording, settings: EstimatorSettings, overrides: Mapping[str, str]
+) -> str:
+    """Return the frame id of the end wrench where it is none that is declared; else ''."""
+    topic = find_series(recording, END_WRENCH, overrides, required=False)
+    for message in () if topic is None else recording.messages([topic]):
+        try:
+            reading = END_WRENCH.decode(message.message)
+        except MessageError:
+            continue
+        return reading.frame_id if wrong_frame(settings, reading) else ''
+    return ''
 
 
 def judge_table(
@@ -141,7 +301,7 @@ def readable_series(
         except RecordingError:
             if sensor is PRESSURE:
                 raise
-    return series
+    return {name: item for name, item in series.items() if len(item.stamp_ns)}
 
 
 def target_fit(series: Mapping[str, ReadingSeries], reading: Array, arm: Arm) -> TargetFit | None:
@@ -160,6 +320,9 @@ def target_fit(series: Mapping[str, ReadingSeries], reading: Array, arm: Arm) ->
     if wrench is not None and len(wrench.stamp_ns):
         found, near = nearest(stamp_ns, wrench)
         load, matched = wrench.values[found], matched & near
+        if arm.domain is not None:  # what is far outside belongs to a meaning of its own
+            most = FAR_OUTSIDE * arm.domain.largest_force
+            matched &= np.hypot(load[:, 0], load[:, 1]) <= most
     usable = np.flatnonzero(matched & np.isfinite(points).any(axis=(1, 2)))
     if not usable.size:
         return None
@@ -186,16 +349,3 @@ def measured_points(
     if pose is not None and len(pose.stamp_ns):
         return pose.stamp_ns, pose.values[:, :2, None], np.array([arm.reach])
     return None
-
-
-def verdict_summary(verdict: PressureVerdict | None) -> dict[str, object] | None:
-    """Return a verdict as JSON carries it: likely, log_odds, doubted, and the settings to use."""
-    if verdict is None:
-        return None
-    return {
-        'declared': verdict.declared.words,
-        'likely': verdict.other.words if verdict.doubted else verdict.declared.words,
-        'log_odds': verdict.log_odds,
-        'doubted': verdict.doubted,
-        'settings': verdict.changes if verdict.doubted else {},
-    }

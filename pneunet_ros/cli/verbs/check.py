@@ -50,8 +50,8 @@ def run(arguments: Namespace) -> int:
         overrides=topics_of(arguments.topic, [*(sensor.name for sensor in SENSORS), *TOPIC_NAMES]),
     )
     found = [check_recording(path, request) for path in arguments.recordings]
-    verdicts = [content['pressure_verdict'] for content in found]
-    code = NEGATIVE if any(verdict and verdict['doubted'] for verdict in verdicts) else DONE
+    verdicts = [verdict for content in found for verdict in content['verdicts'].values()]
+    code = NEGATIVE if any(verdict['doubted'] for verdict in verdicts) else DONE
     if arguments.json:
         print_json({'model': request.arm.name, 'recordings': found})
         return code

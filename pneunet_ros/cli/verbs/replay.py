@@ -36,7 +36,7 @@ from pneunet_ros.messages.link_chain import JOINT_STATES
 from pneunet_ros.messages.markers import markers_output, TIP_FRAME, transform_output
 from pneunet_ros.messages.readings import PRESSURE, SENSORS, TARGETS
 from pneunet_ros.model.uncertainty import error_left_out
-from pneunet_ros.offline.judge import judge_recording, verdict_summary
+from pneunet_ros.offline.judge import judge_recording
 from pneunet_ros.offline.replay import (
     input_topics,
     record_steps,
@@ -104,9 +104,9 @@ def run(arguments: Namespace) -> int:
     topics = input_topics(recording, estimator, overrides)
     targets = targets_topic(recording, estimator, overrides)
     pressure_topic = next(name for name, sensor in topics.items() if sensor is PRESSURE)
-    verdict = judge_recording(recording, arm, estimator.settings, overrides)
-    if verdict is not None and verdict.doubted:
-        return refuse_readings(arguments, arguments.recording, verdict)
+    verdicts = judge_recording(recording, arm, estimator.settings, overrides)
+    if verdicts.doubted:
+        return refuse_readings(arguments, arguments.recording, verdicts)
     tally = Tally()
     begun = time.perf_counter()
     with ExitStack() as stack:
@@ -151,7 +151,7 @@ def run(arguments: Namespace) -> int:
         'worst_residual': tally.worst_residual,
         'watch': None if targets is None else consistency_summary(tally, agreement),
         'seconds': seconds,
-        'pressure_verdict': verdict_summary(verdict),
+        'verdicts': verdicts.summary,
         'sentences': list(recording.sentences),
         'last_refusal': tally.refusal.sentence if tally.refusal else None,
     }

@@ -13,6 +13,7 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.measurement.wrench_judge import WrenchConvention
 from pneunet_ros.messages.builders import Output
 from pneunet_ros.messages.link_chain import JOINT_STATES
 from pneunet_ros.messages.markers import ArmInUse, markers_output, TIP_FRAME, transform_output
@@ -155,6 +156,6 @@ def configured_estimator(
     return EstimatorConfiguration(node=node, estimator=Estimator(arm=arm, settings=settings))
 
 
-def select_wrench_settings(settings: EstimatorSettings) -> tuple[int, float, str]:
+def select_wrench_settings(settings: EstimatorSettings) -> WrenchConvention:
     """Return the settings by which a wrench message is taken."""
-    return settings.wrench_sign, settings.wrench_yaw, settings.wrench_frame
+    return settings.wrench

@@ -1,0 +1,344 @@
+"""Which meaning of end wrench readings is the most likely: unit x sign x yaw x tare.
+
+The reading of a force sensor as a complex number, f = F1 + i F2, is u e^(i yaw) f + tare in the
+base frame. Where targets were measured, they show the true force, and the meanings are compared
+by what they leave of it; without, by the loads that the model was calibrated for.
+"""
+
+from __future__ import annotations
+
+import cmath
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+import math
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.core.units import SI_PER_UNIT
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.domain import DOMAIN
+
+FORCE_UNITS = ('N', 'mN', 'gf', 'kgf', 'lbf')
+Forces = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrenchJudgeSettings:
+    """Priors of what a force sensor reports, and the odds that are enough."""
+
+    other_unit: float = tuning(
+        0.02, 'prior of each other unit', source='convention: Wrench is in N by its definition'
+    )
+    reversed: float = tuning(
+        0.05,
+        'prior of the reaction instead of the load',
+        source='convention: sensors at the base of what is pulled report it',
+    )
+    turned: float = tuning(
+        0.02, 'prior of axes turned by a right angle', source='convention: as another unit'
+    )
+    askew: float = tuning(
+        0.005, 'prior of axes turned by any angle', source='convention: a quarter of it'
+    )
+    untared: float = tuning(
+        0.01, 'prior of a sensor that was not tared', source='convention: half of another unit'
+    )
+    loads_differ: float = tuning(
+        0.3,
+        'sigma of how far loads leave the calibrated ones',
+        unit='of their size',
+        source='convention: as pressures do',
+    )
+    leaves: float = tuning(
+        0.05, 'recordings that leave the calibrated loads', source='convention: one of twenty'
+    )
+    idle: float = tuning(
+        0.002, 'loads of no size in particular', source='convention: one of five hundred'
+    )
+    model_error: float = tuning(
+        0.15,
+        'error of the force that targets show',
+        unit='of the largest force',
+        source='convention: targets alone show the force of an arm no better in new conditions',
+    )
+    log_odds: float = tuning(
+        3.0,
+        'log odds at which a meaning is held to be another',
+        source='literature: Kass and Raftery (1995), strong evidence: 20 to 1',
+    )
+
+
+JUDGE = WrenchJudgeSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrenchConvention:
+    """One meaning of the numbers of a force sensor.
+
+    unit: one of FORCE_UNITS. sign: -1 where the reaction is reported. yaw (rad): of its axes in
+    the base frame, counter-clockwise. offset_x, offset_y (N, base frame): are added at the end.
+    frame: the frame id that its messages carry, '' where that is the base frame.
+    """
+
+    unit: str = 'N'
+    sign: int = 1
+    yaw: float = 0.0
+    offset_x: float = 0.0
+    offset_y: float = 0.0
+    frame: str = ''
+
+    @property
+    def size(self) -> float:
+        """How many N one unit is."""
+        return SI_PER_UNIT['force'][self.unit.lower()]
+
+    @property
+    def factor(self) -> complex:
+        """What a complex reading is multiplied by."""
+        return self.sign * self.size * cmath.exp(1j * self.yaw)
+
+    @property
+    def offset(self) -> complex:
+        """What is added to it (N)."""
+        return complex(self.offset_x, self.offset_y)
+
+    def force(self, reading: Forces) -> Forces:
+        """Return the end force F1 + i F2 (N) behind complex readings."""
+        return self.factor * reading + self.offset
+
+    def reading(self, force: Forces) -> Forces:
+        """Return what the sensor reports at complex end forces (N)."""
+        return (force - self.offset) / self.factor
+
+    @property
+    def words(self) -> str:
+        """Name it to a person: 'in gf, as the reaction, with its axes turned by 90 degrees'."""
+        parts = [f'in {self.unit}']
+        parts += ['as the reaction'] * (self.sign < 0)
+        parts += [f'with its axes turned by {math.degrees(self.yaw):.0f} degrees'] * bool(self.yaw)
+        if self.offset:
+            parts.append(f'with ({-self.offset_x:.3g}, {-self.offset_y:.3g}) N at no load')
+        return ', '.join(parts)
+
+    def changes_from(self, other: WrenchConvention) -> dict[str, str]:
+        """Return what must be set to get from another convention to this one, by setting."""
+        shown = {
+            'wrench_frame': (self.frame, other.frame),
+            'wrench_unit': (self.unit, other.unit),
+            'wrench_sign': (str(self.sign), str(other.sign)),
+            'wrench_yaw': (f'{self.yaw:.4g}', f'{other.yaw:.4g}'),
+            'force_offset_x': (f'{self.offset_x:.4g}', f'{other.offset_x:.4g}'),
+            'force_offset_y': (f'{self.offset_y:.4g}', f'{other.offset_y:.4g}'),
+        }
+        return {name: new for name, (new, old) in shown.items() if new != old}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ShownForces:
+    """The end forces (frames,) N that targets show, their std (frames,) N, and the readings."""
+
+    force: Forces
+    std: Array
+    reading: Forces
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ExpectedLoad:
+    """The loads a model was calibrated for.
+
+    largest (N); beyond: how far complex forces (N), one a pressure, are outside, of their size.
+    """
+
+    largest: float
+    beyond: Callable[[Forces], float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrenchVerdict:
+    """The declared meaning of wrench readings, the likeliest other one, and its log odds.
+
+    largest: reading, in the unit of the sensor; limit: of log_odds; frame: that of the messages,
+    where it is not one that is declared.
+    """
+
+    declared: WrenchConvention
+    other: WrenchConvention
+    log_odds: float
+    largest: float
+    limit: float
+    frame: str = ''
+
+    @property
+    def doubted(self) -> bool:
+        """Whether the readings are almost surely not what they are declared to be."""
+        return bool(self.frame) or self.log_odds > self.limit
+
+    @property
+    def finding(self) -> str:
+        """Say what the readings most likely are, in one sentence without a remedy."""
+        if self.frame and self.log_odds <= self.limit:
+            return f'in frame {self.frame!r}, and in the axes of the arm, if nothing else is known'
+        if self.frame and self.log_odds <= self.limit:
+            return f'in frame {self.frame!r}, which is taken for that of the arm if you say so'
+        one, other = (self.largest * meaning.size for meaning in (self.other, self.declared))
+        where = f'in frame {self.frame!r}, and ' if self.frame else ''
+        return (
+            f'{where}most likely {self.other.words}: {self.largest:.3g} is {one:.3g} N; as '
+            f'{self.declared.words} ({other:.3g} N) it does not fit the arm'
+        )
+
+    @property
+    def changes(self) -> dict[str, str]:
+        """What must be set to take the readings by the other meaning."""
+        return self.other.changes_from(self.declared)
+
+    @property
+    def options(self) -> str:
+        """Return the options of a command that take the readings by the other meaning."""
+        return ' '.join(
+            f'--{name.replace("_", "-")} {value}' for name, value in self.changes.items()
+        )
+
+
+def judge_wrench(
+    readings: Forces,
+    declared: WrenchConvention,
+    expected: ExpectedLoad | None,
+    shown: ShownForces | None,
+    settings: WrenchJudgeSettings = JUDGE,
+) -> WrenchVerdict | None:
+    """Weigh all meanings of the readings of a force sensor against the declared one.
+
+    Args:
+        readings: complex (readings,), in the unit and the axes of the sensor, as many as the
+            pressures of `expected`.
+        declared: what they are said to mean.
+        expected: the loads that the model knows; None: nobody knows.
+        shown: the forces that measured targets show; None: no targets.
+        settings: priors, and the odds that are enough.
+
+    Returns:
+        The verdict; None where all readings are zero, or nothing is there to compare with.
+
+    """
+    largest = float(np.max(np.abs(readings), initial=0.0))
+    if largest == 0.0 or (expected is None and shown is None):
+        return None
+    weights = {
+        meaning: log_prior(meaning, declared, settings)
+        + log_range(readings, meaning, expected, settings)
+        + log_shown(shown, meaning, settings)
+        for meaning in meanings(declared, shown)
+    }
+    ours = weights.pop(declared)
+    other = max(weights, key=weights.__getitem__)
+    return WrenchVerdict(
+        declared=declared,
+        other=other,
+        log_odds=weights[other] - ours,
+        largest=largest,
+        limit=settings.log_odds,
+    )
+
+
+def expected_load(arm: Arm, pressure: Array) -> ExpectedLoad | None:
+    """Return the loads that a model knows at pressures (n,) Pa, one for each force to compare."""
+    if arm.load_hull is None or arm.domain is None:
+        return None
+    hull, noise = arm.load_hull, arm.sensors
+    at = np.clip(pressure, *arm.pressure_range).tolist()
+    felt = [DOMAIN.load_noise * std for std in (noise.force_std, noise.force_std, 0.0, 0.0)]
+
+    def beyond(forces: Forces) -> float:
+        loads = ([one.real, one.imag, 0.0, p] for one, p in zip(forces.tolist(), at, strict=True))
+        return max(hull.share(hull.distance(load, felt)) for load in loads)
+
+    return ExpectedLoad(largest=arm.domain.largest_force, beyond=beyond)
+
+
+def load_hint(arm: Arm, declared: WrenchConvention, force: complex, pressure: float) -> str:
+    """Say what a load (N) outside the domain may mean instead; empty where nothing fits."""
+    reading = declared.reading(np.array([force]))
+    expected = expected_load(arm, np.array([pressure]))
+    verdict = judge_wrench(reading, declared, expected, None)
+    if verdict is None or verdict.log_odds < 0.0:
+        return ''
+    changes = ', '.join(f'{name} to {value}' for name, value in verdict.changes.items())
+    return f'; the end wrench is {verdict.finding}: set {changes} if so'
+
+
+def meanings(declared: WrenchConvention, shown: ShownForces | None) -> Iterator[WrenchConvention]:
+    """Yield the declared meaning and every other one; targets show any yaw, and the tare."""
+    right = 0.5 * math.pi
+    turns = (0.0, right, -right) if shown is None else (0.0, right, -right, best_yaw(shown))
+    for unit, sign, turn in product(FORCE_UNITS, (1, -1), turns):
+        yaw = math.remainder(declared.yaw + turn, 2.0 * math.pi)
+        meaning = replace(declared, unit=unit, sign=sign, yaw=yaw if turn else declared.yaw)
+        yield meaning
+        if shown is not None:
+            weight = 1.0 / shown.std**2
+            left = np.sum(weight * (shown.force - meaning.force(shown.reading))) / np.sum(weight)
+            yield replace(
+                meaning,
+                offset_x=meaning.offset_x + float(left.real),
+                offset_y=meaning.offset_y + float(left.imag),
+            )
+
+
+def best_yaw(shown: ShownForces) -> float:
+    """Return the turn (rad) of the readings that fits the forces best, whatever the unit."""
+    weight = 1.0 / shown.std**2
+    product_ = np.sum(weight * shown.force * np.conj(shown.reading))
+    angle = math.remainder(cmath.phase(complex(product_)), math.pi)  # the sign is another matter
+    return round(angle, 2)
+
+
+def log_prior(
+    meaning: WrenchConvention, declared: WrenchConvention, settings: WrenchJudgeSettings
+) -> float:
+    """Return the log prior of a meaning where another may be declared."""
+    weight = 0.0
+    if meaning.unit != declared.unit:
+        weight += math.log(settings.other_unit)
+    if meaning.sign != declared.sign:
+        weight += math.log(settings.reversed)
+    turn = math.remainder(meaning.yaw - declared.yaw, 2.0 * math.pi)
+    if turn:
+        right = abs(abs(turn) - 0.5 * math.pi) < 1e-9
+        weight += math.log(settings.turned if right else settings.askew)
+    if meaning.offset != declared.offset:
+        weight += math.log(settings.untared)
+    return weight
+
+
+def log_range(
+    readings: Forces,
+    meaning: WrenchConvention,
+    expected: ExpectedLoad | None,
+    settings: WrenchJudgeSettings,
+) -> float:
+    """Return the log likelihood of the size and the direction of the loads."""
+    if expected is None or expected.largest <= 0.0:
+        return 0.0
+    force = meaning.force(readings)
+    used = min(float(np.max(np.abs(force))) / expected.largest, 1.0)
+    beyond = expected.beyond(force)
+    # Student's t with three degrees of freedom: loads of another experiment are possible.
+    far = (beyond / settings.loads_differ) ** 2
+    inside = 1.0 if beyond == 0.0 else settings.leaves / (1.0 + far) ** 2
+    return math.log(2.0 * used**2 + settings.idle) + math.log(inside)
+
+
+def log_shown(
+    shown: ShownForces | None, meaning: WrenchConvention, settings: WrenchJudgeSettings
+) -> float:
+    """Return the log likelihood of the forces that targets show."""
+    if shown is None:
+        return 0.0
+    largest = float(np.max(np.abs(shown.force)))
+    noise = shown.std**2 + (settings.model_error * largest) ** 2
+    square = np.abs(shown.force - meaning.force(shown.reading)) ** 2 / noise
+    return -0.5 * len(square) * math.log(1.0 + float(np.mean(square)))
