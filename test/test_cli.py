@@ -446,7 +446,7 @@ def test_a_recording_in_kilopascals_is_asked_for(run, run_json, recording, tmp_p
             stamp = index * 10_000_000
             writer.write(wrenches, stamp, wrench(stamp))
             arm = load_model(share_path('config/paper_arm.yaml'))
-            shape = solve(arm, 2000.0 * index)
+            shape = solve(arm, 2000.0 * index, (0.175, 0.0))
             seen = [
                 np.interp(arm.target_arclength, shape.arclength, part)
                 for part in (shape.x, shape.y)

@@ -172,7 +172,12 @@ def test_an_end_wrench_in_another_frame_gives_no_estimate(replay, output):
         message.header.frame_id = 'tool0'
     run = replay(readings)
     assert run.code == 1
-    assert run.summary['rejected'] == {'wrong_frame': COUNT, 'no_wrench': COUNT}
+    assert run.summary['verdicts']['end_wrench']['settings'] == {'wrench_frame': 'tool0'}
+    assert not output.exists()
+    unjudged = replay(readings_file(output), '--no-judge-readings')
+    assert unjudged.code == 1
+    assert unjudged.summary['rejected'] == {'wrong_frame': COUNT, 'no_wrench': COUNT}
+    assert 'set wrench_frame' in unjudged.summary['last_refusal']
     assert estimates_in(output) == {0}
     assert replay(readings_file(output), '--wrench-frame', 'tool0', '--overwrite').code == 0
     assert estimates_in(output) == {COUNT}

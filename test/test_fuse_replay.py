@@ -63,6 +63,7 @@ def test_a_force_sensor_of_the_wrong_sign_is_said_with_numbers(capsys):
     assert all(one * other < 0.0 for one, other in zip(read, said, strict=True))
     assert main(words) == 0
     shown = ' '.join(capsys.readouterr().out.split())
+    assert 'give --wrench-sign 1' in shown
     assert 'not used: it reads (' in shown
     assert f'{DISAGREES} (in {count} estimates)' in shown
 

@@ -24,7 +24,7 @@ from pneunet_ros.core.units import millimeters
 from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION
-from pneunet_ros.messages.readings import SENSORS
+from pneunet_ros.messages.readings import PRESSURE, SENSORS
 from pneunet_ros.model.uncertainty import error_left_out
 from pneunet_ros.offline.fuse import (
     fusion_steps,
@@ -51,7 +51,7 @@ def run_fusion(arguments: Namespace) -> int:
     verdicts = judge_recording(
         recording, arm, replace(fusion.sensors, wrench_required=wrench), overrides
     )
-    if verdicts.doubted:
+    if PRESSURE.name in verdicts.doubted:  # a wrong force sensor the fusion leaves out by itself
         return refuse_readings(arguments, arguments.recording, verdicts)
     tally = FusionTally()
     begun = time.perf_counter()
@@ -100,6 +100,7 @@ def run_fusion(arguments: Namespace) -> int:
         'seconds': time.perf_counter() - begun,
         'verdicts': verdicts.summary,
         'sentences': [
+            *([f'{verdicts.findings}: give {verdicts.options}'] if verdicts.doubted else []),
             *recording.sentences,
             *fusion.other_sensors(state).values(),
         ],
