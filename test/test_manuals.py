@@ -37,7 +37,7 @@ from pneunet_ros.nodes.estimator.health import EstimatorHealth  # noqa: E402
 from pneunet_ros.nodes.fusion.configuration import PARAMETERS as FUSION  # noqa: E402
 from pneunet_ros.nodes.fusion.health import FusionHealth  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
-from pneunet_ros.nodes.topics import input_qos, latched_qos, output_qos  # noqa: E402
+from pneunet_ros.nodes.topics import DEPTH, DEPTH_OF, input_qos, latched_qos, output_qos  # noqa: E402
 from pneunet_ros.nodes.tracker.configuration import PARAMETERS as TRACKER  # noqa: E402
 from pneunet_ros.nodes.tracker.health import TrackerHealth  # noqa: E402
 from pneunet_ros.nodes.tracker.node import WRONG_CAMERA_INFO  # noqa: E402
@@ -83,10 +83,12 @@ def test_topics_are_those_of_the_code(node):
 
 @pytest.mark.parametrize('node', NODES)
 def test_quality_of_service_is_that_of_the_code(node):
+    depths = {sensor.name: depth for sensor, depth in DEPTH_OF.items()}
     for name, (_, direction, quality) in topics(node).items():
         if direction.startswith('in'):
             # The tracker's depends on who publishes: test_following.
-            expected = in_words(input_qos()) if node != 'tracker' else 'as its publisher'
+            depth = depths.get(name, DEPTH)
+            expected = in_words(input_qos(depth)) if node != 'tracker' else 'as its publisher'
         else:
             expected = in_words(latched_qos() if 'latched' in direction else output_qos())
         assert quality.startswith(expected), name

@@ -11,7 +11,8 @@ import pytest
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from pneunet_ros.nodes.prompt_executor import PromptExecutor  # noqa: E402
+from pneunet_ros.core.arrivals import ArrivalOrder  # noqa: E402
+from pneunet_ros.nodes.prompt_executor import AtOnce, PromptExecutor  # noqa: E402
 from pneunet_ros.nodes.topics import input_qos, output_qos, subscription  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
@@ -54,31 +55,28 @@ def turn_until(executor, node, holds):
         executor.take_turn()
 
 
-def test_messages_that_wait_are_taken_in_one_turn_in_the_order_of_subscription(executor, node):
+def test_messages_that_wait_are_taken_in_one_turn_in_the_order_of_arrival(executor, node):
     heard = []
+    order = ArrivalOrder(['wrench', 'pressure'])
     for topic in ('wrench', 'pressure'):
         subscription(
-            node, STRING, topic, lambda message, info: heard.append(message.data), output_qos()
+            node,
+            STRING,
+            topic,
+            lambda message, info: heard.append(message.data),
+            output_qos(),
+            group=AtOnce(order, topic),
         )
-    pressures = node.create_publisher(String, 'pressure', 10)
-    wrenches = node.create_publisher(String, 'wrench', 10)
-    turn_until(
-        executor,
-        node,
-        lambda: pressures.get_subscription_count() and wrenches.get_subscription_count(),
-    )
-    for number in range(3):
-        pressures.publish(String(data=f'pressure {number}'))
-        wrenches.publish(String(data=f'wrench {number}'))
+    out = {topic: node.create_publisher(String, topic, 10) for topic in ('wrench', 'pressure')}
+    turn_until(executor, node, lambda: all(one.get_subscription_count() for one in out.values()))
+    sent = ['pressure 0', 'wrench 0', 'wrench 1', 'wrench 2', 'pressure 1', 'pressure 2']
+    for words in sent:
+        out[words.split()[0]].publish(String(data=words))
     time.sleep(1.0)  # all of them are there
-    turns = []
-    while len(heard) < 6:
-        before = len(heard)
+    executor.take_turn()
+    while not heard:
         executor.take_turn()
-        turns.append(heard[before:])
-    assert [turn for turn in turns if turn] == [
-        [f'wrench {number}', f'pressure {number}'] for number in range(3)
-    ]
+    assert heard == sent
 
 
 def test_timers_services_and_other_subscriptions_have_their_turns(executor, node):

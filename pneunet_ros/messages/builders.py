@@ -98,6 +98,14 @@ def nanoseconds(stamp: Any) -> int:
     return seconds * NANOSECONDS_PER_SECOND + rest
 
 
+def header_stamp(message: Any) -> int:
+    """Return the stamp (ns) of a message's header; 0 where there is none that can be used."""
+    try:
+        return nanoseconds(message.header.stamp)
+    except UNFIT:
+        return 0
+
+
 def header(stamp_ns: int, frame_id: str, types: MessageTypes) -> Any:
     """Build a Header."""
     seconds, rest = divmod(int(stamp_ns), NANOSECONDS_PER_SECOND)

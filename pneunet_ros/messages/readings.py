@@ -7,7 +7,7 @@ its type, be it of rclpy or decoded from a recording.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 import math
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.arrivals import ArrivalOrder
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.frames import BASE_FRAME, heading_quaternion, planar_heading
 from pneunet_ros.core.readings import (
@@ -68,8 +69,7 @@ class Sensor(Input[ReadingType]):
     components may be unknown, NaN. `message(stamp_ns, row,
     frame_id, types)` builds the message of a row. `row(message, settings, targets)` returns stamp
     (ns) and row, or raises MessageError; without it, a row is what the reading has under the names
-    of the components. needed: whether the estimator reads the topic by these settings. rank:
-    readings of one stamp are taken in this order; the pressure comes last, it makes the estimate.
+    of the components. needed: whether the estimator reads the topic by these settings.
     """
 
     label: str
@@ -79,7 +79,6 @@ class Sensor(Input[ReadingType]):
     needed: Callable[[EstimatorSettings], bool] = lambda settings: False
     per_target: bool = False
     partial: bool = False
-    rank: int = 0
 
     def read(
         self, message: Any, settings: EstimatorSettings, targets: int | None = None
@@ -308,7 +307,6 @@ PRESSURE = Sensor(
     row=pressure_row,
     message=pressure_message,
     needed=lambda settings: True,
-    rank=2,
 )
 END_WRENCH = Sensor(
     name='end_wrench',
@@ -336,7 +334,6 @@ TARGETS = Sensor(
     message=lambda stamp_ns, row, *end: targets_message(stamp_ns, row[0], row[1], *end),
     needed=lambda settings: settings.watch_targets,
     per_target=True,
-    rank=1,
 )
 TIP_POSE = Sensor(
     name='tip_pose',
@@ -353,7 +350,6 @@ TIP_POSE = Sensor(
     row=tip_pose_row,
     message=tip_pose_message,
     partial=True,
-    rank=1,
 )
 SENSORS: tuple[Sensor[Any], ...] = (
     PRESSURE,
@@ -361,7 +357,15 @@ SENSORS: tuple[Sensor[Any], ...] = (
     TARGETS,
     TIP_POSE,
 )
+# In the order of ties. What the pressure makes an estimate of stands before it.
+OF_ESTIMATOR: tuple[Sensor[Any], ...] = (END_WRENCH, PRESSURE, TARGETS)
+OF_FUSION: tuple[Sensor[Any], ...] = (END_WRENCH, TARGETS, PRESSURE)
 FUSED = 'fused'  # namespace of what the fusion estimates
+
+
+def arrival_order(sensors: Iterable[Sensor[Any]]) -> ArrivalOrder[Any]:
+    """Return the order in which messages of these sensors are taken, given in that of ties."""
+    return ArrivalOrder([sensor.name for sensor in sensors], PRESSURE.name)
 
 
 def is_estimated(topic: str) -> bool:

@@ -13,9 +13,9 @@ from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.messages.fusion import fuse_message, FUSION_OUTPUTS
-from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS
+from pneunet_ros.messages.readings import END_WRENCH, OF_FUSION, PRESSURE, Sensor, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
-from pneunet_ros.offline.replay import estimate_topic
+from pneunet_ros.offline.replay import estimate_topic, messages_in_order
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recorded_series import find_series
 from pneunet_ros.recordings.recording import RecordedMessage, Recording
@@ -52,9 +52,9 @@ def fusion_topics(
 def fusion_steps(
     recording: Recording, fusion: Fusion, topics: Mapping[str, Sensor[Any]]
 ) -> Iterator[FusionStep]:
-    """Feed the recorded readings and frames to the fusion in the order of their log time."""
+    """Feed the recorded readings and frames to the fusion in the order in which its node does."""
     state = FusionState()
-    for message in recording.messages(list(topics)):
+    for message in messages_in_order(recording, topics, OF_FUSION):
         state, outcome = fuse_message(fusion, state, topics[message.topic], message.message)
         yield FusionStep(message=message, outcome=outcome, state=state)
 

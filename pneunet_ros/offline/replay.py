@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+import math
 from typing import Any
 
-from pneunet_ros.core.errors import MessageError
+from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.estimation.consistency import (
@@ -21,10 +22,16 @@ from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.persistent_errors import KeptFrames, persistent_errors
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.messages.builders import Output, UNREADABLE
+from pneunet_ros.messages.builders import header_stamp, Output, UNREADABLE
 from pneunet_ros.messages.consistency import take_targets_message
 from pneunet_ros.messages.estimate import OUTPUTS
-from pneunet_ros.messages.readings import PRESSURE, Sensor, SENSORS, TARGETS
+from pneunet_ros.messages.readings import (
+    arrival_order,
+    OF_ESTIMATOR,
+    PRESSURE,
+    Sensor,
+    TARGETS,
+)
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
@@ -56,7 +63,7 @@ def input_topics(
     """
     needed = [
         sensor
-        for sensor in sorted(SENSORS, key=lambda sensor: sensor.rank)
+        for sensor in OF_ESTIMATOR
         if sensor is not TARGETS and sensor.needed(estimator.settings)
     ]
     return {
@@ -77,18 +84,38 @@ def targets_topic(
     return find_series(recording, TARGETS, overrides, required=False)
 
 
+def messages_in_order(
+    recording: Recording, topics: Mapping[str, Sensor[Any]], ties: Iterable[Sensor[Any]]
+) -> Iterator[RecordedMessage]:
+    """Yield the messages of these topics as a node takes them, the log time being their arrival.
+
+    ties: the sensors in the order of ties.
+    """
+    order = arrival_order(sensor for sensor in ties if sensor in topics.values())
+    try:
+        for message in recording.messages(list(topics)):
+            yield from order.take(message.log_time_ns - 1)
+            stamp_ns = header_stamp(message.message)
+            order.add(topics[message.topic].name, message.log_time_ns, stamp_ns, message)
+    except RecordingError:  # all before it was read
+        yield from order.take(math.inf)
+        raise
+    yield from order.take(math.inf)
+
+
 def steps(
     recording: Recording,
     estimator: Estimator,
     topics: Mapping[str, Sensor[Any]],
     targets: str | None = None,
 ) -> Iterator[Step]:
-    """Feed the recorded readings to the estimator in the order of their log time.
+    """Feed the recorded readings to the estimator in the order in which its node takes them.
 
     targets: a topic of targets, to be compared with the estimates.
     """
     state, consistency = EstimatorState(), ConsistencyState()
-    for message in recording.messages([*topics, *([] if targets is None else [targets])]):
+    inputs = {**topics, **({} if targets is None else {targets: TARGETS})}
+    for message in messages_in_order(recording, inputs, OF_ESTIMATOR):
         outcome: Outcome
         if message.topic == targets:
             consistency, outcome = take_targets_message(consistency, estimator, message.message)

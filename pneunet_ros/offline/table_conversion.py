@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from operator import attrgetter
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.frames import BASE_FRAME
-from pneunet_ros.messages.readings import SENSORS, TARGETS
+from pneunet_ros.messages.readings import PRESSURE, SENSORS, TARGETS
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recorded_series import ReadingSeries
 from pneunet_ros.recordings.recording_writer import RecordingWriter
@@ -43,7 +42,8 @@ def record_table(writer: RecordingWriter, table: ReadingTable) -> dict[str, int]
 def table_messages(writer: RecordingWriter, table: ReadingTable) -> Iterator[WrittenMessage]:
     """Yield the readings of a table as messages: stamp in ns, topic, serialized bytes."""
     counts, present = table.counts(), table.present()
-    ranked = [sensor for sensor in sorted(SENSORS, key=attrgetter('rank')) if counts[sensor.name]]
+    sensors = sorted(SENSORS, key=lambda sensor: sensor is PRESSURE)  # it makes the estimate
+    ranked = [sensor for sensor in sensors if counts[sensor.name]]
     topics = {
         sensor.name: writer.add(f'{NAMESPACE}/{sensor.name}', sensor.type) for sensor in ranked
     }

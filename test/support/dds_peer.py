@@ -273,13 +273,13 @@ class EstimatorPeer(Peer):
         self.start_anew()
 
 
-class FusionPeer(Peer):
-    """The sensors of the fusion; messages are given as bytes, so that they are those of a file."""
+class SensorsPeer(Peer):
+    """All sensors; messages are given as bytes, so that they are those of a file."""
 
-    def __init__(self, domain: int) -> None:
-        super().__init__(domain, 'fusion', FUSION_OUTPUTS)
+    def __init__(self, domain: int, name: str, outputs: tuple[Output[Any], ...]) -> None:
+        super().__init__(domain, name, outputs)
         self.sensors = {
-            sensor.name: self.node.create_publisher(message_class(sensor.type), sensor.name, 10)
+            sensor.name: self.node.create_publisher(message_class(sensor.type), sensor.name, DEPTH)
             for sensor in (PRESSURE, TARGETS, END_WRENCH)
         }
 
@@ -294,6 +294,13 @@ class FusionPeer(Peer):
                 self.sensors[name].publish(raw)
                 self.barrier()
         self.start_anew()
+
+
+class FusionPeer(SensorsPeer):
+    """The sensors of the fusion."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__(domain, 'fusion', FUSION_OUTPUTS)
 
     def modes(self) -> list[tuple[int, int]]:
         """Return mode and stamp (ns) of every fused estimate that was heard."""

@@ -21,7 +21,7 @@ from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.consistency import take_targets_message
 from pneunet_ros.messages.estimate import OUTPUTS
-from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS
+from pneunet_ros.messages.readings import END_WRENCH, OF_ESTIMATOR, PRESSURE, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.estimator.configuration import (
@@ -34,7 +34,7 @@ from pneunet_ros.nodes.estimator.health import EstimatorHealth
 from pneunet_ros.nodes.estimator.warm_up import warm_up
 from pneunet_ros.nodes.publisher import EstimatePublisher
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
-from pneunet_ros.nodes.topics import input_qos, subscription
+from pneunet_ros.nodes.topics import subscribe_in_order
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
@@ -77,19 +77,16 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         self.create_service(Trigger, '~/zero_pressure', self.zero_pressure)
 
         self.topics = {
-            sensor.name: self.resolve_topic_name(sensor.name)
-            for sensor in (PRESSURE, END_WRENCH, TARGETS)
+            sensor.name: self.resolve_topic_name(sensor.name) for sensor in OF_ESTIMATOR
         }
         self.health = EstimatorHealth(self.topics[PRESSURE.name], time.monotonic())
-        # Of readings that are all there, the executor takes that of the first subscription: what
-        # is compared may wait, what is estimated not.
-        for sensor, take in (
-            (END_WRENCH, self.take_wrench),
-            (PRESSURE, self.take_pressure),
-            (TARGETS, self.take_targets),
-        ):
-            if sensor.needed(settings):
-                subscription(self, sensor.type, sensor.name, take, input_qos())
+        takes = {
+            END_WRENCH: self.take_wrench,
+            PRESSURE: self.take_pressure,
+            TARGETS: self.take_targets,
+        }
+        needed = [sensor for sensor in OF_ESTIMATOR if sensor.needed(settings)]
+        subscribe_in_order(self, {sensor: takes[sensor] for sensor in needed})
         self.tell_ready()
 
     def take_wrench(self, message: Any, info: dict[str, int]) -> None:

@@ -14,7 +14,7 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.messages.fusion import fuse_message, FUSION_OUTPUTS
-from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS
+from pneunet_ros.messages.readings import END_WRENCH, OF_FUSION, PRESSURE, Sensor, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.fusion.configuration import (
@@ -27,7 +27,7 @@ from pneunet_ros.nodes.fusion.warm_up import warm_up
 from pneunet_ros.nodes.health import Level
 from pneunet_ros.nodes.publisher import EstimatePublisher
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
-from pneunet_ros.nodes.topics import input_qos, subscription
+from pneunet_ros.nodes.topics import subscribe_in_order
 
 USAGE = """usage: pneunet-fusion [--ros-args ...]
 
@@ -57,17 +57,13 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         self.outputs = EstimatePublisher(self, serializer, node.centerline_rate, FUSION_OUTPUTS)
         self.open_services()
 
-        topics = {
-            sensor.name: self.resolve_topic_name(sensor.name)
-            for sensor in (END_WRENCH, TARGETS, PRESSURE)
-        }
+        topics = {sensor.name: self.resolve_topic_name(sensor.name) for sensor in OF_FUSION}
         self.health = FusionHealth(topics[PRESSURE.name], topics[TARGETS.name], time.monotonic())
-        # Of messages that are all there, the executor takes that of the first subscription: the
-        # pressure makes the estimate, and so it comes last.
-        for sensor in (END_WRENCH, TARGETS, PRESSURE):
-            if sensor is not END_WRENCH or (node.use_wrench and not node.free_tip):
-                take = partial(self.take, sensor, topics[sensor.name])
-                subscription(self, sensor.type, sensor.name, take, input_qos())
+        wrench = node.use_wrench and not node.free_tip
+        read = [sensor for sensor in OF_FUSION if wrench or sensor is not END_WRENCH]
+        subscribe_in_order(
+            self, {sensor: partial(self.take, sensor, topics[sensor.name]) for sensor in read}
+        )
         self.tell_ready()
 
     def take(self, sensor: Sensor[Any], topic: str, message: Any, info: dict[str, int]) -> None:

@@ -1,0 +1,145 @@
+"""The order in which messages are taken: one rule for a node and for a recording.
+
+Messages are taken as they arrived, of a recording by log time. Those that arrived at one instant
+are taken in the order of ties: what an estimate uses before the pressure, which makes it.
+
+A driver that stamps several topics with one instant publishes them one after the other, in any
+order. While the messages of a topic carry the stamps of pressures, a pressure waits for the one of
+its stamp, at most `LONGEST_WAIT_NS`. Nothing else waits.
+
+The order depends on arrivals, stamps and topics alone, not on when somebody looks: a node that was
+busy takes a burst in the order in which a recording of it is replayed.
+"""
+
+from __future__ import annotations
+
+from bisect import insort
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Generic, NamedTuple, TypeVar
+
+Item = TypeVar('Item')
+LONGEST_WAIT_NS = 2_000_000  # ten times what back to back messages need, acceptance/bursts.py
+MOST_MISSED = 2  # messages, of a topic that is still waited for
+EARLIEST = 0.75  # of the last interval of a topic: its next message is not expected before
+
+
+class Arrival(NamedTuple, Generic[Item]):
+    """A message that has arrived; tie, number: its place among those of one instant."""
+
+    at_ns: int
+    tie: int
+    number: int
+    stamp_ns: int
+    item: Item
+
+
+@dataclass(slots=True)
+class Companion:
+    """What is known of a topic whose messages may carry the stamps of pressures.
+
+    missed: for how many pressures in a row it was waited for in vain; after two nothing waits for
+    it until it carries the stamp of a pressure again.
+    """
+
+    last_ns: int = 0
+    interval_ns: int = 0
+    missed: int = 1
+
+    @property
+    def joins(self) -> bool:
+        """Whether its messages carry the stamps of pressures, as far as is known."""
+        return self.missed < MOST_MISSED
+
+    def is_due(self, stamp_ns: int) -> bool:
+        """Whether a message of this stamp is under way."""
+        since = stamp_ns - self.last_ns
+        return self.joins and since > 0 and since >= EARLIEST * self.interval_ns
+
+    def take(self, stamp_ns: int) -> None:
+        """Note a message."""
+        self.interval_ns = stamp_ns - self.last_ns if self.last_ns else 0
+        self.last_ns = stamp_ns
+
+
+@dataclass(slots=True)
+class ArrivalOrder(Generic[Item]):
+    """Puts messages in order: `add` what has arrived, then `take` those whose turn it is.
+
+    topics: their names in the order of ties; pressure: the one of them that makes estimates, from
+    those before it. Without it messages are taken as they arrived.
+    """
+
+    topics: Sequence[str]
+    pressure: str | None = None
+    _waiting: list[Arrival[Item]] = field(default_factory=list)
+    _companions: dict[int, Companion] = field(init=False)
+    _last: Arrival[Item] | None = None  # pressure
+    _count: int = 0
+
+    def __post_init__(self) -> None:
+        """Expect every topic before the pressure to join it."""
+        end = 0 if self.pressure is None else self.topics.index(self.pressure)
+        self._companions = {tie: Companion() for tie in range(end)}
+
+    def add(self, topic: str, at_ns: int, stamp_ns: int, item: Item) -> None:
+        """Add a message that arrived at `at_ns`; stamp_ns: of its header, 0 where it has none."""
+        arrival = Arrival(at_ns, self.topics.index(topic), self._count, stamp_ns, item)
+        self._count += 1
+        insort(self._waiting, arrival, key=lambda one: one[:3])
+
+    def take(self, until_ns: float) -> Iterator[Item]:
+        """Yield, in order, what is its turn; all that arrived up to `until_ns` was added."""
+        while self._waiting and self._waiting[0].at_ns <= until_ns:
+            place = self._next(until_ns)
+            if place is None:
+                return
+            arrival = self._waiting.pop(place)
+            self._note(arrival)
+            yield arrival.item
+
+    @property
+    def due_ns(self) -> int | None:
+        """When the message that now waits has waited long enough; None where none waits."""
+        return self._waiting[0].at_ns + LONGEST_WAIT_NS if self._waiting else None
+
+    def _next(self, until_ns: float) -> int | None:
+        """Return the place of the next message, None while it is still to come."""
+        end_ns = self._waiting[0].at_ns + LONGEST_WAIT_NS
+        near = [one for one in self._waiting if one.at_ns <= min(end_ns, until_ns)]
+        place: int | None = 0
+        while place is not None:
+            chosen, arrival = place, near[place]
+            due = self._due_before(arrival)
+            same = {one.tie for one in near if one.stamp_ns == arrival.stamp_ns}
+            joined = same.intersection(due)
+            place = next((index for index, one in enumerate(near) if one.tie in joined), None)
+        return None if due and until_ns < end_ns else chosen
+
+    def _due_before(self, arrival: Arrival[Item]) -> list[int]:
+        """Return the topics that have a message of this one's stamp, and before it, under way."""
+        own = self._companions.get(arrival.tie)
+        if arrival.tie > len(self._companions) or (own is not None and not own.joins):
+            return []
+        return [
+            tie
+            for tie, one in self._companions.items()
+            if tie < arrival.tie and one.is_due(arrival.stamp_ns)
+        ]
+
+    def _note(self, taken: Arrival[Item]) -> None:
+        """Learn from a message which topics carry the stamps of pressures."""
+        own, last = self._companions.get(taken.tie), self._last
+        if own is not None:
+            own.take(taken.stamp_ns)
+            near = last is not None and taken.at_ns <= last.at_ns + LONGEST_WAIT_NS
+            if last is not None and last.stamp_ns == taken.stamp_ns and near:
+                own.missed = 0
+        elif taken.tie == len(self._companions):
+            for tie in self._due_before(taken):  # waited for in vain
+                one = self._companions[tie]
+                one.missed += one.interval_ns > 0 or not one.last_ns  # else it is not known when
+            for one in self._companions.values():
+                if one.last_ns == taken.stamp_ns:
+                    one.missed = 0
+            self._last = taken
