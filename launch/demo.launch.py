@@ -3,7 +3,7 @@
 from launch.substitutions import PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
-from pneunet_ros.nodes.launch_description import describe_launch, is_true, node
+from pneunet_ros.nodes.launch_description import describe_launch, is_true, node, number
 
 
 def shipped(folder, name):
@@ -36,7 +36,7 @@ def nodes(given):
             given,
             camera='images',
             effects=given['effects'],
-            swing_period=float(given['swing_period']),
+            swing_period=number('swing_period', given),
         ),
         node('estimator', given, model_file=given['model_file']),
         node('tracker', given, model_file=given['model_file'], camera_file=given['camera_file']),

@@ -10,7 +10,7 @@ import runpy
 import sys
 from types import ModuleType
 
-from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.errors import PneunetError, RequestError
 from pneunet_ros.core.share import share_path
 import pytest
 from support.setup_arguments import arguments_of_setup, commands_of
@@ -26,6 +26,8 @@ from pneunet_ros.nodes.virtual_arm.configuration import PARAMETERS as ARM  # noq
 TABLES = {'estimator': ESTIMATOR, 'tracker': TRACKER, 'fusion': FUSION, 'virtual_arm': ARM}
 SHARED = 'pneunet_ros.nodes.launch_description'  # what the files have in common
 PARAMS = str(share_path('config/estimator.yaml'))
+LAB_ARM = str(share_path('config/lab_arm.yaml'))
+LAB_CAMERA = str(share_path('config/lab_camera.yaml'))
 OF_ROS = {'use_sim_time'}  # a parameter of every node
 EVERYWHERE = {'namespace', 'params_file', 'model_file', 'use_sim_time', 'log_level'}
 FILES = {
@@ -80,7 +82,19 @@ NAMES = {
 
 
 @pytest.fixture
-def described(monkeypatch):
+def installed(monkeypatch, tmp_path):
+    """Let all executables be installed, in the folder that it gives."""
+    executables = [('pneunet_ros', name) for name in TABLES] + [('rviz2', 'rviz2')]
+    for package, name in executables:
+        path = tmp_path / 'lib' / package / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    monkeypatch.setattr('ament_index_python.packages.get_package_prefix', lambda name: tmp_path)
+    return tmp_path / 'lib'
+
+
+@pytest.fixture
+def described(monkeypatch, installed):
     """Give a function that runs a launch file on stand-ins and returns what it describes."""
     for module, names in NAMES.items():
         stand_in = ModuleType(module)
@@ -95,7 +109,10 @@ def described(monkeypatch):
         context = {'used': set()}
         for action in found(actions, 'DeclareLaunchArgument'):
             default = action.named['default_value']
-            context[action.values[0]] = default if isinstance(default, str) else 'shipped'
+            if not isinstance(default, str):
+                ((_, *path),) = default.values
+                default = str(share_path('/'.join(path)))
+            context[action.values[0]] = default
         (later,) = found(actions, 'OpaqueFunction')
         nodes = later.named['function'](context | given)
         assert context['used'] == set(context) - {'used'}
@@ -138,25 +155,52 @@ def test_all_arguments_are_declared_with_a_meaning_and_used(described, name):
     'said, wanted', [('True', True), ('ON', True), ('0', False), ('No', False)]
 )
 def test_true_and_false_are_read_as_people_write_them(described, said, wanted):
-    given = dict.fromkeys(FILES['demo'][0], '1.0') | {'params_file': PARAMS}
-    given |= {'fusion': said, 'rviz': said, 'use_sim_time': said}
-    nodes = list(found(described('demo', **given), 'Node'))
+    nodes = list(found(described('demo', fusion=said, rviz=said, use_sim_time=said), 'Node'))
     assert ('fusion' in [node.named['executable'] for node in nodes]) is wanted
     assert ('rviz2' in [node.named['executable'] for node in nodes]) is wanted
     of_package = [node for node in nodes if node.named['package'] == 'pneunet_ros']
-    assert all(('use_sim_time' in node.named['parameters'][1]) is wanted for node in of_package)
+    assert all(('use_sim_time' in node.named['parameters'][0]) is wanted for node in of_package)
 
 
 def test_what_is_neither_true_nor_false_is_refused(described):
-    given = dict.fromkeys(FILES['demo'][0], '1.0') | {'params_file': PARAMS}
     with pytest.raises(RequestError, match='rviz:=perhaps: one of true, 1, yes, on, false'):
-        described('demo', **given | {'fusion': 'true', 'use_sim_time': 'true', 'rviz': 'perhaps'})
+        described('demo', rviz='perhaps')
 
 
-@pytest.mark.parametrize('name', FILES)
-def test_a_file_of_parameters_that_is_not_there_starts_nothing(described, name):
-    with pytest.raises(RequestError, match=r'params_file:=missing\.yaml: there is no such file'):
-        described(name, params_file='missing.yaml')
+@pytest.mark.parametrize(
+    ('argument', 'value'),
+    [
+        ('params_file', 'missing.yaml'),
+        ('model_file', 'missing.yaml'),
+        ('camera_file', PARAMS),
+        ('namespace', 'left+right'),
+        ('log_level', 'loud'),
+        ('use_sim_time', 'perhaps'),
+        ('swing_period', 'abc'),
+        ('swing_period', '-1.0'),
+        ('effects', 'hysteresis.widht=3'),
+    ],
+)
+def test_what_a_node_would_refuse_starts_nothing(described, argument, value):
+    for name in (name for name in FILES if argument in FILES[name][0]):
+        with pytest.raises(PneunetError, match=rf'{argument}|{value}'):
+            described(name, **{argument: value})
+
+
+def test_parameters_of_a_file_that_a_node_would_refuse_start_nothing(described, tmp_path):
+    path = tmp_path / 'own.yaml'
+    path.write_text('/**/estimator:\n  ros__parameters: {wrench_sign: 3}\n')
+    with pytest.raises(RequestError, match='wrench_sign'):
+        described('estimate', params_file=str(path))
+    path.write_text('/**/estimator:\n  ros__parameters: {wrench_sign: -1, watch_targets: no}\n')
+    assert described('estimate', params_file=str(path))
+
+
+@pytest.mark.parametrize('missing', ['rviz2/rviz2', 'pneunet_ros/tracker'])
+def test_an_executable_that_is_not_installed_starts_nothing(described, installed, missing):
+    (installed / missing).unlink()
+    with pytest.raises(RequestError, match=f'{missing.partition("/")[2]} of the package'):
+        described('demo', rviz='true')
 
 
 @pytest.mark.parametrize(
@@ -198,7 +242,9 @@ def test_every_node_exists_and_has_the_parameters_it_is_given(described, name):
         'namespace': '/left',
         'log_level': 'debug',
     }
-    given = {argument: said.get(argument, '1.0') for argument in FILES[name][0]}
+    said |= {'model_file': LAB_ARM, 'camera_file': LAB_CAMERA, 'swing_period': '1.0'}
+    said |= {'effects': 'hysteresis.width=3000.0'}
+    given = {argument: said[argument] for argument in FILES[name][0]}
     nodes = list(found(described(name, **given), 'Node'))
     assert [node.named['executable'] for node in nodes] == FILES[name][1]
     commands = commands_of(arguments_of_setup('install'))

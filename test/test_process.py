@@ -44,3 +44,13 @@ def test_an_error_after_a_signal_is_the_end(before, code, said):
     assert done.returncode == code
     assert done.stderr.endswith(said)
     assert bool(done.stderr) == bool(said)
+
+
+def test_signals_are_handled_before_anything_that_takes_a_while_is_imported():
+    """Else Ctrl-C in the first second is a traceback, and nothing is said for seconds."""
+    code = (
+        'import sys, pneunet_ros.nodes.start;'
+        'print([one for one in ("numpy", "rclpy", "email", "subprocess") if one in sys.modules])'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == '[]'

@@ -1,18 +1,27 @@
-"""What launch files have in common: arguments, and the nodes of this package by what is given."""
+"""What launch files have in common: arguments, and the nodes of this package by what is given.
+
+All that a node would refuse is refused before the first process starts: `launch` ends at an error,
+and leaves running what it has started.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from ament_index_python.packages import get_package_prefix, PackageNotFoundError
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.nodes.params_file import check_names_some
+from pneunet_ros.core.kernels.cache import answer_first
+from pneunet_ros.nodes.params_file import check_names_some, parameters_of
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.validate_namespace import validate_namespace
 
 PACKAGE = 'pneunet_ros'
 Given = Mapping[str, str]
@@ -20,6 +29,7 @@ TRUE_OR_FALSE = {
     **dict.fromkeys(('true', '1', 'yes', 'on'), True),
     **dict.fromkeys(('false', '0', 'no', 'off'), False),
 }
+LOG_LEVELS = ('debug', 'info', 'warn', 'error', 'fatal')
 
 
 def describe_launch(
@@ -28,18 +38,19 @@ def describe_launch(
     """Return the description of a launch.
 
     arguments: default and meaning by name, with namespace and params_file; nodes: returns what to
-    start, of the values given. Raises RequestError at the start where params_file names none of
-    these nodes, which would ignore it without a word, in a namespace that is absolute.
+    start, of the values given. Raises RequestError at the start, before any process, for what
+    cannot be started, and where params_file names none of these nodes, which would ignore it
+    without a word, in a namespace that is absolute.
     """
 
     def start(context: Any) -> list[Any]:
         given = {name: LaunchConfiguration(name).perform(context) for name in arguments}
         started = nodes(given)
+        check_installed(started)
         own = [item for item in started if getattr(item, 'node_package', None) == PACKAGE]
-        namespace = given['namespace']
         # What is above a relative one is known to whoever includes this launch alone.
-        if own and given['params_file'] and namespace.startswith('/'):
-            names = [f'{namespace.rstrip("/")}/{item.node_executable}' for item in own]
+        if own and given['params_file'] and given['namespace'].startswith('/'):
+            names = [full_name(item.node_executable, given) for item in own]
             check_names_some(given['params_file'], names)
         return started
 
@@ -48,6 +59,25 @@ def describe_launch(
         for name, (default, meaning) in arguments.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=start)])
+
+
+def check_installed(started: Iterable[Any]) -> None:
+    """Raise RequestError where an executable to be started is not installed."""
+    for item in started:
+        package = getattr(item, 'node_package', None)
+        if package is None:
+            continue
+        executable = item.node_executable
+        try:
+            there = Path(get_package_prefix(package), 'lib', package, executable).exists()
+        except PackageNotFoundError:
+            there = False
+        if not there:
+            raise RequestError(
+                f'nothing is started: {executable} of the package {package} is not installed; '
+                f'install it, as by sudo apt install ros-$ROS_DISTRO-{package.replace("_", "-")}, '
+                'or leave it out'
+            )
 
 
 def is_true(name: str, given: Given) -> bool:
@@ -61,30 +91,74 @@ def is_true(name: str, given: Given) -> bool:
     return TRUE_OR_FALSE[value]
 
 
+def number(name: str, given: Given) -> float:
+    """Return an argument that is a number; raises RequestError for any other value."""
+    try:
+        return float(given[name])
+    except ValueError as error:
+        raise RequestError(f'{name}:={given[name]}: a number is wanted') from error
+
+
 def node(executable: str, given: Given, **parameters: Any) -> Any:
     """Return a node of this package.
 
     given: namespace, params_file (empty: none), use_sim_time and log_level. parameters go before
-    those of params_file; those that are empty are not given. Raises RequestError where params_file
-    is no file, without which launch_ros would start a node with other parameters than asked for.
+    those of params_file; those that are empty are not given. Raises RequestError for what the node
+    would refuse, and where params_file is no file, without which launch_ros would start a node
+    with other parameters than asked for.
     """
-    parameters['use_sim_time'] = is_true('use_sim_time', given)
-    wanted = {
-        name: ParameterValue(value, value_type=type(value))
-        for name, value in parameters.items()
-        if value
-    }
-    file = [given['params_file']] if given['params_file'] else []
-    if file and not Path(file[0]).is_file():
-        raise RequestError(
-            f'params_file:={file[0]}: there is no such file; '
-            'name a YAML file of parameters, like config/estimator.yaml, or leave it out'
-        )
+    wanted = {name: value for name, value in parameters.items() if value}
+    check_names(given)
+    check_parameters(executable, given, wanted)
+    if is_true('use_sim_time', given):
+        wanted['use_sim_time'] = True
+    typed = {name: ParameterValue(value, value_type=type(value)) for name, value in wanted.items()}
     return Node(
         package=PACKAGE,
         executable=executable,
         namespace=given['namespace'],
-        parameters=[*file, wanted],
+        parameters=[*([given['params_file']] if given['params_file'] else []), typed],
         arguments=['--ros-args', '--log-level', given['log_level']],
         output='screen',
     )
+
+
+def check_names(given: Given) -> None:
+    """Raise RequestError for a namespace, a level or a file of parameters that cannot be."""
+    namespace, level, file = given['namespace'], given['log_level'], given['params_file']
+    try:
+        validate_namespace(namespace if namespace.startswith('/') else f'/{namespace}')
+    except InvalidNamespaceException as error:
+        raise RequestError(f'namespace:={namespace}: {error}') from error
+    if level.lower() not in LOG_LEVELS:
+        raise RequestError(f'log_level:={level}: one of {", ".join(LOG_LEVELS)} is wanted')
+    if file and not Path(file).is_file():
+        raise RequestError(
+            f'params_file:={file}: there is no such file; '
+            'name a YAML file of parameters, like config/estimator.yaml, or leave it out'
+        )
+
+
+def check_parameters(executable: str, given: Given, wanted: Mapping[str, Any]) -> None:
+    """Raise PneunetError where a node of this package would refuse its parameters or files.
+
+    Those of params_file are known in a namespace that is absolute.
+    """
+    answer_first()
+    of_node = import_module(f'{PACKAGE}.nodes.{executable}.configuration')
+    in_file: dict[str, Any] = {}
+    if given['params_file'] and given['namespace'].startswith('/'):
+        in_file = parameters_of(given['params_file'], full_name(executable, given))
+    table, configured = of_node.PARAMETERS, getattr(of_node, f'configured_{executable}')
+    texts = {item.name for item in table.fields if isinstance(item.default, str)}
+    known = {  # ROS reads more words as true or as a number than YAML does
+        name: value
+        for name, value in in_file.items()
+        if name in texts or not isinstance(value, str)
+    }
+    configured(table.completed({**known, **wanted}), None)
+
+
+def full_name(executable: str, given: Given) -> str:
+    """Return the full name of a node in a namespace that is absolute."""
+    return f'{given["namespace"].rstrip("/")}/{executable}'

@@ -78,18 +78,22 @@ class ParameterTable:
         """Declare all parameters; returns their values. RequestError names one that is unfit."""
         # What rclpy would say of an unfit value is a traceback, and then without the bounds.
         given = {name: parameter.value for name, parameter in overrides(node).items()}
-        for item in self.fields:
-            value = given.setdefault(item.name, item.default)
-            if type(value) is not type(item.default):
-                kind = _KINDS[type(item.default)]
-                raise RequestError(f'parameter {item.name} must be {kind}, not {value!r}')
-        self.settings(given)
+        self.settings(self.completed(given))
         try:
             for item in self.fields:
                 node.declare_parameter(item.name, item.default, self.describe(item))
         except ParameterException as error:
             raise RequestError(f'{error}') from error
         return self.values(node)
+
+    def completed(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values of all parameters; RequestError names one of another type."""
+        values = {item.name: given.get(item.name, item.default) for item in self.fields}
+        for item in self.fields:
+            if type(values[item.name]) is not type(item.default):
+                kind, value = _KINDS[type(item.default)], values[item.name]
+                raise RequestError(f'parameter {item.name} must be {kind}, not {value!r}')
+        return values
 
     def values(self, node: Any) -> dict[str, Any]:
         """Return the values of all parameters by name."""

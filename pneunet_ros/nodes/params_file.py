@@ -27,6 +27,18 @@ def check_names_some(path: str | Path, nodes: Sequence[str]) -> None:
         raise RequestError(f'params_file:={path} {_names_none(names, nodes)}')
 
 
+def parameters_of(path: str | Path, node: str) -> dict[str, Any]:
+    """Return the parameters of a node (full name) in a file, of later keys before earlier ones.
+
+    RequestError where the file cannot be read.
+    """
+    given: dict[str, Any] = {}
+    for name, parameters in _FILE.load(path, lambda content: list(_parameters(content, []))):
+        if _matches(name, node) and isinstance(parameters, dict):
+            given |= parameters
+    return given
+
+
 def missed_node(path: str | Path, node: str) -> str:
     """Say that a file names a node (full name) only in other namespaces; empty where not so."""
     try:
@@ -57,18 +69,18 @@ def _names_none(names: Sequence[str], nodes: Sequence[str]) -> str:
 
 
 def _names_in_file(path: str | Path) -> list[str]:
-    return _FILE.load(path, lambda content: list(_names(content, [])))
+    return [name for name, _ in _FILE.load(path, lambda content: list(_parameters(content, [])))]
 
 
-def _names(content: Any, above: list[str]) -> Iterator[str]:
-    """Yield the names of nodes in a file, whose namespaces may be nested keys."""
+def _parameters(content: Any, above: list[str]) -> Iterator[tuple[str, Any]]:
+    """Yield the nodes that a file names, in namespaces that may be nested, with their values."""
     if not isinstance(content, dict):
         return
     if PARAMETERS in content and above:
-        yield '/'.join(above)
+        yield '/'.join(above), content[PARAMETERS]
     for key, below in content.items():
         if key != PARAMETERS:
-            yield from _names(below, [*above, str(key)])
+            yield from _parameters(below, [*above, str(key)])
 
 
 def _matches(name: str, node: str) -> bool:

@@ -1,18 +1,13 @@
 """Start nodes: signals first, then what takes a while to import, with answers at once.
 
-Nothing that has kernels or ROS is imported before, so that a signal in the first seconds ends the
-process as it does later.
+Only signals are imported before they are handled, so that one in the first second ends the process
+as it does later.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
-from importlib.util import find_spec
 import sys
 
-from pneunet_ros.core.kernels.cache import answer_first, compile_meanwhile
-from pneunet_ros.core.threads import use_one_thread
-from pneunet_ros.core.without_ros import GET_ROS
 from pneunet_ros.nodes.signals import end_at_signal, refuse_signals
 
 WRONG = 2  # exit code
@@ -34,20 +29,34 @@ def start(*names: str, usage: str = '', arguments: list[str] | None = None) -> i
     """
     arguments = sys.argv if arguments is None else arguments
     end_at_signal()
+    try:
+        return _run(names, usage, arguments)
+    except KeyboardInterrupt:
+        refuse_signals()
+        return 0
+
+
+def _run(names: tuple[str, ...], usage: str, arguments: list[str]) -> int:
+    from importlib import import_module
+    from importlib.util import find_spec
+
+    from pneunet_ros.core.kernels.cache import answer_first, compile_meanwhile
+    from pneunet_ros.core.threads import use_one_thread
+    from pneunet_ros.core.without_ros import GET_ROS
+
     use_one_thread()
     if find_spec('rclpy') is None:
         print(f'{names[0]}: no ROS 2 here: {GET_ROS}', file=sys.stderr)
         return WRONG
-    try:
-        if 'virtual_arm' in names:
-            import_module('pneunet_ros.lab.live')
-        answer_first()
-        modules = [import_module(f'pneunet_ros.nodes.{name}.node') for name in names]
-        compile_meanwhile()
-        nodes = [getattr(module, NODES[name]) for module, name in zip(modules, names, strict=True)]
-        run = import_module('pneunet_ros.nodes.process').run
-        code: int = run(nodes, usage or modules[0].USAGE, arguments)
-    except KeyboardInterrupt:
-        refuse_signals()
-        return 0
+    if not {'-h', '--help'} & set(arguments[1:]):
+        # A logger of ROS comes with rclpy, and that only after seconds on a slow computer.
+        print(f'[INFO] [{", ".join(names)}]: loading', file=sys.stderr, flush=True)
+    if 'virtual_arm' in names:
+        import_module('pneunet_ros.lab.live')
+    answer_first()
+    modules = [import_module(f'pneunet_ros.nodes.{name}.node') for name in names]
+    compile_meanwhile()
+    nodes = [getattr(module, NODES[name]) for module, name in zip(modules, names, strict=True)]
+    run = import_module('pneunet_ros.nodes.process').run
+    code: int = run(nodes, usage or modules[0].USAGE, arguments)
     return code
