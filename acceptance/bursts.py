@@ -11,7 +11,7 @@ random order: they are taken alike while they arrive within 2 ms, which a busy m
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 import json
 from multiprocessing import get_context
@@ -47,8 +47,8 @@ class ArrivalSpread:
             self.at[stamp] = at_ns
 
 
-def run(name: str, folder: Path, readings: int) -> list[dict[str, Any]]:
-    """Return what became of the readings of every rate at one node."""
+def run(name: str, folder: Path, readings: int) -> Iterator[dict[str, Any]]:
+    """Yield what became of the readings of every rate at one node."""
     import numpy as np
     from pneunet_ros.messages.estimate import OUTPUTS
     from pneunet_ros.messages.fusion import FUSION_OUTPUTS
@@ -56,7 +56,6 @@ def run(name: str, folder: Path, readings: int) -> list[dict[str, Any]]:
     from support.dds_peer import running_node, SensorsPeer
 
     outputs = {'estimator': OUTPUTS, 'fusion': FUSION_OUTPUTS}[name]
-    results = []
     with running_node(folder / name, DOMAIN, *RELIABLE, node=name) as process:
         process.wait_for('ready')
         peer = SensorsPeer(DOMAIN, name, outputs)
@@ -72,19 +71,24 @@ def run(name: str, folder: Path, readings: int) -> list[dict[str, Any]]:
             spread.apart.clear()
             live = played_live(peer, bursts)
             pairs = zip(live, expected, strict=True)
-            results.append(
-                {
-                    'node': name,
-                    'rates': label,
-                    'readings': readings,
-                    'equal': sum(one == other for one, other in pairs),
-                    'apart_p50_ms': float(np.median(spread.apart)),
-                    'apart_p99_ms': float(np.percentile(spread.apart, 99.0)),
-                }
-            )
+            yield {
+                'node': name,
+                'rates': label,
+                'readings': readings,
+                'equal': sum(one == other for one, other in pairs),
+                'apart_p50_ms': float(np.median(spread.apart)),
+                'apart_p99_ms': float(np.percentile(spread.apart, 99.0)),
+            }
         peer.close()
         assert process.end() == 0, process.text
-    return results
+
+
+def said(one: dict[str, Any]) -> str:
+    """Return a result as a line."""
+    return (
+        f'{one["node"]}, {one["rates"]}: {one["equal"]} of {one["readings"]} equal; back to back '
+        f'{one["apart_p50_ms"]:.2f} ms apart, p99 {one["apart_p99_ms"]:.2f} ms'
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -97,20 +101,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
         os.environ['ROS_LOG_DIR'] = folder
-        found = [
-            result
-            for name in ('estimator', 'fusion')
-            for result in run(name, Path(folder), options.readings)
-        ]
+        found = []
+        for name in ('estimator', 'fusion'):
+            for one in run(name, Path(folder), options.readings):
+                found.append(one)
+                if not options.json:
+                    print(said(one), flush=True)
     if options.json:
         print(json.dumps(found, indent=2))
-    else:
-        for one in found:
-            print(
-                f'{one["node"]}, {one["rates"]}: {one["equal"]} of {one["readings"]} equal; '
-                f'back to back {one["apart_p50_ms"]:.2f} ms apart, '
-                f'p99 {one["apart_p99_ms"]:.2f} ms'
-            )
     strict = [one for one in found if one['rates'] in RATES]
     return int(any(one['equal'] < one['readings'] for one in strict))
 

@@ -102,7 +102,10 @@ def test_parameters_are_those_of_the_code(node, parameters):
     assert sorted(written) == sorted(field.name for field in parameters.fields)
 
 
-VALUES_OF_EVERY_NODE = ('model', 'kernels', 'lost', 'rivals')
+VALUES_OF_EVERY_NODE = (
+    *('model', 'kernels', 'lost', 'rivals'),
+    *('internal_errors', 'internal_errors/<kind>'),
+)
 
 
 def test_diagnostics_of_the_estimator_are_those_of_the_code():

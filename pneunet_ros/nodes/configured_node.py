@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.kernels import jit
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.nodes.callback_errors import CallbackErrors, refuse_call
 from pneunet_ros.nodes.health import count_texts, Level, Report
 from pneunet_ros.nodes.log import Log
 from pneunet_ros.nodes.losses import Losses
@@ -60,6 +61,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         configured: Callable[[Mapping[str, Any], C | None], C],
     ) -> None:
         """Declare all parameters and use them; nothing can be heard of the node yet."""
+        self.errors = CallbackErrors(self.log_internal_error)
         super().__init__(name)
         self.table, self.configured = table, configured
         self.configuration: C = configured(table.declare(self), None)
@@ -87,6 +89,30 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.add_post_set_parameters_callback(self.apply_candidate)
         self.tell_model()
         self.every(REPORT_PERIOD, self.diagnose)
+
+    def create_subscription(
+        self, kind: Any, topic: str, callback: Callable[..., None], *arguments: Any, **named: Any
+    ) -> Any:
+        """Subscribe with a callback that ends no node."""
+        guarded = self.errors.guarded(callback)
+        return super().create_subscription(kind, topic, guarded, *arguments, **named)
+
+    def create_timer(
+        self, seconds: float, callback: Callable[..., None], *arguments: Any, **named: Any
+    ) -> Any:
+        """Make a timer with a callback that ends no node."""
+        return super().create_timer(seconds, self.errors.guarded(callback), *arguments, **named)
+
+    def create_service(
+        self, kind: Any, name: str, callback: Callable[..., Any], *arguments: Any, **named: Any
+    ) -> Any:
+        """Make a service with a callback that ends no node."""
+        guarded = self.errors.guarded(callback, refuse_call)
+        return super().create_service(kind, name, guarded, *arguments, **named)
+
+    def log_internal_error(self, kind: str, sentence: str) -> None:
+        """Log the first internal error of a kind, with its lines as they are."""
+        self.get_logger().error(sentence)
 
     @abstractmethod
     def forget(self) -> str:
@@ -140,6 +166,10 @@ class ConfiguredNode(Node, ABC, Generic[C]):
             self.candidate = self.configured(values | changed, self.configuration)
         except PneunetError as error:
             return SetParametersResult(successful=False, reason=str(error))
+        except Exception as error:
+            self.errors.note(error)
+            reason = 'internal error: see the log of the node'
+            return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
 
     def apply_candidate(self, changes: list[Parameter]) -> None:
@@ -190,10 +220,15 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         for warning in filter(None, (self.losses.sentence(), rivals)):
             message = warning if level is Level.OK else f'{message}; {warning}'
             level = max(level, Level.WARN)
+        internal = self.errors.sentence()
+        if internal:
+            message = internal if level is Level.OK else f'{internal}; {message}'
+            level = Level.ERROR
         kernels = jit.state_of_kernels()
         total = {topic[1:]: count for topic, count in self.losses.total.items()}
         lost = count_texts('lost', total)
-        values = {'kernels': kernels, **report.values, **lost, 'rivals': rivals}
+        errors = count_texts('internal_errors', self.errors.total)
+        values = {'kernels': kernels, **report.values, **lost, **errors, 'rivals': rivals}
         self.publish_status(what, level, message, values)
 
     def publish_status(

@@ -14,6 +14,7 @@ from typing import Any
 
 from pneunet_ros.core.arrivals import ArrivalOrder
 from pneunet_ros.messages.builders import header_stamp
+from pneunet_ros.nodes.callback_errors import CallbackErrors
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -29,16 +30,31 @@ class AtOnce(MutuallyExclusiveCallbackGroup):
     """Of one subscription, whose callback takes a message and what rclpy knows of it.
 
     order: that of the messages of all subscriptions that belong together; topic: which one of its
-    topics this is.
+    topics this is; errors: counts messages that cannot be taken, which else raise.
     """
 
-    def __init__(self, order: ArrivalOrder[Call], topic: str) -> None:
+    def __init__(
+        self, order: ArrivalOrder[Call], topic: str, errors: CallbackErrors | None = None
+    ) -> None:
         super().__init__()
-        self.order, self.topic = order, topic
+        self.order, self.topic, self.errors = order, topic, errors
 
     def can_execute(self, entity: object) -> bool:
         """Keep rclpy's executor from taking messages out of order."""
         return False
+
+    def take_from(self, subscription: Any) -> bool:
+        """Take a message, if there is one, for its turn; whether there may be more."""
+        try:
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        except Exception as error:
+            if self.errors is None:
+                raise
+            self.errors.note(error)
+            return False
+        if taken:
+            self.add(subscription.callback, *taken)
+        return bool(taken)
 
     def add(self, callback: Callable[..., None], message: Any, info: Mapping[str, int]) -> None:
         """Add a message that was taken, for its turn."""
@@ -105,8 +121,7 @@ class PromptExecutor(SingleThreadedExecutor):
         while found:  # until nothing came meanwhile: it may be older than what is there
             found, until_ns = False, time.time_ns()
             for item in subscriptions:
-                while taken := item.handle.take_message(item.msg_type, item.raw):
-                    item.callback_group.add(item.callback, *taken)
+                while item.callback_group.take_from(item):
                     found = True
         orders = {id(order): order for order in map(order_of, subscriptions)}.values()
         for order in orders:

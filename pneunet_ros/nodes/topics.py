@@ -83,7 +83,7 @@ def subscription(
     order of which messages; None: of this topic alone.
     """
     if group is None and len(inspect.signature(callback).parameters) == 2:
-        group = AtOnce(ArrivalOrder([topic]), topic)
+        group = AtOnce(ArrivalOrder([topic]), topic, getattr(node, 'errors', None))
     events = SubscriptionEventCallbacks(use_default_callbacks=False)
     create = partial(node.create_subscription, event_callbacks=events, callback_group=group)
     return _overridable(create, message_class(type_name), topic, callback, qos, policies=policies)
@@ -97,7 +97,7 @@ def subscribe_in_order(node: Any, takes: Mapping[Sensor[Any], Callable[..., None
     """
     order = arrival_order(takes)
     for sensor, take in takes.items():
-        group = AtOnce(order, sensor.name)
+        group = AtOnce(order, sensor.name, node.errors)
         qos = input_qos(DEPTH_OF.get(sensor, DEPTH))
         subscription(node, sensor.type, sensor.name, take, qos, group=group)
 

@@ -45,11 +45,18 @@ class NodeProcess:
     """A node started as by a user; what it writes goes to a file."""
 
     def __init__(
-        self, output: Path, domain: int, *arguments: str, node: str, positional: Sequence[str] = ()
+        self,
+        output: Path,
+        domain: int,
+        *arguments: str,
+        node: str,
+        positional: Sequence[str] = (),
+        code: str = '',
     ) -> None:
         self.output = output
         environment = os.environ | {'ROS_DOMAIN_ID': str(domain)}
-        command = [sys.executable, '-m', f'pneunet_ros.nodes.{node}', *positional, '--ros-args']
+        program = ['-c', code] if code else ['-m', f'pneunet_ros.nodes.{node}']
+        command = [sys.executable, *program, *positional, '--ros-args']
         with output.open('w') as stream:
             self.process = subprocess.Popen(
                 [*command, '-r', f'__ns:={NAMESPACE}', *arguments],
@@ -84,9 +91,10 @@ def running_node(
     *arguments: str,
     node: str = 'estimator',
     positional: Sequence[str] = (),
+    code: str = '',
 ) -> Iterator[NodeProcess]:
-    """Run a node that is gone afterwards in any case."""
-    started = NodeProcess(output, domain, *arguments, node=node, positional=positional)
+    """Run a node that is gone afterwards in any case; code: of Python, instead of its module."""
+    started = NodeProcess(output, domain, *arguments, node=node, positional=positional, code=code)
     try:
         yield started
     finally:

@@ -1,0 +1,77 @@
+"""Errors of this program in callbacks: counted, said once each, and survived.
+
+A robot goes on without one reading, and not without its node.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+import traceback
+from typing import Any
+
+from pneunet_ros.nodes.signals import signal_came
+
+
+class CallbackErrors:
+    """Counts errors by kind: their type and the line they come from.
+
+    say: is given the first one of each kind, as a key and a sentence with its traceback.
+    """
+
+    def __init__(self, say: Callable[[str, str], None]) -> None:
+        self.total: Counter[str] = Counter()
+        self._new: Counter[str] = Counter()
+        self._say = say
+
+    def guarded(
+        self, callback: Callable[..., Any], failed: Callable[..., Any] = lambda *arguments: None
+    ) -> Callable[..., Any]:
+        """Return a callback that raises nothing; failed: gives its result after an error.
+
+        An error after a signal ends the node: ROS makes errors of what a signal cuts off.
+        """
+
+        @wraps(callback)
+        def call(*arguments: Any) -> Any:
+            try:
+                return callback(*arguments)
+            except Exception as error:
+                if signal_came():
+                    raise
+                self.note(error)
+                return failed(*arguments)
+
+        return call
+
+    def note(self, error: Exception) -> None:
+        """Count an error, and say it if it is the first of its kind."""
+        frames = traceback.extract_tb(error.__traceback__)
+        where = f' at {Path(frames[-1].filename).name}:{frames[-1].lineno}' if frames else ''
+        kind = f'{type(error).__name__}{where}'
+        self.total[kind] += 1
+        self._new[kind] += 1
+        if self.total[kind] == 1:
+            text = ''.join(traceback.format_exception(error))
+            self._say(
+                kind,
+                f'internal error, {kind}: this message or call is left out and the node goes on. '
+                f'Call ~/reset if it repeats, and report this:\n{text}',
+            )
+
+    def sentence(self) -> str:
+        """Say how many there were since this was last asked; empty where there were none."""
+        new, self._new = self._new, Counter()
+        return '; '.join(
+            f'{count} internal error{"s" if count > 1 else ""}, {kind}: call ~/reset if it repeats'
+            for kind, count in sorted(new.items())
+        )
+
+
+def refuse_call(request: Any, response: Any) -> Any:
+    """Return the response of a service that failed."""
+    if hasattr(response, 'success') and hasattr(response, 'message'):
+        response.success, response.message = False, 'internal error: see the log of the node'
+    return response
