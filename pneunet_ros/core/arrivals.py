@@ -105,16 +105,16 @@ class ArrivalOrder(Generic[Item]):
 
     def _next(self, until_ns: float) -> int | None:
         """Return the place of the next message, None while it is still to come."""
-        end_ns = self._waiting[0].at_ns + LONGEST_WAIT_NS
+        first = self._waiting[0]
+        end_ns = first.at_ns + LONGEST_WAIT_NS
         near = [one for one in self._waiting if one.at_ns <= min(end_ns, until_ns)]
-        place: int | None = 0
-        while place is not None:
-            chosen, arrival = place, near[place]
-            due = self._due_before(arrival)
-            same = {one.tie for one in near if one.stamp_ns == arrival.stamp_ns}
-            joined = same.intersection(due)
-            place = next((index for index, one in enumerate(near) if one.tie in joined), None)
-        return None if due and until_ns < end_ns else chosen
+        for tie in self._due_before(first):
+            of_topic = [place for place, one in enumerate(near) if one.tie == tie]
+            if any(near[place].stamp_ns == first.stamp_ns for place in of_topic):
+                return of_topic[0]
+            if until_ns < end_ns:
+                return None
+        return 0
 
     def _due_before(self, arrival: Arrival[Item]) -> list[int]:
         """Return the topics that have a message of this one's stamp, and before it, under way."""

@@ -49,7 +49,7 @@ class Rates:
     """So many wrenches and frames before each of the pressures, which come at a rate (Hz).
 
     late_ns: by which frames are stamped before their pressure; together: all that belongs to a
-    pressure has its stamp; shuffled: and is sent in random order.
+    pressure has its stamp and arrives at one instant.
     """
 
     pressure: float
@@ -57,7 +57,6 @@ class Rates:
     frames: int
     late_ns: int = 0
     together: bool = False
-    shuffled: bool = False
 
 
 RATES = {
@@ -65,8 +64,6 @@ RATES = {
     'two frames': Rates(pressure=20.0, wrenches=3, frames=2, late_ns=1_000_000),
     'one stamp': Rates(pressure=50.0, wrenches=1, frames=1, together=True),
 }
-# Whether they are taken as in a replay hangs on how fast they are sent.
-SHUFFLED = Rates(pressure=50.0, wrenches=1, frames=1, together=True, shuffled=True)
 
 
 def write_bursts(path: Path, rates: Rates, readings: int) -> list[list[tuple[str, bytes]]]:
@@ -93,8 +90,6 @@ def write_bursts(path: Path, rates: Rates, readings: int) -> list[list[tuple[str
             for sensor, message in group:
                 writer.write(topics[sensor], log_ns, message)
                 log_ns += 0 if rates.together else BETWEEN_NS
-            if rates.shuffled and number > 2:
-                draw.shuffle(group)
             log_ns += BETWEEN_NS
             sent[-1].extend((name, message) for name, message in group)
     recording = open_recording(path)
