@@ -15,7 +15,7 @@ from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.files.yaml_file import LARGEST_FILE
 from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.recordings.bag_folder import mcap_files, METADATA
+from pneunet_ros.recordings.bag_folder import METADATA, stored_files
 from pneunet_ros.recordings.recording_writer import write_recording
 from pneunet_ros.vision.camera.camera_model import Lens
 from pneunet_ros.vision.camera.camera_settings import CameraSettings
@@ -164,7 +164,7 @@ def test_any_metadata_of_a_bag_is_read_or_refused(tmp_path, examples):
 
     def body(text: str) -> None:
         (tmp_path / 'bag' / METADATA).write_bytes(text.encode('utf-8', 'surrogatepass'))
-        found = answer(mcap_files, tmp_path / 'bag')
+        found = answer(stored_files, tmp_path / 'bag')
         if isinstance(found, RecordingError):
             assert METADATA in str(found) or 'is stored as' in str(found)
         else:
@@ -207,7 +207,7 @@ def test_no_file_executes_reads_or_blows_up(tmp_path, monkeypatch, kind, what):
     folder.mkdir()
     path = folder / METADATA
     path.write_text(HOSTILE[what])
-    found = answer(mcap_files, folder) if kind == 'bag' else answer(KINDS[kind][0], path)
+    found = answer(stored_files, folder) if kind == 'bag' else answer(KINDS[kind][0], path)
     assert isinstance(found, RecordingError if kind == 'bag' else KINDS[kind][2])
     assert 'NAME=' not in str(found), 'the content of another file'
     assert not (tmp_path / 'was_here').exists()
@@ -220,7 +220,7 @@ def test_a_file_without_end_is_not_read_to_its_end(tmp_path, kind):
         pytest.skip('there is no such file here')
     if kind == 'bag':
         (tmp_path / METADATA).symlink_to(endless)
-        found = answer(mcap_files, tmp_path)
+        found = answer(stored_files, tmp_path)
     else:
         found = answer(KINDS[kind][0], endless)
     assert 'it is a device, and a file is needed' in str(found)

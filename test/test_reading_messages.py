@@ -13,11 +13,13 @@ from pneunet_ros.messages.point_cloud import point_type
 from pneunet_ros.messages.readings import (
     decode_pressure,
     decode_targets,
+    decode_tip_pose,
     decode_wrench,
     pressure_message,
     PRESSURE_TYPE,
     SENSORS,
     targets_message,
+    tip_pose_message,
     wrench_message,
     WRENCH_TYPE,
 )
@@ -167,3 +169,14 @@ def test_a_row_of_every_sensor_comes_back_from_its_message(sensor):
     np.testing.assert_allclose(read, row, rtol=1e-14)
     assert sensor.present(read[None]).tolist() == [True]
     assert sensor.present(np.full((1, *row.shape), np.nan)).tolist() == [False]
+
+
+def test_a_target_or_tip_at_the_clamp_was_not_seen():
+    """Trackers of tags and motion capture write zeros where they see nothing."""
+    x, y = np.array([0.0, 0.0, 0.0, 0.03]), np.array([0.0, 0.0, 0.01, 0.0])
+    found = decode_targets(targets_message(1, x, y, BASE, ROSBAGS_TYPES), BASE)
+    assert np.isfinite(found.x).tolist() == [True, False, True, True]
+    pose = decode_tip_pose(tip_pose_message(1, np.zeros(3), BASE, ROSBAGS_TYPES))
+    assert np.isnan([pose.x, pose.y, pose.heading]).all()
+    pose = decode_tip_pose(tip_pose_message(1, np.array([0.1, 0.0, 0.0]), 'f', ROSBAGS_TYPES))
+    assert (pose.x, pose.y, pose.heading) == (0.1, 0.0, 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 
 import numpy as np
 from pneunet_ros.core.errors import RecordingError, RequestError
@@ -250,7 +251,7 @@ def test_what_the_estimator_made_is_left_out(tmp_path):
         ('time_s,pressure_pa,pressure_bar\n1,1,1\n', 'pressure_pa and pressure_bar say the same'),
         (
             'time_s,pressure\n1,1\n',
-            r"column 'pressure' \(pressure_\(pa\|.*is not known; rename it",
+            r"column 'pressure' \(pressure_\(pa\|.*is not known: add --rename pressure=",
         ),
         ('time_s,Pressure [kPa],pressure_kpa\n1,1,1\n', 'two columns are called pressure_kpa'),
         ('time_s,x0_m\n1,1\n', 'x0_m is there without its y0'),
@@ -489,7 +490,7 @@ def test_targets_at_one_place_are_taken_for_unseen_ones_and_asked_for(tmp_path, 
     path = tmp_path / 'table.csv'
     names = 'time_s,x0_mm,y0_mm,x1_mm,y1_mm,x2_mm,y2_mm'
     path.write_text(f'{names}\n0,0,0.1,5,0,10,0\n1,0,0.1,,,,\n2,0,0.1,{unseen},{unseen}\n')
-    (sentence,) = read_table(path, ImportRequest())[1]
+    (sentence,) = read_table(path, ImportRequest(missing=()))[1]
     assert 'in 1 of 3 rows some targets stand at one place, (' in sentence
     assert 'm in line 4: where a target was not seen the cell must be empty' in sentence
 
@@ -605,8 +606,93 @@ def test_missing_values_have_many_names(tmp_path, missing):
 
 
 @pytest.mark.parametrize(
-    ('written', 'likely'), [('millis', 'time_ms'), ('micros', 'time_us'), ('millis()', 'time_ms')]
+    ('written', 'read_as'),
+    [
+        ('millis', 'time_ms'),
+        ('micros', 'time_us'),
+        ('millis()', 'time_ms'),
+        ('MS', 'time_ms'),
+        ('psi', 'pressure_psi'),
+        ('kPa', 'pressure_kpa'),
+        ('[hPa]', 'pressure_hpa'),
+        ('t_s', 'time_s'),
+        ('Timestamp (ms)', 'time_ms'),
+        ('P [bar]', 'pressure_bar'),
+    ],
 )
-def test_the_clocks_of_an_arduino_are_asked_for(written, likely):
-    """`millis()` is a time in milliseconds."""
-    assert likely_name(written) == likely
+def test_a_unit_that_says_what_is_measured_is_a_name(written, read_as):
+    """As a sketch of an Arduino prints them: `millis,psi`."""
+    assert standard_name(written) == read_as
+
+
+@pytest.mark.parametrize('written', ['N', 'g', 'm', 'mm', 'deg', 'min', 'd', 'x', 'p', 't'])
+def test_a_unit_or_letter_that_may_mean_several_things_is_no_name(written):
+    assert standard_name(written) == written
+
+
+def test_a_refusal_of_names_holds_the_options_to_paste(tmp_path):
+    with pytest.raises(RecordingError) as caught:
+        read(tmp_path, 'Zeit [s];Druck [kPa];Notiz\n0;1;a\n')
+    line = str(caught.value).split(' add ')[1].split(', or ')[0]
+    given = shlex.split(line)
+    assert given == [
+        '--rename',
+        'Zeit [s]=time_s',
+        'Druck [kPa]=pressure_kpa',
+        '--ignore',
+        'Notiz',
+    ]
+
+
+def test_what_the_serial_monitor_writes_before_a_line_is_passed_by(tmp_path):
+    rows = ['millis,psi', '0,1', '20,2']
+    lines = [f'12:00:0{second}.123 -> {row}' for second, row in enumerate(rows)]
+    table = read(tmp_path, '\n'.join(lines))
+    assert table.stamp_ns[1] - table.stamp_ns[0] == 20_000_000
+    assert table.values['pressure'][1, 0] == pytest.approx(2 * 6894.757)
+
+
+UNSEEN = """\
+ms,kPa,x0_mm,y0_mm,x1_mm,y1_mm,tip_x_mm,tip_y_mm,tip_heading_deg
+0,-1,0,0,50,1,90,2,3
+20,0.1,0,0,{pair},{pose}
+40,-1,0,0,51,2,91,3,4
+60,5.2,0,0,52,3,92,4,5
+"""
+
+
+@pytest.mark.parametrize(
+    ('pair', 'pose', 'asked'),
+    [
+        ('0,0', '90,2,3', 'target 1 is (0, 0) in 1 of 4 rows, first in line 3'),
+        ('-1,-1', '90,2,3', 'target 1 is (-1, -1)'),
+        ('50,1', '9999,9999,9999', 'the tip is (9999, 9999)'),
+        ('50,1', '90,2,9999', 'tip_heading_deg is (9999)'),
+        ('50,1', '90,2,3', 'pressure_kpa is (-1) in 2 of 4 rows'),
+    ],
+)
+def test_numbers_that_seem_to_stand_for_nothing_are_asked_about(tmp_path, pair, pose, asked):
+    text = UNSEEN.format(pair=pair, pose=pose)
+    if 'pressure' not in asked:
+        text = text.replace(',-1,0,0,5', ',1,0,0,5')
+    with pytest.raises(RecordingError, match=re.escape(asked)) as caught:
+        read(tmp_path, text)
+    assert '--missing' in str(caught.value)
+    assert read(tmp_path, text, missing=()).counts()['pressure'] == 4
+
+
+def test_numbers_that_stand_for_nothing_are_no_readings(tmp_path):
+    text = UNSEEN.format(pair='0,0', pose='9999,9999,9999')
+    table = read(tmp_path, text, missing=(0.0, -1.0, 9999.0))
+    assert table.counts() == {'pressure': 2, 'end_wrench': 0, 'targets': 4, 'tip_pose': 3}
+    assert np.isnan(table.values['targets'][1, :, 1]).all()
+    assert table.values['targets'][1, :, 0].tolist() == [0.0, 0.0]  # the clamp, which is there
+
+
+@pytest.mark.parametrize(
+    'column', ['-1,0,1,2', '0,0,0,5.5', '65535,64000,66000,65000', '-1,-1,-2.5,-3', '-1,5.5,2,3.1']
+)
+def test_readings_are_not_taken_for_placeholders(tmp_path, column):
+    rows = [f'{row},{value}' for row, value in enumerate(column.split(','))]
+    table = read(tmp_path, '\n'.join(['time_s,pressure_pa', *rows]))
+    assert table.counts()['pressure'] == 4

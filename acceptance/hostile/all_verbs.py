@@ -63,7 +63,7 @@ def readings(dice: random.Random, *, loaded: bool) -> Rows:
 def odd_values(time: np.ndarray, rows: np.ndarray, dice: random.Random) -> Any:
     """Put odd numbers into some or all readings of one component."""
     rows = rows.copy()
-    flat = rows.reshape(len(rows), -1)
+    flat = rows.reshape(len(rows), int(np.prod(rows.shape[1:])))
     if flat.size:
         chosen = [i for i in range(len(flat)) if dice.random() < dice.choice((0.02, 0.3, 1.0))]
         flat[chosen, dice.randrange(flat.shape[1])] = dice.choice(ODD)
@@ -73,7 +73,8 @@ def odd_values(time: np.ndarray, rows: np.ndarray, dice: random.Random) -> Any:
 def scaled_values(time: np.ndarray, rows: np.ndarray, dice: random.Random) -> Any:
     """Take another unit, the other sign or another zero."""
     factor = dice.choice((-1.0, 1e-3, 1e3, 1e-6, 1e6, 1e-12, 0.0, 1.0))
-    return time, factor * rows + dice.choice((0.0, 0.0, 101325.0, 1e-9))
+    with np.errstate(all='ignore'):
+        return time, factor * rows + dice.choice((0.0, 0.0, 101325.0, 1e-9))
 
 
 def few_rows(time: np.ndarray, rows: np.ndarray, dice: random.Random) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 import math
 
 from pneunet_ros.core.errors import RequestError
@@ -18,6 +18,12 @@ def add_table_options(parser: ArgumentParser) -> None:
         ('--rename', 'OLD=NEW', 'call a column by a name that is known'),
         ('--offset', 'COLUMN=NUMBER', 'add to a column (new name), in its unit'),
         ('--ignore', 'COLUMN', 'leave columns out'),
+        (
+            '--missing',
+            'NUMBER',
+            'numbers that stand for "no reading", of a target in both coordinates; none: there '
+            'are none (default: ask where there seem to be)',
+        ),
     ):
         group.add_argument(
             option, action='extend', nargs='+', default=[], metavar=form, help=meaning
@@ -35,8 +41,18 @@ def table_request(arguments: Namespace, rate: float | None = None) -> ImportRequ
         rename=pairs_of('--rename', arguments.rename),
         ignore=arguments.ignore,
         offsets=offsets,
+        missing=missing_of(arguments.missing),
         rate=rate,
     )
+
+
+def missing_of(words: Sequence[str]) -> tuple[float, ...] | None:
+    """Return the numbers that stand for "no reading"; None where nothing was said."""
+    if not words:
+        return None
+    if list(words) == ['none']:
+        return ()
+    return tuple(number('--missing', word) for word in words)
 
 
 def pairs_of(option: str, words: Iterable[str]) -> dict[str, str]:

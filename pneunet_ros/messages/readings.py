@@ -137,15 +137,20 @@ def decode_wrench(message: Any) -> WrenchReading:
 def decode_tip_pose(message: Any) -> TipPoseReading:
     """Return the planar part of a PoseStamped as it is; MessageError on another content.
 
-    A quaternion that is none (all zeros, NaN) says that no heading was measured.
+    A quaternion that is none (all zeros, NaN) says that no heading was measured, and a position of
+    0, 0, where the clamp is, that motion capture did not see the tip.
     """
     try:
         place, turned = message.pose.position, message.pose.orientation
+        x, y = float(place.x), float(place.y)
+        heading = planar_heading(*(float(getattr(turned, name)) for name in 'xyzw'))
+        if x == y == 0.0:
+            x = y = heading = math.nan
         return TipPoseReading(
             stamp_ns=nanoseconds(message.header.stamp),
-            x=float(place.x),
-            y=float(place.y),
-            heading=planar_heading(*(float(getattr(turned, name)) for name in 'xyzw')),
+            x=x,
+            y=y,
+            heading=heading,
             frame_id=str(message.header.frame_id),
         )
     except UNFIT as error:
@@ -220,8 +225,9 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
     """Return the targets in a PointCloud2, in order of their ids, NaN where one was not seen.
 
     x, y may be float32 or float64 and the points in any order; fields beside x, y and id may be
-    missing. Raises MessageError for another frame than `frame_id`, a missing field, ids that are
-    not 0, 1, ... once each, and another number of points than `targets` (None: any).
+    missing. Trackers of tags write 0, 0 for what they do not see: no target but the one at the
+    clamp is there. Raises MessageError for another frame than `frame_id`, a missing field, ids
+    that are not 0, 1, ... once each, and another number of points than `targets` (None: any).
     """
     try:
         stamp_ns, found = nanoseconds(message.header.stamp), str(message.header.frame_id)
@@ -255,6 +261,7 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
         if name in kinds:
             row[:] = points[name]
     seen = np.isfinite(table[:2]).all(axis=0)
+    seen[1:] &= (table[:2, 1:] != 0.0).any(axis=0)
     if not seen.all():
         table[:, ~seen] = np.nan
     columns = dict(zip(_OF_A_TARGET, freeze(table), strict=True))

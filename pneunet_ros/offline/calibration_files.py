@@ -23,8 +23,9 @@ from pneunet_ros.files.npz import ArchiveError, Declared, read_arrays
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.files.yaml_file import one_line
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.recordings.bag_folder import mcap_files
+from pneunet_ros.recordings.bag_folder import stored_files
 from pneunet_ros.recordings.mcap_file import check_is_mcap
+from pneunet_ros.recordings.plain_mcap import plain_mcap
 
 KNOWLEDGE_SUFFIX = '.knowledge.npz'
 PIECE = 1 << 20  # bytes read at a time
@@ -45,9 +46,9 @@ KNOWLEDGE = {
 
 
 def file_hash(path: Path) -> str:
-    """Return the SHA-256 of a recording: of its file, or of the MCAP files of a rosbag2 folder."""
+    """Return the SHA-256 of a recording: of its file, or of the files of a rosbag2 folder."""
     digest = hashlib.sha256()
-    for file in mcap_files(path):
+    for file in stored_files(path):
         try:
             with open_regular(file) as stream:
                 while piece := stream.read(PIECE):
@@ -60,8 +61,8 @@ def file_hash(path: Path) -> str:
 def check_recordings(paths: Iterable[Path]) -> None:
     """Raise RecordingError where a recording is missing, or none, before any is read."""
     for path in paths:
-        for file in mcap_files(path):
-            check_is_mcap(file)
+        for file in stored_files(path):
+            check_is_mcap(plain_mcap(file), file)
 
 
 def inputs_of(roles: Iterable[tuple[str, Sequence[Path]]]) -> list[dict[str, str]]:

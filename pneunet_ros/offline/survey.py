@@ -27,6 +27,7 @@ from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.json_text import json_text
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.offline.calibration_files import inputs_of
+from pneunet_ros.recordings.bag_folder import is_recording
 from pneunet_ros.tables.header import delimiter
 
 ROLES = ('unloaded', 'loaded', 'heldout')
@@ -133,11 +134,6 @@ def recordings_of(folder: Path, role: str) -> tuple[Path, ...]:
 def recordings_in(folder: Path) -> list[Path]:
     """Return the recordings that stand in a folder."""
     return [place for place in sorted(folder.iterdir()) if is_recording(place)]
-
-
-def is_recording(place: Path) -> bool:
-    """Whether this is an MCAP file, or a rosbag2 folder."""
-    return (place / 'metadata.yaml').is_file() if place.is_dir() else place.suffix == '.mcap'
 
 
 def fleet_of_table(table: Path, arm: Path) -> tuple[FleetArm, ...]:

@@ -1,52 +1,91 @@
-"""A recording as a folder: rosbag2's `metadata.yaml` and the MCAP files it names."""
+"""A recording as a folder: rosbag2's `metadata.yaml` and the files it names."""
 
 from __future__ import annotations
 
 from collections import Counter
+from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath
+import re
 from typing import Any
 
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.paths import resolved
 from pneunet_ros.files.yaml_file import YamlFile
 from pneunet_ros.recordings.file_kinds import holds_pictures, recording_from
+from pneunet_ros.recordings.plain_mcap import PACKED, SQLITE
 
 METADATA = 'metadata.yaml'
 FOLDER_FILES = (METADATA, '*.mcap')  # patterns of all that belongs to such a folder
+FILES = tuple(f'*{kind}{packed}' for kind in ('.mcap', SQLITE) for packed in ('', PACKED))
+STORAGES = ('mcap', 'sqlite3')
 NAMES_SHOWN = 12
 LONGEST_NAME = 40  # characters of a way of storing, in a sentence
 FILE = YamlFile(kind='metadata of rosbag2', error=RecordingError)
 
 
-def mcap_files(path: Path) -> list[Path]:
-    """List the MCAP files of a recording in their order: `path` itself, or those of its folder.
+def stored_files(path: Path) -> list[Path]:
+    """List the files of a recording in their order: `path` itself, or those of its folder.
 
-    Raises RecordingError when there is no recording, or one that is stored in another way.
+    A folder NAME without metadata is a recording where it holds one file, or parts as rosbag2
+    calls them, NAME_0.mcap, NAME_1.mcap. Raises RecordingError when there is no recording, or one
+    that is stored in a way that cannot be read.
     """
     if not path.exists():
         raise RecordingError(f'{path} does not exist: an .mcap file or a rosbag2 folder is needed')
     if not path.is_dir():
         return [path]
     if not (path / METADATA).exists():
-        raise RecordingError(f'{path} {_other_folder(path)}')
+        files = _files_in(path)
+        parts = files if len(files) == 1 else _parts(path)
+        if not parts:
+            raise RecordingError(f'{path} {_other_folder(path)}')
+        return parts
     names, storage, compression = FILE.load(path / METADATA, _describe_folder)
-    if storage != 'mcap' or compression.lower() not in ('', 'none'):
+    if storage not in STORAGES or compression not in ('', 'none', 'zstd'):
         raise RecordingError(
-            f'{path} is stored as {storage} {compression}: turn it into plain mcap with '
-            '`ros2 bag convert`'
+            f'{path} is stored as {storage} {compression}: turn it into mcap with `ros2 bag '
+            'convert`'
         )
     for name, number in Counter(names).items():
         if number > 1:
             raise RecordingError(f'{path / METADATA} names {name} {number} times: name it once')
-    return [path / name for name in names]
+    named = (path / name for name in names)
+    # Some versions name the file before it was packed.
+    return [
+        packed if not file.exists() and (packed := Path(f'{file}{PACKED}')).exists() else file
+        for file in named
+    ]
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a path is, by its name, a file of a recording, or a folder of rosbag2."""
+    if not path.is_dir():
+        return any(fnmatch(path.name, pattern) for pattern in FILES)
+    return (path / METADATA).is_file() or bool(_parts(path))
+
+
+def _files_in(path: Path) -> list[Path]:
+    """Return the files of a folder that are of recordings, by their names."""
+    return sorted(file for file in path.iterdir() if file.is_file() and is_recording(file))
+
+
+def _parts(path: Path) -> list[Path]:
+    """Return the files of a folder, in order, where rosbag2 has called them FOLDER_0, FOLDER_1."""
+    part = re.compile(rf'{re.escape(resolved(path, RecordingError).name)}_(\d{{1,9}})\.')
+    files = _files_in(path)
+    numbers = [match and int(match[1]) for match in map(part.match, (f.name for f in files))]
+    if None in numbers:
+        return []
+    return [file for _, file in sorted(zip(numbers, files, strict=True))]
 
 
 def _other_folder(path: Path) -> str:
     """Say what a folder is that is no recording, and what to do."""
-    loose = sorted(file.name for file in path.glob('*.mcap'))
+    loose = [file.name for file in _files_in(path)]
     if loose:
         return (
-            f'is a folder without {METADATA} (it holds {_listed(loose)}): name an .mcap file '
-            'itself, or complete the folder with `ros2 bag reindex`'
+            f'is a folder without {METADATA} (it holds {_listed(loose)}): name one of these '
+            'recordings itself'
         )
     inner = sorted(file.parent.name for file in path.glob(f'*/{METADATA}'))
     if inner:
@@ -75,5 +114,5 @@ def _describe_folder(content: Any) -> tuple[list[str], str, str]:
     return (
         names,
         str(storage)[:LONGEST_NAME],
-        str(bag.get('compression_mode') or '')[:LONGEST_NAME],
+        str(bag.get('compression_format') or '').lower()[:LONGEST_NAME],
     )

@@ -12,7 +12,7 @@ from pneunet_ros.core.units import seconds_between
 from pneunet_ros.files.camera_file import load_camera_info
 from pneunet_ros.messages.builders import IMAGE_TYPE
 from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, COMPRESSED_TYPE, TRACKER_INPUTS
-from pneunet_ros.recordings.bag_folder import METADATA
+from pneunet_ros.recordings.bag_folder import is_recording, METADATA
 from pneunet_ros.recordings.file_kinds import VIDEOS
 from pneunet_ros.recordings.image_files import (
     folder_images,
@@ -59,7 +59,11 @@ def open_images(path: Path, request: SourceRequest) -> ImageStream:
 
 
 def _is_folder(path: Path) -> bool:
-    return path.is_dir() and not (path / METADATA).exists() and not any(path.glob('*.mcap'))
+    return (
+        path.is_dir()
+        and not (path / METADATA).exists()
+        and not any(map(is_recording, path.iterdir()))
+    )
 
 
 def _is_video(path: Path) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import io
 from pathlib import Path
 import struct
@@ -84,28 +84,30 @@ class UnknownCompression(RecordingError):
     """A chunk that is packed in a way that cannot be read here."""
 
 
-def open_mcap(path: Path) -> McapFile:
-    """Find out what a file holds.
+def open_mcap(path: Path, name: Path | None = None) -> McapFile:
+    """Find out what a file holds; name: what it is called in sentences, where it is a copy.
 
     Raises RecordingError when it cannot be read, is no MCAP file, or holds more than it can; a
     file that is cut off or damaged is no error, it is described as far as it goes.
     """
+    name = name or path
     try:
         with open_regular(path) as stream:
-            return _Scan(path, stream, _size_of_mcap(path, stream)).run()
+            return replace(_Scan(name, stream, _size_of_mcap(name, stream)).run(), path=path)
     except UnknownCompression as error:
-        raise RecordingError(f'{path}: {error}') from error
+        raise RecordingError(f'{name}: {error}') from error
     except OSError as error:
-        raise RecordingError(f'{path} cannot be read: {error.strerror}') from error
+        raise RecordingError(f'{name} cannot be read: {error.strerror}') from error
 
 
-def check_is_mcap(path: Path) -> None:
+def check_is_mcap(path: Path, name: Path | None = None) -> None:
     """Raise RecordingError where a file does not begin as an MCAP file, or cannot be read."""
+    name = name or path
     try:
         with open_regular(path) as stream:
-            _size_of_mcap(path, stream)
+            _size_of_mcap(name, stream)
     except OSError as error:
-        raise RecordingError(f'{path} cannot be read: {error.strerror}') from error
+        raise RecordingError(f'{name} cannot be read: {error.strerror}') from error
 
 
 def _size_of_mcap(path: Path, stream: BinaryIO) -> int:

@@ -1,4 +1,4 @@
-"""Recordings read: MCAP files and rosbag2 folders -> messages.
+"""Recordings read: files of rosbag2 and their folders -> messages.
 
 Messages come in log time order without a recording being held in memory; what is missing or cut
 off is said in `Recording.sentences`. Writing is `recording_writer`'s.
@@ -18,10 +18,11 @@ from mcap.records import Channel
 from pneunet_ros.core.errors import MessageError, RecordingError, shortened
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.messages.readings import is_estimated
-from pneunet_ros.recordings.bag_folder import mcap_files
+from pneunet_ros.recordings.bag_folder import stored_files
 from pneunet_ros.recordings.limits import LIMITS
 from pneunet_ros.recordings.mcap_file import McapFile, open_mcap, read_block
 from pneunet_ros.recordings.message_store import deserialize, store_for
+from pneunet_ros.recordings.plain_mcap import plain_mcap, unpacked_message
 
 SCHEMA_ENCODINGS = ('ros2msg', 'ros2idl')
 LEFT_OUT_SHOWN = 20  # channels that are named where they are left out
@@ -159,6 +160,7 @@ class Recording:
                 ):
                     name = names.get(channel)
                     if name is not None and name in rank:
+                        raw = unpacked_message(raw)
                         message = RawMessage(name, log_time, raw)
                         pending.append((log_time, rank[name], next(order), message))
                         held += len(raw) + HELD_BESIDE
@@ -196,15 +198,18 @@ class Recording:
 
 
 def open_recording(path: str | Path) -> Recording:
-    """Open a bare .mcap file or a rosbag2 folder, and find out what it holds.
+    """Open a file of rosbag2 (.mcap, .db3, also packed by zstd) or a folder of such files.
 
-    Raises RecordingError when there is none or its files are not MCAP. Files that are cut off are
-    read as far as they go, and channels that are no ROS 2 messages are left out; `sentences` says
-    so.
+    Raises RecordingError when there is none or its files are of another kind. Files that are cut
+    off are read as far as they go, and channels that are no ROS 2 messages are left out;
+    `sentences` says so.
     """
     path = Path(path)
-    files = tuple(open_mcap(file) for file in mcap_files(path))
-    sentences = [sentence for file in files for sentence in file.damage]
+    files, sentences = [], list[str]()
+    for stored in stored_files(path):
+        file = open_mcap(plain_mcap(stored), stored)
+        files.append(file)
+        sentences += file.damage
     left_out: list[str] = []
     topics: dict[str, RecordedTopic] = {}
     channels: list[dict[int, str]] = []
@@ -231,7 +236,7 @@ def open_recording(path: str | Path) -> Recording:
         sentences=tuple(sentences),
         start_ns=min((block.start_ns for block in blocks), default=0),
         end_ns=max((block.end_ns for block in blocks), default=0),
-        files=files,
+        files=tuple(files),
         channels=tuple(channels),
     )
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
 import re
+import shlex
 
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.units import SI_PER_UNIT
@@ -46,6 +47,8 @@ _UNIT_SPELLINGS = {
     'msec': 'ms',
     'millis': 'ms',
     'milliseconds': 'ms',
+    'micros': 'us',
+    'microseconds': 'us',
     'minutes': 'min',
     'hours': 'h',
     'days': 'd',
@@ -58,8 +61,19 @@ _OF_MESSAGES = {
     'force_y': 'force_y_n',
     'torque_z': 'moment_n_m',
 }
-# What others call a time in some unit: to ask whether it was meant.
-_OTHER_TIMES = {'ms': 'time_ms', 'micros': 'time_us', 'us': 'time_us'}
+# Units that say by themselves what is measured, as sketches of an Arduino call columns.
+_BARE = {
+    **{unit: f'{TIME}_{unit}' for unit in ('s', 'ms', 'us')},
+    **{unit: f'pressure_{unit}' for unit in SI_PER_UNIT['pressure']},
+}
+# What others call a time or a pressure, which its unit makes sure.
+_UNMISTAKABLE = {
+    't': TIME,
+    'elapsed': TIME,
+    'timestamp': TIME,
+    'p': 'pressure',
+    'gauge_pressure': 'pressure',
+}
 # What others call a quantity: to ask whether it was meant, as a letter alone can mean much.
 _OTHER_WORDS = {
     't': TIME,
@@ -130,7 +144,13 @@ def _plain(name: str) -> str:
     text = _UNIT_IN_BRACKETS.sub(r' \1', text)
     plain = _BETWEEN_WORDS.sub('_', text).strip('_')
     head, _, unit = plain.rpartition('_')
-    return f'{head}_{_UNIT_SPELLINGS[unit]}' if unit in _UNIT_SPELLINGS else plain
+    unit = _UNIT_SPELLINGS.get(unit, unit)
+    quantity = _UNMISTAKABLE.get(head, '')
+    if unit in SI_PER_UNIT.get(quantity, ()):
+        return f'{quantity}_{unit}'
+    if not head and unit in _BARE:
+        return _BARE[unit]
+    return f'{head}_{unit}' if head else unit
 
 
 def is_unit(text: str) -> bool:
@@ -154,8 +174,6 @@ def _unit(text: str) -> str:
 def likely_name(name: str) -> str:
     """Return the known name that an unknown one may stand for, '' where none is near."""
     plain = _plain(name)
-    if plain.strip('_') in _OTHER_TIMES:  # millis is a spelling of ms
-        return _OTHER_TIMES[plain.strip('_')]
     for end, known_name in _OF_MESSAGES.items():
         if plain not in KINDS and f'_{plain}'.endswith(f'_{end}'):
             return known_name
@@ -177,7 +195,8 @@ def likely_name(name: str) -> str:
         for unit in SI_PER_UNIT[kind]
     ]
     alike = [known_name for known_name in known if known_name.endswith(f'_{unit}')]
-    return next(iter(get_close_matches(plain, alike, 1, 0.75)), '')
+    near = next(iter(get_close_matches(plain, alike, 1, 0.75)), '')
+    return near or _BARE.get(unit, '')  # of another language: Druck [kPa]
 
 
 def known_names() -> str:
@@ -217,17 +236,30 @@ def columns_of(names: Iterable[str], where: str) -> list[Column]:
 
 
 def _unknown_columns(names: list[str]) -> str:
-    """Say which columns are not known, all of them, and what to do."""
-    asked = []
-    for name in names[:_NAMES_SHOWN]:
-        likely = likely_name(name)
-        asked.append(f'{name!r} ({likely}?)' if likely else repr(name))
-    more = f' and {len(names) - _NAMES_SHOWN} more' if len(names) > _NAMES_SHOWN else ''
-    noun, verb, it = ('column', 'is', 'it') if len(names) == 1 else ('columns', 'are', 'them')
-    return (
-        f'the {noun} {", ".join(asked)}{more} {verb} not known; rename {it} (--rename OLD=NEW) or '
-        f'leave {it} out (--ignore COLUMN); known are {known_names()}'
+    """Say which columns are not known, all of them, and what to type."""
+    likely = {name: likely_name(name) for name in names[:_NAMES_SHOWN]}
+    shown = ', '.join(
+        f'{name!r} ({meant}?)' if meant else repr(name) for name, meant in likely.items()
     )
+    more = f' and {len(names) - _NAMES_SHOWN} more' if len(names) > _NAMES_SHOWN else ''
+    noun, verb = ('column', 'is') if len(names) == 1 else ('columns', 'are')
+    # Of several units the one that must be chosen stands there as a word to be replaced.
+    meant = [f'{name}={_one_unit(known)}' for name, known in likely.items() if known]
+    options = [f'--rename {shlex.join(meant)}'] * bool(meant)
+    others = [name for name, known in likely.items() if not known]
+    options += [f'--ignore {shlex.join(others)}'] * bool(others)
+    sentence = f'the {noun} {shown}{more} {verb} not known: add {" ".join(options)}'
+    if any('UNIT' in word for word in meant):
+        sentence += ', with its unit in place of UNIT'
+    if others:
+        sentence += f', or --rename OLD=NEW with a name that is known: {known_names()}'
+    return sentence
+
+
+def _one_unit(pattern: str) -> str:
+    """Return a known name with UNIT where there are several: pressure_(pa|kpa)."""
+    head, several, _ = pattern.partition('_(')
+    return f'{head}_UNIT' if several else pattern
 
 
 def _check_whole(names: dict[tuple[str, int | None], str], where: str) -> None:

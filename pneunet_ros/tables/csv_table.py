@@ -48,6 +48,9 @@ _RULES = {
     '\t': 'cells are separated by tabs, as in the first line',
 }
 _SEPARATOR = re.compile(r'"?sep=(?P<mark>[;,\t])"?\s*', re.IGNORECASE)  # as Excel writes it
+_MONITOR = re.compile(
+    r'\d\d:\d\d:\d\d\.\d{3} -> '
+)  # as the serial monitor of Arduino begins lines
 _THOUSANDS = re.compile(r'[-+]?[1-9]\d{0,2}(?:[.,]\d{3})+', re.ASCII)
 _APART = re.compile(r"[-+]?\d{1,3}([.,'’\s])\d{3}(?:\1\d{3})*(?:[.,]\d+)?", re.ASCII)
 
@@ -217,7 +220,7 @@ def _lines(path: Path, stream: TextIO) -> Iterator[str]:
         number += 1
         if len(line) > LONGEST_LINE:
             raise RecordingError(f'{path}, line {number}: more than {LONGEST_LINE} characters')
-        yield line
+        yield _MONITOR.sub('', line)
 
 
 def _rows(

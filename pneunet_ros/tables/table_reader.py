@@ -29,6 +29,7 @@ from pneunet_ros.tables.columns import (
 )
 from pneunet_ros.tables.csv_table import CsvTable, read_csv
 from pneunet_ros.tables.header import TableRequest
+from pneunet_ros.tables.placeholders import ask_for_placeholders, without_placeholders
 from pneunet_ros.tables.reading_table import ReadingTable
 
 MOST_PLACES = 15_000_000  # rows by targets; 650 MB while they are read
@@ -44,11 +45,14 @@ FIRST_STAMP = NANOSECONDS_PER_SECOND  # of a table without stamps: 0 means "no s
 class ImportRequest(TableRequest):
     """How a table becomes readings: what to read of it, and what to add.
 
-    offsets: number to be added to a column (by its new name, in its unit). rate: rows per second
+    offsets: number to be added to a column (by its new name, in its unit). missing: numbers that
+    stand for "no reading", of a target or the tip in both coordinates; None: refuse a table that
+    seems to hold such, with the question. rate: rows per second
     of a table without time.
     """
 
     offsets: Mapping[str, float] = field(default_factory=dict)
+    missing: tuple[float, ...] | None = None
     rate: float | None = None
 
 
@@ -73,7 +77,14 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         more = f' and {len(empty) - NAMES_SHOWN} more' if len(empty) > NAMES_SHOWN else ''
         shown = ', '.join(empty[:NAMES_SHOWN])
         sentences.append(f'{path}: no row has a number in {shown}{more}')
-    columns = {(item.quantity, item.target): item for item in columns_of(names, str(path))}
+    known = columns_of(names, str(path))
+    if request.missing is None:
+        ask_for_placeholders(path, table.numbers, known, table.lines)
+    numbers, count = without_placeholders(table.numbers, known, request.missing or ())
+    if request.missing:
+        shown = ', '.join(f'{value:.12g}' for value in request.missing)
+        sentences.append(f'{path}: {count} readings of {shown} are taken as missing')
+    columns = {(item.quantity, item.target): item for item in known}
     for name in request.offsets:
         if name not in table.numbers or name == STAMP:
             raise RequestError(f'--offset {name}=: there is no such column to be read')
@@ -87,7 +98,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         if column is None:
             return np.full(len(stamp_ns), np.nan)
         with np.errstate(over='ignore'):
-            values = table.numbers[column.name] + request.offsets.get(column.name, 0.0)
+            values = numbers[column.name] + request.offsets.get(column.name, 0.0)
             values = values * column.si_per_unit
         if np.any(np.abs(values) > LARGEST):
             line = table.lines[int(np.argmax(np.abs(values) > LARGEST))]

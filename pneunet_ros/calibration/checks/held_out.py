@@ -17,7 +17,8 @@ class Score:
     """Measured minus predicted targets of one run, less their mean: what registration could be.
 
     rms (m) is per coordinate; p95 (m) of the distance; error (frames, 2, targets) m, NaN where
-    not seen or without equilibrium; missing is the share of frames without equilibrium.
+    not seen or without equilibrium, and rms and p95 NaN where that is all; missing is the share of
+    frames without equilibrium.
     """
 
     name: str
@@ -34,14 +35,15 @@ def score(arm: Arm, run: RecordingData, inputs: Inputs | None = None) -> Score:
     solved = model.solve(arm, inputs)
     error = run.points - model.points
     error = np.where(solved[:, None, None], error, np.nan)
-    if not solved.any():
-        return Score(name=run.name, rms=np.nan, p95=np.nan, missing=1.0, error=error)
+    missing = float(1.0 - solved.mean()) if solved.size else 1.0
+    if not np.isfinite(error).any():
+        return Score(name=run.name, rms=np.nan, p95=np.nan, missing=missing, error=error)
     error = error - np.nanmean(error, axis=(0, 2), keepdims=True)
     distance = np.hypot(error[:, 0], error[:, 1])
     return Score(
         name=run.name,
         rms=float(np.sqrt(np.nanmean(error**2))),
         p95=float(np.nanpercentile(distance, 95.0)),
-        missing=float(1.0 - solved.mean()),
+        missing=missing,
         error=error,
     )

@@ -1,0 +1,150 @@
+"""Files of a recording that are no plain MCAP, as plain MCAP: file-wise zstd, and sqlite3.
+
+A copy is made once, in a temporary folder that goes with the process. Messages that were packed
+one by one stay so: `recording` unpacks them as it reads.
+"""
+
+from __future__ import annotations
+
+from contextlib import closing
+from functools import cache
+import io
+from multiprocessing import util
+from pathlib import Path
+import shutil
+import sqlite3
+import tempfile
+from typing import Any
+
+from mcap.writer import CompressionType, Writer
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.paths import resolved
+from pneunet_ros.files.regular_file import open_regular
+from pneunet_ros.recordings.limits import LIMITS
+from pneunet_ros.recordings.message_store import jazzy
+import zstandard
+
+PACKED, SQLITE = '.zstd', '.db3'  # how rosbag2 calls them
+PACKED_MESSAGE = b'\x28\xb5\x2f\xfd'  # begins what zstd packed; CDR begins with a zero
+SQLITE_MAGIC = b'SQLite format 3\0'
+
+
+def plain_mcap(path: Path) -> Path:
+    """Return a file of a recording, or its plain copy where it is packed or of sqlite3.
+
+    Raises RecordingError where there is no room for the copy, or the file is damaged.
+    """
+    try:
+        kind = path.suffix
+        with open_regular(path) as stream:
+            if kind not in (PACKED, SQLITE) and stream.read(len(SQLITE_MAGIC)) != SQLITE_MAGIC:
+                return path
+        status = path.stat()
+        return _copy(path, status.st_mtime_ns, status.st_size)
+    except OSError as error:
+        raise RecordingError(f'{path} cannot be read: {error.strerror}') from error
+
+
+@cache
+def _folder() -> Path:
+    """Make the folder of copies; of a worker, too, it goes when the process ends."""
+    folder = Path(tempfile.mkdtemp(prefix='pneunet-unpacked-'))
+    util.Finalize(None, shutil.rmtree, args=(folder, True), exitpriority=1)
+    return folder
+
+
+@cache
+def _copy(path: Path, changed_ns: int, size: int) -> Path:
+    """Return the plain copy of a file as it was when it was changed last."""
+    place = Path(tempfile.mkdtemp(dir=_folder()))
+    plain = path
+    if path.suffix == PACKED:
+        plain = place / path.stem
+        _unpack(path, plain)
+    with plain.open('rb') as stream:
+        is_sqlite = stream.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC
+    if not is_sqlite:
+        return plain
+    copy = place / f'{plain.stem}.mcap'
+    try:
+        _copy_messages(plain, copy)
+    except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
+        raise RecordingError(f'{path} is no sqlite3 recording of rosbag2: {error}') from error
+    if plain is not path:
+        plain.unlink()
+    return copy
+
+
+def _unpack(path: Path, plain: Path) -> None:
+    """Unpack a file of a size that a recording may have; of one that is cut off, its start."""
+    left = LIMITS.unpacked + LIMITS.expansion * path.stat().st_size
+    with open_regular(path) as packed, plain.open('wb') as out:
+        try:
+            for piece in zstandard.ZstdDecompressor().read_to_iter(packed):
+                left -= len(piece)
+                if left < 0:
+                    raise RecordingError(
+                        f'{path} holds more than {LIMITS.expansion} times its size'
+                    )
+                out.write(piece)
+        except zstandard.ZstdError as error:
+            raise RecordingError(f'{path} cannot be unpacked by zstd: {error}') from error
+
+
+def unpacked_message(raw: bytes) -> bytes:
+    """Return a message as it was serialized, of a recording that packs them one by one.
+
+    Raises RecordingError where it is damaged.
+    """
+    if not raw.startswith(PACKED_MESSAGE):
+        return raw
+    try:
+        with zstandard.ZstdDecompressor().stream_reader(io.BytesIO(raw)) as stream:
+            found = stream.read(LIMITS.chunk + 1)
+    except zstandard.ZstdError as error:
+        raise RecordingError(f'a message cannot be unpacked by zstd: {error}') from error
+    if len(found) > LIMITS.chunk:
+        raise RecordingError(f'a message has more than {LIMITS.chunk} bytes')
+    return bytes(found)
+
+
+def _copy_messages(database: Path, copy: Path) -> None:
+    """Write the messages of a database of rosbag2 as MCAP, in the order of their log times."""
+    source = f'{resolved(database, RecordingError).as_uri()}?mode=ro&immutable=1'
+    with closing(sqlite3.connect(source, uri=True)) as bag, copy.open('wb') as stream:
+        writer = Writer(stream, compression=CompressionType.NONE)
+        writer.start('ros2')
+        definitions = _definitions(bag)
+        channels: dict[int, int] = {}
+        schemas: dict[str, int] = {}
+        rows = bag.execute('SELECT id, name, type, serialization_format FROM topics')
+        for key, name, kind, serialization in rows:
+            if kind not in schemas:
+                encoding, text = definitions.get(kind) or ('ros2msg', _definition(kind))
+                schemas[kind] = writer.register_schema(kind, encoding, text.encode())
+            channels[key] = writer.register_channel(name, serialization, schemas[kind])
+        rows = bag.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id')
+        for key, stamp, data in rows:
+            if key in channels and 0 <= stamp < 2**63 and len(data) <= LIMITS.chunk:
+                writer.add_message(channels[key], stamp, bytes(data), stamp)
+        writer.finish()
+
+
+def _definitions(bag: sqlite3.Connection) -> dict[str, Any]:
+    """Return encoding and text of the types that the database defines, as since ROS 2 Iron."""
+    try:
+        return {
+            kind: (encoding, text)
+            for kind, encoding, text in bag.execute(
+                'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
+            )
+            if text and encoding in ('ros2msg', 'ros2idl')
+        }
+    except sqlite3.OperationalError:
+        return {}
+
+
+def _definition(kind: str) -> str:
+    """Return the definition of a type of ROS 2 Jazzy; empty for any other."""
+    known = jazzy()
+    return known.generate_msgdef(kind, ros_version=2)[0] if kind in known.fielddefs else ''

@@ -1,0 +1,110 @@
+"""Numbers that stand for "no reading" in tables of loggers and trackers: 0 and 0, -1, 9999."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.tables.columns import Column, TIME, TOGETHER
+
+# What trackers (OpenCV, AprilTag, motion capture) and loggers write where they have nothing:
+# decimal nines, minus one, and the ends of 16 and 32 bits.
+PLACEHOLDERS = (
+    0.0, -1.0, 999.0, -999.0, 9999.0, -9999.0, 99999.0, -99999.0, 32767.0, -32768.0, 65535.0,
+    2147483647.0, -2147483648.0, 4294967295.0,
+)  # fmt: skip
+NUMBERS_SHOWN = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Columns that have or lack a reading together: of a target, of the tip, or a single one.
+
+    deciding: whose numbers say so; names: all of them, which then lack it. zero: whether 0 can
+    stand for "no reading": it is what a sensor reads at rest, and where the clamp is.
+    """
+
+    label: str
+    deciding: tuple[str, ...]
+    names: tuple[str, ...]
+    zero: bool = False
+
+    def rows(self, numbers: Mapping[str, Array], value: float) -> npt.NDArray[np.bool_]:
+        """Return the rows in which this number stands in place of a reading, (rows,)."""
+        if value == 0.0 and not self.zero:
+            return np.zeros(numbers[self.names[0]].size, dtype=bool)
+        return np.asarray(np.all([numbers[name] == value for name in self.deciding], axis=0))
+
+
+def without_placeholders(
+    numbers: Mapping[str, Array], columns: Sequence[Column], missing: Collection[float]
+) -> tuple[dict[str, Array], int]:
+    """Return the columns with NaN where they hold one of these numbers, and how many readings."""
+    changed = {name: np.array(values) for name, values in numbers.items()}
+    count = 0
+    for place in places_of(columns):
+        for value in missing:
+            rows = place.rows(numbers, value)
+            count += int(np.count_nonzero(rows))
+            for name in place.names:
+                changed[name][rows] = np.nan
+    return {name: freeze(values) for name, values in changed.items()}, count
+
+
+def ask_for_placeholders(
+    path: object, numbers: Mapping[str, Array], columns: Sequence[Column], lines: Sequence[int]
+) -> None:
+    """Refuse a table with numbers that seem to mean "no reading", and say how to answer.
+
+    A placeholder is sometimes there and sometimes not. A pair of coordinates tells it by itself; a
+    single number only where it stands apart from all others of its column.
+    """
+    for place in places_of(columns):
+        found = [value for value in PLACEHOLDERS if _stands_for_nothing(place, numbers, value)]
+        if not found:
+            continue
+        rows = place.rows(numbers, found[0])
+        shown = ', '.join(f'{found[0]:.12g}' for _ in place.deciding)
+        values = ' '.join(f'{value:.12g}' for value in found[:NUMBERS_SHOWN])
+        raise RecordingError(
+            f'{path}: {place.label} is ({shown}) in {np.count_nonzero(rows)} of {len(lines)} '
+            f'rows, first in line {lines[int(np.argmax(rows))]}: where that means "no reading" '
+            f'add --missing {values}, and where it was measured add --missing none'
+        )
+
+
+def places_of(columns: Sequence[Column]) -> Iterator[Place]:
+    """Yield what has or lacks a reading together."""
+    names = {(column.quantity, column.target): column.name for column in columns}
+    for target in sorted({column.target for column in columns if column.target is not None}):
+        both = tuple(names[quantity, target] for quantity in TOGETHER)
+        yield Place(label=f'target {target}', deciding=both, names=both, zero=target != 0)
+    tip = tuple(names[name, None] for name in ('tip_x', 'tip_y') if (name, None) in names)
+    heading = tuple(names[name, None] for name in ('tip_heading',) if (name, None) in names)
+    if len(tip) == 2:
+        yield Place(label='the tip', deciding=tip, names=(*tip, *heading), zero=True)
+    for column in columns:
+        if column.target is None and column.quantity != TIME:
+            yield Place(label=column.name, deciding=(column.name,), names=(column.name,))
+
+
+def _stands_for_nothing(place: Place, numbers: Mapping[str, Array], value: float) -> bool:
+    """Whether a number seems to stand for "no reading" in these columns."""
+    rows = place.rows(numbers, value)
+    if not rows.any():
+        return False
+    known = np.all([np.isfinite(numbers[name]) for name in place.deciding], axis=0)
+    others = known & ~rows
+    if len(place.deciding) > 1:
+        return bool(others.any())
+    if np.count_nonzero(others) < 2:
+        return False
+    rest = numbers[place.deciding[0]][others]
+    low, high = float(np.min(rest)), float(np.max(rest))
+    if value == -1.0:  # too near to readings of zero to stand apart by its size
+        return bool(low >= 0.0 and rows.sum() > 1 and np.any(rest != np.round(rest)))
+    return not low - (high - low) <= value <= high + (high - low)
