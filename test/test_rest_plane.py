@@ -141,7 +141,7 @@ def test_one_bad_frame_does_not_begin_the_rest_anew():
     rest = averaged([*frames[:3], frames_at_rest(1, at=(-0.1, 0.1))[0], *frames[3:]])
     assert rest.places[0].frames == 5
     assert rest.places[0].points == pytest.approx(frames.mean(axis=0), abs=1e-15)
-    assert rest.lacks(5, SETTINGS) == ''
+    assert rest.lacks(5) == ''
 
 
 def test_only_so_many_places_are_remembered_and_the_richest_among_them():
@@ -158,19 +158,24 @@ def test_targets_may_be_missing_in_frames_of_the_rest():
     place = averaged(frames).places[0]
     assert place.seen.tolist() == [5] * 4 + [4] + [5] * 17 + [3]
     assert place.points[22] == pytest.approx(frames[[0, 1, 4], 22].mean(axis=0), abs=1e-15)
-    assert place.lacks(5, SETTINGS) == ''
+    assert place.lacks(5) == ''
 
 
 def test_what_is_missing_is_said():
     frames = frames_at_rest(5)
-    frames[1:, 22] = frames[:, 7] = np.nan
-    said = averaged(frames[:3]).lacks(5, SETTINGS)
+    frames[:, 7] = np.nan
+    said = averaged(frames[:3]).lacks(5)
     assert said == '3 of 5 frames of the arm at rest, target 7 never seen'
-    said = averaged(frames).lacks(5, SETTINGS)
-    assert said == (
-        '5 of 5 frames of the arm at rest, target 22 seen in 1 of them, 3 are needed, '
-        'target 7 never seen'
-    )
+
+
+def test_the_outermost_targets_that_are_seen_give_the_scale():
+    frames = frames_at_rest(5, noise=0.0)
+    whole = plane_at_rest(averaged(frames).places[0].points, ARCLENGTH, RestPlane())
+    frames[:, [0, 21, 22]] = np.nan
+    place = averaged(frames).places[0]
+    assert place.lacks(5) == ''
+    plane = plane_at_rest(place.points, ARCLENGTH, RestPlane())
+    assert plane.points(frames[0, 1:21]) == pytest.approx(whole.points(frames[0, 1:21]), abs=1e-12)
 
 
 def test_targets_are_recognized_where_the_arm_has_rested():

@@ -244,7 +244,7 @@ def test_an_image_of_another_size_writes_nothing(tmp_path):
 def test_frames_before_the_rest_are_tracked_by_it(tmp_path):
     path = write_messages(tmp_path / 'in.mcap', film(SHOWN[::-1]))
     stream, looked = open_images(path, SourceRequest()), []
-    start, sentence = look_ahead(stream, TRACKER, lambda: looked.append(1))
+    start, sentence = look_ahead(stream, TRACKER, looked.append)
     assert len(looked) == FRAMES
     assert f'up to number {FRAMES}' in sentence
     steps = list(track_steps(stream, TRACKER, start=start))
@@ -260,7 +260,7 @@ def test_frames_before_the_rest_are_tracked_by_it(tmp_path):
 
 
 def test_a_recording_that_begins_at_rest_is_tracked_as_live(source):
-    start, sentence = look_ahead(open_images(source, SourceRequest()), TRACKER, lambda: None)
+    start, sentence = look_ahead(open_images(source, SourceRequest()), TRACKER, lambda step: None)
     assert sentence == ''
     assert start.plane is None
 
@@ -268,7 +268,7 @@ def test_a_recording_that_begins_at_rest_is_tracked_as_live(source):
 def test_a_recording_without_rest_says_what_is_missing(tmp_path):
     path = write_messages(tmp_path / 'in.mcap', film(SHOWN[: REST - 2]))
     stream = open_images(path, SourceRequest())
-    start, sentence = look_ahead(stream, TRACKER, lambda: None)
+    start, sentence = look_ahead(stream, TRACKER, lambda step: None)
     assert (start.plane, sentence) == (None, '')
     tally = TrackTally(targets=TARGETS)
     for step in track_steps(stream, TRACKER, start=start):

@@ -44,6 +44,7 @@ def summary_of(
         'worst_smoothing_rms': unit.per_meter * tally.worst_rms,
         'scale': unit.per_meter * tally.scale,
         'last_sentences': tally.sentences,
+        'main_sentence': tally.main_sentence,
     }
 
 
@@ -81,9 +82,12 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
     seconds, rate = summary['seconds'], summary['frames_per_second']
     table.add_row('took', f'{seconds:.2f} s, at {rate:.0f} frames/s')
     print_table(console, table)
-    last = [f'last {reason}: {text}' for reason, text in summary['last_sentences'].items()]
-    for sentence in [*summary['sentences'], *last]:
+    for sentence in summary['sentences']:
         console.print(f'note: {sentence}')
+    if summary['main_sentence']:
+        console.print(f'frames without targets: {summary["main_sentence"]}')
+    if not explained and not summary['preview']:
+        console.print('--preview FILE.png shows what was found in these frames.')
     written = [summary[name] for name in ('output', 'table', 'preview') if summary[name]]
     for path in written:
         console.print(f'wrote {path}')

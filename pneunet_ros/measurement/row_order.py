@@ -60,6 +60,26 @@ def numbered_from_tip(
     return first > settings.turns and first > settings.times * last
 
 
+def first_target_moves(
+    points: Array, arclength: Array, settings: RowOrderSettings = ROW_ORDER
+) -> bool:
+    """Whether the first target (frames, 2, targets) m moves while the last one rests.
+
+    Of an arm that was measured by a camera that stands still, from its free end.
+    """
+    ways = []
+    for end in (0, -1):
+        places = points[:, :, end]
+        places = places[np.isfinite(places[:, 0])]
+        if len(places) < settings.fewest_frames:
+            return False
+        low, high = np.quantile(places, (0.05, 0.95), axis=0)
+        ways.append(float(np.hypot(*(high - low))))
+    first, last = ways
+    length = float(arclength[-1] - arclength[0])
+    return first > settings.at_clamp * length + arclength[0] and first > settings.times * last
+
+
 def end_turns(
     points: Array, arclength: Array, settings: RowOrderSettings = ROW_ORDER
 ) -> tuple[float, float] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
 
 import numpy as np
@@ -12,7 +12,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import CameraError, PneunetError, RecordingError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.measurement.row_order import numbered_from_tip
+from pneunet_ros.measurement.row_order import first_target_moves, numbered_from_tip
 from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.messages.tracker import outputs_of, TRACKER_OUTPUTS
@@ -22,10 +22,10 @@ from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recording_writer import RecordingWriter
 from pneunet_ros.vision.camera.camera_model import Lens
 from pneunet_ros.vision.rest_plane import RESTING, UPRIGHT
+from pneunet_ros.vision.row_tracker import CAUSES
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 
-# Of a row from its other end: so many times as many frames, and so many beyond that. Invented.
-TIMES_EXPLAINED, FEWEST_EXPLAINED = 2, 10
+OFTEN = 0.03  # share of the frames in which a target is missing, from which on it is said
 UPRIGHT_FRAMES = 30  # frames of an upright arm alone, after which all others are like them
 
 
@@ -43,14 +43,14 @@ class TrackStep:
 
 
 def look_ahead(
-    stream: ImageStream, tracker: Tracker, on_frame: Callable[[], None]
+    stream: ImageStream, tracker: Tracker, on_frame: Callable[[TrackStep], None]
 ) -> tuple[TrackerState, str]:
     """Return what the tracker begins with, and a sentence where that is not nothing.
 
     A recording that begins with the arm bent or hidden gets scale and base frame from the frames
     further on in which the arm rests; one that begins at rest is tracked as it would be live, and
-    so is one whose camera_info changes or whose stamps jump before the rest. `on_frame` is called
-    for each frame that was looked at. Raises CameraError where the arm is upright from the
+    so is one whose camera_info changes or whose stamps jump before the rest. `on_frame` sees
+    each frame that was looked at. Raises CameraError where the arm is upright from the
     beginning, and nothing says which end is the clamp.
     """
     state, frames, first = TrackerState(), 0, ''
@@ -59,8 +59,9 @@ def look_ahead(
             state, outcome = tracker.step(state, item.reading)
             if outcome is not None:
                 frames += 1
-                on_frame()
-                first = first or outcome.sentence  # of the arm at rest, which may move later
+                on_frame(TrackStep(item=item, frame=True, outcome=outcome, state=state))
+                if outcome.reason != RESTING:
+                    first = first or outcome.sentence  # of the arm at rest, which may move later
                 if frames == UPRIGHT_FRAMES == state.unexplained.get(UPRIGHT):
                     raise CameraError(f'{first} (track: --clamp-pixel U V)')
         if state.plane is not None or state.resets:
@@ -68,9 +69,10 @@ def look_ahead(
     at_once = sum(state.unexplained.values()) < tracker.settings.rest_frames
     if state.plane is None or state.resets or at_once:
         return TrackerState(), ''
-    return TrackerState(plane=state.plane), (
-        'the images do not begin with the arm at rest: scale and base frame come from frames up '
-        f'to number {frames}, and those before are tracked by them, too'
+    missed = sum(state.unexplained.values()) - state.unexplained.get(RESTING, 0)
+    return TrackerState(plane=state.plane, rest=state.rest), (
+        f'scale and base frame come from frames up to number {frames}, of which {missed} do not '
+        f'show the arm at rest: {first}'
     )
 
 
@@ -149,7 +151,8 @@ class TrackTally:
     """What tracking came to, counted step by step; a frame counts once, under one reason or none.
 
     `seen` (targets,) counts the explained frames in which a target was seen; `sentences` holds the
-    last sentence of each reason. points: (2, targets) m of each explained frame; last_pixel: where
+    last sentence of each reason; `causes` counts why (a key of CAUSES) a target was not seen.
+    points: (2, targets) m of each explained frame; last_pixel: where
     the last target was seen first.
     """
 
@@ -160,6 +163,7 @@ class TrackTally:
     curves: int = 0
     worst_rms: float = 0.0
     reasons: Counter[str] = field(default_factory=Counter)
+    causes: Counter[tuple[str, int]] = field(default_factory=Counter)
     sentences: dict[str, str] = field(default_factory=dict)
     seen: Array = field(init=False)
     last_pixel: tuple[float, float] | None = None
@@ -187,6 +191,7 @@ class TrackTally:
 
     def _count_explained(self, outcome: Tracking) -> None:
         self.explained += 1
+        self.causes.update((it.cause, target) for target, it in outcome.missing.items())
         found = outcome.sightings
         self.seen += np.isfinite(found.x)
         self.points.append(np.stack([found.x, found.y]))
@@ -207,6 +212,28 @@ class TrackTally:
         return self.explained - self.seen
 
     @property
+    def main_sentence(self) -> str:
+        """What most of the frames say that were not tracked, of one cause alone."""
+        others = Counter({it: many for it, many in self.reasons.items() if it != RESTING})
+        counted = others or (Counter() if self.explained else self.reasons)
+        return self.sentences[counted.most_common(1)[0][0]] if counted else ''
+
+    @property
+    def notes(self) -> list[str]:
+        """Say of targets that are missing in more than OFTEN of the frames why that is so."""
+        often = np.flatnonzero(self.missing > OFTEN * self.explained)
+        mostly: dict[str, list[int]] = {}
+        for target in often.tolist():
+            cause = max(CAUSES, key=lambda cause: self.causes[cause, target])
+            mostly.setdefault(cause, []).append(target)
+        return [
+            f'target {", ".join(map(str, targets))} not seen in up to '
+            f'{self.missing[targets].max():.0f} of {self.explained} frames: {CAUSES[cause]} '
+            '(--preview shows where)'
+            for cause, targets in mostly.items()
+        ]
+
+    @property
     def scale(self) -> float:
         """Meters per pixel along the arm, on average; NaN where nothing was seen."""
         return self._meters / self._pixels if self._pixels > 0.0 else math.nan
@@ -217,16 +244,17 @@ class TrackTally:
         return math.sqrt(self._squares / self.curves) if self.curves else math.nan
 
 
-def check_row_order(stream: ImageStream, tracker: Tracker, tally: TrackTally) -> None:
+def check_row_order(tracker: Tracker, tally: TrackTally) -> None:
     """Raise CameraError where the arm was tracked from its free end to the clamp.
 
-    The row is then lost as soon as the arm moves, and followed from its other end it is not; or
-    its first targets turn, as the free end does.
+    Then its first targets turn, as the free end does, or move while the last ones rest.
     """
     if not tally.points or tally.last_pixel is None:
         return
-    backwards = numbered_from_tip(np.array(tally.points), tracker.arm.target_arclength)
-    if not backwards and not _followed_from_other_end(stream, tracker, tally):
+    points, arclength = np.array(tally.points), tracker.arm.target_arclength
+    known = tracker.settings.clamp_pixel is not None
+    moves = first_target_moves(points, arclength) or 'wrong_clamp' in tally.reasons
+    if not numbered_from_tip(points, arclength) and (known or not moves):
         return
     u, v = tally.last_pixel
     raise CameraError(
@@ -234,19 +262,3 @@ def check_row_order(stream: ImageStream, tracker: Tracker, tally: TrackTally) ->
         f'picture: say where the target at the clamp is at rest, about [{u:.0f}, {v:.0f}]: '
         f'--clamp-pixel {u:.0f} {v:.0f}, or clamp_pixel in the camera file'
     )
-
-
-def _followed_from_other_end(stream: ImageStream, tracker: Tracker, tally: TrackTally) -> bool:
-    """Whether far more frames show the row where it begins at the last target."""
-    if tracker.settings.clamp_pixel is not None or 2 * tally.explained > tally.frames:
-        return False
-    settings = replace(tracker.settings, clamp_pixel=tally.last_pixel)
-    other = Tracker(arm=tracker.arm, settings=settings)
-    start, _ = look_ahead(stream, other, lambda: None)
-    explained = 0
-    for step in track_steps(stream, other, start=start):
-        outcome = step.outcome
-        explained += isinstance(outcome, Tracking) and not outcome.reason
-        if explained > TIMES_EXPLAINED * tally.explained + FEWEST_EXPLAINED:
-            return True
-    return False

@@ -36,8 +36,11 @@ class BeamSearchSettings:
     gap_along: float = tuning(0.1, 'of what a gap bends: further off along the row')
     bend: float = tuning(0.08, 'further off after a gap', unit='spacing x (gap^2 - 1)')
     stretch: float = tuning(0.25, 'longest and shortest spacing of a stretched arm, off 1')
-    larger: float = tuning(0.9, 'difference of logarithmic areas in a row, at most')
-    size_std: float = tuning(0.35, 'one sigma of that')
+    size_std: float = tuning(0.35, 'difference of logarithmic areas in a row, one sigma')
+    odd: float = tuning(
+        2.0, 'the same, beyond which it costs no more', unit='sigma',
+        source='convention: 5 % of what is normal; cheaper than a target that is missing',
+    )  # fmt: skip
     memory: float = tuning(0.7, 'weight of the row so far in its spacing and its size')
     missing: float = tuning(9.0, 'cost of a target that is not seen')
     dearest: float = tuning(0.2, 'share of targets missing in a row found anywhere, at most')
@@ -131,15 +134,14 @@ def _ways_on(
     at_x, at_y, cosine, sine = _expected(known.T, ahead)
     reach = unit * (search.along + search.across + bend)
     row, blob = _near(blobs, at_x, at_y, np.where(gap <= longest_gap, reach, -1.0))
-    size = known[row, SIZE]
-    larger = np.where(np.isnan(size), 0.0, blobs.sizes[blob] - size)
+    differs = _size_difference(blobs.sizes[blob], known[row, SIZE], search)
     cost = _misfit(
         (blobs.x[blob] - at_x[row]) / unit[row],
         (blobs.y[blob] - at_y[row]) / unit[row],
         cosine[row],
         sine[row],
         bend[row],
-        larger,
+        differs,
         search,
     )
     fits = np.flatnonzero(cost < math.inf)
@@ -222,7 +224,9 @@ def _taken(
     row[SCALE] = np.where(goes, scale, row[SCALE])
     sized = search.memory * row[SIZE] + (1.0 - search.memory) * size
     row[X], row[Y], row[LAST] = x, y, target
-    row[SIZE] = np.where(np.isnan(row[SIZE]), size, sized)
+    # Which of two that differ is the odd one shows from there on.
+    anew = np.isnan(row[SIZE]) | (_size_difference(size, row[SIZE], search) > search.odd)
+    row[SIZE] = np.where(anew, size, sized)
     known[seen] = row.T
     return Rows(known, chosen, start)
 
@@ -244,26 +248,28 @@ def _misfit(
     cosine: Array,
     sine: Array,
     bend: Array,
-    larger: Array,
+    differs: Array,
     search: BeamSearchSettings,
 ) -> Array:
-    """Cost of blobs that are off by so much (spacings) and larger in logarithm; inf if too far.
+    """Cost of blobs that are off by so much (spacings) and in size (sigma); inf if too far.
 
-    bend: how much further across the gap they may be.
+    bend: how much further across the gap they may be. A difference in size costs no more than
+    `odd` sigma do, as one target may be far larger (a truncated square).
     """
     along = np.abs(off_x * cosine + off_y * sine)
     across = np.abs(off_y * cosine - off_x * sine)
-    far = (
-        (along > search.along + search.gap_along * bend)
-        | (across > search.across + bend)
-        | (np.abs(larger) > search.larger)
-    )
+    far = (along > search.along + search.gap_along * bend) | (across > search.across + bend)
     cost = (
         (along / search.along_std) ** 2
         + (across / (search.across_std + bend)) ** 2
-        + (larger / search.size_std) ** 2
+        + np.minimum(differs, search.odd) ** 2
     )
     return np.where(far, math.inf, cost)
+
+
+def _size_difference(size: Array, usual: Array, search: BeamSearchSettings) -> Array:
+    """Return how far logarithmic areas are off the usual one, sigma; 0 where none is known."""
+    return np.asarray(np.where(np.isnan(usual), 0.0, np.abs(size - usual) / search.size_std))
 
 
 def truncate_row(
@@ -341,7 +347,8 @@ def continues_beyond(
     at_x, at_y, cosine, sine = _expected(row, np.array([spacing]))
     unit = float(row[SCALE, 0]) * spacing
     off_x, off_y = (x - at_x) / unit, (y - at_y) / unit
-    cost = _misfit(off_x, off_y, cosine, sine, np.zeros(1), sizes - sizes[b], search)
+    differs = np.abs(sizes - sizes[b]) / search.size_std
+    cost = _misfit(off_x, off_y, cosine, sine, np.zeros(1), differs, search)
     cost[b] = math.inf
     return bool((cost < search.alike).any())
 

@@ -282,7 +282,7 @@ def consistent_size(
     """
     size = area / usual
     one = np.ones_like(area)
-    alike, longer = size / _local_median(size, one), elongation / _local_median(elongation, one)
+    alike, longer = size / local_median(size, one), elongation / local_median(elongation, one)
     return np.asarray(
         (size >= gating.smallest)
         & (size <= gating.largest)
@@ -292,7 +292,7 @@ def consistent_size(
     )
 
 
-def _local_median(values: Array, of_few: Array) -> Array:
+def local_median(values: Array, of_few: Array) -> Array:
     """Return the median of a value and its three neighbors on either side, (n,); NaN is none.
 
     of_few (n,): what is returned where fewer than three are known.
@@ -314,7 +314,7 @@ def initial_area(area: Array, whole: Mask, gating: GatingSettings = GATING) -> A
     """
     known = np.isfinite(area)
     of_few = np.full(area.size, np.median(area[known]) if known.any() else math.nan)
-    middle = _local_median(area, of_few)
+    middle = local_median(area, of_few)
     first: Array = np.clip(area, middle / gating.largest_growth, gating.first_growth * middle)
     first = np.where(whole, area, first)
     return np.where(known, first, middle)

@@ -17,6 +17,7 @@ from pneunet_ros.vision.tracker import Tracking
 
 # Blue, green, red.
 SEEN, CURVE, GOOD, BAD, SHADE = (60, 160, 255), (80, 220, 80), (255, 255, 255), (80, 80, 255), 0.45
+AREA = 6.0  # px, radius of a ring around an area, where lines are one pixel wide
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 REFERENCE_HEIGHT = 480  # px of an image in which lines are one pixel wide
 SUBPIXEL_BITS = 4
@@ -37,6 +38,7 @@ def draw(image: Image, tracking: Tracking, curve: Array | None = None) -> Bytes:
             picture, [points], False, CURVE, round(size), cv2.LINE_AA, shift=SUBPIXEL_BITS
         )
     _mark_targets(picture, tracking.sightings, size)
+    _mark_others(picture, tracking, size)
     _write(picture, headline(tracking), GOOD if not tracking.reason else BAD, size)
     return np.asarray(picture, np.uint8)
 
@@ -81,6 +83,20 @@ def _mark_targets(picture: Any, sightings: TargetSightings, size: float) -> None
             length = max(float(np.hypot(along_u, along_v)), 1e-9)
             place = u - along_v / length * away, v + along_u / length * away
             _text(picture, str(target), place, 0.4 * size, SEEN, centered=True)
+
+
+def _mark_others(picture: Any, tracking: Tracking, size: float) -> None:
+    """Mark the areas of a frame without a row, and the places of targets that are missing."""
+    radius = round(AREA * size * 2**SUBPIXEL_BITS)
+    for u, v in _fixed(tracking.found).tolist():
+        cv2.circle(picture, (u, v), radius, BAD, round(size), cv2.LINE_AA, SUBPIXEL_BITS)
+    for target, missing in tracking.missing.items():
+        if abs(missing.u) < 1e5 and abs(missing.v) < 1e5:
+            place = round(missing.u), round(missing.v)
+            side = round(2.0 * AREA * size)
+            cv2.drawMarker(picture, place, BAD, cv2.MARKER_TILTED_CROSS, side, round(size))
+            beside = missing.u, missing.v + 3.0 * AREA * size
+            _text(picture, f'{target}: {missing.cause}', beside, 0.4 * size, BAD, centered=True)
 
 
 def _write(picture: Any, text: str, color: tuple[int, int, int], size: float) -> None:

@@ -6,7 +6,7 @@ and spacing of the targets and nothing more, as neither its place nor its scale 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import math
 
 import numpy as np
@@ -51,15 +51,11 @@ class RestAverage:
         average = before + moved / np.maximum(seen, 1)[:, None]
         return RestAverage(frames=self.frames + 1, points=freeze(average), seen=seen)
 
-    def lacks(self, wanted: int, settings: RestPlaneSettings) -> str:
+    def lacks(self, wanted: int) -> str:
         """Say what is missing to an average of so many frames; empty where nothing is."""
-        least = math.ceil(settings.ends * wanted)
-        rare = [end for end in (0, len(self.seen) - 1) if self.seen[end] < least]
-        if self.frames >= wanted and not rare:
+        if self.frames >= wanted:
             return ''
         words = [f'{self.frames} of {wanted} frames of the arm at rest']
-        for end in rare if self.frames >= wanted else ():
-            words.append(f'target {end} seen in {self.seen[end]} of them, {least} are needed')
         words += [f'target {target} never seen' for target in np.flatnonzero(self.seen == 0)]
         return ', '.join(words)
 
@@ -78,9 +74,9 @@ class RestSearch:
         """The frames of the place of which there are most."""
         return max((place.frames for place in self.places), default=0)
 
-    def lacks(self, wanted: int, settings: RestPlaneSettings) -> str:
+    def lacks(self, wanted: int) -> str:
         """Say what is missing to the latest place; empty where nothing is, or none is known."""
-        return self.places[0].lacks(wanted, settings) if self.places else ''
+        return self.places[0].lacks(wanted) if self.places else ''
 
     def with_frame(
         self, points: Array, spacing: float, settings: RestPlaneSettings = VISION.rest_plane
@@ -121,13 +117,13 @@ class RestSearch:
 def plane_at_rest(points: Array, arclength: Array, method: PlaneMethod) -> Plane:
     """Return the working plane of an arm at rest: targets (n, 2) normalized, arclength (n,) m.
 
-    The first and the last must be there. A straight arm tells by its ends; one that is bent
-    even at rest by its length along the arc, and by its heading at the clamp.
+    A straight arm tells by the outermost targets that are seen; one that is bent even at rest by
+    its length along the arc between them, and by its heading at the clamp.
     """
-    first, last = points[0], points[-1]
-    if isinstance(method, CurvedRestPlane):
-        last = _unrolled(points, arclength)
-    return plane_from_rest(first, last, float(arclength[0]), float(arclength[-1]))
+    seen = np.flatnonzero(np.isfinite(points[:, 0]))
+    points, arclength = points[seen], arclength[seen]
+    last = _unrolled(points, arclength) if isinstance(method, CurvedRestPlane) else points[-1]
+    return plane_from_rest(points[0], last, float(arclength[0]), float(arclength[-1]))
 
 
 def _unrolled(points: Array, arclength: Array) -> Array:
@@ -136,8 +132,7 @@ def _unrolled(points: Array, arclength: Array) -> Array:
     The length is that of the arcs between neighbors. The heading at the first target comes from
     the headings of the first chords, each that of the arm in its middle, by a parabola.
     """
-    seen = np.flatnonzero(np.isfinite(points[:, 0]))
-    steps, places = np.diff(points[seen], axis=0), arclength[seen]
+    steps, places = np.diff(points, axis=0), arclength
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     middle = 0.5 * (places[1:] + places[:-1])
     turn = np.gradient(heading, middle) * np.diff(places)
@@ -156,12 +151,17 @@ def spacing_of(points: Array, arclength: Array) -> float:
     return float(np.median(steps / np.diff(arclength[seen])) * np.diff(arclength).min())
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Failure:
-    """Why a frame does not show the arm: a key for counting, a sentence for a person."""
+    """Why a frame does not show the arm: a key for counting, a sentence for a person.
+
+    seen: how many targets stand in a row all the same; found (areas, 2) px: what was looked at.
+    """
 
     reason: str
     sentence: str
+    seen: int = 0
+    found: Array = field(default_factory=lambda: np.empty((0, 2)))
 
 
 def row_at_rest(
@@ -185,8 +185,7 @@ def row_at_rest(
         return Failure(
             reason='no_row',
             sentence=f'no row of {count} targets at their distances among {len(points)} '
-            'areas: is the whole arm in view, straight, are its targets alike in size, and are '
-            'target_arclength, grey_band and area right?',
+            'areas: is the whole arm in view, and are target_arclength, grey_band and area right?',
         )
     if clamp_pixel is not None:
         rows = _rows_from(clamp_pixel, rows, pixels, vision)
@@ -205,12 +204,19 @@ def row_at_rest(
         )
     if clamp_pixel is None:
         best = min(rows, key=lambda row: float(pixels[row.chosen[0], 0]))
+        at = [[round(float(it)) for it in pixels[end]] for end in best.chosen[[0, -1]]]
         if _is_upright(best, rows, pixels, vision):
-            ends = ' or '.join(f'[{u:.0f}, {v:.0f}]' for u, v in pixels[best.chosen[[0, -1]]])
             return Failure(
                 reason=UPRIGHT,
                 sentence=f'the row of {count} targets is upright, and none of its ends is the '
-                f'left one: give clamp_pixel in the camera file, {ends}',
+                f'left one: give clamp_pixel in the camera file, {at[0]} or {at[1]}',
+            )
+        if at[1][0] < at[0][0]:
+            return Failure(
+                reason='wrong_clamp',
+                sentence=f'the distances of the {count} targets are those of target_arclength '
+                f'from the right end {at[0]} alone, but the clamp is taken to be at the left: '
+                f'give clamp_pixel in the camera file, {at[0]} if the clamp is there',
             )
     off = bow(points[best.chosen[best.chosen >= 0]])
     if off > straightness:

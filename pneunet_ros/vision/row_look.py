@@ -38,6 +38,7 @@ from pneunet_ros.vision.dots.ellipse_fit import (
     WIDTH,
     WIDTH_STD,
 )
+from pneunet_ros.vision.gating import GATING, GatingSettings, local_median
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +49,17 @@ class RowLookSettings:
     fewest: int = tuning(3, 'of them')
     exact: float = tuning(
         0.94, 'share of the edge on the outline, of a whole blob', source='measured'
+    )
+    own_size: float = tuning(
+        0.75,
+        'share of the edge near the outline, of one that is larger than its neighbors',
+        source='a tip that the end of the arm cuts at 0.7 radii from its center',
+    )
+    own_std: float = tuning(
+        0.05,
+        'one that is larger and cut off looks smaller by this, give or take as much',
+        unit='radius',
+        source='measured: 0.04 of a tip that the end of the arm cuts at 0.8 radii',
     )
     unclear: float = tuning(
         3.0,
@@ -204,6 +216,26 @@ def has_whole_edge(table: Array, settings: RowLookSettings = ROW_LOOK) -> Mask:
     usual = np.median(error[known]) if known.any() else math.nan
     most = settings.unclear * usual + _error_along(table, settings)
     return np.asarray((table[:, EXACT] >= settings.exact) & (error <= most))
+
+
+def shows_own_size(
+    table: Array, settings: RowLookSettings = ROW_LOOK, gating: GatingSettings = GATING
+) -> Mask:
+    """Whether targets (targets, COLUMNS) show how large they are, whatever their neighbors are.
+
+    Those are whole, or larger than their neighbors by most of their edge.
+    """
+    large = is_larger(table[:, AREA], gating) & (table[:, SEEN] >= settings.own_size)
+    return has_whole_edge(table, settings) | large
+
+
+def is_larger(area: Array, gating: GatingSettings = GATING) -> Mask:
+    """Whether targets of these areas (targets,) are larger than their neighbors.
+
+    What cuts a target off never makes it larger.
+    """
+    usual = local_median(area, np.full(len(area), math.inf))
+    return np.asarray(area > gating.first_growth * usual)
 
 
 def _error_along(table: Array, settings: RowLookSettings) -> Array:

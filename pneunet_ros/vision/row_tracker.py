@@ -40,6 +40,7 @@ from pneunet_ros.vision.dots.ellipse_fit import (
     AXIS_YY,
     CENTER_U,
     CENTER_V,
+    SIZE_STD,
     SMEAR_U,
     SMEAR_V,
 )
@@ -72,12 +73,26 @@ from pneunet_ros.vision.rest_plane import (
 from pneunet_ros.vision.row_look import (
     believable_parts,
     has_whole_edge,
+    is_larger,
     looks_of_neighbors,
     part_stds,
     share_of_area,
+    shows_own_size,
     whole_targets,
 )
 from pneunet_ros.vision.settings import VisionSettings
+
+# Why a target of a row that was found is not seen, as a person reads it after "target N: ".
+CAUSES = {
+    'no_dot': 'nothing at its place looks like a dot: it is covered, out of focus, out of the '
+    'picture, or stands out too little (grey_band, area)',
+    'size': 'the dot at its place is not as large as it was: it is partly covered, or a glint '
+    'touches it',
+    'motion': 'what is at its place does not move as its neighbors do: it is partly covered, or '
+    'a glint is beside it',
+    'place': 'what is near its place is off the row: is its entry in target_arclength right?',
+    'part': 'too little of its edge is seen to know its center',
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,7 +102,7 @@ class TrackedRow:
     pixels (targets, 2): where each target was, or must have been; velocity (targets, 2) px/s;
     area (targets,): how large each is to be expected, px^2; table (targets, columns): how each
     looked when it was last seen, NaN of one that never was; seen (targets,): whether it was;
-    sized (targets,): whether its area is its own, as it was whole when the row was found;
+    sized (targets,): whether its area is its own, as it has shown it;
     spacing: distance of neighbors, px; exposure: how long the shutter seems to be open, s,
     0 where nothing is known of it.
     """
@@ -128,13 +143,20 @@ class ObservedRow:
     """The targets in a frame, NaN where one is not seen.
 
     table (targets, columns): what was measured in the image, in the columns of `centroid`;
-    points (targets, 2) m in base; std (targets,) m; seen: how many are.
+    points (targets, 2) m in base; std (targets,) m; seen: how many are; causes (targets,): why
+    each is not seen, empty where it is.
     """
 
     table: Array
     points: Array
     std: Array
     seen: int
+    causes: tuple[str, ...]
+
+    @property
+    def missing(self) -> dict[int, str]:
+        """Targets that are not seen, and why: a key of CAUSES."""
+        return {target: cause for target, cause in enumerate(self.causes) if cause}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -162,23 +184,25 @@ def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] |
     predicted = last.predict(view.image.stamp_ns, settings.longest_prediction)
     table = blobs_at(view.image, last.outlines(predicted, vision), view.appearance)
     table = with_nearest(view, table, predicted, view.settings.gate * last.spacing)
-    row = gate_row(view, table, last.area, last)
+    # Of a target whose size nobody has seen yet, it is what its whole edge says.
+    shown = shows_own_size(table, vision.row_look, vision.gating) & ~last.sized
+    usual = np.where(shown, table[:, AREA], last.area)
+    row = gate_row(view, table, usual, last)
     for _ in range(settings.most_passes):
         if row.seen == count or row.seen < 2:
             break
         places = expected_pixels(view, row.points)
         table = with_nearest(view, row.table, places, settings.reach_again * last.spacing)
-        more = gate_row(view, table, last.area, last)
+        more = gate_row(view, table, usual, last, causes=row.causes)
         if more.seen <= row.seen:
             break
         row = more
     for _ in range(settings.most_passes):
-        before, row = row.seen, with_partial(view, row, last.area, last)
+        before, row = row.seen, with_partial(view, row, usual, last.sized, last)
         if row.seen == count or row.seen <= before:
             break
         # What was found tells better where those beyond it are.
-    least = min(count, vision.association.least_followed)
-    if row.seen < least or not is_at_clamp(view, row.points):
+    if row.seen < min(count, vision.association.least_followed):
         return None
     return row, next_row(view, row, last)
 
@@ -197,18 +221,21 @@ def with_nearest(view: View, table: Array, places: Array, reach: float) -> Array
 
 
 def with_partial(
-    view: View, row: ObservedRow, usual: Array, last: TrackedRow | None = None
+    view: View, row: ObservedRow, usual: Array, sized: Mask, last: TrackedRow | None = None
 ) -> ObservedRow:
     """Return a row with the targets of which a part is seen, where their neighbors tell the rest.
 
-    Arguments as of `gate_row`.
+    sized (targets,): whose usual area is their own; other arguments as of `gate_row`.
     """
     settings = view.vision.row_look
     if row.seen <= settings.fewest:
         return row
     starts = _places_by_neighbors(view, row, last)
-    own = np.full(len(usual), np.nan) if last is None else np.where(last.sized, usual, np.nan)
+    large = is_larger(usual, view.vision.gating) & ~sized
+    own = np.where(sized | large, usual, np.nan)
     expected = looks_of_neighbors(row.table, starts[0], own, settings)
+    expected[large, SIZE_STD] = settings.own_std
+    expected[large, AXIS_XX : AXIS_YY + 1] *= 1.0 + settings.own_std
     share = share_of_area(row.table, expected)
     partial = ~whole_targets(row.table, expected, settings)
     same = has_whole_edge(row.table, settings) & (
@@ -238,7 +265,8 @@ def with_partial(
         return row
     table = np.where(believed[:, None], found, row.table)
     table[other] = np.nan
-    return gate_row(view, table, usual, last, believed)
+    causes = tuple(np.where(other, 'part', row.causes).tolist())
+    return gate_row(view, table, usual, last, believed, causes)
 
 
 def _parts_at(
@@ -396,13 +424,16 @@ def _are_on_row(view: View, row: ObservedRow, found: Array, doubtful: Mask) -> M
 def search_row(view: View) -> ObservedRow | Failure:
     """Find the row that starts at the clamp among all blobs of the frame."""
     blobs = candidate_blobs(view)
-    return blobs if isinstance(blobs, Failure) else row_among(view, blobs)
+    if isinstance(blobs, Failure):
+        return blobs
+    found = row_among(view, blobs)
+    return replace(found, found=blobs.centers) if isinstance(found, Failure) else found
 
 
 def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
     """Find the row that starts at the clamp among these blobs."""
     vision = view.vision
-    points = view.plane.points(view.lens.undistort(np.column_stack([blobs.u, blobs.v])))
+    points = view.plane.points(view.lens.undistort(blobs.centers))
     usable = np.flatnonzero(np.isfinite(points[:, 0]))
     row = row_from_clamp(
         points[usable], blobs.area[usable], view.arclength, view.clamp_angle, vision.beam_search
@@ -411,11 +442,14 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
     least = least_seen(targets, vision.association)
     table, chosen = np.full((targets, COLUMNS), np.nan), row.chosen >= 0
     table[chosen] = blobs.table.T[usable[row.chosen[chosen]]]
-    usual = initial_area(table[:, AREA], has_whole_edge(table, vision.row_look), vision.gating)
-    found = with_partial(view, gate_row(view, table, usual), usual)
+    shown = shows_own_size(table, vision.row_look, vision.gating)
+    usual = initial_area(table[:, AREA], shown, vision.gating)
+    sized = has_whole_edge(table, vision.row_look)
+    found = with_partial(view, gate_row(view, table, usual), usual, sized)
     if found.seen < least or not is_at_clamp(view, found.points):
         return Failure(
             reason='no_row',
+            seen=found.seen,
             sentence=f'only {found.seen} of {targets} targets stand in a row from the clamp, '
             f'among {len(blobs)} areas; {least} are needed: is the arm covered, or has '
             'the camera moved?',
@@ -432,9 +466,12 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     blobs = candidate_blobs(view)
     if isinstance(blobs, Failure):
         return blobs
-    points = view.lens.undistort(np.column_stack([blobs.u, blobs.v]))
+    points = view.lens.undistort(blobs.centers)
     found = _search_anew(view, blobs, points)
-    if not isinstance(found, Failure) or found.reason != 'no_row':
+    if not isinstance(found, Failure):
+        return found
+    found = replace(found, found=blobs.centers)
+    if found.reason != 'no_row':
         return found
     seen = points[np.isfinite(points[:, 0])]
     again = rest.recognize(seen, view.arclength, view.vision.rest_plane)
@@ -462,22 +499,34 @@ def _search_anew(view: View, blobs: Blobs, points: Array) -> Array | Failure:
     found = row_among(replace(view, plane=plane), blobs)
     if isinstance(found, Failure):
         return found
-    if isinstance(whole, Failure) and np.isnan(found.std[-1]):
+    ambiguous = isinstance(whole, Failure) and np.isnan(found.std[-1])
+    if ambiguous and not _begins_at_clamp_pixel(view, found):
         return Failure(
             reason='no_row',
-            sentence=f'a row of {arclength.size - 1} targets begins at the clamp, but '
-            f'{arclength.size} are needed: target {arclength.size - 1} is not seen',
+            seen=found.seen,
+            sentence=f'only {arclength.size - 1} of {arclength.size} targets are seen, and their '
+            f'distances do not tell whether target 0 or target {arclength.size - 1} is missing: '
+            'give clamp_pixel (--clamp-pixel U V) to within half of their spacing. Does one of '
+            'them stand out too little (contrast, focus), or lie half beyond the end of the arm?',
         )
     again = view.lens.undistort(found.table[:, :2])
     same = np.count_nonzero((again[: len(at_rest)] == at_rest).all(axis=1))
     if same < vision.rest_plane.seen * arclength.size:
         return Failure(
             reason='no_row',
+            seen=int(same),
             sentence=f'of the row of {arclength.size} targets at rest only {same} are found '
-            'again from its clamp: are their places those of target_arclength, and their sizes '
-            'like those of their neighbors?',
+            'again from its clamp: are their places those of target_arclength?',
         )
     return again
+
+
+def _begins_at_clamp_pixel(view: View, row: ObservedRow) -> bool:
+    """Whether clamp_pixel says beyond doubt which target the first one of a row is."""
+    if view.settings.clamp_pixel is None:
+        return False
+    spacing = float(np.nanmedian(np.hypot(*np.diff(row.table[:, :2], axis=0).T)))
+    return math.hypot(*(row.table[0, :2] - view.settings.clamp_pixel)) < 0.5 * spacing
 
 
 def _row_at_rest(view: View, blobs: Blobs, points: Array, arclength: Array) -> Array | Failure:
@@ -488,7 +537,7 @@ def _row_at_rest(view: View, blobs: Blobs, points: Array, arclength: Array) -> A
     settings, usable = view.settings, np.isfinite(points[:, 0])
     row = row_at_rest(
         points[usable],
-        np.column_stack([blobs.u, blobs.v])[usable],
+        blobs.centers[usable],
         blobs.area[usable],
         arclength,
         settings.clamp_pixel,
@@ -512,15 +561,15 @@ def candidate_blobs(view: View) -> Blobs | Failure:
 
 def start_row(view: View, row: ObservedRow) -> TrackedRow:
     """Return a row that was found from nothing as the next frame needs it."""
-    whole = has_whole_edge(row.table, view.vision.row_look)
+    shown = shows_own_size(row.table, view.vision.row_look, view.vision.gating)
     nowhere = TrackedRow(
         stamp_ns=view.image.stamp_ns - 1,
         pixels=row.table[:, :2],
         velocity=np.zeros((len(row.table), 2)),
-        area=initial_area(row.table[:, AREA], whole, view.vision.gating),
+        area=initial_area(row.table[:, AREA], shown, view.vision.gating),
         table=row.table,
         seen=np.zeros(len(row.table), np.bool_),
-        sized=whole,
+        sized=has_whole_edge(row.table, view.vision.row_look),
         spacing=math.nan,
         exposure=0.0,
     )
@@ -534,6 +583,8 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
     """
     arclength, seen = view.arclength, np.isfinite(row.table[:, U])
     pixels, area = row.table[:, :2].copy(), last.area.copy()
+    shown = shows_own_size(row.table, view.vision.row_look, view.vision.gating) & ~last.sized
+    area[shown] = row.table[shown, AREA]
     area[seen] += view.vision.row_tracker.area_gain * (row.table[seen, AREA] - area[seen])
     if not seen.all():
         pixels[~seen] = expected_pixels(view, row.points)[~seen]
@@ -554,7 +605,7 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
         area=area,
         table=looked,
         seen=seen,
-        sized=last.sized,
+        sized=last.sized | has_whole_edge(row.table, view.vision.row_look),
         spacing=float(np.median(known)) if known.size else math.nan,
         exposure=exposure,
     )
@@ -608,22 +659,28 @@ def gate_row(
     usual: Array,
     last: TrackedRow | None = None,
     parts: Mask | None = None,
+    causes: tuple[str, ...] | None = None,
 ) -> ObservedRow:
     """Return the blobs of a table that are believed to be targets.
 
     usual (targets,) px^2: how large they are compared with each other; parts (targets,): which of
-    them were measured by a part, with the size of their neighbors. Those that were seen in the
-    last row must have moved as their neighbors; without one the ends of the row must be near the
-    other targets.
+    them were measured by a part, with the size of their neighbors; causes: why some are not in the
+    table. Those that were seen in the last row must have moved as their neighbors; without one the
+    ends of the row must be near the other targets.
     """
     table, gating = table.copy(), view.vision.gating
+    there = np.isfinite(table[:, U])
+    why = np.array(causes or ('',) * len(table), dtype='U8')
+    why[there] = ''
+    why[~there & (why == '')] = 'no_dot'
     farthest = gating.farthest
     if last is not None:
         off = table[:, :2] - last.predict(
             view.image.stamp_ns, view.vision.row_tracker.longest_prediction
         )
         off[~last.seen] = np.nan
-        table[consistent_motion(off, last.spacing, gating)[1]] = np.nan
+        alone = consistent_motion(off, last.spacing, gating)[1]
+        table[alone], why[alone] = np.nan, 'motion'
         farthest = math.inf
     normalized = view.lens.undistort(table[:, :2])
     points = view.plane.points(normalized)
@@ -631,11 +688,19 @@ def gate_row(
     if parts is not None:
         sized |= parts
     points[~sized] = np.nan
+    why[~sized & (why == '')] = 'size'
     x, y = np.ascontiguousarray(points.T)
     seen = consistent_spacing(x, y, view.arclength, farthest, gating_numbers(gating))
     std = table[:, STD] * view.lens.scale(normalized) * view.plane.scale(normalized)
     table[~seen] = points[~seen] = std[~seen] = np.nan
-    return ObservedRow(table=table, points=points, std=std, seen=int(np.count_nonzero(seen)))
+    why[~seen & (why == '')] = 'place'
+    return ObservedRow(
+        table=table,
+        points=points,
+        std=std,
+        seen=int(np.count_nonzero(seen)),
+        causes=tuple(why.tolist()),
+    )
 
 
 def expected_pixels(view: View, points: Array) -> Array:

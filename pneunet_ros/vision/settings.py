@@ -55,7 +55,6 @@ class RestPlaneSettings:
         'cost of what is seen of another row over that of the best, by which it is one by chance',
         source='invented: odds of exp(10); 0.1 on arms, 53 in grass',
     )
-    ends: float = tuning(0.5, 'share of the frames in which first and last target are, at least')
     places: int = tuning(4, 'places in which it may rest that are remembered')
 
 

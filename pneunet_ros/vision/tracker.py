@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+import math
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
-from pneunet_ros.core.arrays import same_values
+from pneunet_ros.core.arrays import Array, same_values
 from pneunet_ros.core.errors import CameraError, ModelError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
@@ -34,6 +36,8 @@ from pneunet_ros.vision.rest_plane import (
 )
 from pneunet_ros.vision.row_tracker import (
     follow_row,
+    is_at_clamp,
+    ObservedRow,
     search_at_rest,
     search_row,
     start_row,
@@ -49,19 +53,33 @@ TELLING = ('not_straight', 'wrong_clamp', UPRIGHT, 'several_rows', 'no_row', 'no
 UNKNOWN = Plane(base_from_normalized=np.eye(3))  # one meter from the camera, as good as any
 
 
+class Missing(NamedTuple):
+    """Why a target is not seen (a key of `row_tracker.CAUSES`), and where it should be, px."""
+
+    cause: str
+    u: float
+    v: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tracking:
     """What a tracker makes of a frame: where targets were seen, and the smooth curve through them.
 
     sightings: an entry per target; curve: None where fewer than four targets were seen. Where the
     frame could not be explained `reason` is a key for counting, `sentence` says it to a
-    person, nothing is seen and there is no curve; both are empty otherwise.
+    person, nothing is seen and there is no curve; both are empty otherwise. missing: the targets
+    that are not seen in a frame that was explained; found (areas, 2) px: what could be targets in
+    a frame that was not, of the polarity that the sentence is about, and row: how many of the
+    targets stand in a row there.
     """
 
     sightings: TargetSightings
     curve: MeasuredCurve | None
     reason: str = ''
     sentence: str = ''
+    missing: Mapping[int, Missing] = field(default_factory=lambda: MappingProxyType({}))
+    found: Array = field(default_factory=lambda: np.empty((0, 2)))
+    row: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -202,11 +220,16 @@ class Tracker:
             return self._unexplained(
                 state, image, Failure(reason='several_rows', sentence=sentence)
             )
-        reason = min((it.reason for _, it in looks.values()), key=TELLING.index)
-        if reason == UPRIGHT:  # a row was seen: what the other look lacks is of no use
-            said = {name: said[name] for name in said if looks[name][1].reason == UPRIGHT}
-        sentence = '; '.join(f'{name}: {words}' for name, words in said.items())
-        return self._unexplained(state, image, Failure(reason=reason, sentence=sentence))
+        best = min(looks.values(), key=lambda look: self._rank(look[1]))[1]
+        return self._unexplained(
+            state,
+            image,
+            Failure(reason=best.reason, sentence=best.sentence, seen=best.row, found=best.found),
+        )
+
+    def _rank(self, tracking: Tracking) -> tuple[int, int, int]:
+        """Order what bright and dark areas show: first what comes nearest to a row of targets."""
+        return TELLING.index(tracking.reason), -tracking.row, -len(tracking.found)
 
     def _look(
         self, state: TrackerState, image: Image, polarity: str
@@ -232,6 +255,10 @@ class Tracker:
                 return self._unexplained(state, image, failure)
             view = replace(view, plane=state.plane)
         followed = None if state.row is None else follow_row(view, state.row)
+        if followed is not None and not is_at_clamp(view, followed[0].points):
+            if self._is_read_from_tip(state, view, followed[0]):
+                return self._with_wrong_clamp(state, image, followed[0])
+            followed = None
         if followed is None:
             observed = search_row(view)
             if isinstance(observed, Failure):
@@ -240,19 +267,49 @@ class Tracker:
         observed, row = followed
         targets = target_sightings(view, observed)
         curve = None if self.smoother is None else self.smoother.smooth(targets)
-        return state.with_row(row), Tracking(sightings=targets, curve=curve)
+        missing = {
+            target: Missing(cause, *row.pixels[target].tolist())
+            for target, cause in observed.missing.items()
+        }
+        return state.with_row(row), Tracking(
+            sightings=targets, curve=curve, missing=MappingProxyType(missing)
+        )
+
+    def _is_read_from_tip(self, state: TrackerState, view: View, row: ObservedRow) -> bool:
+        """Whether the last target is where it was at rest, in a frame whose first has moved.
+
+        That is so where the left end of the row, which is taken for the clamp, is the free end.
+        """
+        if self.settings.clamp_pixel is not None or not state.rest.places:
+            return False
+        rested = state.rest.places[0].points
+        (last,) = view.lens.undistort(row.table[-1:, :2])
+        still = self.vision.rest_plane.still * spacing_of(rested, self.arclength)
+        return math.hypot(*(last - rested[-1])) <= still
+
+    def _with_wrong_clamp(
+        self, state: TrackerState, image: Image, row: ObservedRow
+    ) -> tuple[TrackerState, Tracking]:
+        """Measure nothing any more: the base frame is at the free end of the arm."""
+        u, v = row.table[-1, :2].tolist()
+        sentence = (
+            'the left end of the row moves and the right end does not: the clamp is at the right; '
+            f'set clamp_pixel: [{u:.0f}, {v:.0f}] in the camera file'
+        )
+        state = replace(state, plane=None, trouble=sentence)
+        return self._unexplained(state, image, Failure(reason='wrong_clamp', sentence=sentence))
 
     def _at_rest(self, state: TrackerState, view: View) -> tuple[TrackerState, Failure]:
         """Take a frame into what is known of the rest; why there is no plane yet, if so."""
         wanted, settings = self.settings.rest_frames, self.vision.rest_plane
         found = search_at_rest(view, state.rest)
         if isinstance(found, Failure):
-            lacks = state.rest.lacks(wanted, settings)
+            lacks = state.rest.lacks(wanted)
             sentence = f'{found.sentence}; so far {lacks}' if lacks else found.sentence
-            return state, Failure(reason=found.reason, sentence=sentence)
+            return state, replace(found, sentence=sentence)
         spacing = spacing_of(found, self.arclength)
         rest = state.rest.with_frame(found, spacing, settings)
-        lacks, plane = rest.lacks(wanted, settings), None
+        lacks, plane = rest.lacks(wanted), None
         if not lacks:
             plane = plane_at_rest(rest.places[0].points, self.arclength, self.settings.plane)
         failure = Failure(reason=RESTING, sentence=f'scale and base frame: {lacks}')
@@ -274,6 +331,8 @@ class Tracker:
             curve=None,
             reason=failure.reason,
             sentence=failure.sentence,
+            found=failure.found,
+            row=failure.seen,
         )
 
     def reset(self, state: TrackerState) -> TrackerState:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pneunet_ros.core.image import Bytes, ENCODINGS, Image
+from pneunet_ros.core.image import Bytes, Image
 from pneunet_ros.lab.pictures.scene import Occluder, turn_points
+
+# Some encodings, and what their channels hold.
+CHANNELS = {'mono8': 'g', 'rgb8': 'rgb', 'bgr8': 'bgr', 'rgba8': 'rgba', 'bgra8': 'bgra'}
 
 
 def bar(
@@ -58,7 +61,7 @@ def as_image(
     apart. Raises MessageError for an encoding that is none.
     """
     height, width = grey.shape
-    channels = ENCODINGS.get(encoding, 'g')
+    channels = CHANNELS.get(encoding, 'g')
     planes = {'g': grey, 'a': np.full_like(grey, 255)}
     for name, factor in zip('rgb', tint, strict=True):
         planes[name] = np.clip(np.rint(factor * grey), 0.0, 255.0).astype(np.uint8)

@@ -25,7 +25,7 @@ from pneunet_ros.cli.verb import (
     progress_bar,
     topics_of,
 )
-from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.errors import CameraError, RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.paths import resolved
@@ -156,17 +156,27 @@ def run(arguments: Namespace) -> int:
     sentences = stream.recording.sentences if stream.recording is not None else ()
     film: dict[str, Any] = {}
     with ExitStack() as stack:
+        # The preview is written also where nothing else is, as it shows why.
+        looks = preview_followers(arguments, stack, stream, arm, unit, film)
         stack.enter_context(written_together())
         tabulate = table_writer(arguments, stack, unit)
         trackings: list[Tracking] = []
         on_tracking = [trackings.append] if readings is not None else tabulate
-        followers = [
-            tally.count,
-            *preview_followers(arguments, stack, stream, arm, unit, film),
-        ]
+        followers = [tally.count, *looks]
         bar = stack.enter_context(progress_bar(shown=not arguments.json))
         task = bar.add_task('looking for the arm at rest', total=stream.frames)
-        start, ahead = look_ahead(stream, tracker, lambda: bar.advance(task))
+        seen_ahead: list[TrackStep] = []
+
+        def on_frame(step: TrackStep) -> None:
+            seen_ahead[:] = [step]
+            bar.advance(task)
+
+        try:
+            start, ahead = look_ahead(stream, tracker, on_frame)
+        except CameraError:
+            for look in looks:
+                look(seen_ahead[0])
+            raise
         bar.reset(task, description='tracking')
         if ahead:
             sentences = (*sentences, ahead)
@@ -192,8 +202,8 @@ def run(arguments: Namespace) -> int:
                 writer, stream, tracker, BASE_FRAME, arguments.with_images, on_progress, start
             )
             sentences = (*sentences, *left_out)
-        bar.update(task, description='looking at the order of the targets')
-        check_row_order(stream, tracker, tally)
+        check_row_order(tracker, tally)
+        sentences = (*sentences, *tally.notes)
         if readings is not None:
             bar.update(task, description='matching film and table')
             run_, found = joined(readings, trackings)

@@ -21,6 +21,7 @@ from typing import Any
 import cv2
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import CameraError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.stamps import match_stamps
 from pneunet_ros.core.units import seconds_since
@@ -293,7 +294,16 @@ def write_page(
     overwrite: bool = False,
     inputs: Iterable[Path] = (),
 ) -> Iterator[TrackingPage]:
-    """Write the page of what was collected when all is; errors of `atomic_output`."""
+    """Write the page of what was collected when all is, also where a CameraError ends it.
+
+    Errors of `atomic_output`.
+    """
+    error: CameraError | None = None
     with atomic_output(path, overwrite=overwrite, inputs=inputs) as temporary:
-        yield page
+        try:
+            yield page
+        except CameraError as refused:
+            error = refused
         temporary.write_text(page.html(unit, output), encoding='utf-8')
+    if error is not None:
+        raise error

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.core.errors import shortened
+from pneunet_ros.core.errors import CameraError, shortened
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.units import seconds_since
 from pneunet_ros.files.atomic import atomic_output
@@ -238,11 +238,20 @@ def write_preview(
     overwrite: bool = False,
     inputs: Iterable[Path] = (),
 ) -> Iterator[Preview]:
-    """Draw what was collected when all is; errors of `atomic_output`."""
+    """Draw what was collected when all is, also where a CameraError ends it: it shows why.
+
+    Errors of `atomic_output`.
+    """
+    error: CameraError | None = None
     with atomic_output(path, overwrite=overwrite, inputs=inputs) as temporary:
         preview = Preview(frames=frames, targets=targets)
-        yield preview
+        try:
+            yield preview
+        except CameraError as refused:
+            error = refused
         preview.draw(temporary, title, unit)
+    if error is not None:
+        raise error
 
 
 def _plain(axes: Axes) -> None:

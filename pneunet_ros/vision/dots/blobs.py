@@ -92,6 +92,11 @@ class Blobs:
     def __len__(self) -> int:
         return int(self.table.shape[1])
 
+    @property
+    def centers(self) -> Array:
+        """Where they are in the image, (n, 2) px."""
+        return self.table[[U, V]].T
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Appearance:
