@@ -1,0 +1,338 @@
+"""What fusion and calibration make of everyday causes: one cause a row, and nothing wrong.
+
+    python acceptance/everyday_causes.py [--quick] [--json] [--rigs N] [--recordings N] [--first N]
+                                         [--keep FOLDER] [--workers N]
+
+A rig is an arm of the virtual lab, its model calibrated from six recordings in which nothing is
+wrong. Then one everyday cause comes. Frames at 27 Hz arrive 25 ms late, the pressure is read at
+80 Hz, there is no force sensor. Causes in which the arm moves are simulated by MuJoCo, the others
+by the lab's own chain. Tip and force: how often the truth lies in the stated 95 %, at every
+reading of the pressure; withheld: share of readings without an estimate of the force. Said: what
+the estimates warn of, by share of readings; contacts that are not there count as said.
+Nothing has a goal yet but the first row: exit code 1 where nothing is wrong and something is said
+in more than 1 % of the readings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import dataclasses
+from dataclasses import dataclass
+import math
+import sys
+
+from pneunet_ros.core.threads import use_one_thread
+
+if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
+    use_one_thread()
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.readings import PressureReading
+from pneunet_ros.core.share import share_path
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.fusion.estimate import FusedEstimate
+from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.lab.lab_arm import vary_arm
+from pneunet_ros.lab.lab_recording import LabRecording
+from pneunet_ros.lab.motion import LabMotion
+from pneunet_ros.lab.protocols import RandomMix
+from pneunet_ros.lab.scenario import Changes
+from pneunet_ros.lab.sensors import Rates
+from pneunet_ros.lab.simulation import simulate
+from rigs import model_of, read_sensors, rig_command, run_bench, sightings_of, wrench_of
+from scipy.stats import chi2
+
+RATE = 80.0  # Hz, of readings
+EVERY = 3  # readings from frame to frame
+LATE = 2  # readings from the instant of a frame to its arrival
+SECONDS = 20.0
+IN_95 = float(chi2.ppf(0.95, 2))
+CONTACT = 'a contact along the arm'
+# Of a reading: errors (m, N) and NEES of tip and force, whether there is no force, what is said.
+NUMBERS = ('tip', 'tip_nees', 'force', 'force_nees', 'no_force')
+SENTENCES = 24  # that are kept apart
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cause:
+    """A cause of error, and by whom it is simulated.
+
+    ramp (s): of pressure and load; loaded: something pulls at the tip. effects, motion: of the
+    scenario. seen: what a recording's frames become. ripple (Pa): of the reading alone.
+    """
+
+    ramp: float = 0.6
+    loaded: bool = True
+    changes: Changes = dataclasses.field(default_factory=dict)
+    motion: LabMotion | None = None
+    seen: Callable[[LabRecording, np.random.Generator], LabRecording] | None = None
+    ripple: float = 0.0
+
+
+def beside(recording: LabRecording, off: float = 3e-3) -> LabRecording:
+    """Paint the dots beside the neutral line (m), on the left of the arm."""
+    theta = heading_at(recording)
+    return moved(recording, -off * np.sin(theta), off * np.cos(theta))
+
+
+def closer(recording: LabRecording, share: float = 0.95) -> LabRecording:
+    """Paint the dots closer to each other than the arm file says."""
+    places, line = recording.scenario.arm.targets, recording.truth.arclength
+    way = [
+        np.array([np.interp(share * places, line, row) - np.interp(places, line, row)
+                  for row in values])
+        for values in (recording.truth.x, recording.truth.y)
+    ]  # fmt: skip
+    return moved(recording, *way)
+
+
+def rolling(recording: LabRecording, readout: float = 33e-3, height: float = 0.16) -> LabRecording:
+    """Read the rows of a picture of so many m one after the other, from the top down."""
+    truth, when = recording.truth, recording.truth.time
+    late = readout * np.clip(0.5 - truth.target_y / height, 0.0, 1.0)
+    way = []
+    for values in (truth.target_x, truth.target_y):
+        columns = [
+            np.interp(when + late[:, dot], when, values[:, dot]) - values[:, dot]
+            for dot in range(values.shape[1])
+        ]
+        way.append(np.column_stack(columns))
+    return moved(recording, *way)
+
+
+def heading_at(recording: LabRecording) -> Array:
+    """Return the heading (frames, targets) rad of the arm at its targets."""
+    truth, places = recording.truth, recording.scenario.arm.targets
+    return np.array([np.interp(places, truth.arclength, row) for row in truth.theta])
+
+
+def moved(recording: LabRecording, x: Array, y: Array) -> LabRecording:
+    """Return a recording whose targets are seen elsewhere by x, y (frames, targets) m."""
+    return dataclasses.replace(recording, x=recording.x + x, y=recording.y + y)
+
+
+def lost(recording: LabRecording, random: np.random.Generator, share: float = 0.03) -> Array:
+    """Return which frames a film has that has lost some of them."""
+    frames = np.arange(0, recording.stamp_ns.size, EVERY)
+    return frames[random.uniform(size=frames.size) >= share]
+
+
+TILT = math.sin(math.radians(10.0))
+STEPS = LabMotion(damping_time=0.03)
+CAUSES = {
+    'nothing wrong': Cause(),
+    'nothing wrong, unloaded': Cause(loaded=False),
+    'the arm has mass, slow ramps': Cause(ramp=2.0, motion=STEPS),
+    'the arm has mass, steps': Cause(ramp=0.1, motion=STEPS),
+    'the arm has mass, steps, unloaded': Cause(ramp=0.1, loaded=False, motion=STEPS),
+    'table tilted by 10 degrees': Cause(
+        changes={'gravity': {'weight_y': -TILT}}  # of mg / l, see `recording_of`
+    ),
+    'dots 3 mm beside the neutral line': Cause(seen=lambda one, _: beside(one)),
+    'dots 5 % closer': Cause(seen=lambda one, _: closer(one)),
+    'friction: a play of 4 kPa': Cause(changes={'hysteresis': {'width': 4e3}}),
+    'mirrored image': Cause(seen=lambda one, _: dataclasses.replace(one, y=-one.y)),
+    '3 % lost frames, stamped k / fps': Cause(),
+    'rolling shutter of 33 ms, steps': Cause(ramp=0.1, seen=lambda one, _: rolling(one)),
+    'rolling shutter and mass, steps': Cause(
+        ramp=0.1, motion=STEPS, seen=lambda one, _: rolling(one)
+    ),
+    '2.5 kPa of valve ripple at 27 Hz': Cause(ripple=2.5e3),
+}
+LOST = '3 % lost frames, stamped k / fps'
+
+
+def recording_of(seed: int, which: int, name: str, seconds: float = SECONDS) -> LabRecording:
+    """Return a recording of a rig with one cause, and a camera put up anew."""
+    cause = CAUSES[name]
+    scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
+    arm = vary_arm(scenario.arm, seed)
+    pull = {} if cause.loaded else {'force_x': (0.0, 0.0), 'force_y': (0.0, 0.0)}
+    changes = {effect: dict(values) for effect, values in cause.changes.items()}
+    if 'gravity' in changes:
+        changes['gravity']['weight_y'] *= arm.weight / arm.length
+    scenario = dataclasses.replace(
+        scenario,
+        name=f'causes {which}',
+        seed=seed,
+        arm=arm,
+        protocol=RandomMix(
+            duration=seconds,
+            seed=float(100 * seed + which),
+            lowest=2e3,
+            top=60e3,
+            ramp=cause.ramp,
+            **pull,
+        ),
+        noise=dataclasses.replace(scenario.noise, jitter_std=0.0),
+        rates=Rates(pressure=RATE, wrench=RATE, frames=RATE),
+        motion=cause.motion,
+    ).with_effects(changes)
+    recording = simulate(scenario)
+    random = np.random.default_rng([seed, which, 29])
+    return recording if cause.seen is None else cause.seen(recording, random)
+
+
+def readings_of(
+    recording: LabRecording, name: str, seed: int, *, wrench: bool = False
+) -> Iterator[list]:
+    """Yield what arrives at every reading of the pressure, which is last.
+
+    name: of the cause; wrench: whether there is a force sensor, read with the pressure.
+    """
+    random = np.random.default_rng([seed, 13])
+    read, time = read_sensors(recording, random), recording.truth.time
+    read[:, 3] += CAUSES[name].ripple * np.sin(2.0 * np.pi * 27.0 * time)
+    frames = np.arange(0, time.size, EVERY)
+    stamps = recording.stamp_ns[frames]
+    if name == LOST:
+        frames = lost(recording, random)
+        period = round(NANOSECONDS_PER_SECOND * EVERY / RATE)
+        stamps = recording.stamp_ns[0] + period * np.arange(frames.size)
+    arriving = dict(zip((frames + LATE).tolist(), zip(frames, stamps, strict=True), strict=True))
+    for instant, stamp in enumerate(recording.stamp_ns.tolist()):
+        events: list = []
+        if instant in arriving:
+            frame, stamped = arriving[instant]
+            events.append(sightings_of(int(stamped), recording.x[frame], recording.y[frame]))
+        if wrench:
+            events.append(wrench_of(stamp, read[instant]))
+        events.append(PressureReading(stamp_ns=stamp, pressure=float(read[instant, 3])))
+        yield events
+
+
+def fuse(
+    fusion: Fusion, recording: LabRecording, name: str, seed: int, *, wrench: bool = False
+) -> tuple[Array, list]:
+    """Return NUMBERS of every reading, and what was said at each."""
+    truth, state = recording.truth, FusionState()
+    rows, said = np.full((truth.time.size, len(NUMBERS)), np.nan), []
+    for instant, events in enumerate(readings_of(recording, name, seed, wrench=wrench)):
+        sentences: tuple[str, ...] = ()
+        for event in events:
+            state, fused = fusion.step(state, event)
+            if isinstance(fused, FusedEstimate):
+                tip = np.array([truth.x[instant, -1], truth.y[instant, -1]])
+                rows[instant] = row_of(fused, tip, truth.force[instant])
+                sentences = tuple(fused.estimate.warnings)
+                sentences += (CONTACT,) * (fused.contact is not None)
+        said.append(sentences)
+    return rows, said
+
+
+def row_of(fused: FusedEstimate, tip: Array, force: Array) -> list[float]:
+    """Return NUMBERS of an estimate beside the true tip (2,) m and force (2,) N."""
+    missed = tip - np.array(fused.estimate.shape.tip[:2])
+    covariance = fused.estimate.tip_covariance[:2, :2]
+    off, nees = force - fused.force, math.nan
+    if np.isfinite(off).all():
+        nees = float(off @ np.linalg.solve(fused.force_covariance, off))
+    return [
+        float(np.hypot(*missed)),
+        float(missed @ np.linalg.solve(covariance, missed)),
+        float(np.hypot(*off)),
+        nees,
+        float(math.isnan(nees)),
+    ]
+
+
+def try_model(seed: int, recordings: int) -> dict[str, Array]:
+    """Fuse recordings of a rig with each cause by the model of it: NUMBERS, and what was said."""
+    fusion = Fusion(arm=model_of(seed))
+    found: dict[str, Array] = {}
+    for name in CAUSES:
+        every, spoken = [], []
+        for which in range(recordings):
+            rows, said = fuse(fusion, recording_of(seed, which, name), name, 100 * seed + which)
+            every.append(rows)
+            spoken.append(shares_of(said))
+        found[name] = np.array(every)
+        found[f'{name}: said'] = np.array(spoken)
+    return found
+
+
+def shares_of(said: list) -> Array:
+    """Return sentences with the share of readings at which each was said, most often first."""
+    counts: dict[str, int] = {}
+    for sentences in said:
+        for sentence in set(sentences):
+            kind = sentence.split(':')[0].split(';')[0]
+            counts[kind] = counts.get(kind, 0) + 1
+    found = sorted(counts.items(), key=lambda item: -item[1])[:SENTENCES]
+    rows = [f'{count / len(said):.6f} {sentence}' for sentence, count in found]
+    return np.array(rows + [''] * (SENTENCES - len(rows)), dtype='U200')
+
+
+def numbers_of(rows: Array) -> dict[str, float]:
+    """Return the numbers of one cause: rows (recordings, readings, NUMBERS)."""
+    column = {name: rows[..., place] for place, name in enumerate(NUMBERS)}
+
+    def covered(nees: Array) -> float:
+        known = nees[np.isfinite(nees)]
+        return float((known <= IN_95).mean()) if known.size else math.nan
+
+    def rms(values: Array) -> float:
+        known = values[np.isfinite(values)]
+        return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
+
+    return {
+        'tip_rms': rms(column['tip']),
+        'tip_covered': covered(column['tip_nees']),
+        'force_rms': rms(column['force']),
+        'force_covered': covered(column['force_nees']),
+        'withheld': 1.0 - float(np.isfinite(column['force_nees']).mean()),
+        'no_estimate': 1.0 - float(np.isfinite(column['tip']).mean()),
+    }
+
+
+def mean_shares(rigs: list[dict[str, Array]], name: str) -> dict[str, float]:
+    """Return the mean share of readings at which each sentence was said."""
+    recordings = [row for rig in rigs for row in rig[f'{name}: said']]
+    shares: dict[str, float] = {}
+    for row in recordings:
+        for text in row[row != ''].tolist():
+            share, _, sentence = text.partition(' ')
+            shares[sentence] = shares.get(sentence, 0.0) + float(share) / len(recordings)
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def summary_of(rigs: list[dict[str, Array]]) -> dict:
+    """Return what each cause came to."""
+    causes = {}
+    for name in CAUSES:
+        numbers = numbers_of(np.concatenate([rig[name] for rig in rigs]))
+        causes[name] = {**numbers, 'said': mean_shares(rigs, name)}
+    accused = max([0.0, *causes['nothing wrong']['said'].values()])
+    missed = [f'nothing wrong: said in {accused:.3f} of the readings'] if accused > 0.01 else []
+    return {'causes': causes, 'missed': missed}
+
+
+def show(summary: dict, title: str) -> None:
+    """Print the table as markdown."""
+    print(f'{title}\n')
+    print(
+        '| cause | tip rms | covered | force rms | covered | withheld | said, share of readings |'
+    )
+    print('|---|---|---|---|---|---|---|')
+    for name, one in summary['causes'].items():
+        said = '; '.join(f'{share:.2f} {text}' for text, share in one['said'].items()
+                         if share >= 0.005)  # fmt: skip
+        print(
+            f'| {name} | {1e3 * one["tip_rms"]:.2f} mm | {one["tip_covered"]:.2f} | '
+            f'{1e3 * one["force_rms"]:.1f} mN | {one["force_covered"]:.2f} | '
+            f'{one["withheld"]:.2f} | {said or "nothing"} |'
+        )
+    print('\n'.join(summary['missed']))
+
+
+def main() -> int:
+    """Run and print."""
+    arguments = rig_command(__doc__.splitlines()[0], recordings=5).parse_args()
+    return run_bench('everyday_causes', arguments, try_model, summary_of, show)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

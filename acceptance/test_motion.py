@@ -1,0 +1,40 @@
+"""The bench of an arm with mass: its peg is touched, and its summary can say no."""
+
+from __future__ import annotations
+
+import motion as bench
+import numpy as np
+import pytest
+
+pytest.importorskip('mujoco', reason="needs MuJoCo: pip install '.[mujoco]'")
+
+
+def test_the_peg_is_in_the_way_and_pushes_the_arm_back():
+    recording = bench.peg_recording(77, 0, 0.1)
+    touching = np.isfinite(recording.motion.contact_place)
+    assert 0.2 < touching.mean() < 0.95
+    assert np.hypot(*recording.motion.contact_force.T).max() > 5 * bench.TOUCHES
+
+
+def test_numbers_of_the_peg_and_goals_that_are_missed():
+    rows = np.full((1, 100, 4), np.nan)
+    rows[0, :, 0] = 0.0
+    rows[0, :50, 0], rows[0, :50, 1] = -0.02, 0.07
+    rows[0, 10:60, 2], rows[0, 10:60, 3] = -0.022, 0.072
+    found = bench.peg_numbers(rows)
+    assert found['found'] == 0.8 and found['false'] == 0.2
+    assert found['size'] == pytest.approx(0.1) and found['place'] == pytest.approx(2e-3)
+    off = np.full((1, 200, len(bench.NUMBERS)), 5e-3)
+    off[..., 1] = 50.0
+    courses = {f'{course}: {bench.WAYS[0]}': off for course in bench.COURSES}
+    said = np.array([['0.250000 a contact along the arm', '']])
+    fused = {}
+    for course in bench.COURSES:
+        for way in bench.WAYS[1:]:
+            fused |= {f'{course}: {way}': off, f'{course}: {way}: said': said}
+    none = {'calibrate, slow ramps': np.full(3, np.nan)}
+    summary = bench.summary_of([courses | fused | {'peg, steps': rows} | none])
+    assert any('tip_covered' in one for one in summary['missed'])
+    assert any('contacts' in one for one in summary['missed'])
+    assert summary['calibrations']['calibrate, slow ramps']['models'] == 0
+    bench.show(summary, 'title')
