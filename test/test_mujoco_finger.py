@@ -203,6 +203,15 @@ def test_a_finger_touches_what_is_in_its_way():
     assert finger.data.ncon > 0
 
 
+def test_a_finger_of_a_centimeter_and_one_of_a_meter_are_models_of_mujoco():
+    for length, weight in ((0.01, 1e-3), (1.0, 12.0)):
+        arm = dataclasses.replace(
+            paper_arm(), length=length, weight=weight, target_arclength=np.zeros(0), domain=None
+        )
+        finger = started(arm, tip_mass=1e-6)
+        assert finger.model.body_mass.sum() == pytest.approx(weight / STANDARD_GRAVITY + 1e-6)
+
+
 def test_what_it_cannot_carry_is_refused():
     stretching = dataclasses.replace(paper_arm(), effects=(Extensibility(axial_stiffness=20.0),))
     with pytest.raises(RequestError, match='extensibility'):

@@ -18,9 +18,8 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import check_quantities, quantity, STANDARD_GRAVITY
 
 LINKS = 56
-# Inertia of a link about its own axis, as a share of that across: a rod is a line. No hinge turns
-# about that axis; MuJoCo needs it positive.
-AXIAL_SHARE = 1e-3
+# MuJoCo refuses an inertia of 1e-15 kg m^2 or less (mjMINVAL), that of a link of 10 mg and 35 um.
+LEAST_INERTIA = 2e-15
 TABLES = 'pressure', 'stiffness', 'rest', 'cubic', 'damping_time'
 
 
@@ -163,9 +162,9 @@ def add_link(body: ElementTree.Element, chain: HingeChain, start: float, end: fl
     if length <= 0.0:
         return
     mass = chain.mass * length / chain.length
-    across = mass * length**2 / 12.0
+    # No hinge turns about the axis of a link: there, too, the inertia is that across.
+    inertia = numbers([max(mass * length**2 / 12.0, LEAST_INERTIA)] * 3)
     middle = numbers([0.5 * length, 0.0, 0.0])
-    inertia = numbers([AXIAL_SHARE * across, across, across])
     ElementTree.SubElement(body, 'inertial', pos=middle, mass=numbers([mass]), diaginertia=inertia)
     add_capsule(body, chain, 0.0, length)
     last = end >= chain.length
@@ -201,7 +200,7 @@ def add_tip(body: ElementTree.Element, chain: HingeChain) -> None:
         heavy = ElementTree.SubElement(body, 'body', name='tip_mass', pos=tip)
         # MuJoCo knows no point mass: a sphere a hundredth of a link across turns like one.
         size = 1e-2 * chain.length / chain.hinge.size
-        inertia = numbers([0.4 * chain.tip_mass * size**2] * 3)
+        inertia = numbers([max(0.4 * chain.tip_mass * size**2, LEAST_INERTIA)] * 3)
         mass = numbers([chain.tip_mass])
         ElementTree.SubElement(heavy, 'inertial', pos='0 0 0', mass=mass, diaginertia=inertia)
     ElementTree.SubElement(body, 'site', name='tip', pos=tip)
