@@ -12,6 +12,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import STANDARD_GRAVITY
 from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.lab.live import LiveLab
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.sensors import noiseless, Rates
@@ -187,6 +188,8 @@ def test_what_links_cannot_do_is_refused():
         simulate(
             dataclasses.replace(held(), motion=LabMotion(peg_x=0.05, peg_y=0.0, peg_radius=0.01))
         )
+    with pytest.raises(RequestError, match='the live arm has no mass'):
+        LiveLab(scenario=dataclasses.replace(held(), motion=LabMotion()))
     for wrong in (
         {'turn_share': (0.0, 0.5)},
         {'turn_angle': (0.0, 1.0, 2.0)},

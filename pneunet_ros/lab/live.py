@@ -143,6 +143,11 @@ class LiveLab:
 
     def __post_init__(self) -> None:
         """Paint the targets and put up the camera, as for a recording of the same scenario."""
+        if self.scenario.motion is not None:
+            raise RequestError(
+                f'{self.scenario.name} has a block motion, and the live arm has no mass: leave '
+                'the block out, or make a recording with pneunet simulate'
+            )
         arm, noise = self.scenario.arm, self.scenario.noise
         placement = draw_placement(random_stream('placement', arm.seed), arm.targets.size, noise)
         beside = random_of(self.scenario, 'registration').standard_normal(2)
