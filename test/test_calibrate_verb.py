@@ -140,7 +140,8 @@ def test_the_model_replays_and_predicts(model, lab, run):
 
 def test_people_are_shown_a_summary(run, lab, monkeypatch):
     reported = []
-    monkeypatch.setattr(calibrate, 'write_report', lambda *args, **_: reported.append(args[1]))
+    written = 'pneunet_ros.reports.calibration.report.write_report'
+    monkeypatch.setattr(written, lambda *args, **_: reported.append(args[1]))
     code, out, err = run(
         '--unloaded', *files(lab, FREE), '--output', 'free.yaml', '--name', 'my arm',
         '--report', 'report',

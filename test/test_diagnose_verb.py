@@ -75,7 +75,7 @@ def found(monkeypatch):
         answer = replace(answer, answer=handed.get('answer', 'named'), seed=options['seed'])
         return Investigation(diagnosis=answer)
 
-    monkeypatch.setattr(diagnose, 'investigate', answered)
+    monkeypatch.setattr('pneunet_ros.diagnosis.diagnosis.investigate', answered)
     return handed
 
 
@@ -120,7 +120,7 @@ def without_report(monkeypatch):
         (folder / 'report.html').write_text('page')
         return {'answer': found.answer}
 
-    monkeypatch.setattr(diagnose, 'write_diagnosis', written)
+    monkeypatch.setattr('pneunet_ros.reports.diagnosis.files.write_diagnosis', written)
 
 
 def test_people_are_shown_the_answer_first(run, found, lab, without_report):
@@ -176,7 +176,7 @@ def test_nothing_is_left_of_a_diagnosis_that_fails(run, found, lab, monkeypatch)
     def refused(*_, **__):
         raise RequestError('no recording under load')
 
-    monkeypatch.setattr(diagnose, 'investigate', refused)
+    monkeypatch.setattr('pneunet_ros.diagnosis.diagnosis.investigate', refused)
     code, out, err = run(*given(lab))
     assert (code, out) == (2, '')
     assert err == 'pneunet diagnose: no recording under load\n'
@@ -207,7 +207,7 @@ def test_a_model_that_cannot_be_fitted_is_said_first_and_has_no_numbers(run, lab
     sentence = 'The model could not be fitted: nothing can be said.'
     unsettled = UnsettledDiagnosis(sentence=sentence, notes=('check the units',), seed=0)
     found = Investigation(diagnosis=unsettled)
-    monkeypatch.setattr(diagnose, 'investigate', lambda *_, **__: found)
+    monkeypatch.setattr('pneunet_ros.diagnosis.diagnosis.investigate', lambda *_, **__: found)
     code, out, err = run(*given(lab))
     assert (code, err) == (1, '')
     assert out.startswith(sentence)
@@ -230,7 +230,7 @@ def test_a_model_that_cannot_be_fitted_is_said_first_and_has_no_numbers(run, lab
 def test_a_discovered_law_is_said_and_its_effect_written(run, found, lab, monkeypatch):
     found['answer'] = 'unknown'
     law = replace(discovery(diagnosis()[0]), evaluation=diagnosis()[0].after)
-    monkeypatch.setattr(diagnose, 'discover', lambda *_, **__: law)
+    monkeypatch.setattr('pneunet_ros.discovery.discovery.discover', lambda *_, **__: law)
     code, out, _ = run(*given(lab, '--without', 'gravity'))
     assert code == 1  # a law is a proposal: the answer stays
     assert 'Discovered: Something <pushes> the arm.' in out

@@ -21,7 +21,7 @@ from pneunet_ros.calibration.posterior import PosteriorState
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData
@@ -30,7 +30,7 @@ from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
-from scipy.optimize import minimize_scalar
+import scipy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -197,14 +197,23 @@ class FitSequence:
             return float(np.mean(np.log(errors + self.noise.noise.target_std**2)))
 
         decade = min(np.log10(experiments.stiffness_factors).tolist(), key=error)
-        near = minimize_scalar(
+        near = scipy.optimize.minimize_scalar(
             error, bounds=(decade - 1.0, decade + 1.0), options={'xatol': experiments.scanned}
         )
         best = decade if error(decade) <= near.fun else float(near.x)
         return float(self.first_stiffness * 10.0**best)
 
     def at_one_pressure(self, runs: Sequence[RecordingData], kind: str) -> Fit:
-        """Fit the curvature at rest and the moment law together: loads alone tell them apart."""
+        """Fit the curvature at rest and the moment law together: loads alone tell them apart.
+
+        Raises RecordingError where no recording has a load.
+        """
+        if not any(run.loaded for run in runs):
+            raise RecordingError(
+                'the pressure never changes and no recording has an end load, so neither the '
+                'curvature over pressure nor the stiffness can be estimated: add a recording with '
+                'a load (--loaded REC, or --end-load REC FX FY for a known weight)'
+            )
         straight = replace(
             self.frame,
             intrinsic_curvature=IntrinsicCurvature(

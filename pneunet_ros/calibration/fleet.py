@@ -17,9 +17,9 @@ from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import quantities
 from pneunet_ros.model.arm import Arm
-from scipy.stats import chi2, norm
+import scipy
 
-MEDIAN_SQUARE = float(chi2.ppf(0.5, 1))  # median of the square of a standard normal number
+MEDIAN_SQUARE = 0.454936423119572  # median of the square of a standard normal number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,7 +134,7 @@ class Fleet:
             f'{self.stds[arm, which]:.2g}{unit}, the others have {self.center[which]:.4g} ± '
             f'{self.scatter[which]:.2g}{unit}'
         )
-        if abs(self.deviations[arm, which]) < norm.isf(0.5 * self.settings.level):
+        if abs(self.deviations[arm, which]) < scipy.stats.norm.isf(0.5 * self.settings.level):
             sentence += ' (no number of it is unusual alone, but all of them together are)'
         return sentence
 
@@ -326,7 +326,7 @@ def log_chance(values: Array, covariance: Array, center: Array, scatter: Array) 
     deviation, precision = deviations_and_precision(values, covariance, center, scatter)
     squares = np.einsum('dai,daij,daj->da', deviation, precision, deviation)
     freedom = np.isfinite(values).sum(axis=2)
-    chance = chi2.logsf(squares, np.maximum(freedom, 1))
+    chance = scipy.stats.chi2.logsf(squares, np.maximum(freedom, 1))
     return np.where(freedom > 0, chance, np.nan)
 
 

@@ -24,7 +24,7 @@ from pneunet_ros.measurement.gauss_newton import Bounds, End, gauss_newton
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.measurement.linearization import linearize, RunLinearization
 from pneunet_ros.model.uncertainty import SensorNoise
-from scipy.linalg import block_diag, cho_factor, cho_solve
+import scipy
 
 
 class ScaledPrior:
@@ -45,7 +45,7 @@ class ScaledPrior:
         model, rest = parameters.prior, self.disturbances.prior
         self.size = model.shape[0]
         self.shared = self.size + 2 * targets
-        prior = block_diag(model, rest)
+        prior = scipy.linalg.block_diag(model, rest)
         self.mean = np.concatenate([parameters.mean, np.zeros(rest.shape[0])])
         if parameters.earlier is not None:
             earlier = parameters.earlier
@@ -77,11 +77,13 @@ class LinearizedPosterior:
 
     def newton_step(self) -> tuple[Array, float]:
         """Return the full step, and Newton's decrement: its size in standard deviations."""
-        factor = cho_factor(self.normal + np.eye(self.scaled.size))
+        factor = scipy.linalg.cho_factor(self.normal + np.eye(self.scaled.size))
         downhill = self.gradient - self.scaled
-        step = cho_solve(factor, downhill)
+        step = scipy.linalg.cho_solve(factor, downhill)
         step, gain = self.bounds.hold(
-            step, 0.5 * float(step @ downhill), lambda right: np.asarray(cho_solve(factor, right))
+            step,
+            0.5 * float(step @ downhill),
+            lambda right: np.asarray(scipy.linalg.cho_solve(factor, right)),
         )
         return step, float(np.sqrt(2.0 * max(gain, 0.0)))
 

@@ -12,7 +12,7 @@ from pneunet_ros.calibration.settings import MOMENT_LAW, MomentLawSettings
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw, MomentLaw, PiecewiseLinearLaw
 from pneunet_ros.solver.columns import RIGIDITY, START
-from scipy.linalg import block_diag
+import scipy
 
 SPLIT_ROWS = 14
 KEPT = 64  # Jacobians of laws
@@ -101,7 +101,7 @@ class PiecewiseParameters(MomentLawParameters):
         prior = np.zeros((ALPHAS + SPLIT_ROWS,) * 2)
         # alpha at either end: one of unknown size, and a change over the range
         ends = 1.0 + 0.25 * np.array([[1, -1], [-1, 1]])
-        section = alpha**2 * block_diag(ends, settings.bow_std**2)
+        section = alpha**2 * scipy.linalg.block_diag(ends, settings.bow_std**2)
         prior[:ALPHAS, :ALPHAS] = np.kron(np.eye(2), section)
         prior[ALPHAS:, ALPHAS:] = split
         mean = np.array([alpha, alpha, 0.0] * 2 + [settings.split] * SPLIT_ROWS)

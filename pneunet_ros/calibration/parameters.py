@@ -11,8 +11,7 @@ from pneunet_ros.measurement.forward_model import Columns
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
-from scipy.interpolate import CubicSpline
-from scipy.linalg import block_diag
+import scipy
 
 NUGGET = 3e-9  # of the variance of the prior, so that it can be inverted
 
@@ -72,7 +71,7 @@ class Parameters:
         mean, prior = np.zeros(field_prior.shape[0]), field_prior
         if self.law is not None:
             mean = np.concatenate([mean, self.law.mean])
-            prior = block_diag(prior, self.law.prior)
+            prior = scipy.linalg.block_diag(prior, self.law.prior)
         if self.earlier is not None:
             size = self.earlier.values.size
             mean[:size] = self.earlier.values
@@ -159,7 +158,7 @@ class Parameters:
         if self.law is None:
             return tuple(names), np.eye(self.cells)
         more, change = self.law.quantities()
-        return (*names, *more), block_diag(np.eye(self.cells), change)
+        return (*names, *more), scipy.linalg.block_diag(np.eye(self.cells), change)
 
 
 def correlation(places: Array, length_scale: float) -> Array:
@@ -173,4 +172,4 @@ def shape_basis(knots: Array, shapes: int) -> tuple[Array, Array]:
     if shapes == 1:
         return np.array([0.5]), np.ones((knots.size, 1))
     places = np.linspace(0.0, 1.0, shapes)
-    return places, np.asarray(CubicSpline(places, np.eye(shapes))(knots))
+    return places, np.asarray(scipy.interpolate.CubicSpline(places, np.eye(shapes))(knots))

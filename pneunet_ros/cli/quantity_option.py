@@ -86,3 +86,10 @@ def quantity_type(kind: str) -> Callable[[str], float]:
 
 def _joined(unit: str) -> str:
     return _BETWEEN_UNITS.sub('', unit)
+
+
+def seed(text: str) -> int:
+    """Return a seed, a whole number from 0 on."""
+    if not text.isdecimal() or int(text) >= 2**63:
+        raise ArgumentTypeError(f'{text!r} is no whole number from 0 on')
+    return int(text)

@@ -18,7 +18,7 @@ from pneunet_ros.diagnosis.settings import DEFAULTS, LinearizationSettings
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
-from scipy.signal import lfilter
+import scipy
 
 PAST = 'past'  # stands for the past over `LinearizationSettings.field_memory`
 STRETCH_REGRESSORS = ('1', 'p', 'p^2', 't', PAST, 'F1', 'F2')
@@ -111,7 +111,9 @@ def high_pass(run: RecordingData, time_constant: float) -> Array:
     grid = np.arange(0.0, seconds[-1] + step, step)
     pressure = np.interp(grid, seconds, run.pressure)
     decay = np.exp(-step / time_constant)
-    smoothed, _ = lfilter([1.0 - decay], [1.0, -decay], pressure, zi=[decay * pressure[0]])
+    smoothed, _ = scipy.signal.lfilter(
+        [1.0 - decay], [1.0, -decay], pressure, zi=[decay * pressure[0]]
+    )
     difference: Array = np.interp(seconds, grid, pressure - smoothed)[run.reading]
     return difference
 

@@ -16,7 +16,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizedRun
 from pneunet_ros.diagnosis.settings import DEFAULTS, LackOfFitSettings
-from scipy.stats import gamma
+import scipy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,11 +35,11 @@ class LackOfFit:
     @property
     def p_value(self) -> float:
         """How often clean data reach this much."""
-        return float(gamma.sf(self.statistic, **self.gamma_law)) if self.dof else 1.0
+        return float(scipy.stats.gamma.sf(self.statistic, **self.gamma_law)) if self.dof else 1.0
 
     def threshold(self, level: float) -> float:
         """Return what clean data exceed with a probability of `level`."""
-        return float(gamma.isf(level, **self.gamma_law)) if self.dof else np.inf
+        return float(scipy.stats.gamma.isf(level, **self.gamma_law)) if self.dof else np.inf
 
     @property
     def gamma_law(self) -> dict[str, float]:

@@ -12,7 +12,7 @@ from pneunet_ros.core.units import kilopascals, NANOSECONDS_PER_SECOND
 from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.diagnosis.result import Axis, HeatMap, Share
 from pneunet_ros.diagnosis.settings import DEFAULTS, LocalizationSettings
-from scipy.stats import chi2
+import scipy
 
 FALLING, RISING = -1.0, 1.0
 
@@ -115,7 +115,7 @@ def axis_shares(
         start, stop = float(edges[which]), float(edges[which + 1])
         if axis == 'direction':
             start = stop = (FALLING, RISING)[which]
-        p_value = float(chi2.sf(values.sum(), 2 * values.size)) if values.size else 1.0
+        p_value = float(scipy.stats.chi2.sf(values.sum(), 2 * values.size)) if values.size else 1.0
         frames = values.size / seen
         statement = f'{part / total:.0%} of the misfit and {frames:.0%} of what was seen lie'
         if p_value > significant:
@@ -149,7 +149,7 @@ def describe_misfit(frames: Frames) -> str:
     """Say in one sentence how the misfit depends on what acted and where it is."""
     settings = frames.settings
     known = frames.squares[np.isfinite(frames.squares)]
-    if chi2.sf(known.sum(), 2 * known.size) > settings.significant:
+    if scipy.stats.chi2.sf(known.sum(), 2 * known.size) > settings.significant:
         return 'the residuals are consistent with noise everywhere'
     words = []
     names: dict[Axis, str] = {'force': 'the force', 'pressure': 'the pressure', 'time': 'time'}

@@ -21,7 +21,7 @@ from pneunet_ros.diagnosis.refit import linearize_all_runs, Refit, refit, settle
 from pneunet_ros.diagnosis.score_test import Candidate, largest_clean_score, score_effects
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SelectionSettings
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
-from scipy.stats import chi2, norm
+import scipy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -437,7 +437,7 @@ def is_absent(fit: Refit, name: str, most: float) -> bool:
             places = first + np.array(item.sizes)
             covariance = fit.covariance[np.ix_(places, places)]
             far = float(sizes @ np.linalg.solve(covariance, sizes))
-            return far <= float(chi2.isf(2.0 * norm.sf(most), sizes.size))
+            return far <= float(scipy.stats.chi2.isf(2.0 * scipy.stats.norm.sf(most), sizes.size))
         first += item.size
     return False
 

@@ -20,7 +20,7 @@ from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
-from scipy.linalg import cho_factor, cho_solve
+import scipy
 
 Runs = tuple[int, ...]
 
@@ -49,9 +49,11 @@ class Evidence:
 
         std: prior standard deviation of every coefficient.
         """
-        factor = cho_factor(np.eye(self.score.size) + std**2 * self.information, lower=True)
+        factor = scipy.linalg.cho_factor(
+            np.eye(self.score.size) + std**2 * self.information, lower=True
+        )
         score = std * self.score
-        explained = float(score @ cho_solve(factor, score))
+        explained = float(score @ scipy.linalg.cho_solve(factor, score))
         return 0.5 * explained - float(np.log(np.diag(factor[0])).sum())
 
     def estimate(self, std: float) -> tuple[Array, Array]:
@@ -77,11 +79,13 @@ class Projection:
         """Return the factor of 1 + X^T X in these runs, and the best step of the base there."""
         if runs not in self.solved:
             gaussian, size = self.gaussian, self.gaussian.position.size
-            factor = cho_factor(sum((gaussian.grams[which] for which in runs), np.eye(size)))
+            factor = scipy.linalg.cho_factor(
+                sum((gaussian.grams[which] for which in runs), np.eye(size))
+            )
             vector = sum(
                 (gaussian.information_vectors[which] for which in runs), -gaussian.position
             )
-            self.solved[runs] = factor, cho_solve(factor, vector)
+            self.solved[runs] = factor, scipy.linalg.cho_solve(factor, vector)
         return self.solved[runs]
 
 
@@ -113,7 +117,8 @@ class Columns:
                 for total, part in zip((gram, cross, score), self.parts[which], strict=True)
             )
         return Evidence(
-            score=score - cross.T @ step, information=gram - cross.T @ cho_solve(factor, cross)
+            score=score - cross.T @ step,
+            information=gram - cross.T @ scipy.linalg.cho_solve(factor, cross),
         )
 
     def left_out(self, runs: Runs) -> tuple[Evidence, ...]:
@@ -152,7 +157,8 @@ class FrameColumns:
             own = self.frames[which]
             gram[own, own], cross[:, own], score[own] = self.parts[which]
         return Evidence(
-            score=score - cross.T @ step, information=gram - cross.T @ cho_solve(factor, cross)
+            score=score - cross.T @ step,
+            information=gram - cross.T @ scipy.linalg.cho_solve(factor, cross),
         )
 
 

@@ -17,9 +17,7 @@ from numpy.polynomial.chebyshev import chebvander
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
-from scipy.optimize import minimize_scalar
-from scipy.signal import lfilter
-from scipy.special import stdtrit
+import scipy
 
 Indices = npt.NDArray[np.int64]
 Plays = tuple[tuple[float, ...], int]  # widths, and powers of the pressure that weigh each
@@ -343,7 +341,7 @@ class DelayFit:
 
     def minimum(self, delay: float, within: float) -> float:
         """Return where the residual is smallest around (within s) a delay."""
-        result = minimize_scalar(
+        result = scipy.optimize.minimize_scalar(
             self.cost,
             bounds=(delay - within, delay + within),
             method='bounded',
@@ -378,7 +376,7 @@ class DelayFit:
             without[which] = np.sum(free * left_white[rest]) / np.sum(free * moved[rest])
         jackknife = math.sqrt((count - 1) * float(np.var(without)))
         dof = max(float(information.sum() ** 2 / np.sum(information**2)) - 1.0, 0.5)
-        widened = 0.5 * float(stdtrit(dof, 0.97725))
+        widened = 0.5 * float(scipy.special.stdtrit(dof, 0.97725))
         explained = 1.0 - float(np.sum(left**2) / np.sum((scores - scores.mean(axis=0)) ** 2))
         return FitDetails(
             std=jackknife * widened,
@@ -418,7 +416,9 @@ def regressors(inputs: Array, step: float, plays: Plays, settings: ClockDelaySet
         columns.append(lag[:, None] * chebvander(pressure, powers - 1))
     for constant in settings.relaxations:
         share = 1.0 - math.exp(-step / constant)
-        late, _ = lfilter([share], [1.0, share - 1.0], pressure, zi=[pressure[0] * (1.0 - share)])
+        late, _ = scipy.signal.lfilter(
+            [share], [1.0, share - 1.0], pressure, zi=[pressure[0] * (1.0 - share)]
+        )
         columns.append((late - pressure)[:, None])
     loads = [unit_range(load) for load in inputs[:, 1:].T if np.ptp(load) > 0.0]
     for load in loads:

@@ -35,7 +35,7 @@ from pneunet_ros.estimation.frame_prediction import BESIDE, predict_frame
 from pneunet_ros.estimation.persistent_errors import FrameEvidence, PersistentErrors
 from pneunet_ros.measurement.inference.adequacy import chi_square_limit
 from pneunet_ros.measurement.predicted_targets import innovation, PredictedTargets
-from scipy.special import bdtrc
+import scipy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -280,7 +280,7 @@ def agreement_of(
         beyond=float(np.mean(rms > limit)),
         most=settings.most_beyond,
         tips_outside=outside / tips.size if tips.size else math.nan,
-        tips_chance=float(bdtrc(outside - 1, tips.size, settings.most_tips)),
+        tips_chance=float(scipy.special.bdtrc(outside - 1, tips.size, settings.most_tips)),
         sure=settings.sure,
         fewest=settings.fewest_frames,
         force_read=all(frame.force_read for frame in compared),

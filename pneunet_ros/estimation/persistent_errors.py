@@ -34,7 +34,7 @@ from pneunet_ros.measurement.errors.noise_model import camera_errors
 from pneunet_ros.measurement.inference.adequacy import RARELY
 from pneunet_ros.measurement.predicted_targets import PredictedTargets
 from pneunet_ros.model.arm import Arm
-from scipy.special import chdtrc, gammaincc
+import scipy
 
 READINGS = PRESSURE + 1  # errors of a frame that are of its own readings, the first
 LARGEST_95 = -2.0 * math.log(0.05)  # chi squared of two coordinates, 95 %
@@ -348,7 +348,7 @@ def without_prior(
 
 def chance_of(moved: float, unknowns: int) -> float:
     """Return the probability of a chi squared of at least so much."""
-    return float(chdtrc(unknowns, moved)) if unknowns else 1.0
+    return float(scipy.special.chdtrc(unknowns, moved)) if unknowns else 1.0
 
 
 def tip_off(frame: FrameEvidence, step: Array, covariance: Array) -> tuple[float, float]:
@@ -365,5 +365,5 @@ def tip_off(frame: FrameEvidence, step: Array, covariance: Array) -> tuple[float
     shared = stated @ spread
     mean = off @ stated @ off + np.trace(shared)
     variance = 2.0 * np.trace(shared @ shared) + 4.0 * off @ shared @ stated @ off
-    outside = gammaincc(mean**2 / variance, LARGEST_95 * mean / variance)
+    outside = scipy.special.gammaincc(mean**2 / variance, LARGEST_95 * mean / variance)
     return float(off @ off), float(outside)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import check_quantities, NANOSECONDS_PER_SECOND, quantity
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 DRIFT_KNOTS = 9  # of the random walk that the drift is
 OCCLUSION = 0.3, 1.2  # s, shortest and longest
@@ -106,7 +106,9 @@ def draw_drift(
     steps = random.standard_normal((DRIFT_KNOTS - 1, 2)) / np.sqrt(DRIFT_KNOTS - 1)
     walk = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     knots = np.linspace(0.0, duration, DRIFT_KNOTS)
-    return freeze(noise.drift_std * np.asarray(PchipInterpolator(knots, walk)(time)))
+    return freeze(
+        noise.drift_std * np.asarray(scipy.interpolate.PchipInterpolator(knots, walk)(time))
+    )
 
 
 def draw_hidden(

@@ -17,7 +17,7 @@ from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve
-from scipy.optimize import minimize
+import scipy
 
 FINE_STATIONS = 449
 
@@ -160,7 +160,7 @@ def learn_prior(
         squares = (seen @ vectors) ** 2
         return float(np.sum(squares / variance) + len(seen) * np.sum(np.log(variance)))
 
-    found = minimize(
+    found = scipy.optimize.minimize(
         misfit, start[:asked], method='L-BFGS-B', jac='3-point', bounds=bounds[:asked]
     )
     return prior_of(np.round(found.x, settings.digits))

@@ -6,10 +6,10 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from pathlib import Path
 import time
+from typing import TYPE_CHECKING
 
 from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
-from pneunet_ros.cli.calibrate_summary import numbers_of, show
 from pneunet_ros.cli.experiments import (
     add_experiments,
     calibration_settings,
@@ -42,8 +42,9 @@ from pneunet_ros.offline.calibration_files import (
     load_knowledge,
     save_knowledge,
 )
-from pneunet_ros.reports.calibration.report import write_report
-from pneunet_ros.reports.calibration.verdict import Files
+
+if TYPE_CHECKING:
+    from pneunet_ros.reports.calibration.verdict import Files
 
 
 def options(parser: ArgumentParser) -> None:
@@ -101,6 +102,9 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Read, fit, write."""
+    from pneunet_ros.cli.calibrate_summary import numbers_of, show
+    from pneunet_ros.reports.calibration.report import write_report
+
     started = time.perf_counter()
     frame = load_model(arguments.arm or arguments.earlier or share_path(PAPER_ARM))
     frame = with_gravity(frame, arguments)
@@ -166,6 +170,8 @@ def run(arguments: Namespace) -> int:
 
 def files_of(arguments: Namespace) -> Files:
     """Return the files for the command that comes next."""
+    from pneunet_ros.reports.calibration.verdict import Files
+
     arm = arguments.arm or arguments.earlier
     files = Files(model=str(arguments.output))
     return files if arm is None else replace(files, arm=str(arm))

@@ -11,13 +11,12 @@ from functools import partial
 from pathlib import Path
 import time
 
-from pneunet_ros.cli.diagnose_summary import show, show_unsettled
 from pneunet_ros.cli.experiments import (
     add_experiments,
     calibration_settings,
     read_experiments,
 )
-from pneunet_ros.cli.provenance import versions
+from pneunet_ros.cli.quantity_option import seed
 from pneunet_ros.cli.verb import (
     add_dimensionless,
     add_effects_path,
@@ -32,22 +31,15 @@ from pneunet_ros.cli.verb import (
     units_of,
     with_gravity,
 )
-from pneunet_ros.cli.verbs.simulate import seed
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.executor import open_executor
 from pneunet_ros.core.paths import resolved
 from pneunet_ros.core.progress import OnProgress
-from pneunet_ros.diagnosis.diagnosis import investigate
-from pneunet_ros.diagnosis.result import CLEAR, UnsettledDiagnosis
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
-from pneunet_ros.discovery.discovery import discover
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.user_effects import add_effects
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.model_file import load_model, model_hash
-from pneunet_ros.offline.calibration_files import check_recordings, inputs_of
-from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis, write_unsettled
-from pneunet_ros.reports.diagnosis.report import Given
 from rich.progress import Progress
 
 
@@ -130,6 +122,15 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Read, diagnose, write."""
+    from pneunet_ros.cli.diagnose_summary import show, show_unsettled
+    from pneunet_ros.cli.provenance import versions
+    from pneunet_ros.diagnosis.diagnosis import investigate
+    from pneunet_ros.diagnosis.result import CLEAR, UnsettledDiagnosis
+    from pneunet_ros.discovery.discovery import discover
+    from pneunet_ros.offline.calibration_files import check_recordings, inputs_of
+    from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis, write_unsettled
+    from pneunet_ros.reports.diagnosis.report import Given
+
     started = time.perf_counter()
     frame = with_gravity(load_model(arguments.model), arguments)
     recordings = (*arguments.train, *arguments.heldout)

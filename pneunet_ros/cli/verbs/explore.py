@@ -8,9 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 import sys
 import time
+from typing import TYPE_CHECKING
 
 from pneunet_ros.cli.provenance import versions
-from pneunet_ros.cli.quantity_option import quantity_type
+from pneunet_ros.cli.quantity_option import quantity_type, seed
 from pneunet_ros.cli.verb import (
     add_effects_path,
     add_json,
@@ -21,7 +22,7 @@ from pneunet_ros.cli.verb import (
     progress_bar,
 )
 from pneunet_ros.cli.verbs.diagnose import progress_of
-from pneunet_ros.cli.verbs.simulate import scenario_file, seed
+from pneunet_ros.cli.verbs.simulate import scenario_file
 from pneunet_ros.core.errors import ModelError, RecordingError, RequestError
 from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.share import share_path
@@ -45,17 +46,10 @@ from pneunet_ros.offline.calibration_files import inputs_of
 from pneunet_ros.offline.live_arm import LiveArm, NAMESPACE
 from pneunet_ros.offline.simulated_arm import scenario_of_model, SimulatedArm
 from pneunet_ros.recordings.dataset_reader import read_run
-from pneunet_ros.reports.diagnosis.files import write_diagnosis
-from pneunet_ros.reports.diagnosis.report import Given, next_steps
-from pneunet_ros.reports.exploration.report import (
-    exploration_content,
-    exploration_page,
-    gap_picture,
-    last_sentence,
-    round_row,
-    safe_sentence,
-)
 from rich.console import Console
+
+if TYPE_CHECKING:
+    from pneunet_ros.reports.diagnosis.report import Given
 
 LAB_MODEL = 'config/lab_arm.yaml'
 PAGE, NUMBERS, DIAGNOSIS = 'exploration.html', 'exploration.json', 'diagnosis'
@@ -146,6 +140,13 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Explore, and tell after every recording."""
+    from pneunet_ros.reports.diagnosis.report import Given, next_steps
+    from pneunet_ros.reports.exploration.report import (
+        exploration_content,
+        last_sentence,
+        safe_sentence,
+    )
+
     started = time.perf_counter()
     if arguments.recordings < 1:
         raise RequestError(f'--recordings must be 1 or more, not {arguments.recordings}')
@@ -278,6 +279,12 @@ def write_round(
     rounds: list[Round], safe: SafeSet, provenance: dict[str, object], folder: Path
 ) -> None:
     """Write page, picture and numbers after a round."""
+    from pneunet_ros.reports.exploration.report import (
+        exploration_content,
+        exploration_page,
+        gap_picture,
+    )
+
     files = {
         PAGE: exploration_page(rounds, safe, provenance).encode(),
         NUMBERS: json_text(exploration_content(rounds, safe, provenance), indent=1).encode(),
@@ -290,6 +297,8 @@ def write_round(
 
 def show_round(rounds: list[Round], console: Console) -> None:
     """Print what a round came to."""
+    from pneunet_ros.reports.exploration.report import round_row
+
     row = round_row(len(rounds), rounds[-1])
     console.print(f'{row["number"]}. {row["recorded"]} ({row["why"]})')
     parts = [row['answer']]
@@ -305,6 +314,8 @@ def write_end(
     last: Round, discovery: Discovery, model: Arm, provenance: dict[str, object], given: Given
 ) -> None:
     """Write the last diagnosis as `diagnose` does, where there is one."""
+    from pneunet_ros.reports.diagnosis.files import write_diagnosis
+
     if last.diagnosis is None:
         return
     training = list(last.investigation.recordings[0])

@@ -18,7 +18,6 @@ from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.atomic import atomic_output, written_together
 from pneunet_ros.files.model_file import save_model
 from pneunet_ros.model.starting_arm import even_places, starting_arm
-from pneunet_ros.reports.target_template import write_template
 
 FEWEST_TARGETS, MOST_TARGETS = 3, 500
 LONGEST = 10.0  # m, of an arm
@@ -88,6 +87,8 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Ask, and write arm and sheet."""
+    from pneunet_ros.reports.target_template import write_template
+
     if arguments.output.suffix not in ('.yaml', '.yml'):
         raise RequestError(f'--output {arguments.output} must end in .yaml')
     sizes, places = answers(arguments, input if sys.stdin.isatty() else None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from argparse import ArgumentParser, Namespace
 import dataclasses
 from pathlib import Path
 import time
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.cli.fitted_table import print_table
+from pneunet_ros.cli.quantity_option import seed
 from pneunet_ros.cli.verb import (
     add_json,
     add_overwrite,
@@ -139,13 +140,6 @@ def shipped_names() -> list[str]:
     return sorted(
         file.stem for file in share_path(FOLDER).glob('*.yaml') if file.stem != 'lab_arm'
     )
-
-
-def seed(text: str) -> int:
-    """Return a seed, a whole number from 0 on."""
-    if not text.isdecimal() or int(text) >= 2**63:
-        raise ArgumentTypeError(f'{text!r} is no whole number from 0 on')
-    return int(text)
 
 
 def summary_of(recording: LabRecording) -> dict[str, Any]:

@@ -9,13 +9,12 @@ import json
 import os
 from pathlib import Path
 import time
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
-from pneunet_ros.calibration.fleet import arm_numbers, compare_arms, compared_pressure, Fleet
 from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.provenance import versions
-from pneunet_ros.cli.survey_arm import FOUND, SurveyRequest, SurveyWork
+from pneunet_ros.cli.quantity_option import seed
 from pneunet_ros.cli.verb import (
     add_effects_path,
     add_json,
@@ -31,7 +30,6 @@ from pneunet_ros.cli.verb import (
     SENSOR_SETTINGS,
     topics_of,
 )
-from pneunet_ros.cli.verbs.simulate import seed
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.executor import open_executor
 from pneunet_ros.core.paths import resolved
@@ -51,20 +49,13 @@ from pneunet_ros.offline.survey import (
     SurveyFolder,
     work_on_fleet,
 )
-from pneunet_ros.reports.figure import draw_figures
-from pneunet_ros.reports.survey.report import (
-    arm_row,
-    FIGURES,
-    NUMBERS,
-    PAGE,
-    REPLACEABLE,
-    survey_content,
-    survey_page,
-    survey_sentences,
-)
-from pneunet_ros.reports.survey.survey_data import SurveyData, SurveyedArm
 from rich.progress import Progress
 from rich.table import Table
+
+if TYPE_CHECKING:
+    from pneunet_ros.calibration.fleet import Fleet
+    from pneunet_ros.cli.survey_arm import SurveyRequest
+    from pneunet_ros.reports.survey.survey_data import SurveyData, SurveyedArm
 
 
 def options(parser: ArgumentParser) -> None:
@@ -128,6 +119,9 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Do the arms that are not done, and write the page."""
+    from pneunet_ros.cli.survey_arm import SurveyRequest
+    from pneunet_ros.reports.survey.report import REPLACEABLE
+
     started = time.perf_counter()
     arm = resolved(arguments.arm or share_path(PAPER_ARM))
     fleet = read_fleet(resolved(arguments.source), arm)
@@ -170,6 +164,8 @@ class Survey:
         self, fleet: Sequence[FleetArm], workers: int | None, scheduler: str | None
     ) -> dict[str, dict[str, Any]]:
         """Return the row of every arm by its name: those that are done, and those done now."""
+        from pneunet_ros.cli.survey_arm import SurveyWork
+
         decided = asdict(self.request) | {'versions': versions()}
         if self.request.effects_path:
             files = sorted(Path(self.request.effects_path).glob('*.py'))
@@ -208,6 +204,8 @@ class Survey:
 
         What went wrong by itself, such as a worker that died, is not kept: it is tried again.
         """
+        from pneunet_ros.cli.survey_arm import FOUND
+
         if isinstance(outcome, PneunetError):
             row = row_of(arm, begun, failed=sentence_of(outcome))
             self.folder.write(arm.name, {}, row)
@@ -224,6 +222,8 @@ class Survey:
         self, source: str, fleet: Sequence[FleetArm], rows: Mapping[str, Mapping[str, Any]]
     ) -> SurveyData:
         """Return the arms with their models, compared."""
+        from pneunet_ros.reports.survey.survey_data import SurveyData, SurveyedArm
+
         arms = []
         for item in fleet:
             row, folder = rows[item.name], self.folder.folder(item.name)
@@ -249,6 +249,15 @@ class Survey:
 
     def write(self, data: SurveyData, provenance: Mapping[str, Any]) -> dict[str, Any]:
         """Write the page, its pictures and the numbers; return the content of the JSON."""
+        from pneunet_ros.reports.figure import draw_figures
+        from pneunet_ros.reports.survey.report import (
+            FIGURES,
+            NUMBERS,
+            PAGE,
+            survey_content,
+            survey_page,
+        )
+
         pictures = draw_figures(FIGURES, data, say_nothing)
         content = survey_content(data, provenance)
         files = {
@@ -274,6 +283,8 @@ def row_of(
 
 def compare(arms: Sequence[SurveyedArm], seed: int) -> Fleet:
     """Compare the arms that have a model."""
+    from pneunet_ros.calibration.fleet import arm_numbers, compare_arms, compared_pressure
+
     known = {item.name: (item.arm, item.found['loaded']) for item in arms if item.arm is not None}
     models = {name: arm for name, (arm, _) in known.items() if arm is not None}
     pressure = compared_pressure(list(models.values())) if models else np.nan
@@ -285,6 +296,8 @@ def compare(arms: Sequence[SurveyedArm], seed: int) -> Fleet:
 
 def show(data: SurveyData, kept: int, output: Path) -> None:
     """Print what a survey came to."""
+    from pneunet_ros.reports.survey.report import arm_row, NUMBERS, PAGE, survey_sentences
+
     console = output_console()
     table = Table(title=f'{len(data.arms)} arms, {kept} of them done before')
     for column in ('arm', 'missing', 'before (mm)', 'after (mm)', 'p as alike'):

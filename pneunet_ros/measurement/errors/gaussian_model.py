@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from scipy.linalg import cho_factor, cho_solve
+import scipy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,7 +47,7 @@ class GaussianModel:
         """
         vectors = tuple(item.T @ rest for item, rest in zip(columns, residuals, strict=True))
         grams = tuple(grams) or tuple(item.T @ item for item in columns)
-        factor = cho_factor(sum(grams, np.eye(position.size)))
+        factor = scipy.linalg.cho_factor(sum(grams, np.eye(position.size)))
         return cls(
             columns=tuple(columns),
             residuals=tuple(residuals),
@@ -57,13 +57,13 @@ class GaussianModel:
             squares=tuple(float(rest @ rest) for rest in residuals),
             log_volumes=tuple(log_volumes) or (0.0,) * len(grams),
             factor=factor,
-            step=cho_solve(factor, sum(vectors, np.zeros(position.size)) - position),
+            step=scipy.linalg.cho_solve(factor, sum(vectors, np.zeros(position.size)) - position),
         )
 
     @property
     def covariance(self) -> Array:
         """Covariance of the unknowns, (n, n)."""
-        inverse: Array = cho_solve(self.factor, np.eye(self.position.size))
+        inverse: Array = scipy.linalg.cho_solve(self.factor, np.eye(self.position.size))
         return inverse
 
     @property
@@ -73,7 +73,7 @@ class GaussianModel:
 
     def solved(self, right: Array) -> Array:
         """Return the covariance of the unknowns times something (n, k)."""
-        value: Array = cho_solve(self.factor, right)
+        value: Array = scipy.linalg.cho_solve(self.factor, right)
         return value
 
     def best_residuals(self) -> tuple[Array, ...]:
@@ -88,7 +88,9 @@ class GaussianModel:
         other = over
         if right is not left:
             other = sum(x.T @ b for x, b in zip(self.columns, right, strict=True))
-        value: Array = plain - np.asarray(over).T @ cho_solve(self.factor, np.asarray(other))
+        value: Array = plain - np.asarray(over).T @ scipy.linalg.cho_solve(
+            self.factor, np.asarray(other)
+        )
         return value
 
     def score(self, further: Sequence[Array]) -> Array:
@@ -103,9 +105,9 @@ class GaussianModel:
         precision = sum((self.grams[which] for which in kept), np.eye(self.position.size))
         vectors = (self.information_vectors[which] for which in kept)
         vector = sum(vectors, -self.position)
-        factor = cho_factor(precision, lower=True)
+        factor = scipy.linalg.cho_factor(precision, lower=True)
         squares = sum(self.squares[which] for which in kept) + float(self.position @ self.position)
-        explained = float(vector @ cho_solve(factor, vector))
+        explained = float(vector @ scipy.linalg.cho_solve(factor, vector))
         volume = float(np.log(np.diag(factor[0])).sum())
         volume += sum(self.log_volumes[which] for which in kept)
         return -0.5 * (squares - explained) - volume

@@ -21,7 +21,7 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.reports.paper_views.steady_states import SteadyState
 from pneunet_ros.solver.columns import LOADS, RIGIDITY, START
 from pneunet_ros.vision.smoother import Smoother
-from scipy.interpolate import CubicSpline
+import scipy
 
 LEAST_TARGETS = 3  # in a section, for a line through it
 
@@ -157,7 +157,7 @@ def curvature_weights(fit: Fit, pressure: Array, share: Array) -> Array:
     """Return how kappa_p0 at pressures (n,) Pa x s / l (m,) moves, (n, m, parameters)."""
     knots, cells = fit.parameters.arclength, fit.parameters.cells
     rows = idle(pressure).row_weights(fit.arm)
-    basis = CubicSpline(knots, np.eye(knots.size))(share)
+    basis = scipy.interpolate.CubicSpline(knots, np.eye(knots.size))(share)
     out = np.zeros((pressure.size, share.size, fit.values.size))
     out[:, :, :cells] = np.einsum('pr,sk->psrk', rows, basis).reshape(*out.shape[:2], cells)
     return out

@@ -35,7 +35,7 @@ from pneunet_ros.vision.overlay import curve_in_image, headline
 from pneunet_ros.vision.rest_plane import RESTING
 from pneunet_ros.vision.smoother import MeasuredCurve
 from pneunet_ros.vision.tracker import TrackerState, Tracking
-from scipy.interpolate import CubicSpline
+import scipy
 
 TEMPLATE = 'tracking_report.html.jinja'
 SCRIPT = 'scrub.js'
@@ -142,7 +142,7 @@ class TrackingPage:
         """Return how far (um) each target is from a curve, to its left; None where not known."""
         at = self.target_arclength
         inside = (at >= arclength[0] - 1e-9) & (at <= arclength[-1] + 1e-9)
-        spline = CubicSpline(arclength, points, axis=1)
+        spline = scipy.interpolate.CubicSpline(arclength, points, axis=1)
         x, y = spline(at)
         slope_x, slope_y = spline(at, 1)
         normal = (tracking.sightings.y - y) * slope_x - (tracking.sightings.x - x) * slope_y

@@ -35,7 +35,7 @@ from pneunet_ros.vision.dots.centroid import (
     V,
 )
 from pneunet_ros.vision.dots.ellipse_fit import ELLIPSE, EllipseSettings
-from scipy.spatial import cKDTree
+import scipy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -281,7 +281,7 @@ def _cut_at(grey: Bytes, level: int, appearance: Appearance) -> Array:
     found: Array = table[possible]
     holes = table[area < -limits.hole]
     if len(found) and len(holes):
-        apart, nearest = cKDTree(found[:, 1:3]).query(holes[:, 1:3])
+        apart, nearest = scipy.spatial.cKDTree(found[:, 1:3]).query(holes[:, 1:3])
         around = found[nearest, 0]
         within = (apart < np.sqrt(around / math.pi)) & (-holes[:, 0] < around)
         found = np.delete(found, nearest[within], axis=0)
@@ -326,7 +326,7 @@ def _continued(areas: Array, above: Array, chain: Integers, settings: BlobSettin
     """
     if not len(areas) or not len(above):
         return np.full(len(areas), -1)
-    apart, nearest = cKDTree(above[:, 1:3]).query(areas[:, 1:3])
+    apart, nearest = scipy.spatial.cKDTree(above[:, 1:3]).query(areas[:, 1:3])
     reach = settings.nested * np.sqrt(areas[:, 0] / math.pi) + 0.5
     there = (apart <= reach) & (areas[:, 0] <= settings.growth * above[nearest, 0])
     return np.where(there, chain[nearest], -1)

@@ -26,7 +26,7 @@ from pneunet_ros.vision.dots.edge_kernel import (
     TIMES,
     UNKNOWNS,
 )
-from scipy.special import erfc
+import scipy
 
 Integers = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
@@ -399,7 +399,7 @@ def _draw(
         moved[6] += time * by_u
         moved[7] += time * by_v
         further += part * ratio
-    covered = 0.5 * parts @ erfc(distance / math.sqrt(2.0))
+    covered = 0.5 * parts @ scipy.special.erfc(distance / math.sqrt(2.0))
     drawn = Drawn(covered, further, edge.sum(axis=0), moved)
     return near, x[near], y[near], drawn
 

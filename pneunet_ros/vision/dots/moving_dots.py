@@ -40,7 +40,7 @@ from pneunet_ros.vision.dots.ellipse_fit import (
     WIDTH,
     WITHIN,
 )
-from scipy.special import ndtr
+import scipy
 
 FLAT = 1e-6  # added to the normal equations: nothing is known of a spline without pixels
 # What is searched of a dot, after its contrast: center (2), way while the shutter is open (2),
@@ -286,7 +286,7 @@ def _draw(x: Array, y: Array, outline: Array, way: Array, size: float) -> tuple[
     out_x, out_y = (xx * across + xy * down) / ratio, (xy * across + yy * down) / ratio
     normal = 1.0 / np.maximum(np.hypot(out_x, out_y), 1e-9)
     outside = (ratio - 1.0) * normal / blur
-    covered = np.sum(parts * ndtr(-outside), axis=0)
+    covered = np.sum(parts * scipy.special.ndtr(-outside), axis=0)
     density = parts * np.exp(-0.5 * outside * outside) / (math.sqrt(2.0 * math.pi) * blur)
     by_u, by_v = density * out_x * normal, density * out_y * normal
     by_size = density * ratio * normal / size

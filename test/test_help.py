@@ -1,0 +1,28 @@
+"""The help of a verb is there at once: it imports nothing that only its work needs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+from pneunet_ros.cli.main import VERBS
+import pytest
+
+HEAVY = ('scipy.signal', 'scipy.stats', 'scipy.optimize', 'sklearn', 'matplotlib')
+ASK = """
+import contextlib, io, sys
+from pneunet_ros.cli.main import main
+try:
+    with contextlib.redirect_stdout(io.StringIO()) as said:
+        main([*sys.argv[1:], '--help'])
+except SystemExit as error:
+    assert not error.code and said.getvalue()
+print(*(name for name in {heavy!r} if name in sys.modules))
+"""
+
+
+@pytest.mark.parametrize('words', [[], *([verb.name] for verb in VERBS)], ids=str)
+def test_no_help_imports_what_draws_or_fits(words):
+    asked = [sys.executable, '-c', ASK.format(heavy=HEAVY), *words]
+    found = subprocess.run(asked, capture_output=True, text=True, check=True)
+    assert found.stdout.split() == []
