@@ -16,6 +16,7 @@ from pneunet_ros.calibration.checks.consistency import (
     outlier_recordings,
 )
 from pneunet_ros.calibration.checks.identifiability import undetermined_quantities
+from pneunet_ros.calibration.checks.left_out_levels import leave_levels_out, LeftOutLevels
 from pneunet_ros.calibration.checks.nonuniformity import (
     consider_nonuniformity,
     describe_nonuniformity,
@@ -36,6 +37,7 @@ from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
 from pneunet_ros.calibration.posterior import posterior_of, PosteriorState
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.measurement.dataset import RecordingData
@@ -66,6 +68,7 @@ class Calibration:
     explained_variance: float
     notes: tuple[str, ...]
     variation: StiffnessVariation | None = None
+    left_out: LeftOutLevels | None = None
     settings: CalibrationSettings = CALIBRATION
 
 
@@ -139,9 +142,15 @@ def calibrate(
         joint = fits.joint(runs, free, law)
         if compare and len(loaded) > 1 and resolution.law == PiecewiseLinearLaw.kind:
             laws = fits.compare_laws(unloaded, loaded, free, law.stiffness)
+    left_out = None
+    if resolution.free_shapes is not None and not loaded and earlier is None:
+        on_progress('pressures left out', 0, 0)
+        left_out = leave_levels_out(unloaded, free, fits.first_experiment)
     posterior = posterior_of(joint, *fits.span(earlier))
     notes = undetermined_quantities(joint, settings.identifiability)
     joint = consider_nonuniformity(joint, settings)
+    if left_out is not None:
+        joint = with_larger_errors(joint, left_out.excess)
     if loaded:
         on_progress('stiffness along the arm', 0, 0)
     variation = stiffness_variation(joint, noise.noise, settings.stiffness_variation)
@@ -168,6 +177,7 @@ def calibrate(
             *noise.notes,
             *describe_clamp(runs, frame),
             *resolution.notes,
+            *(() if left_out is None else (left_out.sentence,)),
             *(resolution.law_notes if kind is None else ()),
             *describe_nonuniformity(joint, settings),
             *notes,
@@ -179,8 +189,17 @@ def calibrate(
             *outliers,
         ),
         variation=variation,
+        left_out=left_out,
         settings=settings,
     )
+
+
+def with_larger_errors(fit: Fit, excess: Array) -> Fit:
+    """Return a fit with these columns (parameters, errors) added to its covariance."""
+    more, shared = excess @ excess.T, fit.shared_covariance.copy()
+    size = len(more)
+    shared[:size, :size] += more
+    return replace(fit, covariance=fit.covariance + more, shared_covariance=shared)
 
 
 def domain_of(joint: Fit, earlier: Domain | None = None) -> Domain:

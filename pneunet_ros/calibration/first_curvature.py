@@ -29,14 +29,35 @@ def first_curvature(runs: Sequence[RecordingData], arm: Arm, pressure: Array) ->
     seen = np.concatenate([(run.x + 1j * run.y) * upright for run in runs])
     # The clamp's own target, alone in a frame, tells nothing.
     weights = np.isfinite(seen) @ arm.target_arclength**2
+    shown = np.zeros(read.shape)
+    if weights.any():
+        shown = arc_curvature(seen, arm.target_arclength)
+    else:
+        turn, known = tip_turns(runs, arm)
+        shown, weights = turn / arm.length, known.astype(np.float64)
     if not weights.any():
         return np.zeros(pressure.shape)
-    shown = arc_curvature(seen, arm.target_arclength)
     middle = np.average(read, weights=weights)
     if not np.ptp(read[weights > 0.0]) > 0.0:
         return np.full(pressure.shape, np.average(shown, weights=weights))
     slope, offset = np.polyfit(read - middle, shown, 1, w=np.sqrt(weights))
     return np.asarray(offset + slope * (pressure - middle))
+
+
+def tip_turns(runs: Sequence[RecordingData], arm: Arm) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Return the turn (frames,) rad of the tip beyond the clamp, and in which frames it is known.
+
+    From frame to frame of rising pressure it turns by less than half a turn.
+    """
+    turns = []
+    for run in runs:
+        heading = np.full(len(run.x), np.nan) if run.heading is None else np.array(run.heading)
+        order = np.argsort(run.frame_pressure, kind='stable')
+        order = order[np.isfinite(heading[order])]
+        heading[order] = np.unwrap(heading[order] - arm.clamp_angle)
+        turns.append(heading)
+    turn = np.concatenate(turns)
+    return np.nan_to_num(turn), np.isfinite(turn)
 
 
 def arc_curvature(seen: npt.NDArray[np.complex128], arclength: Array) -> Array:

@@ -156,6 +156,9 @@ class PiecewiseParameters(MomentLawParameters):
         return tuple(names), change
 
 
+LEAST_SHARE = 1e-3  # of the stiffness where the search begins: no soft arm has less
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LinearParameters(MomentLawParameters):
     """M = EI (kappa - kappa0): one stiffness."""
@@ -167,6 +170,11 @@ class LinearParameters(MomentLawParameters):
         """Set up the prior."""
         object.__setattr__(self, 'mean', frozen_array([self.stiffness]))
         object.__setattr__(self, 'prior', frozen_array([[self.stiffness**2]]))
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """EI is positive."""
+        return LEAST_SHARE * self.mean, np.array([np.inf])
 
     def law(self, values: Array) -> LinearLaw:
         """Return the law with this stiffness."""
@@ -197,6 +205,11 @@ class MajidiParameters(MomentLawParameters):
         modulus = 12.0 * self.stiffness / (section['thickness'] ** 3 * section['width'])
         object.__setattr__(self, 'mean', frozen_array([modulus]))
         object.__setattr__(self, 'prior', frozen_array([[modulus**2]]))
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """The modulus is positive."""
+        return LEAST_SHARE * self.mean, np.array([np.inf])
 
     @property
     def assumed(self) -> bool:

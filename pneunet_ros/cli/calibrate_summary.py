@@ -8,13 +8,20 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
+from pneunet_ros.calibration.checks.left_out_levels import LeftOutLevels
 from pneunet_ros.calibration.checks.stiffness_variation import StiffnessVariation
 from pneunet_ros.cli.fitted_table import print_table
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.reports.calibration import tables
 from pneunet_ros.reports.calibration.tables import law_rows, number_rows, Row
-from pneunet_ros.reports.calibration.verdict import bending_stiffness, Files, verdict_of
+from pneunet_ros.reports.calibration.verdict import (
+    bending_stiffness,
+    Files,
+    last_target_rms,
+    verdict_of,
+)
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -42,7 +49,8 @@ def numbers_of(calibration: Calibration, files: Files) -> dict[str, Any]:
                 'loaded': fitted.run.loaded,
                 'frames': len(fitted.solved),
                 'unsolved': int(np.count_nonzero(~fitted.solved)),
-                'rms': float(np.sqrt(np.nanmean(fitted.residual**2))),
+                'rms': known_rms(fitted.residual),
+                'tip_rms': last_target_rms([fitted]),
                 'chi_squared_per_coordinate': float(
                     fitted.whitened.sum() / max(int(fitted.dof.sum()), 1)
                 ),
@@ -57,9 +65,28 @@ def numbers_of(calibration: Calibration, files: Files) -> dict[str, Any]:
             }
             for law in calibration.laws
         ],
+        'left_out_levels': None
+        if calibration.left_out is None
+        else left_out_numbers(calibration.left_out),
         'stiffness_variation': variation_numbers(calibration.variation),
         'covariance_share': calibration.explained_variance,
         'notes': list(calibration.notes),
+    }
+
+
+def known_rms(residual: Array) -> float:
+    """Return the rms (m) of coordinates that were seen; NaN where none was."""
+    known = residual[np.isfinite(residual)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float('nan')
+
+
+def left_out_numbers(left_out: LeftOutLevels | None) -> dict[str, Any] | None:
+    """Return what left-out pressures came to, without the columns; None: none was left out."""
+    if left_out is None:
+        return None
+    return {
+        name: getattr(left_out, name)
+        for name in ('levels', 'model', 'arc', 'interpolation', 'changed', 'is_angle', 'better')
     }
 
 
@@ -84,7 +111,9 @@ def show(
     console.print(Text(verdict['fit'], style='bold'))
     console.print(Text(verdict['certainty']))
     table = Table(title='Recordings')
-    for column in ('recording', 'load', 'frames', 'rms (mm)', 'chi2 per coordinate'):
+    for column in (
+        'recording', 'load', 'frames', 'rms (mm)', 'tip (mm)', 'chi2 per coordinate',
+    ):  # fmt: skip
         table.add_column(column, justify='left' if column in ('recording', 'load') else 'right')
     for row in summary['recordings']:
         table.add_row(
@@ -92,6 +121,7 @@ def show(
             'loaded' if row['loaded'] else 'none',
             str(row['frames']),
             f'{millimeters(row["rms"]):.3f}',
+            f'{millimeters(row["tip_rms"]):.3f}',
             f'{row["chi_squared_per_coordinate"]:.2f}',
         )
     print_table(console, table)

@@ -15,6 +15,7 @@ from pneunet_ros.cli.verb import add_settings, add_topics, SENSOR_SETTINGS, sett
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.paths import resolved
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.tip_frame import in_base_frame
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -119,6 +120,10 @@ def read_experiments(
     runs = tuple(
         tuple(read(path) for path in itertools.islice(tracked, len(group))) for group in groups
     )
+    flat, found = in_base_frame(list(itertools.chain(*runs)), frame)
+    left_out += found
+    placed = iter(flat)
+    runs = tuple(tuple(itertools.islice(placed, len(group))) for group in runs)
     return Experiments(
         groups=runs,
         left_out=tuple(left_out),

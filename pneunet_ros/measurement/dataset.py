@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import match_stamps, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
@@ -62,11 +63,12 @@ class RecordingData:
     N m are the end load at the frames in the base frame, as read; `loaded` is False where nothing
     was attached, and the load then exactly zero. x, y (frames, targets) m in the base frame, NaN
     where a target was not seen. tip_pose (frames, 3): x, y m and heading rad of the tip, NaN where
-    not measured; None: never (see `measurement.tip_pose`). static: frames are steady states in any
-    order, their stamps mean nothing. pressurized: False where no pressure was recorded; it is then
-    zero. load_known: the load is a known constant, which no sensor has read. wrench_stamp_ns
-    (wrenches,) and wrench (wrenches, 3) N, N m are all readings of the end load; None where only
-    those at the frames are known. Raises RecordingError where these do not fit together.
+    not measured; None: never (see `measurement.tip_pose`); in the frame tip_frame. static: frames
+    are steady states in any order, their stamps mean nothing. pressurized: False where no pressure
+    was recorded; it is then zero. load_known: the load is a known constant, which no sensor has
+    read. wrench_stamp_ns (wrenches,) and wrench (wrenches, 3) N, N m are all readings of the
+    end load; None where only those at the frames are known. Raises RecordingError where these
+    do not fit together.
     """
 
     name: str
@@ -80,6 +82,7 @@ class RecordingData:
     x: Array
     y: Array
     tip_pose: Array | None = None
+    tip_frame: str = BASE_FRAME
     static: bool = False
     pressurized: bool = True
     load_known: bool = False
@@ -160,7 +163,10 @@ class RecordingData:
         frames = len(self.stamp_ns)
         if frames <= most:
             return self
-        kept = np.unique(np.linspace(0, frames - 1, most).astype(np.int64))
+        return self.subset(np.unique(np.linspace(0, frames - 1, most).astype(np.int64)))
+
+    def subset(self, kept: npt.NDArray[np.int64]) -> RecordingData:
+        """Return the run with these frames alone, by their place, which increases."""
         cut = {
             name: getattr(self, name)[kept]
             for name in ('stamp_ns', 'reading', 'force', 'moment', 'x', 'y')

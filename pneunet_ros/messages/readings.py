@@ -296,12 +296,8 @@ def targets_row(
 
 
 def tip_pose_row(message: Any, settings: EstimatorSettings, _: int | None) -> tuple[int, Array]:
-    """Return stamp and x, y (m), heading (rad) of the tip; UnusableTopic: another frame."""
+    """Return stamp and x, y (m), heading (rad) of the tip, in whatever frame they are."""
     reading = decode_tip_pose(message)
-    if reading.frame_id != settings.frame_id:
-        raise UnusableTopic(
-            f'the tip pose is in frame {reading.frame_id!r}, and must be in {settings.frame_id!r}'
-        )
     return reading.stamp_ns, np.array([reading.x, reading.y, reading.heading])
 
 

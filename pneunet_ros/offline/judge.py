@@ -346,6 +346,7 @@ def measured_points(
     count = arm.target_arclength.size
     if targets is not None and len(targets.stamp_ns) and targets.values.shape[2] == count > 0:
         return targets.stamp_ns, targets.values, arm.target_arclength
-    if pose is not None and len(pose.stamp_ns):
+    near = pose is not None and np.nanmax(np.abs(pose.values[:, :2]), initial=0.0) <= arm.reach
+    if pose is not None and near:
         return pose.stamp_ns, pose.values[:, :2, None], np.array([arm.reach])
     return None

@@ -6,6 +6,7 @@ What is left out is counted in sentences; nothing is filled in.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -13,13 +14,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.errors import MessageError, RecordingError
+from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.dataset import frame_instants, frames_in_jumps, RecordingData
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS, TIP_POSE
 from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series, ReadingSeries
-from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording import open_recording, Recording
 
 _AS_SHIPPED = EstimatorSettings()
 _NO_OVERRIDES: Mapping[str, str] = MappingProxyType({})
@@ -114,8 +116,18 @@ def read_run(
         x=points[keep, 0],
         y=points[keep, 1],
         tip_pose=None if pose is None else pose[keep],
+        tip_frame=tip_frame(recording, topics.get(TIP_POSE.name), settings),
     )
     return run, tuple(sentences)
+
+
+def tip_frame(recording: Recording, topic: str | None, settings: EstimatorSettings) -> str:
+    """Return the frame id of the poses of the tip, the base frame where it is that or none."""
+    for message in () if topic is None else recording.messages([topic]):
+        with suppress(MessageError):
+            frame = TIP_POSE.decode(message.message).frame_id
+            return BASE_FRAME if frame in ('', settings.frame_id) else str(frame)
+    return BASE_FRAME
 
 
 def is_constant(values: Array) -> bool:

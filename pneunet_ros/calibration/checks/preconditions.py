@@ -79,7 +79,7 @@ def check_runs(
         check_unloaded(run, arm, limits)
     for run in loaded:
         check_loads(run, arm, limits)
-    check_same_arm(unloaded, arm.length, settings.consistency)
+    check_same_arm([run for run in unloaded if run.seen.any()], arm.length, settings.consistency)
     if first and constant and not unloaded:
         check_different_loads(loaded, arm, settings.resolution)
     if loaded:
@@ -120,7 +120,7 @@ def check_loads(
 
 def check_bending(runs: Sequence[RecordingData], arm: Arm, settings: PreconditionSettings) -> None:
     """Raise RecordingError where the targets stay in one place under all loads."""
-    if motion(runs) < settings.smallest_motion * arm.length:
+    if motion(runs, arm.reach) < settings.smallest_motion * arm.length:
         raise RecordingError(
             f'{names_of(runs)}: the targets hardly move, so they say nothing of the moment law; '
             'change the pressure or the load, within a recording or between them'
@@ -151,11 +151,11 @@ def check_pressures(
     limits, same = settings.preconditions, same_pressure(arm, settings.resolution)
     pressures = np.concatenate([run.frame_pressure for run in unloaded])
     names = names_of(unloaded)
-    moved = max(motion([run]) for run in unloaded)
+    moved = max(motion([run], arm.reach) for run in unloaded)
     if limits.judge_readings:
         check_meaning(pressures, names, arm, moves=moved > limits.bending_motion * arm.length)
     for run in unloaded:
-        moves = motion([run])
+        moves = motion([run], arm.reach)
         still = np.ptp(run.frame_pressure) < same
         if still and moves > limits.hanging_motion * arm.length:
             raise RecordingError(
@@ -171,7 +171,7 @@ def check_pressures(
             'needs at least two pressures; record a ramp or a staircase'
         )
     least = limits.smallest_motion * arm.length
-    if moved < least and motion(unloaded) < least:
+    if moved < least and motion(unloaded, arm.reach) < least:
         raise RecordingError(
             f'{names}: the targets hardly move although the '
             'pressure changes; do the target topic and the pressure belong together?'
@@ -222,6 +222,8 @@ def check_targets(
             'recordings of different arms cannot be calibrated together (see --arm)'
         )
     seen = np.count_nonzero(run.seen, axis=0) > 0
+    if run.heading is not None:
+        return  # that of the tip shows how far the arm bends
     if np.count_nonzero(seen) < settings.fewest_targets and not seen[-1]:
         raise RecordingError(
             f'{run.name} shows fewer than {settings.fewest_targets} targets, and never the last'
@@ -237,6 +239,8 @@ def check_units(
         raise RecordingError(
             f'{run.name}: a pressure of {highest:.3g} Pa; pressure must be gauge, in Pa'
         )
+    if not run.seen.any():
+        return  # an angle has one unit and no place
     reach = float(np.nanmax(np.hypot(run.x, run.y)))
     if reach > settings.longest * arm.reach:
         raise RecordingError(
@@ -311,8 +315,14 @@ def describe_clamp(
     )
 
 
-def motion(runs: Sequence[RecordingData]) -> float:
-    """Return how far the last target that is ever seen moves (m), in all of the recordings."""
+def motion(runs: Sequence[RecordingData], reach: float) -> float:
+    """Return how far the last target that is ever seen moves (m), in all of the recordings.
+
+    reach (m): of the arm; where only the heading of the tip is known it moves by half an arc.
+    """
+    if not any(run.seen.any() for run in runs):
+        turns = np.concatenate([run.heading for run in runs if run.heading is not None])
+        return 0.5 * reach * float(np.ptp(np.unwrap(turns[np.isfinite(turns)])))
     x, y = (np.concatenate([getattr(run, name) for run in runs]) for name in 'xy')
     last = int(np.flatnonzero(np.isfinite(x).any(axis=0))[-1])
     return float(

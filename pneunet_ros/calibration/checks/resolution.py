@@ -61,9 +61,9 @@ def resolve(
     constant = has_one_pressure(runs, arm, settings)
     notes = []
     if shapes == 1:
+        shown = f'{count_of(targets, "target")}, {places(targets)}' if targets else 'one heading'
         notes.append(
-            'the curvature along the arm is taken as constant, as no more is seen than '
-            f'{count_of(targets, "target")}, {places(targets)}'
+            f'the curvature along the arm is taken as constant, as no more is seen than {shown}'
         )
     elif shapes < settings.knots:
         heading = ' and a heading of the tip' if with_heading else ''

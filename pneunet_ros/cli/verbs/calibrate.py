@@ -165,7 +165,7 @@ def run(arguments: Namespace) -> int:
         print_json(summary | {'provenance': provenance})
     else:
         show(calibration, summary, read.sentences, output_console())
-    return DONE if calibration.joint.converged else NEGATIVE
+    return DONE if summary['verdict']['fits'] else NEGATIVE
 
 
 def files_of(arguments: Namespace) -> Files:

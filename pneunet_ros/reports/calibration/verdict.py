@@ -11,8 +11,11 @@ import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.measurement.linearization import FittedRun
+from pneunet_ros.measurement.tip_pose import heading_residual
 from pneunet_ros.reports.paper_views.moment_curvature import law_view
 from pneunet_ros.reports.settings import REPORT_SETTINGS, ReportSettings
+from pneunet_ros.solver.columns import THETA
 
 SECTIONS = ('near the clamp', 'beyond l1')
 
@@ -32,9 +35,11 @@ UNKNOWN_FILES = Files()
 class Verdict:
     """How well the model fits, how sure its numbers are, and what to do next.
 
-    command: to type for it, with capitals for what the user has to fill in.
+    fits: False where there is no model, or something is missing in it. command: to type for the
+    next step, with capitals for what the user has to fill in.
     """
 
+    fits: bool
     fit: str
     certainty: str
     next_step: str
@@ -65,11 +70,17 @@ def verdict_of(
         certainty = f'Bending stiffness EI {stiffness_text(stiffness)}.'
     next_step, command = next_steps(calibration, bool(stiffness), settings, files)
     return Verdict(
+        fits=joint.converged and not lacks_something(calibration, settings),
         fit=fit_sentence(calibration, settings),
         certainty=certainty,
         next_step=next_step,
         command=command,
     )
+
+
+def lacks_something(calibration: Calibration, settings: ReportSettings) -> bool:
+    """Whether targets are further from the model than noise explains, or off together."""
+    return noise_ratio(calibration.joint) > settings.as_noise or varies(calibration)
 
 
 def fit_sentence(calibration: Calibration, settings: ReportSettings) -> str:
@@ -79,7 +90,12 @@ def fit_sentence(calibration: Calibration, settings: ReportSettings) -> str:
         return f'No model: the fit did not settle ({fit.status}).'
     rms = residual_rms(fit)
     share = 100.0 * rms / fit.arm.length
-    size = f'{millimeters(rms):.2g} mm rms per coordinate, {share:.2g} % of the length'
+    size = (
+        f'{millimeters(rms):.2g} mm rms per coordinate of all targets, {share:.2g} % of the length'
+        f'{tip_text(fit)}'
+    )
+    if math.isnan(rms):
+        size = f'{math.degrees(heading_rms(fit.runs)):.2g} degrees rms of the heading of the tip'
     times = noise_ratio(fit)
     if times <= settings.as_noise and varies(calibration):
         return (
@@ -104,6 +120,32 @@ def fit_sentence(calibration: Calibration, settings: ReportSettings) -> str:
         f'The model does not fit: {size}, worse than the noise: {times:.2g} times it. '
         'Something is missing.'
     )
+
+
+def tip_text(fit: Fit) -> str:
+    """Say how far the last target is off (rms of the distance); that at the clamp never is."""
+    rms = last_target_rms(fit.runs)
+    return '' if math.isnan(rms) else f', the last target {millimeters(rms):.2g} mm'
+
+
+def heading_rms(runs: Sequence[FittedRun]) -> float:
+    """Return the rms (rad) of the heading of the tip in these runs; NaN where it is not known."""
+    left = [
+        heading_residual(item.run.heading, item.fields[:, THETA, -1])[item.solved]
+        for item in runs
+        if item.run.heading is not None
+    ]
+    known = np.concatenate([*left, np.zeros(0)])
+    known = known[np.isfinite(known)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
+
+
+def last_target_rms(runs: Sequence[FittedRun]) -> float:
+    """Return the rms distance (m) of the last target in these runs; NaN where it is not seen."""
+    squares = [np.sum(item.residual[item.solved][:, :, -1] ** 2, axis=1) for item in runs]
+    values = np.concatenate(squares)
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known))) if known.size else math.nan
 
 
 def varies(calibration: Calibration) -> bool:
@@ -150,11 +192,16 @@ def bending_stiffness(fit: Fit) -> list[BendingStiffness]:
 
 def stiffness_text(stiffness: Sequence[BendingStiffness]) -> str:
     """Say EI of each section, at least one, with its standard error."""
-    texts = [
-        f'{stiffness_with_error(item.value, item.std)} {item.section}'.rstrip()
-        for item in stiffness
-    ]
+    texts = [f'{one_stiffness(item)} {item.section}'.rstrip() for item in stiffness]
     return f'{" and ".join(texts)}, at {kilopascals(stiffness[0].pressure):z.0f} kPa'
+
+
+def one_stiffness(item: BendingStiffness) -> str:
+    """Write a stiffness with its error, or what is known of it where that is larger."""
+    if item.std < abs(item.value):
+        return stiffness_with_error(item.value, item.std)
+    most = abs(item.value) + 2.0 * item.std
+    return f'not determined by these recordings (below {most:.2g} N m^2)'
 
 
 def stiffness_with_error(value: float, std: float) -> str:
@@ -181,7 +228,7 @@ def next_steps(
             f'{force if loaded else ""}.',
             f'pneunet check {names} --model {arm}',
         )
-    if noise_ratio(joint) > settings.as_noise or varies(calibration):
+    if lacks_something(calibration, settings):
         return (
             'Ask what is missing; hold one recording out.',
             f'pneunet diagnose --model {model} --train {names} --heldout FRESH.mcap --output DIR',

@@ -1,0 +1,226 @@
+"""What a calibration from few numbers is worth: each pressure left out, beside two baselines.
+
+The baselines know nothing of rods: an arc of the length of the arm, whose curvature is
+interpolated over the pressure, and the tip itself, interpolated. Where these do as well, it is
+said. By how much the fit changes without a pressure is in its error bars (jackknife).
+
+Source: Efron and Stein, Ann. Statist. 9 (1981).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.calibration.first_curvature import arc_curvature, tip_turns
+from pneunet_ros.calibration.low_rank import jacobian_at
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.core.units import millimeters
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inputs import Inputs
+from pneunet_ros.measurement.tip_pose import heading_residual
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.solver.columns import THETA
+from scipy.interpolate import PchipInterpolator
+
+Places = npt.NDArray[np.complex128]
+LEAST_STEP = 200.0  # Pa, between levels of which a mean is taken
+Refit = Callable[[Sequence[RecordingData]], Fit]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeftOutSettings:
+    """Which pressures are left out, and when a baseline does as well."""
+
+    levels: int = tuning(
+        10, 'parts of the pressures at most', source='convention: tenfold cross-validation'
+    )
+    fewest: int = tuning(4, 'parts', source='convention: two beside the first and the last')
+    frames: int = tuning(300, 'of all runs', source='convention: seconds of CPU')
+    as_well: float = tuning(
+        1.1, 'error over that of a baseline', source='convention: a tenth is no difference'
+    )
+
+
+LEFT_OUT = LeftOutSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LeftOutLevels:
+    """Errors at pressures that were left out of the fit: of the tip (m), or its heading (rad).
+
+    levels: how many; model, arc, interpolation: rms; changed: how far the prediction moves by
+    leaving one out, over its standard error; excess (parameters, levels): columns of the
+    covariance that this adds to that of the fit, where it is more.
+    """
+
+    levels: int
+    model: float
+    arc: float
+    interpolation: float
+    changed: float
+    excess: Array
+    is_angle: bool
+    limit: float = LEFT_OUT.as_well
+
+    @property
+    def better(self) -> str:
+        """Name the baseline that does as well as the model; empty where none does."""
+        least = min(self.arc, self.interpolation)
+        if self.model <= least:
+            return ''
+        return 'a constant curvature' if least == self.arc else 'interpolation'
+
+    @property
+    def sentence(self) -> str:
+        """Say it to a person."""
+        what = 'heading of the tip' if self.is_angle else 'tip'
+        text = (
+            f'{self.levels} pressures, each left out of the fit: the model misses the {what} by '
+            f'{self.shown(self.model)} rms, a constant curvature interpolated over the pressure '
+            f'by {self.shown(self.arc)}, plain interpolation of the {what} by '
+            f'{self.shown(self.interpolation)}'
+        )
+        if not self.better:
+            return text
+        worse = self.model > self.limit * min(self.arc, self.interpolation)
+        more = '; `pneunet diagnose` looks for what is missing' if worse else ''
+        return f'{text}: between these pressures {self.better} does as well{more}'
+
+    def shown(self, value: float) -> str:
+        """Write an error in mm or degrees."""
+        if self.is_angle:
+            return f'{math.degrees(value):.2g} degrees'
+        return f'{millimeters(value):.2g} mm'
+
+
+def leave_levels_out(
+    runs: Sequence[RecordingData],
+    full: Fit,
+    refit: Refit,
+    settings: LeftOutSettings = LEFT_OUT,
+) -> LeftOutLevels | None:
+    """Fit without each part of the pressures but the first and the last, and predict it.
+
+    runs: unloaded; full: the fit to all of them; refit: does that with other runs. None where the
+    pressures are too few, or the tip is not seen.
+    """
+    share = max(settings.frames // len(runs), 1)
+    runs = [run.thin(share) for run in runs]
+    pressure = np.concatenate([run.frame_pressure for run in runs])
+    part = parts_of(pressure, settings.levels)
+    arm, count = full.parameters.frame, int(part.max()) + 1
+    tip = np.concatenate([run.x[:, -1] + 1j * run.y[:, -1] for run in runs])
+    turn, with_turn = tip_turns(runs, arm)
+    is_angle = not np.isfinite(tip).any()
+    known = with_turn if is_angle else np.isfinite(tip)
+    inner = [index for index in range(1, count - 1) if known[part == index].any()]
+    if len(inner) < settings.fewest - 2:
+        return None
+    bend = turn / arm.reach
+    if not is_angle:
+        points = np.concatenate([run.x + 1j * run.y for run in runs])
+        bend = arc_curvature(points * np.exp(-1j * arm.clamp_angle), arm.target_arclength)
+    errors: dict[str, list[Array]] = {'model': [], 'arc': [], 'interpolation': []}
+    moved, expected, changes = 0.0, 0.0, list[Array]()
+    for index in inner:
+        out, kept = known & (part == index), known & (part != index)
+        fitted = refit(without(runs, part == index))
+        at = pressure[out]
+        changes.append(fitted.values - full.values)
+        predicted, before = tip_of(fitted.arm, at), tip_of(full.arm, at)
+        arc = interpolated(pressure[kept], bend[kept], at)
+        if is_angle:
+            errors['model'].append(heading_residual(turn[out], predicted[1] - arm.clamp_angle))
+            errors['arc'].append(turn[out] - arc * arm.reach)
+            plain = interpolated(pressure[kept], turn[kept], at)
+            errors['interpolation'].append(turn[out] - plain)
+            moved += float(np.sum((predicted[1] - before[1]) ** 2))
+        else:
+            errors['model'].append(np.abs(tip[out] - predicted[0]))
+            errors['arc'].append(np.abs(tip[out] - arc_tip(arm, arc)))
+            plain = interpolated(pressure[kept], tip[kept].real, at) + 1j * interpolated(
+                pressure[kept], tip[kept].imag, at
+            )
+            errors['interpolation'].append(np.abs(tip[out] - plain))
+            moved += float(np.sum(np.abs(predicted[0] - before[0]) ** 2))
+        expected += tip_variance(full, at, is_angle=is_angle)
+    rms = {name: float(np.sqrt(np.mean(np.concatenate(e) ** 2))) for name, e in errors.items()}
+    if not all(math.isfinite(value) for value in rms.values()):
+        return None
+    changed = math.sqrt(moved / expected) if expected > 0.0 else 1.0
+    more = max(1.0 - 1.0 / max(changed, 1.0) ** 2, 0.0) * (len(inner) - 1) / len(inner)
+    return LeftOutLevels(
+        levels=len(inner),
+        changed=changed,
+        excess=math.sqrt(more) * np.column_stack(changes),
+        is_angle=is_angle,
+        **rms,
+    )
+
+
+def parts_of(pressure: Array, most: int) -> Array:
+    """Return to which part of the pressures every frame belongs, (frames,), from 0 up.
+
+    Levels that stand apart are parts; where they are more than `most`, equal spans are.
+    """
+    low, span = float(pressure.min()), float(np.ptp(pressure)) or 1.0
+    order = np.sort(pressure)
+    gaps = order[1:][np.diff(order) > span / (5.0 * most)]
+    if 2 <= gaps.size < most:
+        return np.asarray(np.searchsorted(gaps, pressure, side='right'))
+    return np.minimum(((pressure - low) / span * most).astype(np.int64), most - 1)
+
+
+def without(runs: Sequence[RecordingData], left_out: Array) -> list[RecordingData]:
+    """Return the runs without the frames that are left out (all frames of all runs,)."""
+    kept, start = list[RecordingData](), 0
+    for run in runs:
+        frames = len(run.stamp_ns)
+        stay = np.flatnonzero(~np.asarray(left_out[start : start + frames], dtype=np.bool_))
+        kept += [run.subset(stay)] * bool(stay.size)
+        start += frames
+    return kept
+
+
+def interpolated(pressure: Array, values: Array, at: Array) -> Array:
+    """Return values between pressures by a monotone cubic through the mean at each."""
+    levels, which = np.unique(np.round(pressure / LEAST_STEP), return_inverse=True)
+    mean = np.bincount(which, values) / np.bincount(which)
+    places = np.bincount(which, pressure) / np.bincount(which)
+    if levels.size == 1:
+        return np.full(at.shape, mean[0])
+    return np.asarray(PchipInterpolator(places, mean)(np.clip(at, places[0], places[-1])))
+
+
+def arc_tip(arm: Arm, curvature: Array) -> Places:
+    """Return the tip x + i y (m) of arcs of the length of the arm, from its clamp."""
+    half = 0.5 * arm.reach * curvature
+    chord = arm.reach * np.sinc(half / np.pi)
+    return np.array(chord * np.exp(1j * (half + arm.clamp_angle)))
+
+
+def tip_of(arm: Arm, pressure: Array) -> tuple[Places, Array]:
+    """Return the tip x + i y (m) and its heading (rad) of an unloaded arm; NaN without one."""
+    model = ForwardModel(np.array([0.0, arm.reach]))
+    inputs = Inputs(pressure=pressure, loads=np.zeros((pressure.size, 3)))
+    solved = model.solve(arm, inputs)
+    points = np.where(solved[:, None, None], model.points, np.nan)
+    tip = points[:, 0, -1] + 1j * points[:, 1, -1]
+    return np.array(tip), np.asarray(model.fields[:, THETA, -1])
+
+
+def tip_variance(fit: Fit, pressure: Array, *, is_angle: bool) -> float:
+    """Return the sum over frames of the variance of the tip (m^2), or of its heading (rad^2)."""
+    arm = fit.arm
+    inputs = Inputs(pressure=pressure, loads=np.zeros((pressure.size, 3)))
+    jacobian = jacobian_at(fit, inputs, np.array([0.0, arm.reach]))
+    moved = np.einsum('ij,jk,ik->i', jacobian, fit.covariance, jacobian)
+    total = float(np.sum(moved))
+    return total / (0.5 * arm.reach) ** 2 if is_angle else total

@@ -1,0 +1,171 @@
+"""Where the clamp is in the frame of motion capture, from the poses of the tip alone.
+
+The arm bends along arcs of constant length from the clamp, at first: a rigid motion of three
+numbers brings all poses onto such arcs. What bends unevenly or gets longer is in its error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.frames import BASE_FRAME, rotate
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.core.units import millimeters
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.model.arm import Arm
+from scipy.optimize import least_squares
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TipFrameSettings:
+    """When the clamp is looked for, and when it counts as found."""
+
+    out_of_reach: float = tuning(
+        1.1,
+        'distance of a tip from the clamp that no arm has',
+        unit='reach',
+        source='convention: pneu-nets get a few percent longer',
+    )
+    largest_std: float = tuning(
+        0.05,
+        'standard error of the place of the clamp',
+        unit='reach',
+        source='convention: more is half the motion that is to be explained',
+    )
+    most: int = tuning(100, 'poses that are used', source='convention: seconds of CPU')
+    starts: int = tuning(12, 'directions the search begins in', source='convention: every 30 deg')
+
+
+TIP_FRAME = TipFrameSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundBase:
+    """The clamp in another frame: x, y (m), angle (rad) of the base frame, and standard errors.
+
+    rms (m): what the arcs leave.
+    """
+
+    x: float
+    y: float
+    angle: float
+    std_x: float
+    std_y: float
+    std_angle: float
+    rms: float
+
+    @property
+    def sentence(self) -> str:
+        """Say it to a person."""
+        return (
+            f'the clamp was found at ({millimeters(self.x):.2f} ± {millimeters(self.std_x):.2g}, '
+            f'{millimeters(self.y):.2f} ± {millimeters(self.std_y):.2g}) mm, and the axis of the '
+            f'straight arm at {math.degrees(self.angle):.2f} ± '
+            f'{math.degrees(self.std_angle):.2g} degrees, from arcs of the length of the arm '
+            f'(they leave {millimeters(self.rms):.2g} mm)'
+        )
+
+    def in_base(self, pose: Array) -> Array:
+        """Return poses (frames, 3) of the other frame in the base frame."""
+        x, y = rotate(-self.angle, pose[:, 0] - self.x, pose[:, 1] - self.y)
+        return np.column_stack([x, y, pose[:, 2] - self.angle])
+
+
+def in_base_frame(
+    runs: Sequence[RecordingData], arm: Arm, settings: TipFrameSettings = TIP_FRAME
+) -> tuple[list[RecordingData], tuple[str, ...]]:
+    """Return the runs with poses of the tip in the base frame, and what was found, in words.
+
+    Poses whose frame is not the base frame, or that are out of the arm's reach, are of another
+    frame; the clamp is looked for in the runs without a load. Raises RecordingError where these
+    do not show it.
+    """
+    other = [run for run in runs if is_elsewhere(run, arm, settings)]
+    if not other:
+        return list(runs), ()
+    names = ', '.join(run.name for run in other)
+    free = [run for run in other if not run.loaded] or other
+    poses = np.concatenate([run.tip_pose for run in free if run.tip_pose is not None])
+    found = find_base(poses, arm, settings)
+    if found is None:
+        raise RecordingError(
+            f'{names}: the tip is measured in another frame than {BASE_FRAME}, and these poses do '
+            'not show where the clamp is: bend the arm further and without a load, or give the '
+            'poses in the base frame'
+        )
+    moved = [
+        run
+        if all(run is not one for one in other) or run.tip_pose is None
+        else replace(run, tip_pose=found.in_base(run.tip_pose), tip_frame=BASE_FRAME)
+        for run in runs
+    ]
+    return moved, (f'{names}: the tip is measured in another frame; {found.sentence}',)
+
+
+def is_elsewhere(run: RecordingData, arm: Arm, settings: TipFrameSettings = TIP_FRAME) -> bool:
+    """Whether the poses of the tip are of another frame, which no target says the place of."""
+    if run.tip_pose is None or run.seen.any():
+        return False
+    away = np.hypot(run.tip_pose[:, 0], run.tip_pose[:, 1])
+    return run.tip_frame != BASE_FRAME or bool(np.any(away > settings.out_of_reach * arm.reach))
+
+
+def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) -> FoundBase | None:
+    """Find the rigid motion that brings poses (frames, 3) onto arcs from the clamp.
+
+    None where they do not determine it. Headings may be NaN: each frame then has a curvature of
+    its own, which the place of the tip shows.
+    """
+    poses = poses[np.isfinite(poses[:, :2]).all(axis=1)]
+    if len(poses) < 3:
+        return None
+    poses = poses[np.unique(np.linspace(0, len(poses) - 1, settings.most).astype(np.int64))]
+    known = np.isfinite(poses[:, 2])
+    frames, reach, clamp = len(poses), arm.reach, arm.clamp_angle
+    heading = np.unwrap(np.where(known, poses[:, 2], 0.0))
+
+    def turns_of(numbers: Array) -> Array:
+        return np.where(known, heading - numbers[2] - clamp, numbers[3:])
+
+    def residual(numbers: Array) -> Array:
+        turn = turns_of(numbers)
+        half = 0.5 * turn
+        chord = reach * np.sinc(half / np.pi) * np.exp(1j * (half + clamp + numbers[2]))
+        off = poses[:, 0] + 1j * poses[:, 1] - (numbers[0] + 1j * numbers[1] + chord)
+        still = np.where(known, numbers[3:], 0.0)  # of frames with a heading: not used
+        return np.concatenate([off.real, off.imag, reach * still])
+
+    middle = poses[:, :2].mean(axis=0)
+    best = None
+    for angle in np.linspace(-np.pi, np.pi, settings.starts, endpoint=False).tolist():
+        for turn in (-1.0, 1.0):
+            start = np.zeros(3 + frames)
+            start[:3] = *(middle - reach * np.array([np.cos(angle), np.sin(angle)])), angle
+            start[3:] = np.where(known, 0.0, turn)
+            search = least_squares(residual, start, x_scale='jac', max_nfev=200)
+            if best is None or search.cost < best.cost:
+                best = search
+    assert best is not None
+    freedom = 2 * frames - 3 - int(np.count_nonzero(~known))
+    if freedom < 1:
+        return None
+    variance = 2.0 * best.cost / freedom
+    normal = best.jac.T @ best.jac
+    std = np.sqrt(np.abs(variance * np.diag(np.linalg.pinv(normal)))[:3])
+    singular = np.linalg.svd(normal, compute_uv=False)
+    if singular[-1] < 1e-12 * singular[0] or max(std[0], std[1]) > settings.largest_std * reach:
+        return None
+    return FoundBase(
+        x=float(best.x[0]),
+        y=float(best.x[1]),
+        angle=math.remainder(float(best.x[2]), 2.0 * math.pi),
+        std_x=float(std[0]),
+        std_y=float(std[1]),
+        std_angle=float(std[2]),
+        rms=math.sqrt(2.0 * best.cost / frames),
+    )

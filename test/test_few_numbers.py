@@ -1,0 +1,130 @@
+"""What few numbers are enough for: the tip alone, its heading alone, poses in another frame."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pneunet_ros.calibration.calibration import calibrate
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.tip_frame import find_base, in_base_frame
+from pneunet_ros.model.starting_arm import starting_arm
+from pneunet_ros.reports.calibration.verdict import verdict_of
+import pytest
+
+LENGTH = 0.12
+LEVELS = np.repeat(np.linspace(0.0, 60e3, 7), 4)
+TURN = 1.6 * (LEVELS / 60e3) * (0.85 + 0.15 * LEVELS / 60e3)
+DICE = np.random.default_rng(11)
+STD = 1e-4  # m, of a tip
+
+
+def poses(stretch=0.0):
+    """Poses (frames, 3) of the tip of arcs, in the base frame; stretch: at the highest level."""
+    half = 0.5 * TURN
+    length = LENGTH * (1.0 + stretch * LEVELS / 60e3)
+    tip = length * np.sinc(half / np.pi) * np.exp(1j * half)
+    noise = STD * DICE.normal(size=(2, LEVELS.size))
+    heading = TURN + 0.004 * DICE.normal(size=LEVELS.size)
+    return np.column_stack([tip.real + noise[0], tip.imag + noise[1], heading])
+
+
+def moved(pose, x, y, angle):
+    """Return poses as a camera sees them that has the clamp at (x, y, angle)."""
+    tip = (pose[:, 0] + 1j * pose[:, 1]) * np.exp(1j * angle) + x + 1j * y
+    return np.column_stack([tip.real, tip.imag, pose[:, 2] + angle])
+
+
+def recorded(pose, frame='pneunet_base'):
+    stamps = 10**9 * np.arange(1, LEVELS.size + 1)
+    nothing = np.full((LEVELS.size, ARM.target_arclength.size), np.nan)
+    return RecordingData(
+        name='few.mcap',
+        reading_stamp_ns=stamps,
+        pressure=LEVELS,
+        stamp_ns=stamps,
+        reading=np.arange(LEVELS.size),
+        loaded=False,
+        force=np.zeros((LEVELS.size, 2)),
+        moment=np.zeros(LEVELS.size),
+        x=nothing,
+        y=nothing,
+        tip_pose=pose,
+        tip_frame=frame,
+        static=True,
+    )
+
+
+ARM = starting_arm(
+    name='few', length=LENGTH, weight=0.17, largest_pressure=60e3, places=np.array([0.0, 0.06])
+)
+
+
+@pytest.fixture(scope='module')
+def by_angle():
+    pose = poses()
+    pose[:, :2] = np.nan
+    return calibrate([recorded(pose)], [], ARM)
+
+
+def test_the_angle_of_the_tip_alone_gives_a_constant_curvature(by_angle):
+    assert by_angle.joint.converged
+    table = by_angle.arm.intrinsic_curvature
+    assert np.all(np.ptp(table.curvature, axis=1) < 1e-9)
+    middle = np.array([np.interp(30e3, table.pressure, row) for row in table.curvature.T])
+    assert middle == pytest.approx(1.6 * 0.5 * 0.925 / LENGTH, rel=0.02)
+    assert 'degrees rms of the heading' in verdict_of(by_angle).fit
+    assert by_angle.left_out.is_angle
+    assert by_angle.left_out.model < math.radians(1.5)
+
+
+def test_a_left_out_pressure_is_in_the_error_bars(by_angle):
+    more = by_angle.left_out.excess
+    if by_angle.left_out.changed <= 1.0:
+        assert not more.any()
+    added = by_angle.joint.covariance - more @ more.T
+    assert np.linalg.eigvalsh(added).min() > -1e-9
+
+
+def test_the_tip_alone_is_told_apart_from_an_arm_that_lengthens():
+    found = {}
+    for stretch in (0.0, 0.15):
+        pose = poses(stretch)
+        pose[:, 2] = np.nan
+        found[stretch] = calibrate([recorded(pose)], [], ARM)
+    assert found[0.0].left_out.model < 0.6e-3
+    assert found[0.15].left_out.model > 5.0 * found[0.15].left_out.interpolation
+    assert found[0.15].left_out.better == 'interpolation'
+    assert verdict_of(found[0.0]).fits
+    assert not verdict_of(found[0.15]).fits
+
+
+@pytest.mark.parametrize('with_heading', [True, False])
+def test_the_clamp_is_found_in_the_frame_of_motion_capture(with_heading):
+    pose = moved(poses(), 1.2, -0.4, 0.7)
+    if not with_heading:
+        pose[:, 2] = np.nan
+    found = find_base(pose, ARM)
+    assert abs(found.x - 1.2) < 4.0 * found.std_x < 8e-3
+    assert abs(found.y + 0.4) < 4.0 * found.std_y < 8e-3
+    assert abs(found.angle - 0.7) < 4.0 * found.std_angle < 0.3
+
+
+def test_poses_of_another_frame_are_moved_and_said():
+    truth = poses()
+    for run in (recorded(moved(truth, 1.2, -0.4, 0.7)), recorded(truth, frame='mocap')):
+        (same,), (sentence,) = in_base_frame([run], ARM)
+        assert 'the clamp was found at' in sentence
+        assert same.tip_pose[:, :2] == pytest.approx(truth[:, :2], abs=5e-4)
+        assert same.tip_frame == 'pneunet_base'
+    kept, said = in_base_frame([recorded(truth)], ARM)
+    assert (kept[0].tip_pose == truth).all()
+    assert said == ()
+
+
+def test_poses_that_do_not_show_the_clamp_are_refused():
+    still = moved(np.repeat(poses()[:1], LEVELS.size, axis=0), 1.2, 0.0, 0.0)
+    still[:, 2] = np.nan
+    with pytest.raises(RecordingError, match='do not show where the clamp is'):
+        in_base_frame([recorded(still)], ARM)
