@@ -385,7 +385,7 @@ def test_names_may_be_written_as_people_do(written, read_as):
         ('chamber pressure [kPa]', 'pressure_kpa'),
         ('/pneunet/pressure/fluid_pressure', 'pressure_pa'),
         ('fluid_pressure', 'pressure_pa'),
-        ('force_x', 'force_x_(n|mn|gf|kgf|g|kg)'),
+        ('force_x', 'force_x_(n|mn|gf|kgf|lbf|g|kg)'),
         ('field.wrench.force.y', 'force_y_n'),
         ('Date/Time', 'time_(s|ms|us|min|h|d)'),
     ],
