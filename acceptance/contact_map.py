@@ -25,10 +25,16 @@ from pneunet_ros import load_model
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.files.json_text import plain
-from pneunet_ros.fusion.belief import Belief, BIAS, CONTACT, first_belief, FORCE, take_measurement
+from pneunet_ros.fusion.belief import Belief, first_belief
 from pneunet_ros.fusion.contact import correlation_with_tip, with_any_contact
-from pneunet_ros.fusion.frame_fit import FrameInputs, FrameProblem
+from pneunet_ros.fusion.frame_fit import FrameProblem
 from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.measurement.blocks.block import FrameInputs
+from pneunet_ros.measurement.blocks.contact import Push
+from pneunet_ros.measurement.blocks.pressure_error import PressureError
+from pneunet_ros.measurement.blocks.tip_force import TipForce
+from pneunet_ros.measurement.blocks.unknowns import Unknowns
+from pneunet_ros.measurement.inference.gaussian import take_measurement
 from pneunet_ros.model.arm import Arm
 from rich.console import Console
 from rich.table import Table
@@ -49,16 +55,15 @@ def posterior(
 ) -> Belief | None:
     """Return what one frame tells around the truth; None where there is no stable shape."""
     arm, unknowns = fusion.arm, fusion.bench.unknowns
-    prior = with_any_contact(
-        first_belief(unknowns, fusion.settings, 0), unknowns.force_scale, arm.length
-    )
+    prior = with_any_contact(unknowns, first_belief(unknowns, 0))
+    tip, push = unknowns.at(TipForce), unknowns.at(Push)
     if way == 'read':
         response = np.zeros((2, prior.mean.size))
-        response[:, FORCE] = np.eye(2)
+        response[:, tip] = np.eye(2)
         std = np.full(2, arm.sensors.force_std)
         prior = take_measurement(prior, response, np.zeros(2), std)
     mean = np.zeros(prior.mean.size)
-    mean[FORCE], mean[CONTACT] = force, (PUSH, place * arm.length)
+    mean[tip], mean[push] = force, (PUSH, place * arm.length)
     count = arm.target_arclength.size
     nothing = np.full(count, np.nan)
     names = ('std', 'u', 'v', 'area', 'major', 'minor', 'angle')
@@ -74,8 +79,8 @@ def posterior(
             history=arm.initial_history(pressure),
             moment=0.0,
             moment_std=0.0,
-            by_column=np.zeros(unknowns.columns),
-            late=np.zeros(unknowns.memory),
+            by_column=np.zeros(unknowns.law_columns),
+            late=np.zeros(len(fusion.bench.discrepancy.lag_times) + 1),
         ),
         sightings=TargetSightings(
             stamp_ns=0,
@@ -98,12 +103,13 @@ def posterior(
     return None if known is None else problem.posterior(known)
 
 
-def numbers_of(belief: Belief) -> list[float]:
+def numbers_of(unknowns: Unknowns, belief: Belief) -> list[float]:
     """Return COLUMNS of a belief."""
-    force, place = CONTACT.start, CONTACT.stop - 1
-    root = belief.root
-    bias = float(root[force] @ root[BIAS]) / (belief.std(force) * belief.std(BIAS))
-    return [belief.std(force), belief.std(place), correlation_with_tip(belief), abs(bias)]
+    force, place = unknowns.at(Push).start, unknowns.at(Push).stop - 1
+    root, which = belief.root, unknowns.at(PressureError).start
+    bias = float(root[force] @ root[which]) / (belief.std(force) * belief.std(which))
+    alike = correlation_with_tip(unknowns, belief)
+    return [belief.std(force), belief.std(place), alike, abs(bias)]
 
 
 def map_of(arm: Arm) -> Array:
@@ -115,7 +121,7 @@ def map_of(arm: Arm) -> Array:
         way, pressure, force, place = index
         belief = posterior(fusion, PLACES[place], PRESSURES[pressure], FORCES[force], WAYS[way])
         if belief is not None:
-            found[index] = numbers_of(belief)
+            found[index] = numbers_of(fusion.bench.unknowns, belief)
     return found
 
 

@@ -36,7 +36,6 @@ from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.fusion.belief import FORCE
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION
@@ -47,6 +46,8 @@ from pneunet_ros.lab.lab_recording import LabRecording, LabTruth
 from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.measurement.blocks.tip_force import TipForce
+from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
 from pneunet_ros.vision.smoother import smoother_for
@@ -269,7 +270,7 @@ def fuse(fusion: Fusion, recording: LabRecording, way: Way, seed: int) -> Array:
             if isinstance(fused, FusedEstimate):
                 row = row_of(fused, place, truth.force[instant], pressure)
                 right = fused.mode in right_modes(way, time, fusion)
-                first = first_force(state, fused, truth, instant)
+                first = first_force(state, fusion.bench.unknowns, fused, truth, instant)
                 rows[instant] = [*row, float(right), *first, *missed_alone]
     return rows
 
@@ -315,13 +316,13 @@ def distance(place: Sequence[float], other: Array) -> float:
 
 
 def first_force(
-    state: FusionState, fused: FusedEstimate, truth: LabTruth, instant: int
+    state: FusionState, unknowns: Unknowns, fused: FusedEstimate, truth: LabTruth, instant: int
 ) -> list[float]:
     """Return whether the belief of F1 is off by more than half of it, and whether F1 is NaN."""
     true = float(truth.force[instant, 0])
     if state.belief is None or abs(true) < LIGHT:
         return [math.nan, math.nan]
-    off = abs(float(state.belief.mean[FORCE][0]) - true)
+    off = abs(float(state.belief.mean[unknowns.at(TipForce).start]) - true)
     return [float(off > 0.5 * abs(true)), float(math.isnan(fused.force[0]))]
 
 

@@ -7,34 +7,37 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.model_file import load_model
-from pneunet_ros.fusion.belief import (
-    BIAS,
-    CAMERA,
-    COLUMNS,
+from pneunet_ros.fusion.belief import first_belief, move_belief, with_walk
+from pneunet_ros.fusion.unknowns import unknowns_of
+from pneunet_ros.measurement.blocks.camera import Camera
+from pneunet_ros.measurement.blocks.model_columns import ModelColumns
+from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
+from pneunet_ros.measurement.blocks.placement import Placement
+from pneunet_ros.measurement.blocks.pressure_error import PressureError
+from pneunet_ros.measurement.blocks.tip_force import TipForce, Walk
+from pneunet_ros.measurement.inference.gaussian import (
     compressed,
-    first_belief,
-    FORCE,
     forget,
-    move_belief,
     take_measurement,
-    unknowns_of,
     widen,
-    with_walk,
 )
-from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
 
 ARM = load_model(share_path('config/paper_arm.yaml'))
-UNKNOWNS = unknowns_of(ARM, FUSION)
+UNKNOWNS = unknowns_of(ARM)
+FORCE = UNKNOWNS.at(TipForce)
+TIP = UNKNOWNS.block(TipForce)
+BIAS = UNKNOWNS.at(PressureError).start
+LACK = UNKNOWNS.block(ModelDiscrepancy)
 SECOND = 10**9
-SCALE = 0.02  # of what the model lacks
+SIZE = 0.02  # of the model error
 
 
 def believed(seed=3):
     """Return a belief in which all unknowns are correlated."""
     random = np.random.default_rng(seed)
-    belief = first_belief(UNKNOWNS, FUSION, SECOND)
+    belief = first_belief(UNKNOWNS, SECOND)
     size = belief.mean.size
     mixed = belief.root @ (np.eye(size) + 0.1 * random.standard_normal((size, size)))
     mean = UNKNOWNS.std * random.standard_normal(size)
@@ -48,30 +51,31 @@ def covariance(belief):
 def test_the_force_is_held_and_grows_uncertain_up_to_its_scale():
     belief = believed()
     before = replace(belief, root=1e-3 * belief.root)
-    soon = move_belief(UNKNOWNS, before, SECOND + SECOND // 10, SCALE)
+    soon = move_belief(UNKNOWNS, before, SECOND + SECOND // 10, SIZE)
     assert np.array_equal(soon.mean[FORCE], before.mean[FORCE])
     grown = covariance(soon)[FORCE, FORCE] - covariance(before)[FORCE, FORCE]
-    assert np.diagonal(grown) == pytest.approx(0.1 * before.walk**2, rel=0.01)
-    late = move_belief(UNKNOWNS, before, SECOND * 10**5, SCALE)
-    assert np.sqrt(np.diagonal(covariance(late))[FORCE]) == pytest.approx(UNKNOWNS.force_scale)
+    assert np.diagonal(grown) == pytest.approx(0.1 * before.walk.recent**2, rel=0.01)
+    late = move_belief(UNKNOWNS, before, SECOND * 10**5, SIZE)
+    assert np.sqrt(np.diagonal(covariance(late))[FORCE]) == pytest.approx(TIP.scale)
     assert late.mean[BIAS] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_what_does_not_move_stays():
     belief = believed()
-    late = move_belief(UNKNOWNS, belief, SECOND * 50, SCALE)
-    still = [*range(CAMERA.start, CAMERA.stop)]
-    still += range(UNKNOWNS.along.start, belief.mean.size)
+    late = move_belief(UNKNOWNS, belief, SECOND * 50, SIZE)
+    place = UNKNOWNS.at(Camera, Camera.PLACE)
+    still = [*range(place.start, place.stop)]
+    still += range(UNKNOWNS.at(Placement).start, belief.mean.size)
     assert late.mean[still] == pytest.approx(belief.mean[still])
     was, found = (covariance(item)[np.ix_(still, still)] for item in (belief, late))
     assert found == pytest.approx(was, rel=1e-9, abs=1e-18)
 
 
 def test_how_much_comes_late_is_forgotten_slowly():
-    belief, memory = believed(), UNKNOWNS.of_memory
+    belief, memory = believed(), UNKNOWNS.at(ModelDiscrepancy, slice(2, 5))
     soon, late = (
-        move_belief(UNKNOWNS, belief, SECOND + int(seconds * SECOND), SCALE)
-        for seconds in (1.0, 10.0 * FUSION.memory_time)
+        move_belief(UNKNOWNS, belief, SECOND + int(seconds * SECOND), SIZE)
+        for seconds in (1.0, 10.0 * LACK.memory_time)
     )
     assert soon.mean[memory] == pytest.approx(belief.mean[memory], rel=0.006)
     assert late.mean[memory] == pytest.approx(np.zeros(memory.stop - memory.start), abs=1e-3)
@@ -98,27 +102,29 @@ def test_a_linear_measurement_is_the_kalman_update():
 
 def test_what_the_model_lacks_moves_with_time_and_with_the_pressure():
     known = replace(believed(), root=np.zeros((UNKNOWNS.std.size, 2)))
-    rested = move_belief(UNKNOWNS, known, SECOND, SCALE)
+    rested = move_belief(UNKNOWNS, known, SECOND, SIZE)
     assert rested.std(BIAS) == 0.0
-    pushed = move_belief(UNKNOWNS, known, SECOND, SCALE, pressed=0.1 * UNKNOWNS.range)
-    assert pushed.std(BIAS) == pytest.approx(0.1 * SCALE * UNKNOWNS.range)
-    assert pushed.std(UNKNOWNS.lacking[1]) == pytest.approx(0.1 * SCALE)
-    late = move_belief(UNKNOWNS, known, 10**5 * SECOND, SCALE)
-    assert late.std(BIAS) == pytest.approx(SCALE * UNKNOWNS.range)
+    pushed = move_belief(UNKNOWNS, known, SECOND, SIZE, pressed=0.1 * LACK.range)
+    assert pushed.std(BIAS) == pytest.approx(0.1 * SIZE * LACK.range)
+    assert pushed.std(UNKNOWNS.sized[1]) == pytest.approx(0.1 * SIZE)
+    late = move_belief(UNKNOWNS, known, 10**5 * SECOND, SIZE)
+    assert late.std(BIAS) == pytest.approx(SIZE * LACK.range)
 
 
 def test_what_a_calibration_has_guessed_is_forgotten_and_what_it_knows_is_kept():
     covariance = ModelCovariance(
         quantities=('arm.length', 'moment_law.rigidity.0.0'), factor=1e-6 * np.eye(2), guessed=1
     )
-    unknowns = unknowns_of(replace(ARM, covariance=covariance), FUSION)
-    first = first_belief(unknowns, FUSION, SECOND)
-    seen = take_measurement(
-        first, np.eye(unknowns.std.size)[COLUMNS : COLUMNS + 2], np.ones(2), np.full(2, 0.1)
-    )
-    constant, guess = COLUMNS, COLUMNS + 1
+    unknowns = unknowns_of(replace(ARM, covariance=covariance))
+    first = first_belief(unknowns, SECOND)
+    columns = unknowns.at(ModelColumns)
+    constant, guess = columns.start, columns.start + 1
+    response = np.eye(unknowns.std.size)[columns]
+    seen = take_measurement(first, response, np.ones(2), np.full(2, 0.1))
     assert [seen.std(constant), seen.std(guess)] == pytest.approx([0.0995] * 2, rel=1e-3)
-    late = move_belief(unknowns, seen, SECOND + round(20 * FUSION.guess_time * 1e9), SCALE)
+    late = move_belief(
+        unknowns, seen, SECOND + round(20e9 * unknowns.block(ModelColumns).guess_time), SIZE
+    )
     assert late.std(constant) == pytest.approx(seen.std(constant))
     assert late.mean[constant] == pytest.approx(seen.mean[constant])
     assert late.std(guess) == pytest.approx(1.0)
@@ -129,15 +135,15 @@ def test_what_is_forgotten_is_as_before_any_frame_and_the_rest_stays():
     belief = believed()
     found = forget(belief, FORCE, UNKNOWNS.std[FORCE])
     assert found.mean[FORCE] == pytest.approx([0.0, 0.0])
-    assert covariance(found)[FORCE, FORCE] == pytest.approx(UNKNOWNS.force_scale**2 * np.eye(2))
+    assert covariance(found)[FORCE, FORCE] == pytest.approx(TIP.scale**2 * np.eye(2))
     assert covariance(found)[FORCE, 2:] == pytest.approx(0.0, abs=1e-15)
     kept = covariance(belief)[2:, 2:]
     assert covariance(found)[2:, 2:] == pytest.approx(kept, rel=1e-9, abs=1e-15)
 
 
 def test_noise_is_new_in_every_reading():
-    before = move_belief(UNKNOWNS, believed(), SECOND, SCALE, noise=(1.0, 1.0))
-    belief = move_belief(UNKNOWNS, before, SECOND, SCALE, noise=(2e-5, 60.0))
+    before = move_belief(UNKNOWNS, believed(), SECOND, SIZE, noise=(1.0, 1.0))
+    belief = move_belief(UNKNOWNS, before, SECOND, SIZE, noise=(2e-5, 60.0))
     assert belief.mean[-2:] == pytest.approx([0.0, 0.0])
     assert covariance(belief)[-2:] @ np.ones(belief.mean.size) == pytest.approx([4e-10, 3600.0])
     more = widen(belief, slice(BIAS, BIAS + 1), np.array([1e4]))
@@ -145,7 +151,7 @@ def test_noise_is_new_in_every_reading():
 
 
 def test_a_root_that_has_grown_is_made_square_and_means_the_same():
-    belief = move_belief(UNKNOWNS, believed(), 2 * SECOND, SCALE, noise=(2e-5, 60.0))
+    belief = move_belief(UNKNOWNS, believed(), 2 * SECOND, SIZE, noise=(2e-5, 60.0))
     square = compressed(belief)
     assert square.root.shape == (belief.mean.size,) * 2 < belief.root.shape
     scale = np.sqrt(np.diagonal(covariance(belief))) + 1e-12
@@ -156,25 +162,27 @@ def test_a_root_that_has_grown_is_made_square_and_means_the_same():
 
 
 def test_the_walk_rises_at_once_and_falls_slowly():
-    start = replace(believed(), root=1e-6 * believed().root, walk=1e-3, usual_walk=1e-3)
+    start = replace(believed(), root=1e-6 * believed().root, walk=Walk(recent=1e-3, usual=1e-3))
     after = replace(start, stamp_ns=start.stamp_ns + SECOND // 10)
     jumped = replace(after, mean=start.mean + np.eye(start.mean.size)[0] * 0.02)
-    assert with_walk(UNKNOWNS, FUSION, start, jumped).walk == pytest.approx(
+    assert with_walk(UNKNOWNS, start, jumped).walk.recent == pytest.approx(
         0.02 / np.sqrt(0.1), rel=0.01
     )
-    moving = replace(start, walk=0.05)
-    share = np.exp(-0.1 / FUSION.walk_time)
-    assert with_walk(UNKNOWNS, FUSION, moving, after).walk == pytest.approx(
+    moving = replace(start, walk=Walk(recent=0.05, usual=1e-3))
+    share = np.exp(-0.1 / TIP.walk_time)
+    assert with_walk(UNKNOWNS, moving, after).walk.recent == pytest.approx(
         0.05 * np.sqrt(share), rel=0.01
     )
-    noisy = replace(start, root=1e2 * believed().root, walk=0.05)
-    assert with_walk(UNKNOWNS, FUSION, noisy, replace(noisy, stamp_ns=after.stamp_ns)).walk < 0.05
+    noisy = replace(start, root=1e2 * believed().root, walk=Walk(recent=0.05, usual=1e-3))
+    assert with_walk(UNKNOWNS, noisy, replace(noisy, stamp_ns=after.stamp_ns)).walk.recent < 0.05
 
 
 @pytest.mark.parametrize('period', [0.02, 0.1, 0.5])
 def test_a_force_that_moves_steadily_is_held_where_frames_come_late(period):
     speed = 0.03  # N/s: it stays small beside the largest force
-    start = replace(believed(), root=1e-6 * believed().root, frames=1, walk=1e-3, usual_walk=1e-3)
+    start = replace(
+        believed(), root=1e-6 * believed().root, frames=1, walk=Walk(recent=1e-3, usual=1e-3)
+    )
     belief = start
     for frame in range(1, 4):
         after = replace(
@@ -182,31 +190,31 @@ def test_a_force_that_moves_steadily_is_held_where_frames_come_late(period):
             stamp_ns=belief.stamp_ns + round(period * SECOND),
             mean=start.mean + np.eye(start.mean.size)[0] * speed * period * frame,
         )
-        belief = with_walk(UNKNOWNS, FUSION, belief, after)
-    assert belief.interval == max(period, FUSION.steady_after)
+        belief = with_walk(UNKNOWNS, belief, after)
+    assert belief.walk.interval == max(period, TIP.steady_after)
 
     def share(seconds):
         late = belief.stamp_ns + round(seconds * SECOND)
         return move_belief(UNKNOWNS, belief, late, 1.0).std(0) / (speed * seconds)
 
     # As a walk until then, and after that a share of the way that stays.
-    steady = np.sqrt(period / belief.interval)
-    assert share(belief.interval) == pytest.approx(steady, rel=0.1)
-    assert share(4.0 * belief.interval) == pytest.approx(steady, rel=0.2)
-    assert share(0.5 * belief.interval) == pytest.approx(
-        np.sqrt(2.0 * period / belief.interval), rel=0.1
+    steady = np.sqrt(period / belief.walk.interval)
+    assert share(belief.walk.interval) == pytest.approx(steady, rel=0.1)
+    assert share(4.0 * belief.walk.interval) == pytest.approx(steady, rel=0.2)
+    assert share(0.5 * belief.walk.interval) == pytest.approx(
+        np.sqrt(2.0 * period / belief.walk.interval), rel=0.1
     )
 
 
 def test_a_force_that_rests_from_the_first_frame_is_soon_trusted_between_frames():
     belief = replace(believed(), root=1e-6 * believed().root, frames=0)
-    first = belief.usual_walk
+    first = belief.walk.usual
     for frame in range(151):
         after = replace(belief, stamp_ns=belief.stamp_ns + SECOND // 10, frames=frame + 1)
-        belief = with_walk(UNKNOWNS, FUSION, belief, after)
+        belief = with_walk(UNKNOWNS, belief, after)
     # Fifteen seconds of frames beside the five for which the guess counts.
-    assert belief.usual_walk == pytest.approx(first * np.sqrt(5.0 / 20.0), rel=0.05)
-    assert belief.walk == pytest.approx(belief.usual_walk, rel=0.05)
+    assert belief.walk.usual == pytest.approx(first * np.sqrt(5.0 / 20.0), rel=0.05)
+    assert belief.walk.recent == pytest.approx(belief.walk.usual, rel=0.05)
 
 
 def test_a_force_that_moved_now_and_then_is_not_held_for_certain():
@@ -219,7 +227,7 @@ def test_a_force_that_moved_now_and_then_is_not_held_for_certain():
             stamp_ns=belief.stamp_ns + SECOND // 10,
             mean=np.eye(belief.mean.size)[0] * force,
         )
-        belief = with_walk(UNKNOWNS, FUSION, belief, after)
+        belief = with_walk(UNKNOWNS, belief, after)
     # Jumps of 50 mN every four seconds are, on average, a walk of 25 mN/sqrt(s) in one direction.
-    assert belief.usual_walk == pytest.approx(0.025 / np.sqrt(2.0), rel=0.5)
-    assert belief.walk >= belief.usual_walk > 10.0 * FUSION.least_walk * UNKNOWNS.force_scale
+    assert belief.walk.usual == pytest.approx(0.025 / np.sqrt(2.0), rel=0.5)
+    assert belief.walk.recent >= belief.walk.usual > 10.0 * TIP.least_walk * TIP.scale

@@ -9,7 +9,7 @@ import numpy as np
 from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.fusion.belief import CONTACT, first_belief
+from pneunet_ros.fusion.belief import first_belief
 from pneunet_ros.fusion.contact import correlation_with_tip, with_any_contact, without_contact
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.force_sensor import Verdict
@@ -22,6 +22,7 @@ from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.scenario import lab_effect
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.messages.fusion import contact_points
 import pytest
 from support.lab_run import true_model
@@ -200,15 +201,16 @@ def test_the_point_says_what_was_found_and_there_is_none_without_a_contact():
 
 
 def test_the_correlation_with_the_tip_force_is_that_of_the_covariance():
-    fusion = Fusion(arm=arm())
-    belief = with_any_contact(first_belief(fusion.bench.unknowns, FUSION, 0), 0.1, 0.1)
-    assert correlation_with_tip(belief) == 0.0
+    unknowns = Fusion(arm=arm()).bench.unknowns
+    belief = with_any_contact(unknowns, first_belief(unknowns, 0))
+    assert correlation_with_tip(unknowns, belief) == 0.0
     root = belief.root.copy()
-    root[0, -2], root[0, 0] = 0.6, 0.8
+    std = belief.root[unknowns.at(Push).start, -2]
+    root[0, -2], root[0, 0] = 0.6 * std, 0.8 * std
     alike = replace(belief, root=root)
-    assert correlation_with_tip(alike) == pytest.approx(0.6)
+    assert correlation_with_tip(unknowns, alike) == pytest.approx(0.6)
     assert alike.touched
-    free = without_contact(alike)
+    free = without_contact(unknowns, alike)
     assert not free.touched
-    assert not free.root[CONTACT].any()
+    assert not free.root[unknowns.at(Push)].any()
     assert np.array_equal(free.root[:2], alike.root[:2])

@@ -12,7 +12,6 @@ from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchRe
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.fusion.belief import COLUMNS
 from pneunet_ros.fusion.belief_estimate import (
     CAMERA_MOVED,
     OTHER_TARGETS,
@@ -30,6 +29,10 @@ from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
+from pneunet_ros.measurement.blocks.model_columns import ModelColumns
+from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
+from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.errors.rounding_error import smallest_change, with_rounding
 from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
@@ -239,7 +242,7 @@ def test_a_target_that_was_painted_over_is_learned_anew_and_the_others_stay():
     painted = recorded().truth.placement.T.ravel()
     filter_ = with_placement(painted)
     belief = fuse(filter_, change=repainted, frames=range(12)).state.belief
-    off = belief.mean[filter_.bench.unknowns.painted] - painted
+    off = belief.mean[filter_.bench.unknowns.at(Placement)] - painted
     assert belief.same_targets
     assert np.hypot(off[moved], off[23 + moved]) == pytest.approx(by, rel=0.3)
     others = np.delete(off, [moved, 23 + moved])
@@ -276,7 +279,7 @@ def test_what_the_model_lacks_is_covered(effect, with_wrench):
 
 def test_creep_outside_the_model_is_measured():
     creeping, sound = fuse(with_wrench=True, effects=(CREEP,)), fuse(with_wrench=True)
-    memory = fusion().bench.unknowns.of_memory
+    memory = fusion().bench.unknowns.at(ModelDiscrepancy, slice(2, 5))
     late = slice(memory.start, memory.stop - 1)
     assert creeping.state.belief.mean[late].sum() == pytest.approx(CREEP.amplitude, abs=0.05)
     assert sound.state.belief.mean[late].sum() == pytest.approx(0.0, abs=0.05)
@@ -521,8 +524,11 @@ def test_a_contact_is_not_told_from_a_sensor_that_reads_a_fifth_too_little():
 
 
 def test_a_sensor_that_is_known_to_a_hair_is_trusted_for_ever():
-    settings = replace(FUSION, force_offset=0.0, force_gain=0.0)
-    found = fuse(Fusion(arm=fusion().arm, settings=settings), with_wrench=True, frames=range(50))
+    arm, unknowns = fusion().arm, fusion().bench.unknowns
+    exact = replace(unknowns.block(ForceSensor), offset_std=0.0, gain_std=0.0)
+    found = fuse(
+        Fusion(arm=arm, unknowns=unknowns.changed(exact)), with_wrench=True, frames=range(50)
+    )
     assert found.state.sensor is Verdict.OPEN
     assert found.state.frames == 50
 
@@ -542,10 +548,10 @@ def test_a_straight_arm_says_nothing_of_the_force_sensor():
 
 def test_a_belief_that_keeps_all_frames_out_is_forgotten():
     state = fusion().settle(fuse(frames=range(60, 70)).state)
-    mean = state.belief.mean.copy()
-    mean[COLUMNS] = 300.0  # sigma: what no arm is
+    mean, column = state.belief.mean.copy(), fusion().bench.unknowns.at(ModelColumns).start
+    mean[column] = 300.0  # sigma: what no arm is
     root = state.belief.root.copy()
-    root[COLUMNS] = 0.0
+    root[column] = 0.0
     state = replace(state, belief=replace(state.belief, mean=mean, root=root))
     used = state.frames
     for frame in range(70, 90):

@@ -49,7 +49,8 @@ def numbers_type(settings: type, name: str) -> Any:
 def settings_used(*owners: Any) -> dict[str, Any]:
     """Return every number by which these settings decide, by `Class.field`.
 
-    Settings inside settings are opened: theirs is the class that declares the number.
+    Settings inside settings are opened: theirs is the class that declares the number. A field that
+    declares nothing is no setting.
     """
     used: dict[str, Any] = {}
     for owner in owners:
@@ -57,7 +58,7 @@ def settings_used(*owners: Any) -> dict[str, Any]:
             value = getattr(owner, item.name)
             if dataclasses.is_dataclass(value):
                 used |= settings_used(value)
-            else:
+            elif item.metadata:
                 used[f'{type(owner).__name__}.{item.name}'] = value
     return used
 

@@ -13,16 +13,7 @@ from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import estimate_of, ShapeEstimate
 from pneunet_ros.estimation.estimator import refuse
 from pneunet_ros.estimation.out_of_plane import out_of_plane
-from pneunet_ros.fusion.belief import (
-    Belief,
-    CAMERA,
-    compress,
-    CONTACT,
-    first_belief,
-    FORCE,
-    MOMENT_NOISE,
-    TURN,
-)
+from pneunet_ros.fusion.belief import Belief, first_belief
 from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.contact import Contact, correlation_with_tip
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
@@ -30,15 +21,16 @@ from pneunet_ros.fusion.force_sensor import DISAGREES, ForceSensorFault, Verdict
 from pneunet_ros.fusion.frame_fit import (
     bend_arm,
     BentArm,
-    causes_of,
     causes_with_contact,
-    FrameInputs,
-    pressure_like,
 )
 from pneunet_ros.fusion.judgement import confirmed
-from pneunet_ros.fusion.lack import scale_of
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
 from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.measurement.blocks.block import FrameInputs
+from pneunet_ros.measurement.blocks.camera import Camera
+from pneunet_ros.measurement.blocks.contact import Push
+from pneunet_ros.measurement.blocks.placement import Placement
+from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.errors.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.errors.noise_model import target_std
 from pneunet_ros.measurement.errors.propagated_errors import (
@@ -46,6 +38,7 @@ from pneunet_ros.measurement.errors.propagated_errors import (
     propagate_errors,
     SeenShape,
 )
+from pneunet_ros.measurement.inference.gaussian import compress
 from pneunet_ros.model.domain_position import DomainPosition, locate_load
 from pneunet_ros.model.equilibrium import jacobian_of, Sensitivity
 from pneunet_ros.model.shape import Shape
@@ -136,7 +129,7 @@ def estimate_at(
     if state.sensor is Verdict.OFF:
         fault = sensor_fault(bench, arm.belief, instant, read, unknown=unknown)
     force, covariance = known_force(bench, arm, fault, unknown=unknown)
-    lacking = pressure_like(bench.unknowns, arm.inputs)
+    lacking = bench.unknowns.as_pressure(arm.inputs)
     lacking_root = lacking @ arm.belief.root
     fused = FusedEstimate(
         estimate=estimate,
@@ -170,7 +163,7 @@ def arm_at(
     start: from where the rod is solved, None for where the last frame saw it.
     """
     stamp_ns = instant.stamp_ns
-    belief = state.belief or first_belief(bench.unknowns, bench.settings, stamp_ns)
+    belief = state.belief or first_belief(bench.unknowns, stamp_ns)
     inputs = bench.inputs_at(instant, wrench)
     unseen = np.zeros((belief.mean.size, 0))
     if belief.stamp_ns != stamp_ns or not belief.frames:
@@ -178,13 +171,12 @@ def arm_at(
         pressed = pressed if math.isfinite(pressed) else 0.0
         columns = belief.root.shape[1]
         noise = (inputs.moment_std, inputs.chamber_std)
-        scale = scale_of(bench.settings, belief.lack_weights)
-        belief = bench.move(belief, stamp_ns, pressed, noise, scale)
+        belief = bench.move(belief, stamp_ns, pressed, noise, bench.size_of(belief))
         unseen = belief.root[:, columns:].copy()
-        unseen[MOMENT_NOISE:] = 0.0
+        unseen[bench.unknowns.white] = 0.0
     if wrench is not None and wrench.reading.stamp_ns != state.wrench_used_ns:
         belief = bench.with_wrench(belief, wrench, instant.gauge)
-    causes = causes_of(bench.unknowns, inputs)
+    causes = bench.unknowns.causes_at(inputs)
     bent = bend_arm(
         bench.table,
         inputs,
@@ -214,13 +206,13 @@ def others_likely(
     if state.otherwise is not None:
         found.append(other_shape(bench, state.otherwise, instant))
     if arm.belief.camera_moved:  # what the model lacks may look like that
-        found.append(shape_in_place(arm.bent.shape, arm.belief))
+        found.append(shape_in_place(bench, arm.bent.shape, arm.belief))
     return [shape for shape in found if shape is not None]
 
 
 def said_of_bench(bench: Bench, state: FusionState, belief: Belief) -> list[str]:
     """Return what somebody has to mend at the bench."""
-    other_targets = bench.unknowns.placement is not None and not belief.same_targets
+    other_targets = bench.unknowns.block(Placement).known is not None and not belief.same_targets
     sensor_off = state.sensor is Verdict.OFF
     unknown = bench.stiffness_unknown
     found = (other_targets, belief.camera_moved, state.pressure_off, sensor_off, unknown)
@@ -235,18 +227,19 @@ def contact_at(
     if bent.contact is None or state.log_odds is None:
         return None
     force, place = bent.contact.force, bent.contact.place
-    if abs(force) < bench.settings.contact_least * bench.unknowns.force_scale:
+    if abs(force) < bench.settings.contact_least * bench.force_scale:
         return None
-    shape, correlation = bent.shape, correlation_with_tip(belief)
+    push = bench.unknowns.at(Push)
+    shape, correlation = bent.shape, correlation_with_tip(bench.unknowns, belief)
     unconfirmed = wrench is not None and state.sensor is Verdict.OPEN  # it may be the sensor
     alike = unconfirmed or state.elsewhere or correlation > bench.settings.contact_alike
     return Contact(
         x=float(np.interp(place, shape.arclength, shape.x)),
         y=float(np.interp(place, shape.arclength, shape.y)),
         arclength=place,
-        std_arclength=belief.std(CONTACT.stop - 1),
+        std_arclength=belief.std(push.stop - 1),
         force=force,
-        std_force=belief.std(CONTACT.start),
+        std_force=belief.std(push.start),
         log_odds=state.log_odds,
         correlation=correlation,
         ambiguous=alike and (wrench is None or not confirmed(bench, state)),
@@ -264,7 +257,7 @@ def position_of(
         force_y=shape.force[1],
         moment=shape.end_moment,
     )
-    force_x, force_y = np.sqrt(np.diagonal(belief.force_covariance)).tolist()
+    force_x, force_y = np.sqrt(np.diagonal(bench.force_covariance(belief))).tolist()
     std = (force_x, force_y, inputs.moment_std, inputs.chamber_std)
     return locate_load(bench.arm, load, shape.pressure, std)
 
@@ -280,7 +273,7 @@ def shape_estimate(
     """Return the shape with the errors that the belief carries into it, to second order."""
     bent, position = arm.bent, arm.position
     sensitivity = bent.linearize()
-    causes = causes_with_contact(arm.causes, bent.contact)
+    causes = causes_with_contact(bench.unknowns, arm.causes, bent.contact)
     noise = compress(causes @ arm.belief.root).T.copy()
     if mode is Mode.PREDICTION:
         widened = with_extrapolation_error(noise, position)
@@ -320,15 +313,16 @@ def shape_estimate(
 def other_shape(bench: Bench, other: Belief, instant: PressureInstant) -> Shape | None:
     """Return the shape that another belief has at a pressure; None where there is none."""
     inputs = bench.inputs_at(instant, None)
-    changes = causes_of(bench.unknowns, inputs) @ other.mean
+    changes = bench.unknowns.causes_at(inputs) @ other.mean
     bent = bend_arm(bench.table, inputs, changes, other.solution, bench.arclength, quick=False)
     return bent.shape if bent.shape.converged else None
 
 
-def shape_in_place(shape: Shape, belief: Belief) -> Shape:
+def shape_in_place(bench: Bench, shape: Shape, belief: Belief) -> Shape:
     """Return the shape that a camera sees which is taken for moved, if it is where it was."""
-    turn = float(belief.mean[TURN])
-    x, y = np.stack(rotate(turn, shape.x, shape.y)) + belief.mean[CAMERA][:, None]
+    x, y, turn = belief.mean[bench.unknowns.at(Camera)][Camera.PLACE.start :].tolist()
+    there = np.array([x, y])
+    x, y = np.stack(rotate(turn, shape.x, shape.y)) + there[:, None]
     return replace(shape, x=freeze(x), y=freeze(y), theta=freeze(shape.theta + turn))
 
 
@@ -376,11 +370,11 @@ def sensor_fault(
     if read is not None:
         true = bench.arm.sense(load_read(read.reading, instant.gauge))
         reading = np.array([true.force_x, true.force_y])
-    std = np.sqrt(np.diagonal(belief.force_covariance))
+    std = np.sqrt(np.diagonal(bench.force_covariance(belief)))
     untold = np.full(2, unknown) | (std > bench.largest_force_std)
     return ForceSensorFault(
         reading=freeze(reading),
-        targets=freeze(np.where(untold, np.nan, belief.mean[FORCE])),
+        targets=freeze(np.where(untold, np.nan, belief.mean[bench.unknowns.at(TipForce)])),
         targets_std=freeze(np.where(untold, np.nan, std)),
     )
 
@@ -393,18 +387,18 @@ def known_force(
     fault: of a force sensor that is off. It may be right, and the model wrong: while it reads,
     the covariance holds both.
     """
-    belief = arm.belief
-    covariance = belief.force_covariance
+    force = arm.belief.mean[bench.unknowns.at(TipForce)]
+    covariance = bench.force_covariance(arm.belief)
     for axis, error in enumerate(arm.position.error[:2]):
         covariance[axis, axis] += error**2
     if fault is not None and np.isfinite(fault.reading).all():
-        apart = fault.reading - belief.mean[FORCE]
+        apart = fault.reading - force
         covariance += np.outer(apart, apart)
     determined = np.sqrt(np.diagonal(covariance)) <= bench.largest_force_std
     if unknown:
         determined = np.zeros(2, dtype=bool)
     if determined.all():
-        return freeze(belief.mean[FORCE].copy()), freeze(covariance)
-    force = np.where(determined, belief.mean[FORCE], np.nan)
+        return freeze(force.copy()), freeze(covariance)
+    force = np.where(determined, force, np.nan)
     both = determined[:, None] & determined[None, :]
     return freeze(force), freeze(np.where(both, covariance, np.nan))

@@ -12,27 +12,19 @@ from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.fusion.belief import (
-    Belief,
-    CONTACT,
-    FORCE,
-    forget,
-    GAIN,
-    move_belief,
-    OFFSET,
-    scaled_std,
-    take_measurement,
-    Unknowns,
-    unknowns_of,
-    widen,
-)
-from pneunet_ros.fusion.frame_fit import contact_of, FrameInputs
-from pneunet_ros.fusion.lack import lack_columns, remember, scale_of
+from pneunet_ros.fusion.belief import Belief, move_belief
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
 from pneunet_ros.fusion.settings import FusionSettings
+from pneunet_ros.fusion.unknowns import unknowns_of
+from pneunet_ros.measurement.blocks.block import FrameInputs, WrenchSeen
+from pneunet_ros.measurement.blocks.contact import Push
+from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
+from pneunet_ros.measurement.blocks.tip_force import TipForce
+from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian, PRESSURE
 from pneunet_ros.measurement.errors.propagated_errors import Indices
 from pneunet_ros.measurement.errors.rounding_error import rounding_std
+from pneunet_ros.measurement.inference.gaussian import forget, take_measurement, widen
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import station_arclength
 from pneunet_ros.model.part_load import PartLoad
@@ -48,12 +40,14 @@ class Bench:
 
     arclength (stations,) m of an estimate; places (n,) m: those and the targets in their order
     along the arm, of_stations and of_targets: which of them they are.
-    Raises ModelError where the arm has no targets.
+    given: the unknowns, None for `unknowns_of` the arm. Raises ModelError where the arm has no
+    targets.
     """
 
     arm: Arm
     sensors: EstimatorSettings
     settings: FusionSettings
+    given: Unknowns | None = None
     arclength: Array = field(init=False, repr=False)
     places: Array = field(init=False, repr=False)
     of_stations: Indices = field(init=False, repr=False)
@@ -73,22 +67,33 @@ class Bench:
         object.__setattr__(self, 'places', places)
         object.__setattr__(self, 'of_stations', which[: stations.size])
         object.__setattr__(self, 'of_targets', which[stations.size :])
-        object.__setattr__(
-            self,
-            'table',
-            PerturbationTable(arm=self.arm, further=lack_columns(self.settings, self.arm)),
-        )
-        object.__setattr__(self, 'unknowns', unknowns_of(self.arm, self.settings))
+        unknowns = self.given or unknowns_of(self.arm, free_tip=self.settings.free_tip)
+        table = PerturbationTable(arm=self.arm, further=unknowns.law_errors)
+        object.__setattr__(self, 'table', table)
+        object.__setattr__(self, 'unknowns', unknowns)
 
     def without(self, belief: Belief, where: slice) -> Belief:
-        """Return a belief that knows of some unknowns what was known before any frame."""
-        scale = scale_of(self.settings, belief.lack_weights)
-        return forget(belief, where, scaled_std(self.unknowns, scale)[where])
+        """Reset some unknowns to what was known before any frame."""
+        return forget(belief, where, self.unknowns.scaled_std(self.size_of(belief))[where])
+
+    def size_of(self, belief: Belief) -> float:
+        """Return the likely size of the model error, as a share of the range of pressure."""
+        return self.discrepancy.grid.size_of(belief.sizes)
+
+    @property
+    def discrepancy(self) -> ModelDiscrepancy:
+        """The block of what the model lacks."""
+        return self.unknowns.block(ModelDiscrepancy)
+
+    @property
+    def force_scale(self) -> float:
+        """The largest force (N) that is likely."""
+        return self.unknowns.block(TipForce).scale
 
     def inputs_at(self, instant: PressureInstant, wrench: NearWrench | None) -> FrameInputs:
         """Return what acted on the arm, and what columns of the covariance change of it."""
         std = 0.0 if wrench is None else self.arm.sensors.moment_std
-        columns = self.unknowns.columns
+        columns = self.unknowns.law_columns
         by_column = np.zeros(columns)
         if self.arm.sensing:
             by_column = self.by_columns(Load(pressure=instant.gauge))[:, PRESSURE]
@@ -115,7 +120,7 @@ class Bench:
             chamber=middle,
             std=0.0,
             history=self.arm.initial_history(middle),
-            memory=remember(self.settings, (), middle, 0.0, 0.0),
+            memory=self.discrepancy.remember((), middle, 0.0),
         )
 
     def with_wrench(self, belief: Belief, wrench: NearWrench, gauge: float) -> Belief:
@@ -126,21 +131,20 @@ class Bench:
         """
         reading = load_read(wrench.reading, gauge)
         true = self.arm.sense(reading)
-        response = np.zeros((2, belief.mean.size))
-        response[:, FORCE] = np.eye(2)
-        if not self.settings.free_tip:  # then nobody reads it
-            response[:, OFFSET] = np.eye(2)
-            response[:, GAIN] = belief.mean[FORCE]
+        tip = self.unknowns.at(TipForce)
+        by_column = np.zeros((self.unknowns.law_columns, 2))
         if self.arm.sensing:
-            response[:, self.unknowns.of_columns] = -self.by_columns(reading)[:, FORCE].T
-        walked = belief.walk * math.sqrt(abs(wrench.age))
-        std = math.hypot(wrench.std, walked, EXACT * self.unknowns.force_scale)
+            by_column = self.by_columns(reading)[:, :2]
+        seen = WrenchSeen(force=belief.mean[tip], by_column=by_column)
+        response = self.unknowns.wrench_response(seen)
+        walked = belief.walk.recent * math.sqrt(abs(wrench.age))
+        std = math.hypot(wrench.std, walked, EXACT * self.force_scale)
         value = np.array([true.force_x, true.force_y])
         innovation = value - response @ belief.mean
         spread = response @ belief.root
         covariance = spread @ spread.T + std**2 * np.eye(2)
         if innovation @ np.linalg.solve(covariance, innovation) > self.settings.force_gate:
-            belief = self.without(belief, FORCE)
+            belief = self.without(belief, tip)
         return take_measurement(belief, response, value, np.full(2, std))
 
     def move(
@@ -149,34 +153,34 @@ class Bench:
         stamp_ns: int,
         pressed: float,
         noise: tuple[float, float],
-        scale: float,
+        size: float,
         walk: float | None = None,
     ) -> Belief:
         """Return the belief at a later stamp, with a contact that may have walked.
 
-        pressed (Pa): by how much the pressure has moved since; noise, scale, walk: as of
+        pressed (Pa): by how much the pressure has moved since; noise, size, walk: as of
         `move_belief`.
         """
-        moved = move_belief(
-            self.unknowns, belief, stamp_ns, scale, pressed, noise=noise, walk=walk
-        )
+        moved = move_belief(self.unknowns, belief, stamp_ns, size, pressed, noise=noise, walk=walk)
         if not belief.touched:
             return moved
         seconds = seconds_between(belief.stamp_ns, stamp_ns)
-        settings = self.settings
-        force_walk = min(moved.walk, settings.contact_walk * self.unknowns.force_scale)
-        walks = np.array([force_walk, settings.place_walk * self.arm.length])
-        return widen(moved, CONTACT, walks * math.sqrt(seconds))
+        walked = self.unknowns.block(Push).walked(moved.walk.recent, seconds)
+        return widen(moved, self.unknowns.at(Push), walked)
+
+    def force_covariance(self, belief: Belief) -> Array:
+        """Return the covariance (2, 2) N^2 of the tip force."""
+        return belief.covariance_of(self.unknowns.at(TipForce))
 
     @property
     def largest_force_std(self) -> float:
         """The standard deviation (N) beyond which a component of the force is not determined."""
-        return self.settings.determined * self.unknowns.force_scale
+        return self.settings.determined * self.force_scale
 
     @property
     def coarsest_pressure(self) -> float:
         """The step (Pa) beyond which readings are commanded rather than read."""
-        return self.settings.coarsest * self.unknowns.range
+        return self.settings.coarsest * self.discrepancy.range
 
     def pressure_rounding(self, step: float) -> float:
         """Return one sigma (Pa) of what a pressure sensor rounds off; 0 where nothing tells."""
@@ -184,7 +188,7 @@ class Bench:
 
     def force_rounding(self, step: float) -> float:
         """Return the same (N) of each component of the force."""
-        coarsest = self.settings.coarsest * self.unknowns.force_scale
+        coarsest = self.settings.coarsest * self.force_scale
         return rounding_std(step) if step <= coarsest else 0.0
 
     def shown_ns(self, sightings: TargetSightings) -> int:
@@ -195,11 +199,7 @@ class Bench:
         """Return the contact that is believed, on the arm; None without one."""
         if not belief.touched:
             return None
-        low, high = self.settings.contact_places
-        mean = belief.mean.copy()
-        place = CONTACT.stop - 1
-        mean[place] = min(max(mean[place], low * self.arm.length), high * self.arm.length)
-        return contact_of(self.arm, self.settings, mean)
+        return self.unknowns.block(Push).held(belief.mean[self.unknowns.at(Push)])
 
     @property
     def stiffness_unknown(self) -> bool:

@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.fusion.belief import Belief, CONTACT, FORCE
+from pneunet_ros.fusion.belief import Belief
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem
 from pneunet_ros.fusion.frame_update import (
     excess,
@@ -27,6 +27,9 @@ from pneunet_ros.fusion.frame_update import (
     misfits,
     with_fit,
 )
+from pneunet_ros.measurement.blocks.contact import Push
+from pneunet_ros.measurement.blocks.tip_force import TipForce
+from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.predicted_targets import measured_moves
 from pneunet_ros.model.part_load import pushed_on_panels
 from pneunet_ros.solver.columns import LOADS
@@ -67,26 +70,27 @@ class WeighedFrame:
     elsewhere: bool
 
 
-def without_contact(belief: Belief) -> Belief:
-    """Return what is believed of all else by somebody who knows that nothing touches the arm."""
-    mean, root = belief.mean.copy(), belief.root.copy()
-    mean[CONTACT], root[CONTACT] = 0.0, 0.0
-    return replace(belief, mean=freeze(mean), root=freeze(root))
+def without_contact(unknowns: Unknowns, belief: Belief) -> Belief:
+    """Switch the contact off: nothing touches the arm."""
+    mean, root, where = belief.mean.copy(), belief.root.copy(), unknowns.at(Push)
+    mean[where], root[where] = 0.0, 0.0
+    return replace(belief, mean=freeze(mean), root=freeze(root), touched=False)
 
 
-def with_any_contact(belief: Belief, force_std: float, length: float) -> Belief:
-    """Return the belief with a contact of any force (N, one sigma) anywhere on the arm (m)."""
-    mean = belief.mean.copy()
-    mean[CONTACT] = 0.0, 0.5 * length
+def with_any_contact(unknowns: Unknowns, belief: Belief) -> Belief:
+    """Switch a contact on, of any force anywhere on the arm."""
+    mean, where = belief.mean.copy(), unknowns.at(Push)
+    mean[where], std = unknowns.block(Push).anywhere
     more = np.zeros((mean.size, 2))
-    more[CONTACT] = np.diag([force_std, length / math.sqrt(12.0)])
-    return replace(belief, mean=freeze(mean), root=freeze(np.hstack([belief.root, more])))
+    more[where] = np.diag(std)
+    root = freeze(np.hstack([belief.root, more]))
+    return replace(belief, mean=freeze(mean), root=root, touched=True)
 
 
-def correlation_with_tip(belief: Belief) -> float:
+def correlation_with_tip(unknowns: Unknowns, belief: Belief) -> float:
     """Return the multiple correlation of the contact force with the two of the tip force."""
     root = belief.root
-    force, contact = root[FORCE], root[CONTACT.start]
+    force, contact = root[unknowns.at(TipForce)], root[unknowns.at(Push).start]
     along = force @ contact
     explained = along @ np.linalg.lstsq(force @ force.T, along, rcond=None)[0]
     return math.sqrt(min(max(float(explained / (contact @ contact)), 0.0), 1.0))
@@ -119,7 +123,7 @@ def weigh_hypotheses(
     none: Fit | None = led
     contact: Fit | None = led
     if touched:
-        none = fit_all(rival or replace(frame, prior=without_contact(frame.prior)))
+        none = fit_all(rival or replace(frame, prior=without_contact(frame.unknowns, frame.prior)))
     else:
         contact = None if rival is None else fit_all(rival)
     log_odds = alone.log_odds if rival is None else log_odds
@@ -177,8 +181,8 @@ def gain_without(without: FrameUpdate | None, update: FrameUpdate, seen: int) ->
 
 def differs_from_zero(fit: Fit, limit: float) -> bool:
     """Whether the contact force of a fit is beyond a chi squared from zero."""
-    belief = fit[0].posterior(fit[1])
-    force, std = belief.mean[CONTACT.start], belief.std(CONTACT.start)
+    belief, which = fit[0].posterior(fit[1]), fit[0].unknowns.at(Push).start
+    force, std = belief.mean[which], belief.std(which)
     return bool(force**2 > limit * std**2)
 
 
@@ -234,11 +238,11 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     place, sensitivity = pushed_on_panels(bent.solution, bent.rods)
     moved = measured_moves(arm, sensitivity)[LOADS:]
     pushes = problem.whiten_at(fit.trial, moved).T
-    weighed, std = fit.solve(pushes), problem.unknowns.force_scale
+    weighed, std = fit.solve(pushes), problem.unknowns.block(Push).scale
     information = np.sum(pushes * weighed, axis=0) + std**-2
     score = fit.innovation @ weighed
     force = score / information
-    low, high = np.array(problem.settings.contact_places) * arm.length
+    low, high = problem.unknowns.block(Push).limits
     return PushScores(
         place=place,
         force=force,
@@ -287,7 +291,7 @@ def find_contact(
     padded = np.concatenate([[0.0], scores.gain, [0.0]])
     peaks = np.flatnonzero((scores.gain >= padded[:-2]) & (scores.gain >= padded[2:]))
     starts = peaks[np.argsort(-scores.gain[peaks])][: settings.contact_starts]
-    prior = with_any_contact(problem.prior, problem.unknowns.force_scale, length)
+    prior = with_any_contact(problem.unknowns, problem.prior)
     touched = replace(problem, prior=prior)
     tried = [search_at(touched, fit, scores, int(panel)) for panel in starts]
     fits = [item for item in tried if item is not None]
@@ -327,11 +331,12 @@ def search_at(
     problem: FrameProblem, fit: FrameLinearization, scores: PushScores, panel: int
 ) -> Fit | None:
     """Return the fit with a contact that is sought from a panel on."""
-    force_std, place_std = np.diagonal(problem.root[CONTACT, -2:])
+    where = problem.unknowns.at(Push)
+    force_std, place_std = np.diagonal(problem.root[where, -2:])
     contact = np.array(
         [
             scores.force[panel] / force_std,
-            (scores.place[panel] - problem.mean[CONTACT.stop - 1]) / place_std,
+            (scores.place[panel] - problem.mean[where.stop - 1]) / place_std,
         ]
     )
     xi = np.concatenate([fit.trial.xi + scores.step(fit, panel), contact])

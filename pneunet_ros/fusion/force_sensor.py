@@ -23,8 +23,10 @@ from enum import Enum
 import math
 
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.fusion.belief import Belief, GAIN, OFFSET, told_by_frames, Unknowns
+from pneunet_ros.fusion.belief import Belief, told_by_frames
 from pneunet_ros.fusion.settings import FusionSettings
+from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
+from pneunet_ros.measurement.blocks.unknowns import Unknowns
 
 DISAGREES = (
     'force sensor and targets disagree, and the sensor is not used: check its sign, axes and '
@@ -75,10 +77,10 @@ class Verdict(Enum):
 
 def verdict_on(unknowns: Unknowns, settings: FusionSettings, belief: Belief) -> Verdict:
     """Return what frames have said so far of a sensor that is taken for one in order."""
-    tolerance = settings.sensor_tolerance
-    limits = (tolerance * unknowns.force_scale, tolerance * unknowns.force_scale, tolerance)
-    verdict = Verdict.IN_ORDER
-    for which, limit in zip(range(OFFSET.start, GAIN + 1), limits, strict=True):
+    tolerance, scale = settings.sensor_tolerance, unknowns.block(ForceSensor).scale
+    limits = (tolerance * scale, tolerance * scale, tolerance)
+    verdict, where = Verdict.IN_ORDER, unknowns.at(ForceSensor)
+    for which, limit in zip(range(where.start, where.stop), limits, strict=True):
         value, std = told_by_frames(unknowns, belief, which)
         if std >= limit:
             verdict = Verdict.OPEN  # a straight arm tells hardly anything, and that is not linear
@@ -89,7 +91,8 @@ def verdict_on(unknowns: Unknowns, settings: FusionSettings, belief: Belief) -> 
 
 def sensor_score(unknowns: Unknowns, belief: Belief) -> float:
     """Return by how many sigma frames say that the sensor is off."""
-    errors = [told_by_frames(unknowns, belief, which) for which in range(OFFSET.start, GAIN + 1)]
+    where = unknowns.at(ForceSensor)
+    errors = [told_by_frames(unknowns, belief, which) for which in range(where.start, where.stop)]
     return max(abs(value) / std for value, std in errors)
 
 

@@ -19,26 +19,20 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.effects.effect import History, Load
-from pneunet_ros.fusion.belief import (
-    Belief,
-    CAMERA,
-    COLUMNS,
-    CONTACT,
-    DRIFT,
-    FORCE,
-    innovation_factor,
-    root_after,
-    TURN,
-    Unknowns,
-)
-from pneunet_ros.fusion.lack import LackGrowth, weights_after
+from pneunet_ros.effects.effect import Load
+from pneunet_ros.fusion.belief import Belief
 from pneunet_ros.fusion.settings import FusionSettings
+from pneunet_ros.measurement.blocks.block import FrameInputs
+from pneunet_ros.measurement.blocks.contact import Push
+from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
+from pneunet_ros.measurement.blocks.tip_force import TipForce
+from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.disturbances import SMALLEST_STD
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.gauss_newton import End, gauss_newton
+from pneunet_ros.measurement.inference.gaussian import innovation_factor, root_after
+from pneunet_ros.measurement.inference.variance_component import ErrorGrowth
 from pneunet_ros.measurement.predicted_targets import target_jacobian
-from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import linearize_shape, Sensitivity, solve_rod
 from pneunet_ros.model.part_load import (
     PartLoad,
@@ -60,25 +54,6 @@ LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
 
 Mask = npt.NDArray[np.bool_]
 Complex = npt.NDArray[np.complex128]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrameInputs:
-    """What acted on the arm at a frame, as read.
-
-    chamber, chamber_std: pressure in it, and of its white noise (Pa); history: of the effects;
-    moment, moment_std (N m): at the tip; by_column (columns,): what one sigma of each column of
-    the model's covariance changes of the pressure, by effects of sensing; late (memory,) Pa: how
-    far the pressures that lag, and the one behind a play, are from the chamber.
-    """
-
-    chamber: float
-    chamber_std: float
-    history: tuple[History, ...] | None
-    moment: float
-    moment_std: float
-    by_column: Array
-    late: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,32 +82,6 @@ class BentArm:
         return linearize_shape(self.solution, with_part_load(self.rods, self.contact), changes)
 
 
-def causes_of(unknowns: Unknowns, inputs: FrameInputs) -> Array:
-    """Return what one of each unknown changes of every cause: (causes, unknowns).
-
-    The causes are those of `target_jacobian`: F1, F2, M, pressure, columns; the second
-    of what the model lacks is a curvature, which parts that come late are of as well.
-    """
-    causes = unknowns.causes.copy()
-    causes[PRESSURE, unknowns.of_columns] = inputs.by_column
-    late, played = unknowns.of_memory.start, unknowns.of_memory.stop - 1
-    curvature = PRESSURE + 1 + unknowns.lacking[1] - COLUMNS
-    causes[curvature, late:played] = inputs.late[:-1] / unknowns.range
-    causes[PRESSURE, played] = inputs.late[-1]
-    return causes
-
-
-def pressure_like(unknowns: Unknowns, inputs: FrameInputs) -> Array:
-    """Return what one of each unknown is as an error of the pressure, (unknowns,) Pa.
-
-    Of all that the model lacks; a curvature counts as the pressure that would make it.
-    """
-    row = np.zeros(unknowns.std.size)
-    row[unknowns.lacking[:2]] = 1.0, unknowns.range
-    row[unknowns.of_memory] = inputs.late
-    return row
-
-
 def bend_arm(
     table: PerturbationTable,
     inputs: FrameInputs,
@@ -143,7 +92,7 @@ def bend_arm(
     quick: bool,
     contact: PartLoad | None = None,
 ) -> BentArm:
-    """Solve the rod under what was read, and changes (causes,) of it: `causes_of` the unknowns.
+    """Solve the rod under what was read, and changes (causes,) of it: those of the unknowns.
 
     quick: give up soon where no solution is near. contact: it points along the normal of the arm.
     """
@@ -159,22 +108,7 @@ def bend_arm(
     return BentArm(rods=rods, changes=beside, shape=shape, contact=contact)
 
 
-def contact_of(arm: Arm, settings: FusionSettings, x: Array) -> PartLoad | None:
-    """Return the contact among the unknowns; None where it is off the arm."""
-    force, place = x[CONTACT].tolist()
-    low, high = settings.contact_places
-    if not low * arm.length <= place <= high * arm.length:
-        return None
-    return PartLoad(force=force, place=place, width=settings.contact_width * arm.length)
-
-
-def camera_at(x: Array) -> tuple[complex, complex]:
-    """Return where the camera has the clamp, x + i y (m), and how it is turned, of x (n,)."""
-    drift_x, drift_y, place_x, place_y, turn = x[DRIFT.start : TURN + 1].tolist()
-    return complex(drift_x + place_x, drift_y + place_y), cmath.rect(1.0, turn)
-
-
-def causes_with_contact(causes: Array, contact: PartLoad | None) -> Array:
+def causes_with_contact(unknowns: Unknowns, causes: Array, contact: PartLoad | None) -> Array:
     """Return what one of each unknown changes of every cause, with those of a contact, if any.
 
     causes (causes, unknowns): those without it. Force and place of the contact follow.
@@ -182,7 +116,7 @@ def causes_with_contact(causes: Array, contact: PartLoad | None) -> Array:
     if contact is None:
         return causes
     own = np.zeros((2, causes.shape[1]))
-    own[:, CONTACT] = np.eye(2)
+    own[:, unknowns.at(Push)] = np.eye(2)
     return np.vstack([causes, own])
 
 
@@ -242,8 +176,8 @@ class FrameLinearization:
         """The squared whitened residual, of the prior too."""
         return self.trial.cost
 
-    def lack_information(self, growth: LackGrowth) -> tuple[Array, Array]:
-        """Return H^T S^-1 v (errors,) and H^T S^-1 H of what the model may lack, as it moved."""
+    def size_information(self, growth: ErrorGrowth) -> tuple[Array, Array]:
+        """Return H^T S^-1 v (errors,) and H^T S^-1 H of the errors of unknown size, as moved."""
         moved = self.lacking * growth.grown
         return moved.T @ self.weighed, moved.T @ self.solve(moved)
 
@@ -295,7 +229,7 @@ class FrameProblem:
     What stays while it is searched: std (coordinates,) m of white noise; measured (targets,) m, x
     + i y; causes (causes, unknowns): what unknowns change of every cause; cause_root: what one
     sigma of each xi changes of the causes, of the camera's place (x, y) and of its turn; painted
-    (coordinates, xi): of the places painted, whitened; lack_causes (causes, errors): of a lack of
+    (coordinates, xi): of the places painted, whitened; sized_causes (causes, errors): of a lack of
     all of the range; force (2, 2) N^2: covariance of the tip force before the frame.
     """
 
@@ -303,7 +237,7 @@ class FrameProblem:
     unknowns: Unknowns
     settings: FusionSettings
     prior: Belief
-    growth: LackGrowth | None
+    growth: ErrorGrowth | None
     inputs: FrameInputs
     sightings: TargetSightings
     used: Mask
@@ -314,7 +248,7 @@ class FrameProblem:
     causes: Array = field(init=False)
     cause_root: Array = field(init=False)
     painted: Array = field(init=False)
-    lack_causes: Array = field(init=False)
+    sized_causes: Array = field(init=False)
     force: Array = field(init=False)
 
     def __post_init__(self) -> None:
@@ -323,20 +257,19 @@ class FrameProblem:
         counting = None if self.used.all() else np.flatnonzero(self.used)
         white = sightings.std if counting is None else sightings.std[counting]
         std = np.fmax(white, max(self.table.arm.sensors.target_std, SMALLEST_STD)).repeat(2)
-        causes, touched = causes_of(unknowns, self.inputs), self.prior.touched
+        causes, touched = unknowns.causes_at(self.inputs), self.prior.touched
         own, size = len(causes), root.shape[1]
         cause_root = np.empty((own + (5 if touched else 3), size))
         np.matmul(causes, root, out=cause_root[:own])
         if touched:
-            cause_root[own:-3] = root[CONTACT]
-        np.add(root[CAMERA], root[DRIFT], out=cause_root[-3:-1])
-        cause_root[-1] = root[TURN]
-        places = root[unknowns.painted].reshape(2, unknowns.targets, size).transpose(1, 0, 2)
+            cause_root[own:-3] = root[unknowns.at(Push)]
+        np.matmul(unknowns.camera, root, out=cause_root[-3:])
+        places = unknowns.dots_moved(root).transpose(1, 0, 2)
         if counting is not None:
             places = places[counting]
         painted = np.empty((std.size // 2, 2, size))
         np.divide(places, std.reshape(-1, 2, 1), out=painted)
-        lacking, force = unknowns.lacking, root[FORCE]
+        sized, force = unknowns.sized, root[unknowns.at(TipForce)]
         for name, value in (
             ('touched', touched),
             ('counting', counting),
@@ -345,7 +278,7 @@ class FrameProblem:
             ('causes', causes),
             ('cause_root', cause_root),
             ('painted', painted.reshape(std.size, size)),
-            ('lack_causes', causes[:, lacking] * unknowns.std[lacking]),
+            ('sized_causes', causes[:, sized] * unknowns.std[sized]),
             ('force', force @ force.T),
         ):
             object.__setattr__(self, name, value)
@@ -362,15 +295,16 @@ class FrameProblem:
 
     def start_at(self, force: Array) -> Array:
         """Return the likeliest xi with a force (2,) N."""
-        root = self.root[FORCE]
-        gain = np.linalg.lstsq(root @ root.T, force - self.mean[FORCE], rcond=None)[0]
+        tip = self.unknowns.at(TipForce)
+        root = self.root[tip]
+        gain = np.linalg.lstsq(root @ root.T, force - self.mean[tip], rcond=None)[0]
         return np.asarray(root.T @ gain)
 
     def try_at(self, xi: Array, start: SolverNodes | None) -> Trial | None:
         """Predict the targets; None where there is no stable shape."""
         unknowns, arm = self.unknowns, self.table.arm
         x = self.mean + self.root @ xi
-        contact = contact_of(arm, self.settings, x) if self.touched else None
+        contact = self.contact_of(x) if self.touched else None
         if contact is None and self.touched:
             return None
         bent = bend_arm(
@@ -386,8 +320,9 @@ class FrameProblem:
         if not shape.converged or shape.stable is False:
             return None
         heading = np.exp(1j * shape.theta)
-        along, across = x[unknowns.painted].reshape(2, -1)
-        clamp, turn = camera_at(x)
+        along, across = unknowns.dots_moved(x)
+        clamp_x, clamp_y, angle = (unknowns.camera @ x).tolist()
+        clamp, turn = complex(clamp_x, clamp_y), cmath.rect(1.0, angle)
         seen_x, seen_y = arm.see(shape.x, shape.y)
         seen = turn * (seen_x + 1j * seen_y + heading * (along + 1j * across))
         back = heading.conj() / turn if self.prior.camera_moved else heading.conj()
@@ -414,13 +349,14 @@ class FrameProblem:
 
     def linearize(self, trial: Trial) -> FrameLinearization | None:
         """Linearize what is predicted around a trial; None at a limit point of the arm."""
-        xi, root = trial.xi, self.root
+        xi, root, tip = trial.xi, self.root, self.unknowns.at(TipForce)
         by_cause = target_jacobian(self.table, trial.bent.linearize())
         moves = np.empty((len(by_cause) + 3, by_cause.shape[2]), dtype=np.complex128)
         of_arm, of_camera = moves[:-3], moves[-3:]
         of_arm.real, of_arm.imag = by_cause[:, 0], by_cause[:, 1]
         if self.prior.camera_moved:
-            of_arm *= cmath.exp(1j * float(self.mean[TURN] + root[TURN] @ xi))
+            turn = self.unknowns.camera[2] @ self.mean + self.cause_root[-1] @ xi
+            of_arm *= cmath.exp(1j * float(turn))
         of_camera[0], of_camera[1] = 1.0, 1j
         np.multiply(trial.seen, 1j, out=of_camera[2])
         moves *= trial.back
@@ -431,7 +367,7 @@ class FrameProblem:
             return None
         factor = innovation_factor(jacobian)
         sides = np.empty((3, xi.size))
-        sides[0], sides[1:] = xi, root[FORCE]
+        sides[0], sides[1:] = xi, root[tip]
         seen = jacobian @ sides.T
         seen[:, 0] += trial.residual
         solved = solve_factored(factor, seen)
@@ -440,13 +376,13 @@ class FrameProblem:
         gain = float(step @ (trial.residual @ jacobian - xi))
         force = self.force - seen[:, 1:].T @ solved[:, 1:]
         if gain > self.settings.small_gain:
-            left = root[FORCE] @ step
+            left = root[tip] @ step
             force += left[:, None] * left
-        known = len(self.lack_causes)
+        known = len(self.sized_causes)
         return FrameLinearization(
             trial=trial,
             jacobian=jacobian,
-            lacking=whitened[:known].T @ self.lack_causes,
+            lacking=whitened[:known].T @ self.sized_causes,
             innovation=innovation,
             factor=factor,
             weighed=weighed,
@@ -510,11 +446,16 @@ class FrameProblem:
         if not self.touched:
             return True
         x = self.mean + self.root @ xi
-        return contact_of(self.table.arm, self.settings, x) is not None
+        return self.contact_of(x) is not None
+
+    def contact_of(self, x: Array) -> PartLoad | None:
+        """Return the contact among the unknowns; None where it is off the arm."""
+        unknowns = self.unknowns
+        return unknowns.block(Push).load_of(x[unknowns.at(Push)])
 
     def knows_force(self, fit: FrameLinearization, most: float) -> bool:
         """Whether the force is known after the frame, to a share `most` of its scale."""
-        largest = most * self.unknowns.force_scale
+        largest = most * self.unknowns.block(TipForce).scale
         return bool(fit.force[0, 0] + fit.force[1, 1] <= largest**2)
 
     def posterior(self, fit: FrameLinearization) -> Belief:
@@ -527,14 +468,15 @@ class FrameProblem:
         step, gain = fit.newton_step()
         if gain > self.settings.small_gain:
             root = np.column_stack([root, self.root @ step])
-        weights, growth = self.prior.lack_weights, self.growth
+        sizes, growth = self.prior.sizes, self.growth
         if growth is not None:
-            weights = weights_after(self.settings, weights, growth, fit.lack_information(growth))
+            grid = self.unknowns.block(ModelDiscrepancy).grid
+            sizes = grid.after(sizes, growth, fit.size_information(growth))
         return replace(
             self.prior,
             mean=freeze(self.mean + self.root @ fit.trial.xi),
             root=freeze(np.ascontiguousarray(root)),
-            lack_weights=weights,
+            sizes=sizes,
             chamber=math.nan if growth is None else self.inputs.chamber,
             solution=fit.trial.bent.solution,
             frames=self.prior.frames + 1,

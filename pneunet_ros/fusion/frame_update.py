@@ -12,8 +12,9 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.fusion.belief import Belief, FORCE
+from pneunet_ros.fusion.belief import Belief
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem, Trial
+from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.inference.adequacy import chi_square_limit
 
 Fit = tuple[FrameProblem, FrameLinearization]
@@ -192,11 +193,11 @@ def hold_force(found: Fit) -> Fit:
     if problem.knows_force(fit, problem.settings.determined):
         return found
     variances, axes = np.linalg.eigh(fit.force)
-    largest = problem.settings.determined * problem.unknowns.force_scale
+    largest = problem.settings.determined * problem.unknowns.block(TipForce).scale
     unknown = axes[:, variances > largest**2]
     if not unknown.size:
         return found
-    along = np.linalg.qr(problem.root[FORCE].T @ unknown)[0]
+    along = np.linalg.qr(problem.root[problem.unknowns.at(TipForce)].T @ unknown)[0]
     root = problem.root - (problem.root @ along) @ along.T
     held = replace(problem, prior=replace(problem.prior, root=root))
     again = held.search(np.zeros(root.shape[1]), problem.prior.solution)
@@ -219,7 +220,7 @@ def apart_by(first: Trial, second: Trial) -> float:
 
 def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial]:
     """Return trials at forces all over the scale, or at some of them, the best first."""
-    settings, scale = problem.settings, problem.unknowns.force_scale
+    settings, scale = problem.settings, problem.unknowns.block(TipForce).scale
     angles = 2.0 * np.pi * np.arange(settings.start_directions) / settings.start_directions
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     forces = [np.zeros(2), *(share * scale * one for share in settings.start_forces
@@ -290,7 +291,8 @@ def gain_over(fit: Fit, rival: Fit) -> float:
 
 def force_at(problem: FrameProblem, trial: Trial) -> Array:
     """Return the force (2,) N of a trial."""
-    return np.asarray(problem.mean[FORCE] + problem.root[FORCE] @ trial.xi)
+    tip = problem.unknowns.at(TipForce)
+    return np.asarray(problem.mean[tip] + problem.root[tip] @ trial.xi)
 
 
 def are_apart(first: Fit, second: Fit) -> bool:

@@ -24,11 +24,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit
 from pneunet_ros.fusion.belief import (
     Belief,
-    BIAS,
     first_belief,
-    OF_BIAS,
-    scaled_std,
-    take_measurement,
     with_strange_targets,
     with_walk,
     without_lessons,
@@ -40,7 +36,6 @@ from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.force_sensor import Verdict
 from pneunet_ros.fusion.frame_update import ColdSearch
 from pneunet_ros.fusion.judgement import explains_all, is_copy, take, weigh_and_judge
-from pneunet_ros.fusion.lack import remember, scale_of
 from pneunet_ros.fusion.readings import (
     followed_by,
     nearest_to,
@@ -53,9 +48,12 @@ from pneunet_ros.fusion.readings import (
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState, RunningNis, TakenFrame
 from pneunet_ros.measurement.between_readings import error_between
+from pneunet_ros.measurement.blocks.pressure_error import PressureError
+from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.errors.rounding_error import smallest_change, with_rounding
 from pneunet_ros.measurement.errors.white_noise import white_std
 from pneunet_ros.measurement.inference.adequacy import chi_square_limit
+from pneunet_ros.measurement.inference.gaussian import take_measurement
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load, OUT_OF_RANGE
 
@@ -69,18 +67,22 @@ class Fusion:
 
     arm: with the noise of its sensors and the covariance of its model; sensors: what they report
     and when a reading is too old (a wrench is used while it is fresh, whatever `wrench_required`);
-    settings: the numbers by which readings and targets are fused. Raises ModelError where the arm
+    settings: the numbers by which readings and targets are fused; unknowns: what may be wrong,
+    None for `unknowns_of` the arm. Raises ModelError where the arm
     has no targets.
     """
 
     arm: Arm
     sensors: EstimatorSettings = field(default_factory=EstimatorSettings)
     settings: FusionSettings = FUSION
+    unknowns: Unknowns | None = None
     bench: Bench = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Prepare the bench."""
-        bench = Bench(arm=self.arm, sensors=self.sensors, settings=self.settings)
+        bench = Bench(
+            arm=self.arm, sensors=self.sensors, settings=self.settings, given=self.unknowns
+        )
         object.__setattr__(self, 'bench', bench)
 
     def step(self, state: FusionState, event: Event) -> tuple[FusionState, FusionOutcome]:
@@ -230,14 +232,13 @@ class Fusion:
             rounding = self.bench.pressure_rounding(step)
             std = with_rounding(self.arm.sensors.pressure_std, rounding)
         memory = () if last is None else last.memory
-        play = self.settings.play * self.bench.unknowns.range
         return PressureInstant(
             stamp_ns=reading.stamp_ns,
             gauge=gauge,
             chamber=chamber,
             std=std,
             history=history,
-            memory=remember(self.settings, memory, chamber, elapsed, play),
+            memory=self.bench.discrepancy.remember(memory, chamber, elapsed),
             step=step,
         )
 
@@ -245,7 +246,7 @@ class Fusion:
         self, state: FusionState, sightings: TargetSightings
     ) -> tuple[FusionState, FusionOutcome]:
         """Take a frame, or let it wait for its pressure; alone it gives an estimate itself."""
-        stamp_ns, targets = sightings.stamp_ns, self.bench.unknowns.targets
+        stamp_ns, targets = sightings.stamp_ns, self.arm.target_arclength.size
         reason, sentence = state.frame_stamps.fault('frame of targets', stamp_ns)
         if len(sightings.x) != targets:
             reason = 'wrong_targets'
@@ -381,7 +382,7 @@ class Fusion:
         noise = self.estimate_force_noise(state)
         known = max(state.largest_force_noise, self.arm.sensors.force_std)
         if noise > self.settings.noise_ratio * known and state.sensor is not Verdict.OFF:
-            before = without_lessons(self.bench.unknowns, self.settings, before)
+            before = without_lessons(self.bench.unknowns, before)
             state = replace(state.without_belief(), sensor=Verdict.OPEN, belief=before)
         largest = max(state.largest_force_noise, noise)
         return before, replace(state, force_noise=noise, largest_force_noise=largest)
@@ -432,7 +433,8 @@ class Fusion:
         state = self.doubt_frame(state)  # of a frame whose pressure nobody had read
         if state.belief is None:
             return state
-        belief = self.bench.without(self.condition_on_pressure(state, state.belief), OF_BIAS)
+        belief = self.condition_on_pressure(state, state.belief)
+        belief = self.bench.without(belief, self.bench.unknowns.at(PressureError))
         return replace(state, belief=belief, pressure_lost=False)
 
     def condition_on_pressure(self, state: FusionState, belief: Belief) -> Belief:
@@ -452,16 +454,19 @@ class Fusion:
             return belief
         instant = self.pressure_at(state, belief.stamp_ns)
         response = np.zeros((1, belief.mean.size))
-        response[0, BIAS] = 1.0
+        bias = self.bench.unknowns.at(PressureError).start
+        response[0, bias] = 1.0
         value = np.array([instant.chamber - before.chamber])
-        scale = scale_of(self.settings, belief.lack_weights)
-        lacking = float(scaled_std(self.bench.unknowns, scale)[BIAS])
+        size = self.bench.size_of(belief)
+        lacking = float(self.bench.unknowns.scaled_std(size)[bias])
         std = math.hypot(instant.std, lacking)
-        innovation = float(value[0] - belief.mean[BIAS]) / math.hypot(std, belief.std(BIAS))
+        innovation = float(value[0] - belief.mean[bias]) / math.hypot(std, belief.std(bias))
         if abs(innovation) > self.settings.sure:
             return belief
         conditioned = take_measurement(belief, response, value, np.array([std]))
-        determined = np.trace(conditioned.force_covariance) <= self.bench.largest_force_std**2
+        determined = (
+            np.trace(self.bench.force_covariance(conditioned)) <= self.bench.largest_force_std**2
+        )
         return conditioned if determined else belief
 
     def use_frame(self, state: FusionState, sightings: TargetSightings) -> FusionState:
@@ -472,7 +477,7 @@ class Fusion:
         shown_ns = self.bench.shown_ns(sightings)
         if state.lost >= self.settings.most_lost:  # what is believed keeps all frames out
             state = replace(state.without_belief(), lost=0)
-        before = state.belief or first_belief(self.bench.unknowns, self.settings, shown_ns)
+        before = state.belief or first_belief(self.bench.unknowns, shown_ns)
         if before.frames and shown_ns < before.stamp_ns:
             return state.count_unused('older')
         lost = state.lost >= self.settings.frames_lost
@@ -484,7 +489,7 @@ class Fusion:
         elif is_copy(self.bench, seen, frame):
             return state.count_unused('repeated')
         if lost:
-            before = without_contact(before)
+            before = without_contact(self.bench.unknowns, before)
             state = replace(state, rival=None, log_odds=None)
         taken, unweighed = take(self.bench, state, frame, before), None
         if explains_all(taken) and not lost:
@@ -550,7 +555,7 @@ class Fusion:
         seen: what else of it is remembered.
         """
         frame, update, settings = taken.frame, taken.update, self.settings
-        belief = with_walk(self.bench.unknowns, settings, taken.before, after)
+        belief = with_walk(self.bench.unknowns, taken.before, after)
         if belief.same_targets and update.left_out and update.fit:
             strange = np.flatnonzero(taken.problem.used & ~update.fit[0].used)
             belief = with_strange_targets(self.bench.unknowns, settings, belief, strange)

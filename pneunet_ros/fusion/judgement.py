@@ -17,12 +17,7 @@ from pneunet_ros.core.units import seconds_between
 from pneunet_ros.fusion.belief import (
     Belief,
     first_belief,
-    FORCE,
-    lack_grown,
-    OF_BIAS,
     told_by_frames,
-    TURN,
-    widen,
     with_moved_camera,
     with_other_targets,
     without_lessons,
@@ -37,9 +32,13 @@ from pneunet_ros.fusion.contact import (
 from pneunet_ros.fusion.force_sensor import doubt_after, sensor_score, Verdict, verdict_on
 from pneunet_ros.fusion.frame_fit import FrameProblem
 from pneunet_ros.fusion.frame_update import excess, FrameUpdate, misfits, take_frame
-from pneunet_ros.fusion.lack import LackGrowth, scale_of
 from pneunet_ros.fusion.readings import ReadFrame, SeenFrame
 from pneunet_ros.fusion.state import FusionState, TakenFrame
+from pneunet_ros.measurement.blocks.camera import Camera
+from pneunet_ros.measurement.blocks.pressure_error import PressureError
+from pneunet_ros.measurement.blocks.tip_force import TipForce
+from pneunet_ros.measurement.inference.gaussian import widen
+from pneunet_ros.measurement.inference.variance_component import ErrorGrowth
 
 
 def is_copy(bench: Bench, seen: SeenFrame, frame: ReadFrame) -> bool:
@@ -82,8 +81,8 @@ def weigh_and_judge(
     frame, before = taken.frame, taken.before
     weighed = weigh_others(bench, state, taken)
     if state.sensor is not Verdict.OFF and shows_turn(bench, weighed.update.belief):
-        before = without_lessons(bench.unknowns, bench.settings, before)
-        before = with_moved_camera(bench.unknowns, bench.settings, before)
+        before = without_lessons(bench.unknowns, before)
+        before = with_moved_camera(bench.unknowns, before)
         state = replace(state.without_belief(), sensor=Verdict.OPEN)
         taken = take(bench, state, frame, before)
         weighed = weigh(bench, state, taken)
@@ -98,7 +97,7 @@ def weigh_and_judge(
             weighed = weigh(bench, after, taken)
         elif sensor_off:
             after = replace(state.without_belief(), sensor=Verdict.OFF)
-            before = first_belief(bench.unknowns, bench.settings, frame.stamp_ns)
+            before = first_belief(bench.unknowns, frame.stamp_ns)
             taken = take(bench, after, frame.without_wrench(), before)
             weighed = weigh_others(bench, after, taken)
     after = replace(
@@ -126,7 +125,7 @@ def doubts_pressure(bench: Bench, taken: TakenFrame, weighed: WeighedFrame) -> b
         return True
     if belief is None:
         return False
-    return scale_of(bench.settings, belief.lack_weights) > bench.settings.most_lacking
+    return bench.size_of(belief) > bench.settings.most_lacking
 
 
 def take_unpressed(
@@ -142,7 +141,7 @@ def take_unpressed(
     if frame.alone or not bench.tells_camera:
         return None
     anew = replace(state.without_belief(), sensor=Verdict.OPEN)
-    before = without_lessons(bench.unknowns, settings, weighed.update.belief or taken.before)
+    before = without_lessons(bench.unknowns, weighed.update.belief or taken.before)
     instant = bench.unread(frame.stamp_ns)
     unpressed = take(bench, anew, frame.without_pressure(instant), before)
     others = [take(bench, anew, frame, before)]
@@ -170,9 +169,11 @@ def shows_turn(bench: Bench, belief: Belief | None) -> bool:
     """
     if belief is None or belief.camera_moved or not bench.tells_camera:
         return False
-    if np.trace(belief.force_covariance) > bench.largest_force_std**2:
+    if np.trace(bench.force_covariance(belief)) > bench.largest_force_std**2:
         return False  # what holds a force that is not determined tells of the rest as well
-    turn, std = told_by_frames(bench.unknowns, belief, TURN)
+    turn, std = told_by_frames(
+        bench.unknowns, belief, bench.unknowns.at(Camera, Camera.TURN).start
+    )
     limit = bench.settings.turn_tolerance
     if std >= limit or abs(turn) <= max(limit, bench.settings.sure * std):
         return False
@@ -220,7 +221,7 @@ def without_sensor(
         return None
     if state.sensor is Verdict.IN_ORDER and excess(fit) < bench.settings.sensor_misfit:
         return None
-    before = without_lessons(bench.unknowns, bench.settings, belief)
+    before = without_lessons(bench.unknowns, belief)
     problem = problem_of(bench, frame.without_wrench(), before)
     return take_frame(problem, cold=False, found_better=False, force_read=False)
 
@@ -235,7 +236,7 @@ def fits_without(bench: Bench, state: FusionState, frame: ReadFrame, update: Fra
 
 def explains(bench: Bench, state: FusionState, frame: ReadFrame) -> bool:
     """Whether noise explains a frame to which nothing is known."""
-    before = first_belief(bench.unknowns, bench.settings, frame.stamp_ns)
+    before = first_belief(bench.unknowns, frame.stamp_ns)
     fit = weigh(bench, state, take(bench, state, frame, before)).update.fit
     return fit is not None and excess(fit) <= 1.0
 
@@ -257,7 +258,7 @@ def weigh_others(bench: Bench, state: FusionState, taken: TakenFrame) -> Weighed
         weighed = better_with(bench, state, taken.frame, other, weighed, settings.other_targets)
     touches = belief is not None and belief.touched and not before.touched
     if bench.tells_camera and (misfit or touches):
-        other = with_moved_camera(bench.unknowns, settings, before)
+        other = with_moved_camera(bench.unknowns, before)
         weighed = better_with(bench, state, taken.frame, other, weighed, settings.camera_moved)
     return weighed
 
@@ -312,30 +313,27 @@ def problem_of(bench: Bench, frame: ReadFrame, belief: Belief) -> FrameProblem:
     inputs = bench.inputs_at(instant, frame.wrench)
     pressed = abs(frame.instant.chamber - belief.chamber)
     pressed = 0.0 if frame.alone or not math.isfinite(pressed) else pressed
-    scale = scale_of(bench.settings, belief.lack_weights)
+    unknowns, size = bench.unknowns, bench.size_of(belief)
     prior = bench.move(
         belief,
         frame.stamp_ns,
         pressed,
         noise=(inputs.moment_std, inputs.chamber_std),
-        scale=scale,
-        walk=bench.settings.largest_walk * bench.unknowns.force_scale,
+        size=size,
+        walk=unknowns.block(TipForce).free_walk,
     )
     growth = None
     if frame.alone:
-        std = bench.settings.unknown_pressure * bench.unknowns.range
-        prior = widen(prior, OF_BIAS, np.array([std]))
+        pressure = unknowns.block(PressureError)
+        std = np.array([pressure.unread * pressure.range])
+        prior = widen(prior, unknowns.at(PressureError), std)
     else:
         seconds = seconds_between(belief.stamp_ns, frame.stamp_ns) if belief.frames else math.inf
-        growth = LackGrowth(
-            scale=scale,
-            grown=lack_grown(bench.unknowns, seconds, pressed),
-            seconds=seconds,
-        )
+        growth = ErrorGrowth(size=size, grown=unknowns.growth(seconds, pressed), seconds=seconds)
         if frame.pressure_lost:
-            prior = bench.without(prior, OF_BIAS)
+            prior = bench.without(prior, unknowns.at(PressureError))
     if frame.force_lost:
-        prior = bench.without(prior, FORCE)
+        prior = bench.without(prior, unknowns.at(TipForce))
     if frame.wrench is not None:
         prior = bench.with_wrench(prior, frame.wrench, frame.instant.gauge)
     sightings = frame.sightings

@@ -11,35 +11,9 @@ from pneunet_ros.core.settings import tuning
 class FusionSettings:
     """How what is unknown moves in time, which frames are believed, and what is published."""
 
-    force_walk: float = tuning(
-        0.15,
-        'random walk of the tip force before any frame tells',
-        unit='of the force scale/sqrt(s)',
-    )
-    least_walk: float = tuning(
-        0.0015, 'random walk of a force that rests', unit='of the force scale/sqrt(s)'
-    )
-    largest_walk: float = tuning(
-        0.9, 'random walk of a force, at most', unit='of the force scale/sqrt(s)'
-    )
-    steady_after: float = tuning(
-        0.1,
-        'time after which a force goes on as steadily as it moved, where frames are no rarer',
-        unit='s',
-        source='tried on one rig: with 0.05 s hardly any force is told, with 9 s too surely',
-    )
-    walk_time: float = tuning(0.5, 'time in which a force that rests is trusted again', unit='s')
-    usual_time: float = tuning(30.0, 'time over which the walk of the force is averaged', unit='s')
-    guess_counts: float = tuning(
-        5.0, 'time of frames for which the walk before any frame counts; invented', unit='s'
-    )
     force_gate: float = tuning(
         6.0, 'of a wrench, beyond which the last frame tells no force', unit='chi squared'
     )
-    force_offset: float = tuning(
-        0.0003, 'std of the offset of a force sensor in order; invented', unit='of the force scale'
-    )
-    force_gain: float = tuning(0.0003, 'std of the error of its gain; invented')
     sure: float = tuning(
         5.0,
         'at which targets show that the force sensor is off, or the camera turned; invented',
@@ -65,44 +39,6 @@ class FusionSettings:
     sensor_doubt: float = tuning(
         60.0, 'of all frames together, with which the sensor is off; invented', unit='chi squared'
     )
-    lack_scales: tuple[float, ...] = tuning(
-        (0.001, 0.002, 0.004, 0.008, 0.016, 0.03, 0.06, 0.12),
-        'sizes that what the model lacks may have: std of the pressure bias, and of the curvature',
-        unit='of the range',
-    )
-    lack_fall: float = tuning(
-        1.5, 'power of the size with which a lack is less likely before any frame; invented'
-    )
-    lack_stiffness: float = tuning(
-        0.5, 'share of the stiffness that is missing with all of the range; invented'
-    )
-    lack_time: float = tuning(
-        60.0, 'time in which frames told of its size count no more', unit='s'
-    )
-    lag_times: tuple[float, ...] = tuning(
-        (4.0, 40.0), 'in which a part of the curvature follows that the model lacks', unit='s'
-    )
-    play: float = tuning(0.06, 'width of a play that the model lacks', unit='of the range')
-    creep_fraction: float = tuning(
-        0.1, 'std of the part of the curvature that comes late, with each time; invented'
-    )
-    play_share: float = tuning(0.5, 'std of the part of that play; invented')
-    memory_time: float = tuning(
-        200.0,
-        'correlation time of how much comes late, and of the part of that play; invented',
-        unit='s',
-    )
-    bias_time: float = tuning(20.0, 'correlation time of what the model lacks', unit='s')
-    guess_time: float = tuning(
-        0.5,
-        'correlation time of errors that a calibration has only guessed: they go with pressure '
-        'and load, and so last as long as a force that rests; invented',
-        unit='s',
-    )
-    unknown_pressure: float = tuning(
-        0.5, 'std of a pressure that is not read any more', unit='of the range'
-    )
-    drift_time: float = tuning(40.0, 'correlation time of the drift of the camera', unit='s')
     target_timeout: float = tuning(
         0.5, 'age of the last frame from which on there is a prediction only', unit='s'
     )
@@ -146,9 +82,6 @@ class FusionSettings:
         'is a copy of the one before; invented',
         unit='sigma',
     )
-    camera_turn: float = tuning(
-        3e-5, 'std of the turn of a camera that nobody moved; invented', unit='rad'
-    )
     turn_tolerance: float = tuning(
         0.002, 'turn below which a camera is never taken for moved; invented', unit='rad'
     )
@@ -158,10 +91,6 @@ class FusionSettings:
         'invented',
         unit='natural log',
     )
-    camera_moved_by: float = tuning(
-        0.045, 'std of the place of a camera that was moved; invented', unit='of the length'
-    )
-    camera_turned_by: float = tuning(0.05, 'std of its turn around the base; invented', unit='rad')
     pressure_off: float = tuning(
         5.0,
         'log odds that the pressure is not what is read, beyond which it is not used; invented',
@@ -235,18 +164,6 @@ class FusionSettings:
     contact_starts: int = tuning(3, 'places from which a contact is sought, the best')
     contact_gone: float = tuning(
         25.0, 'of a contact force against zero, below which it may be gone', unit='chi squared'
-    )
-    contact_width: float = tuning(
-        0.018, 'length of the arm that a contact presses on', unit='of the length'
-    )
-    contact_places: tuple[float, float] = tuning(
-        (0.05, 0.98), 'where on the arm there may be a contact', unit='of the length'
-    )
-    contact_walk: float = tuning(
-        0.3, 'random walk of a contact force, at most', unit='of the force scale/sqrt(s)'
-    )
-    place_walk: float = tuning(
-        0.018, 'random walk of the place of a contact', unit='of the length/sqrt(s)'
     )
     contact_apart: float = tuning(
         0.05, 'distance of two places that are two contacts', unit='of the length'

@@ -11,11 +11,12 @@ from pneunet_ros.core.readings import TargetSightings, WrenchReading
 from pneunet_ros.core.stamps import AHEAD, count_reason, StampGate
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.fusion.belief import Belief, compressed
+from pneunet_ros.fusion.belief import Belief
 from pneunet_ros.fusion.force_sensor import Verdict
 from pneunet_ros.fusion.frame_fit import FrameProblem
 from pneunet_ros.fusion.frame_update import ColdSearch, Fit, FrameUpdate
 from pneunet_ros.fusion.readings import PressureInstant, ReadFrame, SeenFrame
+from pneunet_ros.measurement.inference.gaussian import compressed
 from pneunet_ros.solver.solution import SolverNodes
 
 

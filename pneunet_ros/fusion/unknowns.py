@@ -1,0 +1,55 @@
+"""The unknowns of a fusion: one line for each block. A new cause of error is one more."""
+
+from __future__ import annotations
+
+from pneunet_ros.measurement.blocks.camera import Camera
+from pneunet_ros.measurement.blocks.contact import Push
+from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
+from pneunet_ros.measurement.blocks.model_columns import ModelColumns
+from pneunet_ros.measurement.blocks.model_error import (
+    curvature_off,
+    ModelDiscrepancy,
+    pressure_span,
+    stiffness_off,
+)
+from pneunet_ros.measurement.blocks.placement import Placement
+from pneunet_ros.measurement.blocks.pressure_error import PressureError
+from pneunet_ros.measurement.blocks.reading_noise import ReadingNoise
+from pneunet_ros.measurement.blocks.tip_force import TipForce
+from pneunet_ros.measurement.blocks.unknowns import Unknowns
+from pneunet_ros.model.arm import Arm
+
+STIFFNESS_SHARE = 0.5  # of the stiffness that is missing with a model error of size 1; invented
+
+
+def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:
+    """Return the unknowns of an arm; the force scale is the largest force of its calibration.
+
+    free_tip: nobody reads a force.
+    """
+    noise, known = arm.sensors, arm.covariance
+    largest = 0.0 if arm.domain is None else arm.domain.largest_force
+    scale = largest if largest > 0.0 else arm.weight
+    low, high = pressure_span(arm)
+    return Unknowns.of(
+        TipForce(scale=scale),
+        PressureError(range=high - low),
+        Camera(drift_std=noise.drift_std, place_std=noise.registration_std, length=arm.length),
+        ForceSensor(scale=scale, is_there=not free_tip),
+        ModelColumns(
+            known=0 if known is None else len(known.columns()),
+            guessed=0 if known is None else known.guessed,
+        ),
+        ModelDiscrepancy(
+            range=high - low,
+            curvature=curvature_off(arm),
+            stiffness=stiffness_off(arm, STIFFNESS_SHARE),
+        ),
+        Placement(
+            dots=arm.target_arclength.size,
+            one_std=noise.placement_std,
+            known=None if known is None else known.placement,
+        ),
+        Push(scale=scale, length=arm.length),
+        ReadingNoise(),
+    )

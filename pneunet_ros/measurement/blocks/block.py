@@ -1,0 +1,200 @@
+"""The contract of a block: one cause of error, as unknowns with a prior.
+
+A block owns the numbers of its cause and says what the engines of `measurement/inference` ask:
+
+=========== ================================ =================================================
+question    answer                           it is
+=========== ================================ =================================================
+how much    std, prior                       one sigma of each unknown, before any frame
+how it      times, move, white               a correlation time each (constant: infinite), or
+moves                                        moves of its own; new in every reading
+where it    on_rod, on_rod_as_read           causes of the rod: F1, F2, M, pressure, and
+acts                                         columns of the law (`law_columns`, `law_errors`)
+            on_camera                        place (x, y) and turn of the camera
+            on_dots                          where dots are painted, along and across the arm
+            on_wrench                        what a force sensor reads
+            as_pressure                      the error of the pressure that looks like it
+=========== ================================ =================================================
+
+What a block does not do keeps the neutral answer of `Block`. A new cause is one file here and one
+line in `fusion/unknowns.py`.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+from typing import ClassVar
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.effects.effect import History
+
+CAMERA_CAUSES = 3  # x, y (m) and turn (rad)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameInputs:
+    """What acted on the arm at a frame, as read.
+
+    chamber, chamber_std: pressure in it, and of its white noise (Pa); history: of the effects;
+    moment, moment_std (N m): at the tip; by_column (columns,): what one sigma of each column of
+    the law changes of the pressure, by effects of sensing; late (memory,) Pa: how far the
+    pressures that lag, and the one behind a play, are from the chamber.
+    """
+
+    chamber: float
+    chamber_std: float
+    history: tuple[History, ...] | None
+    moment: float
+    moment_std: float
+    by_column: Array
+    late: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrenchSeen:
+    """What a wrench reading is compared with.
+
+    force (2,) N: the mean of the tip force; by_column (columns, 2): what one sigma of each column
+    of the law changes of the force that was read, by effects of sensing.
+    """
+
+    force: Array
+    by_column: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Passage:
+    """What has passed between two stamps.
+
+    seconds of time; pressed (Pa): by how much the pressure has moved; size: of the model error, a
+    share of what the range of pressure does; walk (N/sqrt(s)): of the tip force; steady: how many
+    times faster its variance grows than that of a walk.
+    """
+
+    seconds: float
+    pressed: float
+    size: float
+    walk: float
+    steady: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Move:
+    """How the unknowns of a block move: by these factors and one sigma of noise, (moving,) each.
+
+    held: the mean stays.
+    """
+
+    decay: Array
+    noise: Array
+    held: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prior:
+    """What is known before any frame: mean and one sigma (k,) of the unknowns of a block.
+
+    shared: another block, and what one sigma of each of its first unknowns moves of these (k, m).
+    """
+
+    mean: Array
+    std: Array
+    shared: tuple[type[Block], Array] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Block(abc.ABC):
+    """A cause of error: some unknowns with a prior; `pneunet_ros.measurement.blocks.block`."""
+
+    white: ClassVar[bool] = False  # new in every reading, with the noise that it is read with
+
+    @property
+    @abc.abstractmethod
+    def std(self) -> Array:
+        """One sigma (k,) of each unknown before any frame, SI; it makes the number of them."""
+
+    @property
+    def times(self) -> Array:
+        """Correlation time (s) of each unknown, an Ornstein-Uhlenbeck process."""
+        return np.full(self.std.size, math.inf)
+
+    @property
+    def prior(self) -> Prior:
+        """What is known before any frame."""
+        std = self.std
+        return Prior(mean=np.zeros(std.size), std=std)
+
+    @property
+    def law_columns(self) -> int:
+        """How many columns of the law follow these unknowns."""
+        return len(self.law_errors)
+
+    @property
+    def law_errors(self) -> tuple[Mapping[str, float], ...]:
+        """What one of each column moves of the model file, by dotted path, beyond its own."""
+        return ()
+
+    @property
+    def sized(self) -> tuple[int, ...]:
+        """Which unknowns go with the one size of the model error: std is that for a size of 1."""
+        return ()
+
+    def growth(self, seconds: float, pressed: float) -> list[float]:
+        """Return one sigma of the moves of those, as a share of std, for a size of 1."""
+        return []
+
+    def move(self, passage: Passage, by_times: Move) -> Move:
+        """Return how the unknowns move; by_times: as Ornstein-Uhlenbeck processes of `times`."""
+        return by_times
+
+    def on_rod(self, causes: Array, columns: slice) -> None:
+        """Write what one of each unknown always changes of every cause of the rod.
+
+        As it stands, the first unknowns are the columns of the law of this block. causes (causes,
+        k): zeros, a row for F1, F2, M, pressure and each column of the law; columns: the rows of
+        this block's own.
+        """
+        causes[columns] = np.eye(self.law_columns, causes.shape[1])
+
+    def on_rod_as_read(  # noqa: B027
+        self, causes: Array, columns: slice, inputs: FrameInputs
+    ) -> None:
+        """Write what they change beside that, where it goes with what was read."""
+
+    def on_camera(self) -> Array | None:
+        """Return what one of each changes of the camera's x, y and turn, (3, k)."""
+        return None
+
+    def on_dots(self, own: Array) -> Array | None:
+        """Return how far unknowns own (k, ..) move the dots along and across, (2, dots, ..)."""
+        return None
+
+    def on_wrench(self, seen: WrenchSeen) -> Array | None:
+        """Return what one of each changes of F1 and F2 as read, (2, k)."""
+        return None
+
+    def as_pressure(self, inputs: FrameInputs) -> Array | None:
+        """Return one of each as the error of the pressure that looks like it, (k,) Pa."""
+        return None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SizedBlock(Block):
+    """A block of errors that go with the size of the model error, with time and the pressure.
+
+    range (Pa): of the pressure: over all of it an error moves as far as it can.
+    """
+
+    range: float
+    correlation_time: float = tuning(20.0, 'correlation time of what the model lacks', unit='s')
+
+    def growth(self, seconds: float, pressed: float) -> list[float]:
+        """Return one sigma of the moves of the sized unknowns, for a size of 1."""
+        time = self.correlation_time
+        by_time = math.sqrt(-math.expm1(-2.0 * seconds / time))
+        return [math.hypot(by_time, pressed / self.range)] * len(self.sized)

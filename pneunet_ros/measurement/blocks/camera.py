@@ -1,0 +1,54 @@
+"""Where the camera is beside where it was when the base frame was found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import ClassVar
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.measurement.blocks.block import Block
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Camera(Block):
+    """Drift and place (x, y m each), and the turn (rad) around the base.
+
+    drift_std, place_std (m): of a camera that nobody moved; length (m): of the arm.
+    """
+
+    DRIFT: ClassVar = slice(0, 2)
+    PLACE: ClassVar = slice(2, 4)
+    TURN: ClassVar = slice(4, 5)
+
+    drift_std: float
+    place_std: float
+    length: float
+    drift_time: float = tuning(40.0, 'correlation time of the drift of the camera', unit='s')
+    turn_std: float = tuning(3e-5, 'std of the turn of a camera that nobody moved', unit='rad')
+    moved_by: float = tuning(
+        0.045, 'std of the place of a camera that was moved', unit='of the length'
+    )
+    turned_by: float = tuning(0.05, 'std of its turn around the base', unit='rad')
+
+    @property
+    def std(self) -> Array:
+        """Of a camera that nobody moved."""
+        return np.array([*[self.drift_std] * 2, *[self.place_std] * 2, self.turn_std])
+
+    @property
+    def times(self) -> Array:
+        """It drifts; place and turn stay."""
+        return np.array([self.drift_time, self.drift_time, math.inf, math.inf, math.inf])
+
+    @property
+    def moved_std(self) -> Array:
+        """One sigma (3,) of place and turn of a camera that was moved."""
+        moved = self.moved_by * self.length
+        return np.array([moved, moved, self.turned_by])
+
+    def on_camera(self) -> Array:
+        """Add up drift and place."""
+        return np.array([[1.0, 0, 1, 0, 0], [0, 1, 0, 1, 0], [0, 0, 0, 0, 1]])

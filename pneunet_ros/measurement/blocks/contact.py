@@ -1,0 +1,74 @@
+"""A contact: a push along the normal of the arm on a short part of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.measurement.blocks.block import Block
+from pneunet_ros.model.part_load import PartLoad
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Push(Block):
+    """Force (N) along the normal and place (m) along the arm; without a contact both are zero.
+
+    scale (N): of forces; length (m): of the arm.
+    """
+
+    scale: float
+    length: float
+    width: float = tuning(
+        0.018, 'length of the arm that a contact presses on', unit='of the length'
+    )
+    places: tuple[float, float] = tuning(
+        (0.05, 0.98), 'where on the arm there may be a contact', unit='of the length'
+    )
+    largest_walk: float = tuning(
+        0.3, 'random walk of a contact force, at most', unit='of the force scale/sqrt(s)'
+    )
+    place_walk: float = tuning(
+        0.018, 'random walk of the place of a contact', unit='of the length/sqrt(s)'
+    )
+
+    @property
+    def std(self) -> Array:
+        """Zero: nothing touches the arm."""
+        return np.zeros(2)
+
+    @property
+    def anywhere(self) -> tuple[Array, Array]:
+        """Mean and one sigma of a contact of any force anywhere on the arm."""
+        length = self.length
+        return np.array([0.0, 0.5 * length]), np.array([self.scale, length / math.sqrt(12.0)])
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Places (m) between which a contact may be."""
+        low, high = self.places
+        return low * self.length, high * self.length
+
+    def walked(self, walk: float, seconds: float) -> Array:
+        """Return one sigma (2,) of how it walks, at a walk (N/sqrt(s)) of the forces."""
+        force_walk = min(walk, self.largest_walk * self.scale)
+        walks = np.array([force_walk, self.place_walk * self.length])
+        return np.asarray(walks * math.sqrt(seconds))
+
+    def load_of(self, own: Array) -> PartLoad | None:
+        """Return the push of these unknowns (2,); None where it is off the arm."""
+        force, place = own.tolist()
+        low, high = self.limits
+        if not low <= place <= high:
+            return None
+        return PartLoad(force=force, place=place, width=self.width * self.length)
+
+    def held(self, own: Array) -> PartLoad:
+        """Return the push of these unknowns (2,), held on the arm."""
+        low, high = self.limits
+        force, place = own.tolist()
+        return PartLoad(
+            force=force, place=min(max(place, low), high), width=self.width * self.length
+        )

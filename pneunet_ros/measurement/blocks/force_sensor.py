@@ -1,0 +1,34 @@
+"""By how much the force sensor is off: its offset and its gain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.measurement.blocks.block import Block, WrenchSeen
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceSensor(Block):
+    """Offset (N) in F1 and F2, and gain beyond 1; scale (N): of forces.
+
+    is_there: nobody reads the force of a tip that is free by setting.
+    """
+
+    scale: float
+    is_there: bool = True
+    offset_std: float = tuning(
+        0.0003, 'std of the offset of a force sensor in order', unit='of the force scale'
+    )
+    gain_std: float = tuning(0.0003, 'std of the error of its gain')
+
+    @property
+    def std(self) -> Array:
+        """Of a sensor in order."""
+        return np.array([*[self.offset_std * self.scale] * 2, self.gain_std])
+
+    def on_wrench(self, seen: WrenchSeen) -> Array | None:
+        """Add the offset, and a share of the force."""
+        return np.column_stack([np.eye(2), seen.force]) if self.is_there else None

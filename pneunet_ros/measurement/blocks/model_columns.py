@@ -1,0 +1,53 @@
+"""The error of the model as its calibration knows it: the columns of its covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.measurement.blocks.block import Block, FrameInputs, WrenchSeen
+from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelColumns(Block):
+    """Each column of the model's covariance, in sigma; it must be the first with columns.
+
+    known: their number; guessed: how many, the last ones, the calibration has only guessed.
+    """
+
+    known: int
+    guessed: int
+    guess_time: float = tuning(
+        0.5,
+        'correlation time of errors that a calibration has only guessed: they go with pressure '
+        'and load, and so last as long as a force that rests',
+        unit='s',
+    )
+
+    @property
+    def std(self) -> Array:
+        """One sigma each."""
+        return np.ones(self.known)
+
+    @property
+    def times(self) -> Array:
+        """Constant, but for what was guessed."""
+        constant = np.full(self.known - self.guessed, math.inf)
+        return np.concatenate([constant, np.full(self.guessed, self.guess_time)])
+
+    @property
+    def law_columns(self) -> int:
+        """All of them."""
+        return self.known
+
+    def on_rod_as_read(self, causes: Array, columns: slice, inputs: FrameInputs) -> None:
+        """Change what the pressure was, by effects of sensing."""
+        causes[PRESSURE] = inputs.by_column[: self.known]
+
+    def on_wrench(self, seen: WrenchSeen) -> Array:
+        """Change what the force was, by effects of sensing."""
+        return -seen.by_column[: self.known].T

@@ -1,0 +1,160 @@
+"""What the model lacks: errors of its law that no calibration has found.
+
+Soft arms remember. What a model without creep or hysteresis lacks depends on where the pressure
+has been: a part of the intrinsic curvature that follows the chamber late, and the pressure behind
+a play. How large these parts are stays the same, so frames tell them even without a force sensor,
+and the force is corrected by them.
+
+Whatever else is missing is a slow error of the pressure (`pressure_error`) and one of intrinsic
+curvature and stiffness, which move with time and with the pressure. One number says how much,
+their size: the share of what the whole range of pressure does. It is not known either
+(`inference/variance_component`). So intervals become wide where something is missing, and stay
+narrow where nothing is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.measurement.blocks.block import (
+    FrameInputs,
+    Move,
+    Passage,
+    SizedBlock,
+)
+from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
+from pneunet_ros.measurement.inference.variance_component import SizeGrid
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.uncertainty import STIFFNESS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelDiscrepancy(SizedBlock):
+    """Errors of curvature and stiffness, the parts of the curvature that come late, and of a play.
+
+    curvature, stiffness: what a size of 1 moves of the model file, by dotted path.
+    """
+
+    curvature: Mapping[str, float]
+    stiffness: Mapping[str, float]
+    sizes: tuple[float, ...] = tuning(
+        (0.001, 0.002, 0.004, 0.008, 0.016, 0.03, 0.06, 0.12),
+        'sizes that what the model lacks may have: std of the pressure bias, and of the curvature',
+        unit='of the range',
+    )
+    size_fall: float = tuning(
+        1.5, 'power of the size with which a lack is less likely before any frame'
+    )
+    size_time: float = tuning(
+        60.0, 'time in which frames told of its size count no more', unit='s'
+    )
+    lag_times: tuple[float, ...] = tuning(
+        (4.0, 40.0), 'in which a part of the curvature follows that the model lacks', unit='s'
+    )
+    play: float = tuning(0.06, 'width of a play that the model lacks', unit='of the range')
+    late_share: float = tuning(
+        0.1, 'std of the part of the curvature that comes late, with each time'
+    )
+    play_share: float = tuning(0.5, 'std of the part of that play')
+    memory_time: float = tuning(
+        200.0, 'correlation time of how much comes late, and of the part of that play', unit='s'
+    )
+
+    grid: SizeGrid = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Make the grid of sizes."""
+        grid = SizeGrid(sizes=self.sizes, fall=self.size_fall, time=self.size_time)
+        object.__setattr__(self, 'grid', grid)
+
+    @property
+    def law_errors(self) -> tuple[Mapping[str, float], ...]:
+        """An intrinsic curvature off, then a stiffness off."""
+        return self.curvature, self.stiffness
+
+    @property
+    def sized(self) -> tuple[int, ...]:
+        """The two errors of the law; how much comes late is known by itself."""
+        return 0, 1
+
+    @property
+    def std(self) -> Array:
+        """Of the errors of the law for a size of 1, then of the parts that remember."""
+        late = [self.late_share] * len(self.lag_times)
+        return np.array([1.0, 1.0, *late, self.play_share])
+
+    @property
+    def times(self) -> Array:
+        """Errors of the law move; parts that remember are slow."""
+        memory = [self.memory_time] * (len(self.lag_times) + 1)
+        return np.array([self.correlation_time, self.correlation_time, *memory])
+
+    def move(self, passage: Passage, by_times: Move) -> Move:
+        """Move errors of the law with time and with the pressure, all else with time."""
+        noise, grown = by_times.noise.copy(), self.growth(passage.seconds, passage.pressed)
+        noise[:2] = [passage.size * one for one in grown]
+        return Move(decay=by_times.decay, noise=noise)
+
+    def on_rod_as_read(self, causes: Array, columns: slice, inputs: FrameInputs) -> None:
+        """Make a curvature of what comes late, and a pressure of the play."""
+        causes[columns.start, 2:-1] = inputs.late[:-1] / self.range
+        causes[PRESSURE, -1] = inputs.late[-1]
+
+    def as_pressure(self, inputs: FrameInputs) -> Array:
+        """Count a curvature as the pressure that would make it."""
+        return np.concatenate([[self.range, 0.0], inputs.late])
+
+    def remember(
+        self, memory: tuple[float, ...], chamber: float, seconds: float
+    ) -> tuple[float, ...]:
+        """Return the pressures (Pa) that lag behind the chamber, and the one behind the play.
+
+        memory: those at the last reading, `seconds` ago, empty before the first; chamber (Pa):
+        now. Exact where the chamber jumps with each reading and rests between two.
+        """
+        if not memory:
+            return (chamber,) * (len(self.lag_times) + 1)
+        *lagging, played = memory
+        late = [
+            chamber + (one - chamber) * math.exp(-seconds / time)
+            for one, time in zip(lagging, self.lag_times, strict=True)
+        ]
+        half = 0.5 * self.play * self.range
+        return (*late, min(max(played, chamber - half), chamber + half))
+
+
+def pressure_span(arm: Arm) -> tuple[float, float]:
+    """Return the range of pressure (Pa), also of an arm that was calibrated at one pressure."""
+    low, high = arm.pressure_range
+    return (low, high) if low < high else arm.table_range
+
+
+def curvature_off(arm: Arm) -> dict[str, float]:
+    """Return an intrinsic curvature off by what the range of pressure does, by dotted path.
+
+    The moment law stays that of the pressure.
+    """
+    table = arm.intrinsic_curvature
+    low, high = (table.at(pressure, table.arclength) for pressure in pressure_span(arm))
+    field = table.curvature[0] if len(table.pressure) == 1 else high - low
+    return {
+        f'intrinsic_curvature.curvature.{row}.{place}': float(value)
+        for row in range(len(table.pressure))
+        for place, value in enumerate(field)
+    }
+
+
+def stiffness_off(arm: Arm, share: float) -> dict[str, float]:
+    """Return a stiffness off by a share of it everywhere, by dotted path."""
+    law = arm.moment_law
+    return {
+        '.'.join(('moment_law', name, *map(str, place))): share * float(value)
+        for name in STIFFNESS
+        if hasattr(law, name)
+        for place, value in np.ndenumerate(np.asarray(getattr(law, name)))
+    }

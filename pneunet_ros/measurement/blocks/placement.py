@@ -1,0 +1,49 @@
+"""Where the dots are painted beside where the model file says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.measurement.blocks.block import Block, Prior
+from pneunet_ros.measurement.blocks.model_columns import ModelColumns
+from pneunet_ros.model.uncertainty import PlacementKnown
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placement(Block):
+    """Places along the arm, then across it (m), of each dot, in the arm's tangent and normal.
+
+    one_std (m): of a dot that nobody has found; known: of those that the model was calibrated
+    with, None where it is not known.
+    """
+
+    dots: int
+    one_std: float
+    known: PlacementKnown | None = None
+
+    @property
+    def std(self) -> Array:
+        """Of dots that nobody has found."""
+        return np.full(2 * self.dots, self.one_std)
+
+    @property
+    def prior(self) -> Prior:
+        """As the calibration found them, together with the model.
+
+        The same pictures must not tell of the model twice.
+        """
+        if self.known is None:
+            return Prior(mean=np.zeros(2 * self.dots), std=self.std)
+        known = self.known
+        return Prior(mean=known.mean, std=known.std, shared=(ModelColumns, known.factor))
+
+    def of_dots(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+        """Return the unknowns of some dots, along and across."""
+        return np.concatenate([which, self.dots + which])
+
+    def on_dots(self, own: Array) -> Array:
+        """Move each its dot."""
+        return own.reshape(2, self.dots, *own.shape[1:])

@@ -1,0 +1,46 @@
+"""A slow error of the pressure: what creep, hysteresis and a drifting sensor look like."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.measurement.blocks.block import FrameInputs, Move, Passage, SizedBlock
+from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressureError(SizedBlock):
+    """By how much (Pa) the pressure in the chamber is more than what was read."""
+
+    unread: float = tuning(0.5, 'std of a pressure that is not read any more', unit='of the range')
+
+    @property
+    def std(self) -> Array:
+        """The range, times the size of the model error."""
+        return np.array([self.range])
+
+    @property
+    def times(self) -> Array:
+        """One correlation time."""
+        return np.array([self.correlation_time])
+
+    @property
+    def sized(self) -> tuple[int, ...]:
+        """It goes with the size of the model error."""
+        return (0,)
+
+    def move(self, passage: Passage, by_times: Move) -> Move:
+        """Move with time and with the pressure."""
+        (grown,) = self.growth(passage.seconds, passage.pressed)
+        return Move(decay=by_times.decay, noise=np.array([passage.size * grown * self.range]))
+
+    def on_rod(self, causes: Array, columns: slice) -> None:
+        """Add to the pressure."""
+        causes[PRESSURE] = 1.0
+
+    def as_pressure(self, inputs: FrameInputs) -> Array:
+        """Return 1: it is one."""
+        return np.ones(1)

@@ -1,0 +1,130 @@
+"""The force at the tip: it walks, as fast as frames have lately shown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.measurement.blocks.block import Block, Move, Passage, WrenchSeen
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Walk:
+    """How the forces walk (N/sqrt(s)): recent, lately; usual, that of the tip force on average.
+
+    interval (s): after which they go on as steadily as from frame to frame.
+    """
+
+    recent: float
+    usual: float
+    interval: float = math.inf
+
+    def steadiness(self, seconds: float) -> float:
+        """Return how many times more than by a walk the variance grows: a load may swing."""
+        return max(seconds / self.interval, 1.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceChange:
+    """How a force has changed from frame to frame: by so much, and what its variances explain.
+
+    of_tip: it is a component of the tip force, which the usual walk is of.
+    """
+
+    squared: float
+    explained: float
+    of_tip: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TipForce(Block):
+    """F1 and F2 (N) at the free end; scale (N): the largest force that is likely."""
+
+    scale: float
+    first_walk: float = tuning(
+        0.15,
+        'random walk of the tip force before any frame tells',
+        unit='of the force scale/sqrt(s)',
+    )
+    least_walk: float = tuning(
+        0.0015, 'random walk of a force that rests', unit='of the force scale/sqrt(s)'
+    )
+    largest_walk: float = tuning(
+        0.9, 'random walk of a force, at most', unit='of the force scale/sqrt(s)'
+    )
+    steady_after: float = tuning(
+        0.1,
+        'time after which a force goes on as steadily as it moved, where frames are no rarer',
+        unit='s',
+        source='tried on one rig: 0.05 s leaves the force almost unobservable, 9 s makes it '
+        'overconfident',
+    )
+    walk_time: float = tuning(0.5, 'time in which a force that rests is trusted again', unit='s')
+    usual_time: float = tuning(30.0, 'time over which the walk of the force is averaged', unit='s')
+    guess_counts: float = tuning(
+        5.0, 'time of frames for which the walk before any frame counts', unit='s'
+    )
+
+    @property
+    def std(self) -> Array:
+        """The scale, in both directions."""
+        return np.full(2, self.scale)
+
+    @property
+    def times(self) -> Array:
+        """Finite: it moves, by `move`."""
+        return np.ones(2)
+
+    @property
+    def free_walk(self) -> float:
+        """The walk (N/sqrt(s)) at which a frame inherits nothing of the force before."""
+        return self.largest_walk * self.scale
+
+    @property
+    def first(self) -> Walk:
+        """The walk before any frame."""
+        walk = self.first_walk * self.scale
+        return Walk(recent=walk, usual=walk)
+
+    def move(self, passage: Passage, by_times: Move) -> Move:
+        """Keep the mean and grow less certain, up to the scale."""
+        time = 2.0 * (self.scale / passage.walk) ** 2 / passage.steady
+        decay = np.exp(-passage.seconds / np.full(2, time))
+        return Move(decay=decay, noise=np.sqrt(1.0 - decay**2) * self.scale, held=True)
+
+    def on_rod(self, causes: Array, columns: slice) -> None:
+        """Be F1 and F2."""
+        causes[:2] = np.eye(2)
+
+    def on_wrench(self, seen: WrenchSeen) -> Array:
+        """Return what the sensor reads of it: all."""
+        return np.eye(2)
+
+    def walk_after(
+        self, walk: Walk, changes: list[ForceChange], seconds: float, frames: int
+    ) -> Walk:
+        """Return the walk after a frame, by what the variances leave of the changes of forces.
+
+        frames: used before it. It rises at once and falls in `walk_time`, but not below the walk
+        of the tip force as it was on average.
+        """
+        found = [(one.squared - one.explained) / seconds for one in changes]
+        weights = [one.explained**-2.0 if one.of_tip else 0.0 for one in changes]
+        average = sum(weight * one for weight, one in zip(weights, found, strict=True))
+        average /= sum(weights)
+        watched = self.guess_counts + seconds * frames
+        share = -math.expm1(-seconds / min(watched, self.usual_time))
+        usual = walk.usual**2 + share * (average - walk.usual**2)
+        least = (self.scale * self.least_walk) ** 2
+        largest = (self.scale * self.largest_walk) ** 2
+        usual = min(max(usual, least), largest)
+        recent = min(max(*found, usual), largest)
+        share = 1.0 if recent > walk.recent**2 else -math.expm1(-seconds / self.walk_time)
+        return Walk(
+            recent=math.sqrt(walk.recent**2 + share * (recent - walk.recent**2)),
+            usual=math.sqrt(usual),
+            interval=max(seconds, self.steady_after),
+        )

@@ -1,0 +1,230 @@
+"""Blocks stacked to one vector of unknowns, with all that is always the same made once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.measurement.blocks.block import (
+    Block,
+    CAMERA_CAUSES,
+    FrameInputs,
+    Move,
+    Passage,
+    WrenchSeen,
+)
+from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
+from pneunet_ros.measurement.inference.gaussian import Gaussian, Known, with_columns
+
+LAW = PRESSURE + 1  # rows of causes: F1, F2, M, pressure, then columns of the law
+Kind = TypeVar('Kind', bound=Block)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Placed:
+    """A block in the vector: where its unknowns are, and its columns among the causes."""
+
+    block: Block
+    where: slice
+    columns: slice
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Unknowns:
+    """The unknowns of some blocks; `Unknowns.of(block, block, ...)`, at most one of each kind.
+
+    std (n,): before any frame, of errors of unknown size for a size of 1; sized: which these are;
+    moving (m,): which unknowns move, moving_times, moving_std (m,); causes (causes, n): what one
+    of each always changes of every cause of the rod, `LAW` and the columns; camera (3, n): of the
+    camera's x, y and turn.
+    """
+
+    placed: tuple[Placed, ...]
+    places: dict[type[Block], Placed] = field(init=False, repr=False)
+    std: Array = field(init=False, repr=False)
+    sized: npt.NDArray[np.intp] = field(init=False, repr=False)
+    moving: npt.NDArray[np.intp] = field(init=False, repr=False)
+    moving_times: Array = field(init=False, repr=False)
+    moving_std: Array = field(init=False, repr=False)
+    movers: tuple[tuple[Block, slice], ...] = field(init=False, repr=False)
+    white: npt.NDArray[np.intp] = field(init=False, repr=False)
+    causes: Array = field(init=False, repr=False)
+    camera: Array = field(init=False, repr=False)
+    as_read: tuple[Placed, ...] = field(init=False, repr=False)
+    dots: tuple[Placed, ...] = field(init=False, repr=False)
+
+    @classmethod
+    def of(cls, *blocks: Block) -> Unknowns:
+        """Stack blocks in this order."""
+        placed, start, column = [], 0, LAW
+        for block in blocks:
+            stop, end = start + block.std.size, column + block.law_columns
+            where, columns = slice(start, stop), slice(column, end)
+            placed.append(Placed(block=block, where=where, columns=columns))
+            start, column = stop, end
+        return cls(placed=tuple(placed))
+
+    def __post_init__(self) -> None:
+        """Make once what never changes."""
+        placed = self.placed
+        std = np.concatenate([one.block.std for one in placed])
+        times = np.concatenate([one.block.times for one in placed])
+        moving = np.flatnonzero(np.isfinite(times))
+        causes = np.zeros((placed[-1].columns.stop, std.size))
+        camera = np.zeros((CAMERA_CAUSES, std.size))
+        movers, sized = [], []
+        white: list[int] = []
+        for one in placed:
+            start = one.where.start
+            one.block.on_rod(causes[:, one.where], one.columns)
+            of_camera = one.block.on_camera()
+            if of_camera is not None:
+                camera[:, one.where] = of_camera
+            sized += [start + which for which in one.block.sized]
+            white += range(start, one.where.stop) if one.block.white else []
+            if type(one.block).move is not Block.move:
+                ends = np.searchsorted(moving, [start, one.where.stop]).tolist()
+                movers.append((one.block, slice(*ends)))
+        for name, value in (
+            ('places', {type(one.block): one for one in placed}),
+            ('std', freeze(std)),
+            ('sized', np.array(sized, dtype=np.intp)),
+            ('moving', moving),
+            ('moving_times', freeze(times[moving])),
+            ('moving_std', freeze(std[moving])),
+            ('movers', tuple(movers)),
+            ('white', np.array(white, dtype=np.intp)),
+            ('causes', freeze(causes)),
+            ('camera', freeze(camera)),
+            ('as_read', self._that('on_rod_as_read')),
+            ('dots', self._that('on_dots')),
+        ):
+            object.__setattr__(self, name, value)
+
+    def _that(self, method: str) -> tuple[Placed, ...]:
+        """Return the blocks that say something by a method."""
+        neutral = getattr(Block, method)
+        return tuple(one for one in self.placed if getattr(type(one.block), method) is not neutral)
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """The blocks in their order."""
+        return tuple(one.block for one in self.placed)
+
+    def block(self, kind: type[Kind]) -> Kind:
+        """Return the block of a kind."""
+        block = self.places[kind].block
+        assert isinstance(block, kind)
+        return block
+
+    def at(self, kind: type[Block], part: slice = slice(None)) -> slice:
+        """Return where the unknowns of a block are, or a part of them."""
+        where = self.places[kind].where
+        if part.start is None:
+            return where
+        return slice(where.start + part.start, where.start + part.stop)
+
+    def changed(self, block: Block) -> Unknowns:
+        """Return the same with another block in the place of that of its kind."""
+        blocks = (block if type(one) is type(block) else one for one in self.blocks)
+        return Unknowns.of(*blocks)
+
+    @property
+    def law_errors(self) -> tuple[dict[str, float], ...]:
+        """The columns of the law that no covariance holds, as `PerturbationTable` takes them."""
+        return tuple(dict(error) for one in self.blocks for error in one.law_errors)
+
+    @property
+    def law_columns(self) -> int:
+        """The number of all columns of the law."""
+        return len(self.causes) - LAW
+
+    def prior(self, size: float) -> Gaussian:
+        """Return what is known before any frame, with a size of the model error."""
+        mean, root = np.zeros(self.std.size), np.diag(self.scaled_std(size))
+        for one in self.placed:
+            prior, where = one.block.prior, one.where
+            if prior.shared is None:
+                continue
+            other, factor = prior.shared
+            start = self.places[other].where.start
+            mean[where] = prior.mean
+            root[where, where] = np.diag(prior.std)
+            root[where, start : start + factor.shape[1]] = factor
+        return Gaussian(mean=freeze(mean), root=freeze(root))
+
+    def scaled_std(self, size: float) -> Array:
+        """Return one sigma (n,) before any frame, with a size of the model error."""
+        std = self.std.copy()
+        std[self.sized] *= size
+        return freeze(std)
+
+    def growth(self, seconds: float, pressed: float) -> Array:
+        """Return one sigma of the moves of errors of unknown size, for a size of 1."""
+        return np.array([one for block in self.blocks for one in block.growth(seconds, pressed)])
+
+    def move(
+        self, known: Known, passage: Passage, noise: tuple[float, ...] | None = None
+    ) -> tuple[Array, Array]:
+        """Return mean and root of what is known, moved; before or after it tells as little.
+
+        noise: one sigma of what is new in every reading, None where it stays. One column of the
+        root follows for all that moves, then those of the noise.
+        """
+        moving, before = self.moving, known.root.shape[1]
+        decay = np.exp(-passage.seconds / self.moving_times)
+        grown = np.sqrt(1.0 - decay**2) * self.moving_std
+        held = []
+        for block, where in self.movers:
+            move = block.move(passage, Move(decay=decay[where], noise=grown[where]))
+            decay[where], grown[where] = move.decay, move.noise
+            held += [where] if move.held else []
+        of_mean = decay.copy()
+        for where in held:
+            of_mean[where] = 1.0
+        count = moving.size
+        mean = known.mean.copy()
+        root = with_columns(known.root, count + (0 if noise is None else self.white.size))
+        mean[moving] *= of_mean
+        root[moving, :before] *= decay[:, None]
+        root[moving, np.arange(before, before + count)] = grown
+        if noise is not None:
+            mean[self.white], root[self.white] = 0.0, 0.0
+            root[self.white, np.arange(before + count, root.shape[1])] = noise
+        return freeze(mean), freeze(root)
+
+    def causes_at(self, inputs: FrameInputs) -> Array:
+        """Return what one of each changes of every cause of the rod at a frame, (causes, n)."""
+        causes = self.causes.copy()
+        for one in self.as_read:
+            one.block.on_rod_as_read(causes[:, one.where], one.columns, inputs)
+        return causes
+
+    def dots_moved(self, own: Array) -> Array:
+        """Return how far unknowns own (n, ..) move the dots along and across, (2, dots, ..)."""
+        moves = (one.block.on_dots(own[one.where]) for one in self.dots)
+        total, *further = (move for move in moves if move is not None)
+        for move in further:
+            total = total + move
+        return total
+
+    def wrench_response(self, seen: WrenchSeen) -> Array:
+        """Return what one of each changes of F1 and F2 as read, (2, n)."""
+        response = np.zeros((2, self.std.size))
+        for one in self.placed:
+            read = one.block.on_wrench(seen)
+            if read is not None:
+                response[:, one.where] = read
+        return response
+
+    def as_pressure(self, inputs: FrameInputs) -> Array:
+        """Return what one of each is as an error of the pressure, (n,) Pa."""
+        row = np.zeros(self.std.size)
+        for one in self.placed:
+            own = one.block.as_pressure(inputs)
+            if own is not None:
+                row[one.where] = own
+        return row
