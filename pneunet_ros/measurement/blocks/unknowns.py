@@ -205,10 +205,11 @@ class Unknowns:
 
     def dots_moved(self, own: Array) -> Array:
         """Return how far unknowns own (n, ..) move the dots along and across, (2, dots, ..)."""
-        moves = (one.block.on_dots(own[one.where]) for one in self.dots)
-        total, *further = (move for move in moves if move is not None)
-        for move in further:
-            total = total + move
+        total: Array | None = None
+        for one in self.dots:
+            moves = one.block.on_dots(own[one.where])
+            total = moves if total is None or moves is None else total + moves
+        assert total is not None
         return total
 
     def wrench_response(self, seen: WrenchSeen) -> Array:
