@@ -13,7 +13,8 @@ from pneunet_ros.cli.main import main
 from pneunet_ros.cli.verbs.check import range_lines, sync_lines
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.steady_states import held_spans
-from pneunet_ros.offline.check import check_recording, CheckRequest
+from pneunet_ros.offline.check import check_recording
+from pneunet_ros.offline.uses import UseRequest
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
@@ -47,7 +48,7 @@ def said():
 
 def found(tmp_path, said, arm, **request):
     """Check a recording of these messages."""
-    return check_recording(record(tmp_path / 'r.mcap', said), CheckRequest(arm=arm, **request))
+    return check_recording(record(tmp_path / 'r.mcap', said), UseRequest(arm=arm, **request))
 
 
 def test_a_recording_without_topics_is_a_sentence(tmp_path, capsys):
@@ -76,9 +77,11 @@ def test_a_loaded_recording(tmp_path, said, arm):
     usable = {name: use['usable'] for name, use in check['uses'].items()}
     assert usable == {
         'replay': True,
+        'replay --fuse': True,
         'track': False,
         'calibrate unloaded': False,
         'calibrate loaded': True,
+        'diagnose': True,
     }
     reason = check['uses']['calibrate unloaded']['reason']
     assert re.fullmatch(r'its end force reaches \S+ N: it is a loaded one', reason)
@@ -191,7 +194,7 @@ def test_a_truncated_recording_is_told_as_far_as_it_goes(tmp_path, arm):
     path = record(tmp_path / 'r.mcap', readings(2000))
     raw = path.read_bytes()
     path.write_bytes(raw[: len(raw) // 2])
-    check = check_recording(path, CheckRequest(arm=arm))
+    check = check_recording(path, UseRequest(arm=arm))
     assert any('ends in the middle of a record' in one for one in check['sentences'])
     assert 0 < check['topics'][0]['count'] < 2000
 
@@ -221,7 +224,7 @@ def test_shipped_recordings(capsys):
     assert camera['uses']['track'] == {'usable': True, 'reason': ''}
     reason = camera['uses']['calibrate unloaded']['reason']
     assert 'no topic targets' in reason
-    assert '`pneunet track` makes it of the images' in reason
+    assert 'finds the targets in its images' in reason
     assert 'pneunet track' not in table1['uses']['calibrate unloaded']['reason']
     assert camera['sentences'] == []
 
@@ -261,7 +264,7 @@ def test_a_message_that_replay_cannot_read_is_no_use_for_it(tmp_path, said, arm)
         for name, at, message in said:
             writer.write(topics[name], at, message)
         writer.write_raw(topics['pressure'], said[-1][1] + MS, b'\0\1\0\0half')
-    check = check_recording(tmp_path / 'r.mcap', CheckRequest(arm=arm))
+    check = check_recording(tmp_path / 'r.mcap', UseRequest(arm=arm))
     assert not check['uses']['replay']['usable']
     assert 'is no sensor_msgs/msg/FluidPressure' in check['uses']['replay']['reason']
 
@@ -275,7 +278,7 @@ def test_images_that_cannot_be_read_are_no_use_for_track(tmp_path, arm):
             writer.write_raw(topics[name], at, cut)
             if at > source.start_ns + 300 * MS:
                 break
-    use = check_recording(tmp_path / 'r.mcap', CheckRequest(arm=arm))['uses']['track']
+    use = check_recording(tmp_path / 'r.mcap', UseRequest(arm=arm))['uses']['track']
     assert not use['usable']
     assert 'no image in it can be used' in use['reason']
 

@@ -27,8 +27,9 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.calibration_files import described_arm, save_knowledge
-from pneunet_ros.offline.check import check_recording, CheckRequest
+from pneunet_ros.offline.check import check_recording
 from pneunet_ros.offline.survey import Files, FleetArm
+from pneunet_ros.offline.uses import UseRequest
 from pneunet_ros.reports.diagnosis.files import MODEL, write_diagnosis, write_unsettled
 from pneunet_ros.reports.diagnosis.report import Given
 
@@ -108,7 +109,7 @@ class SurveyWork:
     def check(self, arm: FleetArm, frame: Arm) -> list[dict[str, Any]]:
         """Return what `pneunet check` says of each recording, in short."""
         asked = self.request.arguments(())
-        request = CheckRequest(
+        request = UseRequest(
             arm=frame,
             settings=settings_of(asked),
             overrides=topics_of(asked.topic, [sensor.name for sensor in SENSORS]),

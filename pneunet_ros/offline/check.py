@@ -3,44 +3,19 @@
 from __future__ import annotations
 
 from array import array
-from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from pneunet_ros.calibration.checks.preconditions import (
-    check_clamp,
-    check_runs,
-    check_targets,
-    check_units,
-    largest_force,
-)
-from pneunet_ros.calibration.settings import PRECONDITIONS
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.errors import PneunetError, RecordingError
-from pneunet_ros.core.image import Image
-from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import kilopascals, seconds_between, seconds_since
-from pneunet_ros.estimation.estimate import ShapeEstimate
-from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.steady_states import held_spans
-from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, SENSORS, TARGETS
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, SENSORS
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.offline.judge import judge_recording, NO_VERDICTS, Verdicts
-from pneunet_ros.offline.replay import input_topics, Step, steps, targets_topic
-from pneunet_ros.recordings.dataset_reader import read_run
-from pneunet_ros.recordings.image_sources import (
-    find_info_topic,
-    IMAGE_TYPES,
-    open_images,
-    SourceRequest,
-    TOPIC_NAMES,
-)
-from pneunet_ros.recordings.image_stream import ImageStream
+from pneunet_ros.offline.uses import UseRequest, uses
 from pneunet_ros.recordings.recorded_series import (
     find_series,
     nearest,
@@ -48,24 +23,13 @@ from pneunet_ros.recordings.recorded_series import (
     ReadingSeries,
 )
 from pneunet_ros.recordings.recording import open_recording, Recording
-from pneunet_ros.vision.camera.camera_model import Lens
 
 GAP = 2.5  # median periods without a message
 STILL = 8.0  # standard deviations of a reading, over which it spreads while it stands still
 STILL_SHARE = 0.005  # of the calibrated range of pressure, the same
-SOLVES_TRIED = 20  # readings without an equilibrium, after which no other is tried
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CheckRequest:
-    """What recordings are checked against: the arm, how readings are meant, names of topics."""
-
-    arm: Arm
-    settings: EstimatorSettings = field(default_factory=EstimatorSettings)
-    overrides: Mapping[str, str] = field(default_factory=dict)
-
-
-def check_recording(path: Any, request: CheckRequest) -> dict[str, Any]:
+def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
     """Return what there is to know about a recording, as JSON carries it, SI.
 
     Raises RecordingError only where the file cannot be read at all; what is wrong with its content
@@ -200,7 +164,7 @@ def holds(series: Mapping[str, ReadingSeries], arm: Arm) -> list[dict[str, float
 
 
 def doubts(
-    series: Mapping[str, ReadingSeries], request: CheckRequest, verdicts: Verdicts
+    series: Mapping[str, ReadingSeries], request: UseRequest, verdicts: Verdicts
 ) -> list[str]:
     """Return sentences about readings that do not look like those of this arm."""
     if verdicts.doubted:
@@ -220,118 +184,3 @@ def doubts(
         f'{100.0 * EXTRAPOLATION:g} % of it'
         + (f'; {verdict.finding}' if verdict is not None and verdict.log_odds > 0.0 else '')
     ]
-
-
-def uses(
-    recording: Recording, request: CheckRequest, verdicts: Verdicts
-) -> dict[str, dict[str, Any]]:
-    """Return for each use whether the recording serves it, and why not or how."""
-    run: list[RecordingData] = []
-    settings, overrides = request.settings, request.overrides
-    images = {topic.type for topic in recording.topics} & set(IMAGE_TYPES.values())
-
-    def needs(sensor: Sensor[Any]) -> None:
-        """Refuse shortly where a topic is simply not there."""
-        if find_series(recording, sensor, overrides, required=False) is None:
-            lacks = f'there is no topic {sensor.name} of type {sensor.type}'
-            if sensor is TARGETS and images:
-                lacks += ': `pneunet track` makes it of the images'
-            raise RecordingError(lacks)
-
-    def reads_as_run() -> RecordingData:
-        """Read it once; raises each time where it cannot be read."""
-        if not run:
-            needs(TARGETS)
-            targets = request.arm.target_arclength.size
-            run.append(read_run(recording.path, targets, overrides, settings)[0])
-        return run[0]
-
-    def replays() -> str:
-        needs(PRESSURE)
-        if verdicts.doubted:
-            raise RecordingError(f'{verdicts.findings}; give {verdicts.options}')
-        loaded = find_series(recording, END_WRENCH, overrides, required=False) is not None
-        asked = replace(settings, wrench_required=loaded and settings.wrench_required)
-        estimator = Estimator(arm=request.arm, settings=asked)
-        topics = input_topics(recording, estimator, overrides)
-        targets = targets_topic(recording, estimator, overrides)
-        check_estimates(steps(recording, estimator, topics, targets))
-        # All that replay would decode, as one message that it cannot ends it.
-        deque(recording.messages([*topics, *([] if targets is None else [targets])]), maxlen=0)
-        return '' if loaded else f'with --no-wrench-required: there is no {END_WRENCH.name}'
-
-    def tracks() -> str:
-        if 'image_raw' not in overrides and not images:
-            raise RecordingError('there are no images')
-        topic = recording.find_any(IMAGE_TYPES, overrides.get('image_raw'), label='with images')
-        find_info_topic(recording, topic, overrides.get('camera_info'))
-        topics = {name: overrides[name] for name in TOPIC_NAMES if name in overrides}
-        check_images(open_images(recording.path, SourceRequest(topics=topics)))
-        return ''
-
-    def calibrates_unloaded() -> str:
-        needs(PRESSURE)
-        data = reads_as_run()
-        idle = PRECONDITIONS.unloaded_force * request.arm.weight
-        if data.loaded and (force := largest_force(data)) > idle:
-            raise RecordingError(f'its end force reaches {force:.3g} N: it is a loaded one')
-        check_runs([data], [], request.arm)
-        return ''
-
-    def calibrates_loaded() -> str:
-        data = reads_as_run()
-        check_targets(data, request.arm)
-        check_units(data, request.arm)
-        check_clamp(data, request.arm)
-        if data.is_idle(request.arm.sensors):
-            raise RecordingError(
-                'its end force never exceeds the noise of the force sensor: it is an unloaded one'
-            )
-        return '' if data.pressurized else f'of a beam: there is no {PRESSURE.name}'
-
-    asked: dict[str, Callable[[], str]] = {
-        'replay': replays,
-        'track': tracks,
-        'calibrate unloaded': calibrates_unloaded,
-        'calibrate loaded': calibrates_loaded,
-    }
-    return {name: _answer(attempt) for name, attempt in asked.items()}
-
-
-def check_estimates(replayed: Iterable[Step]) -> None:
-    """Refuse what gives no estimate at all, with the reason that most readings met."""
-    sentences: dict[str, str] = {}
-    reasons: Counter[str] = Counter()
-    for step in replayed:
-        if isinstance(step.outcome, ShapeEstimate):
-            return
-        if isinstance(step.outcome, Refusal):
-            reasons[step.outcome.reason] += 1
-            sentences[step.outcome.reason] = step.outcome.sentence
-        if reasons['no_equilibrium'] > SOLVES_TRIED:
-            break
-    if not reasons:
-        raise RecordingError('there is no pressure reading in it')
-    reason, count = reasons.most_common(1)[0]
-    raise RecordingError(f'no reading gives an estimate; {count} times: {sentences[reason]}')
-
-
-def check_images(stream: ImageStream) -> None:
-    """Refuse what holds no image that can be read, or no lens."""
-    kinds: set[type] = set()
-    why = 'it holds none'
-    for item in stream.read(()):
-        kinds.add(type(item.reading))
-        if kinds >= {Image, Lens}:
-            return
-        if isinstance(item.reading, PneunetError):
-            why = str(item.reading)
-    lacking = 'image' if Image not in kinds else 'camera_info'
-    raise RecordingError(f'no {lacking} in it can be used: {why}')
-
-
-def _answer(attempt: Callable[[], str]) -> dict[str, Any]:
-    try:
-        return {'usable': True, 'reason': attempt()}
-    except PneunetError as error:
-        return {'usable': False, 'reason': str(error)}

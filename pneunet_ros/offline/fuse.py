@@ -45,7 +45,8 @@ def fusion_topics(
         name = find_series(recording, END_WRENCH, overrides, required=False)
         topics |= {} if name is None else {name: END_WRENCH}
     for sensor in (TARGETS, PRESSURE):
-        topics[recording.find(sensor.name, sensor.type, overrides.get(sensor.name))] = sensor
+        name = find_series(recording, sensor, overrides)
+        topics |= {} if name is None else {name: sensor}
     return topics
 
 

@@ -66,10 +66,8 @@ def input_topics(
         for sensor in OF_ESTIMATOR
         if sensor is not TARGETS and sensor.needed(estimator.settings)
     ]
-    return {
-        recording.find(sensor.name, sensor.type, overrides.get(sensor.name)): sensor
-        for sensor in needed
-    }
+    found = ((find_series(recording, sensor, overrides), sensor) for sensor in needed)
+    return {topic: sensor for topic, sensor in found if topic is not None}
 
 
 def targets_topic(

@@ -15,8 +15,16 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.stamps import AHEAD, match_stamps, StampGate, Stamps, STARTS_ANEW
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.messages.builders import UNREADABLE
-from pneunet_ros.messages.readings import Sensor, SENSORS, UnusableTopic
+from pneunet_ros.messages.builders import IMAGE_TYPE, UNREADABLE
+from pneunet_ros.messages.readings import (
+    END_WRENCH,
+    PRESSURE,
+    Sensor,
+    SENSORS,
+    TARGETS,
+    UnusableTopic,
+)
+from pneunet_ros.messages.tracker import COMPRESSED_TYPE
 from pneunet_ros.recordings.recording import Recording
 
 REASONS = {
@@ -71,12 +79,37 @@ def find_series(
 ) -> str | None:
     """Return the topic of a sensor; None where it is not required and not there.
 
-    Raises RecordingError as `Recording.find` does.
+    Raises RecordingError as `Recording.find` does; where there is none, with what to type.
     """
     name, override = sensor.name, overrides.get(sensor.name)
-    if not required and override is None and not recording.candidates(name, sensor.type):
-        return None
+    if override is None and not recording.candidates(name, sensor.type):
+        if not required:
+            return None
+        raise RecordingError(f'{recording.path} {without_topic(recording, sensor)}')
     return recording.find(name, sensor.type, override)
+
+
+def without_topic(recording: Recording, sensor: Sensor[Any]) -> str:
+    """Say that a recording has no topic of a sensor, and what to type."""
+    types = {topic.type for topic in recording.topics}
+    others = [topic.name for topic in recording.topics if topic.type == sensor.type]
+    if others:
+        remedy = f'name it, as in --topic {sensor.name}={others[0]}'
+    elif sensor is END_WRENCH:
+        remedy = 'add --no-wrench-required where nothing is attached to the arm'
+    elif sensor is TARGETS and types & {IMAGE_TYPE, COMPRESSED_TYPE}:
+        remedy = (
+            f'`pneunet track {recording.path} --model arm.yaml --output TRACKED.mcap` finds the '
+            'targets in its images'
+        )
+    elif sensor is PRESSURE:
+        remedy = (
+            'a table of pressures becomes a recording by `pneunet import TABLE.csv --output '
+            'REC.mcap`'
+        )
+    else:
+        remedy = f'record it; there are {recording.contents()}'
+    return f'has no topic {sensor.name} of type {sensor.type}: {remedy}'
 
 
 def find_all_series(recording: Recording, overrides: Mapping[str, str]) -> dict[str, str]:

@@ -77,7 +77,7 @@ class Recording:
         for topic in self.topics:
             if topic.name == name:
                 return topic
-        raise RecordingError(f'{self.path} has no topic {name}; it holds {self._contents()}')
+        raise RecordingError(f'{self.path} has no topic {name}; it holds {self.contents()}')
 
     def candidates(self, last_name: str, type_name: str) -> tuple[str, ...]:
         """List the topics of this type with this last name, or names as 'image_raw/compressed'.
@@ -127,7 +127,7 @@ class Recording:
             )
         raise RecordingError(
             f'{self.path} has no topic {names} of type {kinds}; it holds '
-            f'{self._contents()}; name one of that type with {option}/its/name'
+            f'{self.contents()}; name one of that type with {option}/its/name'
         )
 
     def count(self, topics: Iterable[str]) -> int:
@@ -192,7 +192,8 @@ class Recording:
                 ) from error
             yield RecordedMessage(name, log_time, message, raw)
 
-    def _contents(self) -> str:
+    def contents(self) -> str:
+        """List the topics with their types, for a person."""
         there = ', '.join(f'{topic.name} ({topic.type})' for topic in self.topics)
         return there or '; '.join(('no messages', *self.sentences))
 

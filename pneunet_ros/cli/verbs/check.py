@@ -23,7 +23,8 @@ from pneunet_ros.cli.verb import (
 )
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.messages.readings import SENSORS
-from pneunet_ros.offline.check import check_recording, CheckRequest
+from pneunet_ros.offline.check import check_recording
+from pneunet_ros.offline.uses import UseRequest
 from pneunet_ros.recordings.image_sources import TOPIC_NAMES
 from rich.console import Console
 from rich.table import Table
@@ -44,7 +45,7 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Check and tell."""
-    request = CheckRequest(
+    request = UseRequest(
         arm=model_of(arguments),
         settings=settings_of(arguments),
         overrides=topics_of(arguments.topic, [*(sensor.name for sensor in SENSORS), *TOPIC_NAMES]),

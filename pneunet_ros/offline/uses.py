@@ -1,0 +1,188 @@
+"""Which verbs can use a recording, and what to type where one cannot: verbs and `check` agree."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from pneunet_ros.calibration.checks.preconditions import (
+    check_clamp,
+    check_runs,
+    check_targets,
+    check_units,
+    largest_force,
+)
+from pneunet_ros.calibration.settings import PRECONDITIONS
+from pneunet_ros.core.errors import PneunetError, RecordingError
+from pneunet_ros.core.image import Image
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.tip_pose import with_tip_target
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS, TIP_POSE
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.offline.fuse import fusion_topics
+from pneunet_ros.offline.judge import Verdicts
+from pneunet_ros.offline.replay import input_topics, Step, steps, targets_topic
+from pneunet_ros.recordings.dataset_reader import read_run
+from pneunet_ros.recordings.image_sources import (
+    find_info_topic,
+    IMAGE_TYPES,
+    open_images,
+    SourceRequest,
+    TOPIC_NAMES,
+)
+from pneunet_ros.recordings.image_stream import ImageStream
+from pneunet_ros.recordings.recorded_series import find_series
+from pneunet_ros.recordings.recording import Recording
+from pneunet_ros.vision.camera.camera_model import Lens
+
+SOLVES_TRIED = 20  # readings without an equilibrium, after which no other is tried
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class UseRequest:
+    """What recordings are checked against: the arm, how readings are meant, names of topics."""
+
+    arm: Arm
+    settings: EstimatorSettings = field(default_factory=EstimatorSettings)
+    overrides: Mapping[str, str] = field(default_factory=dict)
+
+
+def uses(
+    recording: Recording, request: UseRequest, verdicts: Verdicts
+) -> dict[str, dict[str, Any]]:
+    """Return for each use whether the recording serves it, and why not or how."""
+    run: list[RecordingData] = []
+    settings, overrides = request.settings, request.overrides
+    images = {topic.type for topic in recording.topics} & set(IMAGE_TYPES.values())
+
+    def reads_as_run() -> RecordingData:
+        """Read it once; raises each time where it cannot be read."""
+        if not run:
+            if not has(TIP_POSE):
+                find_series(recording, TARGETS, overrides)
+            targets = request.arm.target_arclength.size
+            run.append(read_run(recording.path, targets, overrides, settings)[0])
+        return run[0]
+
+    def has(sensor: Sensor[Any]) -> bool:
+        return find_series(recording, sensor, overrides, required=False) is not None
+
+    def replays() -> str:
+        find_series(recording, PRESSURE, overrides)
+        if verdicts.doubted:
+            raise RecordingError(f'{verdicts.findings}; give {verdicts.options}')
+        loaded = has(END_WRENCH)
+        asked = replace(settings, wrench_required=loaded and settings.wrench_required)
+        estimator = Estimator(arm=request.arm, settings=asked)
+        topics = input_topics(recording, estimator, overrides)
+        targets = targets_topic(recording, estimator, overrides)
+        check_estimates(steps(recording, estimator, topics, targets))
+        # All that replay would decode, as one message that it cannot ends it.
+        deque(recording.messages([*topics, *([] if targets is None else [targets])]), maxlen=0)
+        return '' if loaded else f'with --no-wrench-required: there is no {END_WRENCH.name}'
+
+    def tracks() -> str:
+        if 'image_raw' not in overrides and not images:
+            raise RecordingError('there are no images')
+        topic = recording.find_any(IMAGE_TYPES, overrides.get('image_raw'), label='with images')
+        find_info_topic(recording, topic, overrides.get('camera_info'))
+        topics = {name: overrides[name] for name in TOPIC_NAMES if name in overrides}
+        check_images(open_images(recording.path, SourceRequest(topics=topics)))
+        return ''
+
+    def fuses() -> str:
+        for topic in fusion_topics(recording, overrides, wrench=False):
+            next(iter(recording.messages([topic])), None)
+        if verdicts.doubted:
+            raise RecordingError(f'{verdicts.findings}; give {verdicts.options}')
+        return '' if has(END_WRENCH) else 'the tip force is estimated, no sensor measures it'
+
+    def calibrates_unloaded() -> str:
+        find_series(recording, PRESSURE, overrides)
+        arm, (data,) = with_tip_target(request.arm, [reads_as_run()])
+        idle = PRECONDITIONS.unloaded_force * arm.weight
+        if data.loaded and (force := largest_force(data)) > idle:
+            raise RecordingError(f'its end force reaches {force:.3g} N: it is a loaded one')
+        check_runs([data], [], arm)
+        return by_tip(data)
+
+    def calibrates_loaded() -> str:
+        if not has(END_WRENCH):
+            raise RecordingError(
+                'no sensor read an end load: it is an unloaded one, or say which weight hung on '
+                f'the arm, --end-load {recording.path} FX FY'
+            )
+        arm, (data,) = with_tip_target(request.arm, [reads_as_run()])
+        check_targets(data, arm)
+        check_units(data, arm)
+        check_clamp(data, arm)
+        if data.is_idle(arm.sensors):
+            raise RecordingError(
+                'its end force never exceeds the noise of the force sensor: it is an unloaded one'
+            )
+        return by_tip(data) if data.pressurized else f'of a beam: there is no {PRESSURE.name}'
+
+    def diagnoses() -> str:
+        find_series(recording, TARGETS, overrides)
+        check_targets(reads_as_run(), request.arm)
+        return ''
+
+    asked: dict[str, Callable[[], str]] = {
+        'replay': replays,
+        'replay --fuse': fuses,
+        'track': tracks,
+        'calibrate unloaded': calibrates_unloaded,
+        'calibrate loaded': calibrates_loaded,
+        'diagnose': diagnoses,
+    }
+    return {name: _answer(attempt) for name, attempt in asked.items()}
+
+
+def by_tip(run: RecordingData) -> str:
+    """Say that a calibration goes by the measured pose of the tip, where it does."""
+    return '' if run.tip_pose is None else f'with {TIP_POSE.name} as a target at the tip'
+
+
+def check_estimates(replayed: Iterable[Step]) -> None:
+    """Refuse what gives no estimate at all, with the reason that most readings met."""
+    sentences: dict[str, str] = {}
+    reasons: Counter[str] = Counter()
+    for step in replayed:
+        if isinstance(step.outcome, ShapeEstimate):
+            return
+        if isinstance(step.outcome, Refusal):
+            reasons[step.outcome.reason] += 1
+            sentences[step.outcome.reason] = step.outcome.sentence
+        if reasons['no_equilibrium'] > SOLVES_TRIED:
+            break
+    if not reasons:
+        raise RecordingError('there is no pressure reading in it')
+    reason, count = reasons.most_common(1)[0]
+    raise RecordingError(f'no reading gives an estimate; {count} times: {sentences[reason]}')
+
+
+def check_images(stream: ImageStream) -> None:
+    """Refuse what holds no image that can be read, or no lens."""
+    kinds: set[type] = set()
+    why = 'it holds none'
+    for item in stream.read(()):
+        kinds.add(type(item.reading))
+        if kinds >= {Image, Lens}:
+            return
+        if isinstance(item.reading, PneunetError):
+            why = str(item.reading)
+    lacking = 'image' if Image not in kinds else 'camera_info'
+    raise RecordingError(f'no {lacking} in it can be used: {why}')
+
+
+def _answer(attempt: Callable[[], str]) -> dict[str, Any]:
+    try:
+        return {'usable': True, 'reason': attempt()}
+    except PneunetError as error:
+        return {'usable': False, 'reason': str(error)}
