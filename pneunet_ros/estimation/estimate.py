@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.estimation.moving_arm import MotionEstimate
 from pneunet_ros.measurement.errors.propagated_errors import propagate_errors, PropagatedErrors
 from pneunet_ros.measurement.errors.second_order import SecondOrder
+from pneunet_ros.measurement.moving_arm import MotionEstimate
 from pneunet_ros.model.domain_position import DomainPosition
 from pneunet_ros.model.shape import Shape
 

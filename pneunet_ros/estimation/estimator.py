@@ -16,7 +16,6 @@ from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
 from pneunet_ros.core.units import seconds_between, seconds_since
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import estimate_of, Outcome, ShapeEstimate
-from pneunet_ros.estimation.moving_arm import MovingArm, Places, places_along
 from pneunet_ros.estimation.out_of_plane import out_of_plane, OutOfPlane
 from pneunet_ros.estimation.sensor_mapping import base_wrench, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -24,6 +23,7 @@ from pneunet_ros.estimation.state import admit, EstimatorState
 from pneunet_ros.measurement.errors.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian
 from pneunet_ros.measurement.errors.propagated_errors import propagate_errors
+from pneunet_ros.measurement.moving_arm import MovingArm, Places, places_along
 from pneunet_ros.measurement.wrench_judge import load_hint
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import DomainPosition, locate_load, OUT_OF_RANGE

@@ -18,9 +18,9 @@ from pneunet_ros.core.stamps import (
 )
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.effects.effect import History
-from pneunet_ros.estimation.moving_arm import MovingState
 from pneunet_ros.estimation.pressure_watch import PressureWatch
 from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.measurement.moving_arm import MovingState
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.solver.solution import SolverNodes
 
