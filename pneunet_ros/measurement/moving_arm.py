@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 import functools
 import math
+from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
@@ -138,7 +139,9 @@ class MovingArm:
 
     def _relative_errors(self) -> Array:
         """Return the relative errors of frequency^2 and damping by the columns of the model."""
-        found = [[LEFT_OUT, LEFT_OUT]]
+        assert self.arm.motion is not None
+        motion = self.arm.motion
+        found = [[LEFT_OUT, LEFT_OUT], [motion.mass_error, motion.damping_error]]
         sides = self.table.neighbors
         pairs = zip(sides[: len(sides) // 2], sides[len(sides) // 2 :], strict=True)
         for pair, distance in zip(pairs, self.table.distance[1:].tolist(), strict=True):
@@ -163,58 +166,28 @@ class MovingArm:
         """
         assert shape.solution is not None
         assert self.arm.motion is not None
-        after, room = room_for_links(LINKS), room_for(SHAPES, LINKS)
-        swing, seconds, steps, before, turned = at_rest(SHAPES), 1.0, 0, after, np.zeros(LINKS)
-        if state is not None:
-            fastest = max(float(self.modes.frequency[-1]), float(self.modes.damping[-1]))
-            elapsed = seconds_between(state.stamp_ns, stamp_ns)
-            needed = math.ceil(elapsed * fastest / STEP)
-            if 0 < needed <= MOST_STEPS:
-                seconds, steps, before, turned = elapsed, needed, state.links, state.turned.copy()
-                old = state.swing
-                swing = Swing(old.state.copy(), old.covariance.copy(), old.columns.copy())
+        damping_time = self.arm.motion.damping_time
         solved = shape.solution.for_kernels()
-        after = after._replace(offset=float(solved[1][LOAD_OFFSET]))
-        at_nodes, at_joints = (
-            np.empty((3 + 3 * SHAPES, LINKS + 2)),
-            np.empty((2 + SHAPES, LINKS + 1)),
+        following, moved = follow_reading(
+            state, stamp_ns, solved, self.masses, damping_time, self.modes
         )
-        tip = np.empty(5)
-        follow_swing(
-            solved,
-            swing,
-            seconds,
-            steps,
-            before,
-            after,
-            self.masses,
-            self.arm.motion.damping_time,
-            self.modes.moment,
-            turned,
-            room,
-            at_nodes,
-            at_joints,
-            tip,
-        )
-        along, bent = at_nodes @ places.nodes, at_joints @ places.joints
+        swing, swinging = following.swing, moved.stopped / self.modes.frequency[0]
+        along, bent = moved.at_nodes @ places.nodes, moved.at_joints @ places.joints
         std, covariance = errors.std.copy(), errors.tip_covariance.copy()
-        swinging = tip[3:] / self.modes.frequency[0]
         left_out = LEFT_OUT * math.hypot(*along[:2, -1].tolist(), *swinging.tolist())
         widen(swing, self.relative, left_out, along, bent, std, covariance)
         motion = MotionEstimate(
-            velocity=freeze(tip[:3]),
+            velocity=freeze(moved.velocity),
             settled=is_settled(along[:2, -1], swinging, covariance),
             swing=swing,
-            at_nodes=freeze(at_nodes),
-            at_joints=freeze(at_joints),
+            at_nodes=freeze(moved.at_nodes),
+            at_joints=freeze(moved.at_joints),
             relative=self.relative,
             left_out=left_out,
-            modes=functools.partial(
-                modes_of, after, self.masses, self.arm.motion.damping_time, SHAPES
-            ),
+            modes=functools.partial(modes_of, following.links, self.masses, damping_time, SHAPES),
         )
         return (
-            MovingState(stamp_ns=stamp_ns, links=after, swing=swing, turned=turned),
+            following,
             motion,
             moved_shape(shape, along, bent),
             PropagatedErrors(
@@ -223,6 +196,64 @@ class MovingArm:
                 second_order=errors.second_order,
             ),
         )
+
+
+class Moved(NamedTuple):
+    """Where a chain is beside its equilibrium: tables of `solver.swing.follow_swing`.
+
+    velocity (3,) of the tip; stopped (2,) m/s: that of x, y, if the equilibrium stopped.
+    """
+
+    at_nodes: Array
+    at_joints: Array
+    velocity: Array
+    stopped: Array
+
+
+def follow_reading(
+    state: MovingState | None,
+    stamp_ns: int,
+    solved: tuple[Array, Array, Array],
+    masses: Masses,
+    damping_time: float,
+    modes: Modes,
+) -> tuple[MovingState, Moved]:
+    """Let an arm go on to the stamp of a reading, whose equilibrium is solved.
+
+    solved: panels, ends and nodes; state: None, or too long ago: the arm rests. modes: their
+    moments are those of the shapes.
+    """
+    after, room = room_for_links(LINKS, float(solved[1][LOAD_OFFSET])), room_for(SHAPES, LINKS)
+    swing, seconds, steps, before, turned = at_rest(SHAPES), 1.0, 0, after, np.zeros(LINKS)
+    if state is not None:
+        frequency = float(modes.frequency[-1])
+        fastest = frequency * max(1.0, damping_time * frequency)
+        elapsed = seconds_between(state.stamp_ns, stamp_ns)
+        needed = math.ceil(elapsed * fastest / STEP)
+        if 0 < needed <= MOST_STEPS:
+            seconds, steps, before, turned = elapsed, needed, state.links, state.turned.copy()
+            old = state.swing
+            swing = Swing(old.state.copy(), old.covariance.copy(), old.columns.copy())
+    at_nodes, at_joints = np.empty((3 + 3 * SHAPES, LINKS + 2)), np.empty((2 + SHAPES, LINKS + 1))
+    tip = np.empty(5)
+    follow_swing(
+        solved,
+        swing,
+        seconds,
+        steps,
+        before,
+        after,
+        masses,
+        damping_time,
+        modes.moment,
+        turned,
+        room,
+        at_nodes,
+        at_joints,
+        tip,
+    )
+    following = MovingState(stamp_ns=stamp_ns, links=after, swing=swing, turned=turned)
+    return following, Moved(at_nodes, at_joints, tip[:3], tip[3:])
 
 
 def moved_shape(shape: Shape, along: Array, bent: Array) -> Shape:

@@ -20,6 +20,18 @@ class Motion:
     damping_time: float = quantity(
         0.0, unit='s', meaning='damping over stiffness, of Kelvin and Voigt', bounds=(0.0, 1e3)
     )
+    mass_error: float = quantity(
+        0.0,
+        unit='-',
+        meaning='relative standard deviation of all that is heavy, beside what the covariance has',
+        bounds=(0.0, 10.0),
+    )
+    damping_error: float = quantity(
+        0.0,
+        unit='-',
+        meaning='relative standard deviation of damping_time, beside what the covariance has',
+        bounds=(0.0, 10.0),
+    )
 
     def __post_init__(self) -> None:
         """Check the numbers."""

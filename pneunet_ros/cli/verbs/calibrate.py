@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 import time
 from typing import TYPE_CHECKING
 
 from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
+from pneunet_ros.calibration.motion_fit import fit_motion, MotionFit
 from pneunet_ros.cli.experiments import (
     add_experiments,
     calibration_settings,
@@ -31,10 +33,12 @@ from pneunet_ros.cli.verb import (
     units_of,
     with_gravity,
 )
-from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.atomic import written_together
 from pneunet_ros.files.model_file import load_model, save_model
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
 from pneunet_ros.offline.calibration_files import (
     described_arm,
@@ -60,6 +64,15 @@ def options(parser: ArgumentParser) -> None:
         parser.add_argument(
             f'--{name}', type=Path, nargs='+', default=[], metavar='REC', help=meaning
         )
+    parser.add_argument(
+        '--motion',
+        type=Path,
+        nargs='+',
+        default=[],
+        metavar='REC',
+        help='recordings in which the arm swings, after quick steps of the pressure or plucked '
+        'and let go: fit mass at the tip and damping to them; they are not used for the rest',
+    )
     parser.add_argument(
         '--arm',
         type=Path,
@@ -114,8 +127,10 @@ def run(arguments: Namespace) -> int:
         frame = replace(frame, domain=load_model(arguments.earlier).domain)
     check_outputs(arguments)
     with written_together(), progress_bar(shown=not arguments.json) as bar:
-        read = read_experiments((arguments.unloaded, arguments.loaded), frame, arguments, bar)
-        unloaded, loaded = read.groups
+        read = read_experiments(
+            (arguments.unloaded, arguments.loaded, arguments.motion), frame, arguments, bar
+        )
+        unloaded, loaded, swinging = read.groups
         if not unloaded:
             unloaded = tuple(run for run in loaded if not run.loaded)
             loaded = tuple(run for run in loaded if run.loaded)
@@ -132,11 +147,16 @@ def run(arguments: Namespace) -> int:
                 task, description=f'fitting {stage}, step {step}'
             ),
         )
-        roles = {'unloaded': unloaded, 'loaded': loaded}
+        roles = {'unloaded': unloaded, 'loaded': loaded, 'motion': swinging}
+        motion, motion_note = None, ''
         provenance = provenance_of(arguments, calibration, roles)
         if calibration.joint.converged:
             name = arguments.name or arguments.output.stem
             arm = described_arm(calibration, name, frame, provenance)
+            if swinging:
+                bar.update(task, description='fitting motion')
+                motion, motion_note = fitted_motion(arm, swinging)
+                arm = arm if motion is None else with_motion(arm, motion)
             calibration = replace(calibration, arm=arm)
             save_model(arm, arguments.output, overwrite=arguments.overwrite)
             save_knowledge(calibration.posterior, arguments.output, overwrite=arguments.overwrite)
@@ -157,6 +177,7 @@ def run(arguments: Namespace) -> int:
             'output': arguments.output if calibration.joint.converged else None,
             'knowledge': knowledge_file(arguments.output) if calibration.joint.converged else None,
             'report': arguments.report,
+            'motion': None if motion is None else asdict(motion),
             'seconds': time.perf_counter() - started,
         }
         | read.summary
@@ -164,8 +185,23 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         print_json(summary | {'provenance': provenance})
     else:
-        show(calibration, summary, read.sentences, output_console())
+        notes = (*read.sentences, *([motion_note] if motion_note else []))
+        show(calibration, summary, notes, output_console())
     return DONE if summary['verdict']['fits'] else NEGATIVE
+
+
+def fitted_motion(arm: Arm, runs: Sequence[RecordingData]) -> tuple[MotionFit | None, str]:
+    """Fit how an arm swings; None and why, where the recordings do not show it."""
+    try:
+        fit = fit_motion(arm, runs)
+    except RequestError as error:
+        return None, f'the model has no motion: {error}'
+    return fit, fit.sentence
+
+
+def with_motion(arm: Arm, fit: MotionFit) -> Arm:
+    """Return a calibrated arm with the motion that was fitted."""
+    return replace(arm, motion=fit.motion, sources={**arm.sources, 'motion': fit.sentence})
 
 
 def files_of(arguments: Namespace) -> Files:

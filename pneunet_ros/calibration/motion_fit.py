@@ -1,0 +1,396 @@
+"""Mass at the tip and damping of an arm, from recordings in which it swings.
+
+The arm's statics are known; each recording is followed reading by reading, and what the targets
+do beside the equilibrium is compared with what the chain does. Where the pressure stands still the
+arm was plucked: such a recording begins where it was let go, and how it moves there is fitted as
+well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.stamps import Stamps
+from pneunet_ros.core.units import millimeters, NANOSECONDS_PER_SECOND, STANDARD_GRAVITY
+from pneunet_ros.measurement.between_readings import interpolate
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inputs import inputs_of
+from pneunet_ros.measurement.moving_arm import (
+    follow_reading,
+    Places,
+    places_along,
+    SHAPES,
+    unloaded_modes,
+)
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.motion import Motion
+from pneunet_ros.model.vibration import masses_of
+from pneunet_ros.solver.collocation import prepare
+from pneunet_ros.solver.columns import join_ends, PANEL_WIDTH
+from pneunet_ros.solver.links import Masses
+from pneunet_ros.solver.modes import Modes
+
+SCANNED_MASSES = np.geomspace(0.4, 8.0, 13).tolist()  # of the tip with the arm's share, at first
+SCANNED_RATIOS = (0.03, 0.1, 0.3)  # damping ratios of the first mode, at first
+SCANNED_READINGS = 1000
+# Of the arm's mass, what counts at the tip in its first mode: 33 / 140, by Rayleigh.
+SHARE_AT_TIP = 33.0 / 140.0
+MOST_STEPS = 30  # of the fit
+LARGE = 0.5  # of the largest swing: behind the last so large one nothing holds the arm any more
+LIGHTEST = 0.2  # of its weight that an arm may have as mass, while it is sought
+# What fits leave out, relative: in MuJoCo they are off by up to 0.3 % of mass, 0.6 % of damping.
+LEFT_OUT = 0.004
+SURE = 1.96  # standard deviations, 95 % of a normal error
+
+Solved = tuple[Array, Array, Array]
+Flags = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SwingingRun:
+    """A recording with the equilibrium at each of its readings.
+
+    stamp_ns (readings,); solved: tables of the rod at each; still (readings, 2, targets) m: the
+    targets in equilibrium; reading (frames,): of each frame; points (frames, 2, targets) m.
+    plucked: the pressure stands still.
+    """
+
+    name: str
+    stamp_ns: Stamps
+    solved: tuple[Solved, ...]
+    still: Array
+    reading: Stamps
+    points: Array
+    plucked: bool
+
+    @property
+    def beside(self) -> Array:
+        """Measured targets beside their equilibrium (frames, 2, targets) m, NaN where not seen."""
+        return self.points - self.still[self.reading]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionFit:
+    """Mass and damping that were fitted, with standard errors.
+
+    tip_mass kg, damping_time s; hertz and decay_time (s): of the slowest vibration of the unloaded
+    arm in the middle of its pressures. still_rms, moving_rms (m): of targets beside the arm in
+    equilibrium and in motion. in_motion: in so many frames motion moves the tip by more than
+    1.96 standard deviations of a target.
+    """
+
+    motion: Motion
+    tip_mass_std: float
+    damping_time_std: float
+    hertz: float
+    decay_time: float
+    still_rms: float
+    moving_rms: float
+    in_motion: int
+    frames: int
+
+    @property
+    def sentence(self) -> str:
+        """What was found, in words."""
+        return (
+            f'{self.in_motion} of {self.frames} frames show the arm in motion '
+            f'({self.hertz:.2g} Hz, decays in {self.decay_time:.2g} s): '
+            f'tip_mass {1e3 * self.motion.tip_mass:.2g} ± {1e3 * self.tip_mass_std:.1g} g, '
+            f'damping_time {1e3 * self.motion.damping_time:.3g} ± '
+            f'{1e3 * self.damping_time_std:.1g} ms; targets are '
+            f'{millimeters(self.moving_rms):.2g} mm beside the moving arm, '
+            f'{millimeters(self.still_rms):.2g} mm beside its equilibrium'
+        )
+
+
+def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
+    """Solve the equilibrium at every reading and frame of a recording."""
+    run = run.at_instants(arm.frame_delay)
+    stamps, count = run.reading_stamp_ns, len(run.reading_stamp_ns)
+    loads = np.zeros((count, 3))
+    if run.loaded:
+        known = (run.stamp_ns, run.load)
+        if run.wrench_stamp_ns is not None and run.wrench is not None:
+            known = (run.wrench_stamp_ns, run.wrench)
+        loads = np.column_stack([interpolate(stamps, known[0], part) for part in known[1].T])
+    unseen = np.full((count, arm.target_arclength.size), np.nan)
+    every = replace(
+        run,
+        stamp_ns=stamps,
+        reading=np.arange(count),
+        force=loads[:, :2],
+        moment=loads[:, 2],
+        x=unseen,
+        y=unseen,
+        tip_pose=None,
+        wrench_stamp_ns=None,
+        wrench=None,
+    )
+    prompt = replace(arm, effects=tuple(item for item in arm.effects if not item.frame_delay))
+    (inputs,) = inputs_of(prompt, [every])
+    model = ForwardModel(arm.target_arclength)
+    if not model.solve(arm, inputs).all():
+        raise RequestError(
+            f'{run.name}: at some readings the arm has no equilibrium; cut the recording to '
+            'pressures and loads of the calibrated domain'
+        )
+    rods = arm.rods(inputs.pressure, inputs.histories, inputs.loads)
+    ends = join_ends(rods.clamp, inputs.loads)
+    solved = []
+    for index in range(count):
+        panels = np.empty((model.nodes.shape[1] - 1, PANEL_WIDTH))
+        sections, rotation = rods.sections[index], rods.rotation[index]
+        prepare(rods.length, sections, rods.knots, rotation, ends[index], model.counts, panels)
+        solved.append((panels, ends[index], model.nodes[index].copy()))
+    still = float(np.ptp(run.pressure)) <= 2.0 * run.idle_reach() * arm.sensors.pressure_std
+    found = SwingingRun(
+        name=run.name,
+        stamp_ns=stamps,
+        solved=tuple(solved),
+        still=model.points,
+        reading=run.reading,
+        points=run.points,
+        plucked=still,
+    )
+    return let_go(found) if still else found
+
+
+def let_go(run: SwingingRun) -> SwingingRun:
+    """Return a recording from where the arm was let go: behind the last frame of a large swing."""
+    far = np.nan_to_num(np.nanmean(np.hypot(*run.beside.transpose(1, 0, 2)), axis=1))
+    large = np.flatnonzero(far[:-1] >= LARGE * far.max())
+    first = int(large[-1]) + 1
+    start = int(run.reading[first])
+    return replace(
+        run,
+        stamp_ns=run.stamp_ns[start:],
+        solved=run.solved[start:],
+        still=run.still[start:],
+        reading=run.reading[first:] - start,
+        points=run.points[first:],
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MotionProblem:
+    """Recordings, and the numbers that are fitted to them.
+
+    The numbers: mass at the tip, in units of the arm's share there, less than zero where the arm
+    itself is lighter; log of the damping time (s);
+    then, of each plucked recording, q and p where it begins. std (m): white noise of a target.
+    """
+
+    arm: Arm
+    runs: tuple[SwingingRun, ...]
+    modes: Modes
+    places: Places
+    std: float
+
+    @property
+    def share(self) -> float:
+        """What counts of the arm's mass at its tip, kg."""
+        return SHARE_AT_TIP * self.arm.weight / STANDARD_GRAVITY
+
+    def motion(self, numbers: Array) -> tuple[float, float]:
+        """Return mass at the tip (kg) and damping time (s)."""
+        return self.share * float(numbers[0]), math.exp(float(numbers[1]))
+
+    def masses(self, mass: float) -> Masses:
+        """Return the masses with so much at the tip; the whole arm is lighter where it is less."""
+        own = masses_of(self.arm)
+        if mass >= 0.0:
+            return own._replace(tip=self.share * mass)
+        return own._replace(mass=freeze(own.mass * max(1.0 + mass, LIGHTEST)))
+
+    def first_numbers(self, mass: float, ratio: float) -> Array:
+        """Return numbers to begin with: mass at the tip, of the share; damping ratio."""
+        frequency = float(self.modes.frequency[0]) / math.sqrt(1.0 + mass)
+        starts = [value for run in self.runs if run.plucked for value in self.first_start(run)]
+        return np.array([mass, math.log(2.0 * ratio / frequency), *starts])
+
+    def first_start(self, run: SwingingRun) -> list[float]:
+        """Return q that puts the targets nearest to where a run begins, and no momentum."""
+        masses = masses_of(self.arm)
+        first = follow_reading(None, 0, run.solved[0], masses, 0.0, self.modes)[1]
+        along = (first.at_nodes[3:] @ self.places.nodes).reshape(SHAPES, 3, -1)[:, :2]
+        seen = run.beside[0].reshape(-1)
+        known = np.isfinite(seen)
+        q, *_ = np.linalg.lstsq(along.reshape(SHAPES, -1)[:, known].T, seen[known], rcond=None)
+        return [*q.tolist(), *[0.0] * SHAPES]
+
+    def follow(self, numbers: Array) -> tuple[list[Array], list[Flags]]:
+        """Return, per run, targets beside the equilibrium (frames, 2, targets) m, and at rest."""
+        _, damping_time = self.motion(numbers)
+        masses = self.masses(float(numbers[0]))
+        starts = iter(numbers[2:].reshape(-1, 2, SHAPES))
+        beside, settled = [], []
+        for run in self.runs:
+            found = np.empty((len(run.stamp_ns), 2, run.points.shape[2]))
+            rest = np.empty(len(run.stamp_ns), np.bool_)
+            state = None
+            for index, stamp in enumerate(run.stamp_ns.tolist()):
+                state, moved = follow_reading(
+                    state, stamp, run.solved[index], masses, damping_time, self.modes
+                )
+                if index == 0 and run.plucked:
+                    state.swing.state[:] = next(starts)
+                found[index] = moved.at_nodes[:2] @ self.places.nodes
+                rest[index] = math.hypot(*moved.at_nodes[:2, -1].tolist()) <= SURE * self.std
+            beside.append(found[run.reading])
+            settled.append(rest[run.reading])
+        return beside, settled
+
+    def residuals(self, beside: Sequence[Array]) -> list[Array]:
+        """Return what is left of the targets, per run (frames, 2, targets) m.
+
+        Less the mean of every coordinate: where the camera stands and targets are painted is no
+        motion. Where the arm is let go, it is not known yet how it moves.
+        """
+        left = []
+        for run, found in zip(self.runs, beside, strict=True):
+            residual = run.beside - found
+            if run.plucked:
+                residual[run.reading == 0] = np.nan
+            left.append(residual - np.nanmean(residual, axis=0))
+        return left
+
+    def cost(self, numbers: Array) -> Array:
+        """Return all residuals as one vector, in units of the noise."""
+        left = self.residuals(self.follow(numbers)[0])
+        return np.nan_to_num(np.concatenate([item.ravel() for item in left]) / self.std)
+
+    def shortened(self, most: int) -> MotionProblem:
+        """Return the problem with so many readings of each run."""
+        return replace(
+            self,
+            runs=tuple(
+                replace(
+                    run,
+                    stamp_ns=run.stamp_ns[:most],
+                    solved=run.solved[:most],
+                    still=run.still[:most],
+                    reading=run.reading[run.reading < most],
+                    points=run.points[run.reading < most],
+                )
+                for run in self.runs
+            ),
+        )
+
+
+def fit_motion(arm: Arm, runs: Sequence[RecordingData]) -> MotionFit:
+    """Fit mass at the tip and damping to recordings in which the arm swings.
+
+    Args:
+        arm: the calibrated arm; its weight is its mass.
+        runs: recordings with quick changes of the pressure, or of an arm that was plucked and let
+            go while the pressure stands still.
+
+    Returns:
+        Mass and damping with standard errors.
+
+    Raises:
+        RequestError: the arm hardly swings in the recordings, or no mass at the tip explains how.
+
+    """
+    still = replace(arm, motion=Motion())
+    modes = unloaded_modes(still)
+    if modes is None:
+        raise RequestError(f'{arm.name} has no stable unloaded shape to swing about')
+    problem = MotionProblem(
+        arm=still,
+        runs=tuple(swinging_run(still, run) for run in runs),
+        modes=modes,
+        places=places_along(arm.reach, arm.target_arclength),
+        std=max(arm.sensors.target_std, 1e-6 * arm.length),
+    )
+    from scipy.optimize import least_squares  # slow to import, and few fits need it
+
+    short = problem.shortened(SCANNED_READINGS)
+    guesses = [
+        short.first_numbers(mass - 1.0, ratio)
+        for mass in SCANNED_MASSES
+        for ratio in SCANNED_RATIOS
+    ]
+    start = min(guesses, key=lambda numbers: float(np.sum(short.cost(numbers) ** 2)))
+    fitted = least_squares(
+        problem.cost, start, x_scale='jac', loss='soft_l1', diff_step=1e-4, max_nfev=MOST_STEPS
+    )
+    beside, settled = problem.follow(fitted.x)
+    left = problem.residuals(beside)
+    never = problem.residuals([np.zeros_like(item) for item in beside])
+    moving_rms, still_rms = root_mean_square(left), root_mean_square(never)
+    in_motion = sum(int(np.count_nonzero(~item)) for item in settled)
+    frames = sum(len(item) for item in settled)
+    if not moving_rms < still_rms:
+        raise RequestError(
+            f'the recordings after --motion do not show the arm swing ({in_motion} of {frames} '
+            'frames, and mass explains none of them): change the pressure by half of its range '
+            'within 0.1 s, or pluck the arm and let it go'
+        )
+    errors = standard_errors(problem, fitted.jac, left)
+    tip_mass, damping_time = problem.motion(fitted.x)
+    mass_error, damping_error = (
+        math.hypot(errors[0] / max(1.0 + float(fitted.x[0]), 1.0), LEFT_OUT),
+        math.hypot(errors[1], LEFT_OUT),
+    )
+    tip_std = mass_error * problem.share * max(1.0 + float(fitted.x[0]), 1.0)
+    if tip_mass < -SURE * tip_std:
+        whole = (1.0 + tip_mass / problem.share) * arm.weight
+        raise RequestError(
+            f'the arm swings faster than its weight allows: arm.weight is {arm.weight:.4g} N, and '
+            f'{whole:.4g} N would do; weigh the arm, and give --arm a file '
+            'with its weight'
+        )
+    tip_mass = max(tip_mass, 0.0)
+    motion = Motion(
+        tip_mass=tip_mass,
+        damping_time=damping_time,
+        mass_error=mass_error,
+        damping_error=damping_error,
+    )
+    found = unloaded_modes(replace(arm, motion=motion, covariance=None))
+    assert found is not None
+    return MotionFit(
+        motion=motion,
+        tip_mass_std=tip_std,
+        damping_time_std=damping_time * damping_error,
+        hertz=found.hertz,
+        decay_time=found.decay_time,
+        still_rms=still_rms,
+        moving_rms=moving_rms,
+        in_motion=in_motion,
+        frames=frames,
+    )
+
+
+def root_mean_square(left: Sequence[Array]) -> float:
+    """Return the root mean square (m) of distances of targets."""
+    return math.sqrt(2.0 * float(np.nanmean(np.concatenate([item.ravel() for item in left]) ** 2)))
+
+
+def standard_errors(problem: MotionProblem, jacobian: Array, left: Sequence[Array]) -> Array:
+    """Return the standard errors of the numbers.
+
+    What is left of the targets goes on from frame to frame, as statics are not exact: the frames
+    of a period of the arm count as one observation. Source: cluster-robust covariance, Liang and
+    Zeger, Biometrika 73 (1986).
+    """
+    period = 2.0 * np.pi / float(problem.modes.frequency[0])
+    blocks, first = [], 0
+    for which, (run, residual) in enumerate(zip(problem.runs, left, strict=True)):
+        seconds = (run.stamp_ns[run.reading] - run.stamp_ns[0]) / NANOSECONDS_PER_SECOND
+        block = first + (seconds / period).astype(np.int64)
+        blocks.append(np.repeat(block, residual[0].size))
+        first = int(block[-1]) + 1 if which + 1 < len(problem.runs) else first
+    residuals = np.nan_to_num(np.concatenate([item.ravel() for item in left]) / problem.std)
+    scores = np.zeros((int(np.concatenate(blocks).max()) + 1, jacobian.shape[1]))
+    np.add.at(scores, np.concatenate(blocks), jacobian * residuals[:, None])
+    bread = np.linalg.pinv(jacobian.T @ jacobian)
+    return np.asarray(np.sqrt(np.diag(bread @ (scores.T @ scores) @ bread)))

@@ -1,0 +1,101 @@
+"""Mass and damping from recordings of a lab arm that MuJoCo moves."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+from pneunet_ros.calibration.motion_fit import fit_motion, MotionFit, standard_errors
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.share import share_path
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.lab.motion import LabMotion
+from pneunet_ros.lab.protocols import Corners
+from pneunet_ros.lab.sensors import Rates
+from pneunet_ros.lab.simulation import simulate
+import pytest
+from support.lab_run import run_of, true_model
+
+pytest.importorskip('mujoco', reason="needs MuJoCo: pip install '.[mujoco]'")
+
+TIP_MASS, DAMPING_TIME = 0.003, 0.03
+
+
+def swinging(pressure: tuple[float, ...], share: tuple[float, ...], **changes: object):
+    """Return a scenario of 4 s in which the pressure goes through corners."""
+    scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
+    nothing = (0.0,) * len(share)
+    protocol = Corners(
+        duration=4.0, share=share, pressure=pressure, force_x=nothing, force_y=nothing
+    )
+    return dataclasses.replace(
+        scenario,
+        protocol=protocol,
+        rates=Rates(pressure=60.0, wrench=60.0, frames=20.0),
+        motion=LabMotion(damping_time=DAMPING_TIME, tip_mass=TIP_MASS),
+        **changes,
+    )
+
+
+STEPS = (20e3, 20e3, 45e3, 45e3, 15e3, 15e3), (0.0, 0.1, 0.13, 0.5, 0.53, 1.0)
+
+
+@cache
+def fitted() -> tuple[MotionFit, object]:
+    """Return the fit to quick steps, and the model of the arm without motion."""
+    scenario = swinging(*STEPS)
+    arm = true_model(scenario)
+    return fit_motion(arm, [run_of(simulate(scenario)).without_load()]), arm
+
+
+def test_steps_of_pressure_give_mass_and_damping():
+    fit, _ = fitted()
+    assert fit.motion.tip_mass == pytest.approx(TIP_MASS, rel=0.03)
+    assert fit.motion.damping_time == pytest.approx(DAMPING_TIME, rel=0.03)
+    assert abs(fit.motion.tip_mass - TIP_MASS) < 3.0 * fit.tip_mass_std
+    assert abs(fit.motion.damping_time - DAMPING_TIME) < 3.0 * fit.damping_time_std
+    assert fit.motion.mass_error < 0.05
+    assert fit.motion.damping_error < 0.05
+    assert fit.moving_rms < 0.1 * fit.still_rms
+    assert 0.5 * fit.frames < fit.in_motion < fit.frames
+
+
+def test_an_arm_that_is_plucked_gives_them_from_its_decay():
+    pushed = {'push': {'force': 0.02, 'place': 0.9, 'begins': 0.2, 'ends': 0.8, 'every': 100.0}}
+    scenario = swinging((20e3, 20e3), (0.0, 1.0)).with_effects(pushed)
+    arm = true_model(dataclasses.replace(scenario, effects=()))
+    fit = fit_motion(arm, [run_of(simulate(scenario)).without_load()])
+    assert fit.motion.tip_mass == pytest.approx(TIP_MASS, rel=0.05)
+    assert fit.motion.damping_time == pytest.approx(DAMPING_TIME, rel=0.05)
+
+
+def test_a_weight_that_is_too_large_is_named():
+    _, arm = fitted()
+    heavier = dataclasses.replace(
+        arm,
+        weight=3.0 * arm.weight,
+        moment_law=dataclasses.replace(
+            arm.moment_law,
+            rigidity=arm.moment_law.rigidity / 3.0,
+            moment_offset=arm.moment_law.moment_offset / 3.0,
+        ),
+    )
+    with pytest.raises(RequestError, match=r'weight'):
+        fit_motion(heavier, [run_of(simulate(swinging(*STEPS))).without_load()])
+
+
+def test_errors_count_a_period_as_one_observation():
+    class Run:
+        stamp_ns = np.arange(40) * 10**8
+        reading = np.arange(40)
+
+    class Problem:
+        runs, std = (Run(),), 1.0
+        modes = type('Modes', (), {'frequency': np.array([2.0 * np.pi])})
+
+    jacobian = np.ones((80, 1))
+    alike = np.repeat([1.0, -1.0, 1.0, -1.0], 20).reshape(40, 2, 1)
+    apart = np.tile([1.0, -1.0], 40).reshape(40, 2, 1)
+    assert standard_errors(Problem, jacobian, [alike])[0] == pytest.approx(0.5, rel=1e-9)
+    assert standard_errors(Problem, jacobian, [apart])[0] == pytest.approx(0.0, abs=1e-12)
