@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 import math
 import sys
 
@@ -48,7 +49,8 @@ from scipy.stats import chi2
 RATE = 80.0  # Hz, of readings
 EVERY = 3  # readings from frame to frame
 LATE = 2  # readings from the instant of a frame to its arrival
-SECONDS = 20.0
+SECONDS, QUICK_SECONDS = 20.0, 8.0
+QUICK = 'one rig, one recording of 8 s'
 IN_95 = float(chi2.ppf(0.95, 2))
 CONTACT = 'a contact along the arm'
 # Of a reading: errors (m, N) and NEES of tip and force, whether there is no force, what is said.
@@ -239,14 +241,15 @@ def row_of(fused: FusedEstimate, tip: Array, force: Array) -> list[float]:
     ]
 
 
-def try_model(seed: int, recordings: int) -> dict[str, Array]:
+def try_model(seed: int, recordings: int, seconds: float = SECONDS) -> dict[str, Array]:
     """Fuse recordings of a rig with each cause by the model of it: NUMBERS, and what was said."""
     fusion = Fusion(arm=model_of(seed))
     found: dict[str, Array] = {}
     for name in CAUSES:
         every, spoken = [], []
         for which in range(recordings):
-            rows, said = fuse(fusion, recording_of(seed, which, name), name, 100 * seed + which)
+            recording = recording_of(seed, which, name, seconds)
+            rows, said = fuse(fusion, recording, name, 100 * seed + which)
             every.append(rows)
             spoken.append(shares_of(said))
         found[name] = np.array(every)
@@ -330,8 +333,12 @@ def show(summary: dict, title: str) -> None:
 
 def main() -> int:
     """Run and print."""
-    arguments = rig_command(__doc__.splitlines()[0], recordings=5).parse_args()
-    return run_bench('everyday_causes', arguments, try_model, summary_of, show)
+    command = rig_command(__doc__.splitlines()[0], recordings=5, quick=QUICK)
+    arguments, attempt = command.parse_args(), try_model
+    if arguments.quick:
+        arguments.quick, arguments.rigs, arguments.recordings = False, 1, 1
+        attempt = partial(try_model, seconds=QUICK_SECONDS)
+    return run_bench('everyday_causes', arguments, attempt, summary_of, show)
 
 
 if __name__ == '__main__':

@@ -293,13 +293,18 @@ def show(summary: dict, title: str) -> None:
 
 def main() -> int:
     """Run and print."""
-    command = rig_command(__doc__.splitlines()[0], recordings=10)
+    command = rig_command(
+        __doc__.splitlines()[0], recordings=10, quick='one rig, one recording; no calibrations'
+    )
     command.add_argument(
         '--part',
         choices=('used', 'calibrated'),
         help='only the use of a model, or only calibrations (default: both)',
     )
     arguments = command.parse_args()
+    if arguments.quick:
+        arguments.quick, arguments.rigs, arguments.recordings = False, 1, 1
+        arguments.part = arguments.part or 'used'
     attempt = partial(try_model, part=arguments.part)
     return run_bench('motion', arguments, attempt, summary_of, show)
 

@@ -93,10 +93,12 @@ def missed_goals(
     ]
 
 
-def rig_command(description: str, recordings: int) -> argparse.ArgumentParser:
-    """Return the options that all benches of rigs have."""
+def rig_command(
+    description: str, recordings: int, quick: str = 'one rig, four recordings'
+) -> argparse.ArgumentParser:
+    """Return the options that all benches of rigs have; quick: what `--quick` does."""
     command = argparse.ArgumentParser(description=description)
-    command.add_argument('--quick', action='store_true', help='one rig, four recordings')
+    command.add_argument('--quick', action='store_true', help=quick)
     command.add_argument('--json', action='store_true', help='print one JSON object')
     command.add_argument('--rigs', type=int, default=5, help='how many (default: 5)')
     command.add_argument(
