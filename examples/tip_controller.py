@@ -15,17 +15,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 import math
 import signal
+import struct
 import time
 
-from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from sensor_msgs.msg import FluidPressure
-from std_msgs.msg import Float64MultiArray
+from sensor_msgs.msg import FluidPressure, PointCloud2
 
 RATE = 50.0  # Hz, of commands
 SMALL_PART = (
@@ -61,15 +61,15 @@ class TipController:
     arrived: float | None = None
     last: float | None = None
 
-    def take_tip(self, x: float, y: float, now: float) -> None:
-        """Take an estimate of the tip."""
-        if math.isfinite(x) and math.isfinite(y):
-            self.tip, self.seen = (x, y), now
+    def take_state(
+        self, tip: Point, slope: Point, compliance: tuple[Point, Point], now: float
+    ) -> None:
+        """Take an estimate of the tip, and what pressure and force do to it, of one moment.
 
-    def take_jacobian(self, slope: Point, compliance: tuple[Point, Point]) -> None:
-        """Take what pressure and force do to the tip; in a play gap the last slope holds."""
-        if all(map(math.isfinite, (*slope, *compliance[0], *compliance[1]))):
-            self.compliance = compliance
+        In a play gap the last slope holds.
+        """
+        if all(map(math.isfinite, (*tip, *slope, *compliance[0], *compliance[1]))):
+            self.tip, self.compliance, self.seen = tip, compliance, now
             if slope != (0.0, 0.0):
                 self.slope = slope
 
@@ -93,18 +93,25 @@ class TipController:
             part * force for part, force in parts if math.isfinite(force) or abs(part) > SMALL_PART
         )
 
+    def silence(self, now: float) -> float:
+        """Return for how long (s) tip and force have not both been known."""
+        return now - min(self.seen, self.felt)
+
+    def valid(self, now: float) -> bool:
+        """Whether tip, Jacobian and force are fresh enough to drive by."""
+        return self.silence(now) <= self.hold_after and self.slope != (0.0, 0.0)
+
     def step(self, now: float) -> float:
         """Return the pressure to command (Pa)."""
         elapsed = 0.0 if self.last is None else now - self.last
         self.last = now
-        silence = now - min(self.seen, self.felt)
-        if silence > self.vent_after or self.slope == (0.0, 0.0):
+        if self.valid(now):
+            self.drive(now, elapsed)
+        elif self.silence(now) > self.vent_after or self.slope == (0.0, 0.0):
             self.mode = 'waiting' if self.command == 0.0 else 'venting'
             self.command = max(self.command - self.max_rate * elapsed, 0.0)
-        elif silence > self.hold_after:
-            self.mode = 'holding'
         else:
-            self.drive(now, elapsed)
+            self.mode = 'holding'
         return self.command
 
     def drive(self, now: float, elapsed: float) -> None:
@@ -146,8 +153,7 @@ class TipControllerNode(Node):
         self.mode, self.told = '', 0
         self.commands = self.create_publisher(FluidPressure, 'pressure_command', 10)
         for kind, topic, take in (
-            (PoseWithCovarianceStamped, 'fused/tip', self.take_tip),
-            (Float64MultiArray, 'fused/tip_jacobian', self.take_jacobian),
+            (PointCloud2, 'fused/state', self.take_state),
             (WrenchStamped, 'fused/end_wrench', self.take_force),
         ):
             self.create_subscription(kind, topic, take, 10)
@@ -155,14 +161,14 @@ class TipControllerNode(Node):
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / RATE, self.step, clock=clock)
 
-    def take_tip(self, message: PoseWithCovarianceStamped) -> None:
-        place = message.pose.pose.position
-        self.controller.take_tip(place.x, place.y, time.monotonic())
-
-    def take_jacobian(self, message: Float64MultiArray) -> None:
-        # 3 x 4, row by row: d(x, y, theta) / d(pressure, F1, F2, M).
-        x, y = message.data[0:3], message.data[4:7]
-        self.controller.take_jacobian((x[0], y[0]), ((x[1], x[2]), (y[1], y[2])))
+    def take_state(self, message: PointCloud2) -> None:
+        # One point. Its Jacobian is 3 x 4, row by row: d(x, y, theta) / d(pressure, F1, F2, M).
+        places = {item.name: item.offset for item in message.fields}
+        tip = struct.unpack_from('<2f', message.data, places['x'])
+        rows = struct.unpack_from('<12d', message.data, places['tip_jacobian'])
+        x, y = rows[0:3], rows[4:7]
+        compliance = (x[1], x[2]), (y[1], y[2])
+        self.controller.take_state(tip, (x[0], y[0]), compliance, time.monotonic())
 
     def take_force(self, message: WrenchStamped) -> None:
         force = message.wrench.force
@@ -213,6 +219,7 @@ def main() -> None:
         # process that is killed the valve must guard itself.
         node.send(0.0)
         node.commands.wait_for_all_acked(Duration(seconds=1.0))
+        executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
 

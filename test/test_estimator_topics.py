@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from types import SimpleNamespace
 
 import numpy as np
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.messages.builders import Input, Output
-from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.estimate import OUTPUTS, STATE_POINT
 from pneunet_ros.messages.readings import (
     decode_pressure,
     decode_wrench,
@@ -65,6 +67,7 @@ def test_topics_are_those_of_the_contract():
         ('end_wrench', 'geometry_msgs/msg/WrenchStamped', 'in'),
         ('targets', 'sensor_msgs/msg/PointCloud2', 'in'),
         ('tip_pose', 'geometry_msgs/msg/PoseStamped', 'in'),
+        ('state', 'sensor_msgs/msg/PointCloud2', 'out'),
         ('centerline', 'nav_msgs/msg/Path', 'out'),
         ('curvature', 'std_msgs/msg/Float64MultiArray', 'out'),
         ('shape', 'sensor_msgs/msg/PointCloud2', 'out'),
@@ -262,6 +265,42 @@ def test_tip_is_the_last_station_with_its_covariance(types):
     still = [2, 3, 4]
     assert not covariance[still].any()
     assert not covariance[:, still].any()
+
+
+def test_state_is_all_that_a_controller_needs_in_one_point(types):
+    estimate = random_estimate(5)
+    message = OUTPUT['state'].encode(estimate, FRAME, types)
+    assert (message.header.frame_id, message.width, message.height) == (FRAME, 1, 1)
+    assert {item.name: (item.offset, item.datatype, item.count) for item in message.fields} == {
+        **{name: (4 * place, 7, 1) for place, name in enumerate('xyz')},
+        'mode': (12, 5, 1),
+        **{
+            name: (16 + 8 * place, 8, 1)
+            for place, name in enumerate(
+                ['theta', 'vx', 'vy', 'omega']
+                + [f'cov_{part}' for part in ('xx', 'xy', 'xt', 'yy', 'yt', 'tt')]
+            )
+        },
+        'tip_jacobian': (96, 8, 12),
+        'settled': (192, 5, 1),
+    }
+    (point,) = np.frombuffer(message.data, STATE_POINT)
+    x, y, theta = estimate.shape.tip
+    assert (point['x'], point['y'], point['z']) == (np.float32(x), np.float32(y), 0.0)
+    assert point['theta'] == theta
+    covariance = estimate.tip_covariance
+    assert (point['cov_xt'], point['cov_yy']) == (covariance[0, 2], covariance[1, 1])
+    np.testing.assert_array_equal(point['tip_jacobian'].reshape(3, 4), estimate.jacobian)
+    assert (point['vx'], point['vy'], point['omega']) == (0.0, 0.0, 0.0)
+    assert (point['mode'], point['settled']) == (0, 1)  # a prediction, without motion
+
+
+def test_state_has_the_velocity_of_a_moving_arm(types):
+    motion = SimpleNamespace(velocity=np.array([0.1, -0.2, 3.0]), settled=False)
+    estimate = dataclasses.replace(random_estimate(5), motion=motion)
+    (point,) = np.frombuffer(OUTPUT['state'].encode(estimate, FRAME, types).data, STATE_POINT)
+    assert [point[name] for name in ('vx', 'vy', 'omega')] == [0.1, -0.2, 3.0]
+    assert point['settled'] == 0
 
 
 def test_tip_jacobian_is_labeled(types):

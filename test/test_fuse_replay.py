@@ -41,7 +41,7 @@ def test_all_fused_topics_are_written_beside_the_inputs(replayed):
     recording = open_recording(output)
     names = {f'/pneunet/{item.name}' for item in FUSION_OUTPUTS}
     assert names == {f'/pneunet/fused/{name}' for name in (
-        'shape', 'tip', 'tip_jacobian', 'curvature', 'centerline',
+        'state', 'shape', 'tip', 'tip_jacobian', 'curvature', 'centerline',
         'end_wrench', 'end_force', 'contact', 'pressure_bias',
     )}  # fmt: skip
     assert all(recording.count([name]) == summary['estimates'] > 0 for name in names)

@@ -29,7 +29,7 @@ from support.random_frames import random_sightings, TARGETS
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from pneunet_ros.nodes.configured_node import ConfiguredNode  # noqa: E402
+from pneunet_ros.nodes.connections import rival_sentences  # noqa: E402
 from pneunet_ros.nodes.estimator.configuration import PARAMETERS as ESTIMATOR  # noqa: E402
 from pneunet_ros.nodes.estimator.health import EstimatorHealth  # noqa: E402
 from pneunet_ros.nodes.estimator.warm_up import load_inside, warm_up  # noqa: E402
@@ -147,7 +147,7 @@ def published_in(seconds, rate, centerline_rate, subscribers=1):
 def test_the_centerline_keeps_its_rate(centerline_rate, expected):
     counts = published_in(2.0, 100.0, centerline_rate)
     assert counts.pop('centerline') == pytest.approx(expected, abs=1)
-    assert counts == dict.fromkeys(('shape', 'tip', 'tip_jacobian', 'curvature'), 200)
+    assert counts == dict.fromkeys(('state', 'shape', 'tip', 'tip_jacobian', 'curvature'), 200)
 
 
 def test_nothing_is_published_for_nobody():
@@ -287,17 +287,17 @@ def test_what_others_send_once_they_have_begun_is_an_error_only_when_it_does_not
 
 def test_what_controllers_need_is_published_first():
     names = [topic.name for topic in in_order(OUTPUTS)]
-    assert names == ['shape', 'tip', 'tip_jacobian', 'curvature', 'centerline']
+    assert names == ['state', 'shape', 'tip', 'tip_jacobian', 'curvature', 'centerline']
 
 
 # A second node
 
 
 def fake_node(publishers, names, topics=('/p/tip', '/p/model_info', '/diagnostics')):
-    """Make what `rivals` asks a node for: how many publish on each of its topics, and who is."""
+    """Make what `rival_sentences` asks a node for: who publishes on its topics, and who is."""
     return SimpleNamespace(
-        info=SimpleNamespace(topic_name='/p/model_info'),
         publishers=[SimpleNamespace(topic_name=topic) for topic in topics],
+        subscriptions=[],
         count_publishers=lambda topic: publishers.get(topic, 1),
         get_node_names_and_namespaces=lambda: names,
         get_name=lambda: 'estimator',
@@ -316,7 +316,7 @@ def fake_node(publishers, names, topics=('/p/tip', '/p/model_info', '/diagnostic
     ],
 )
 def test_a_second_node_in_its_place_is_noticed(publishers, names, sentence):
-    assert ConfiguredNode.rivals(fake_node(publishers, names)) == sentence
+    assert '; '.join(rival_sentences(fake_node(publishers, names), ['/p/model_info'])) == sentence
 
 
 def test_what_a_wrench_has_out_of_the_plane_is_always_told():

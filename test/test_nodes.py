@@ -35,7 +35,10 @@ pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from pneunet_ros.nodes.health import Level  # noqa: E402
+import rclpy  # noqa: E402
+from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import FluidPressure  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
 from support.dds_peer import EstimatorPeer, running_node, START_TIMEOUT  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
@@ -241,6 +244,24 @@ def test_a_second_node_of_the_name_is_noticed_and_so_is_its_end(peer, tmp_path):
         assert second.end(signal.SIGTERM) == 0, second.text
     # On a busy machine the end is noticed only when the lease of its participant runs out.
     assert peer.spin_until(lambda: peer.report()[2]['rivals'] == '', timeout=60.0)
+
+
+def test_publishers_that_compete_or_cannot_be_heard_are_named_while_they_last(peer):
+    expect_estimate(peer, 100.0)
+    rival = rclpy.create_node('rival', namespace='/pneunet', context=peer.context)
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    rival.create_publisher(FluidPressure, 'pressure', best_effort)  # the node wants reliable
+    rival.create_publisher(String, 'targets', 1)
+    mixed = '2 publishers on /pneunet/pressure, whose messages are mixed: '
+    assert peer.spin_until(lambda: '/pneunet/targets as std_msgs' in peer.report()[1])
+    level, message, values = peer.report()
+    assert level >= Level.WARN
+    assert f'{mixed}/pneunet/peer, /pneunet/rival' in values['rivals']
+    assert '/pneunet/pressure of /pneunet/rival cannot be received' in values['mismatched']
+    assert values['mismatched'] in message
+    rival.destroy_node()
+    assert peer.spin_until(lambda: peer.report()[2]['rivals'] == '', timeout=60.0)
+    assert peer.report()[2]['mismatched'] == ''
 
 
 def expect_estimate(peer, seconds, value=30e3):

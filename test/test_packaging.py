@@ -18,6 +18,7 @@ from pneunet_ros.core import share
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.share import share_path
 import pytest
+from ruamel.yaml import YAML
 from support.setup_arguments import arguments_of_setup, commands_of
 
 CHECKOUT = Path(__file__).resolve().parent.parent
@@ -50,6 +51,14 @@ LIBRARIES = {
 OPTIONAL = {'argcomplete': 'completion', 'distributed': 'cluster', 'mujoco': 'mujoco'}
 
 
+OF_TESTS = {
+    'hypothesis': 'python3-hypothesis',
+    'pytest': 'python3-pytest',
+    'setuptools': 'python3-setuptools',
+}
+BESIDE_TESTS = {'extensible_arm_story', 'mujoco', 'skimage', 'sklearn'}  # skipped without them
+
+
 @pytest.fixture(scope='module')
 def manifest():
     return ElementTree.parse(CHECKOUT / 'package.xml').getroot()
@@ -63,14 +72,19 @@ def setup_arguments():
 
 def imported_outside_the_house():
     """Top names of all that the package imports beyond the standard library and itself."""
+    return imported_by(PACKAGE) - {'pneunet_ros'}
+
+
+def imported_by(folder):
+    """Top names of all that the files of a folder import beyond the standard library."""
     names = set()
-    for file in PACKAGE.rglob('*.py'):
+    for file in folder.rglob('*.py'):
         for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
             if isinstance(node, ast.Import):
                 names |= {alias.name.split('.')[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
                 names.add(node.module.split('.')[0])
-    return names - sys.stdlib_module_names - {'pneunet_ros'}
+    return names - sys.stdlib_module_names
 
 
 def test_versions_agree(manifest, setup_arguments):
@@ -103,6 +117,22 @@ def test_what_is_imported_is_declared(manifest, setup_arguments):
                 f'{name} is imported and declared nowhere: add it to package.xml, '
                 'and to setup.py and LIBRARIES of this test if it is no ROS package'
             )
+
+
+def test_what_tests_import_is_declared(manifest):
+    kinds = ('exec_depend', 'test_depend')
+    depends = {element.text for kind in kinds for element in manifest.iter(kind)}
+    own = {path.stem for path in (CHECKOUT / 'test').rglob('*.py')} | {'support', 'pneunet_ros'}
+    keys = {name: key for name, (_, key) in LIBRARIES.items()} | OF_TESTS
+    for name in imported_by(CHECKOUT / 'test') - own - BESIDE_TESTS:
+        assert keys.get(name, name) in depends, f'{name}: no test_depend of package.xml'
+
+
+def test_the_manifest_names_what_launch_files_and_workflow_need(manifest):
+    depends = {element.text for element in manifest.iter('exec_depend')}
+    assert {'ros2launch', 'launch', 'launch_ros', 'ament_index_python'} <= depends
+    workflow = YAML(typ='safe').load(CHECKOUT / '.github/workflows/ci.yaml')
+    assert workflow['jobs']['ros']['container'].startswith('ros:jazzy')
 
 
 def test_pip_puts_only_names_of_the_package_on_the_path(setup_arguments):

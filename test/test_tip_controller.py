@@ -73,8 +73,7 @@ def inputs(controller, seconds, begin=0.0, estimates=True, wall=None, known=True
         if estimates:
             length = math.hypot(*slope)
             push = (-force * slope[0] / length, -force * slope[1] / length)
-            controller.take_tip(*tip, now)
-            controller.take_jacobian(slope, ((COMPLIANCE, 0.0), (0.0, COMPLIANCE)))
+            controller.take_state(tip, slope, ((COMPLIANCE, 0.0), (0.0, COMPLIANCE)), now)
             controller.take_force(*(push if known else (math.nan, math.nan)), now)
         commands.append(controller.step(now))
         pressure += (commands[-1] - pressure) * 0.2
@@ -154,7 +153,7 @@ def test_where_the_force_is_not_known_it_holds_and_then_vents(example):
 def test_a_component_across_the_way_need_not_be_known(example):
     """As F1 of a straight arm, which nothing tells."""
     controller = example.TipController(path=on_circle(45e3))
-    controller.take_jacobian((0.0, 1e-6), ((1.0, 0.0), (0.0, 1.0)))
+    controller.take_state((0.1, 0.0), (0.0, 1e-6), ((1.0, 0.0), (0.0, 1.0)), 0.0)
     controller.take_force(math.nan, -0.02, 0.0)
     assert controller.resistance == pytest.approx(0.02)
     controller.take_force(0.01, math.nan, 1.0)
@@ -165,18 +164,31 @@ def test_a_component_across_the_way_need_not_be_known(example):
 def test_numbers_that_are_none_are_no_estimates(example):
     controller = example.TipController(path=on_circle(40e3))
     no_slack = ((1.0, 0.0), (0.0, 1.0))
-    controller.take_jacobian((math.nan, 1e-6), no_slack)
-    controller.take_jacobian((0.0, 0.0), no_slack)
-    controller.take_tip(math.nan, 0.0, 0.0)
+    controller.take_state((0.1, 0.0), (math.nan, 1e-6), no_slack, 0.0)
+    controller.take_state((math.nan, 0.0), (0.0, 1e-6), no_slack, 0.0)
+    controller.take_state((0.1, 0.0), (0.0, 0.0), no_slack, 0.0)
     controller.take_force(0.0, 0.0, 0.0)
+    assert not controller.valid(0.1)
     assert controller.step(0.1) == 0.0
     assert controller.mode == 'waiting'
     # In a play gap the slope is zero; the last one shows the way.
-    controller.take_jacobian((0.0, 1e-6), no_slack)
-    controller.take_jacobian((0.0, 0.0), no_slack)
-    controller.take_tip(0.1, 0.0, 0.2)
+    controller.take_state((0.1, 0.0), (0.0, 1e-6), no_slack, 0.2)
+    controller.take_state((0.1, 0.0), (0.0, 0.0), no_slack, 0.2)
     controller.take_force(0.0, 0.0, 0.2)
+    assert controller.valid(0.3)
     assert controller.step(0.3) > 0.0
+
+
+def test_after_a_loss_tip_and_jacobian_are_of_one_moment(example):
+    controller = example.TipController(path=on_circle(40e3))
+    inputs(controller, 2.0)
+    inputs(controller, 1.0, begin=2.0, estimates=False)
+    assert not controller.valid(3.0)
+    tip, slope = arm(10e3)
+    controller.take_state(tip, slope, controller.compliance, 3.0)
+    controller.take_force(0.0, 0.0, 3.0)
+    assert controller.valid(3.0)
+    assert (controller.tip, controller.slope) == (tip, slope)
 
 
 def test_the_path_lies_where_the_tip_goes(example):

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+import math
 from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
@@ -211,9 +212,9 @@ def _point_fields(point: np.dtype[Any], types: MessageTypes) -> tuple[Any, ...]:
     return tuple(
         make(
             name=name,
-            offset=int(point.fields[name][1]),
-            datatype=_POINT_FIELD_DATATYPE[point.fields[name][0].str],
-            count=1,
+            offset=int(offset),
+            datatype=_POINT_FIELD_DATATYPE[kind.base.str],
+            count=math.prod(kind.shape),
         )
-        for name in point.names or ()
+        for name, (kind, offset, *_) in point.fields.items()
     )

@@ -6,6 +6,7 @@ publish and what they write is equal to the last bit.
 
 from __future__ import annotations
 
+from enum import IntEnum
 from functools import partial
 from typing import Any
 
@@ -36,6 +37,31 @@ SHAPE_POINT = np.dtype(
         'itemsize': 72,
     }
 )
+
+# The point of `state`: float32 coordinates, the mode in the 4 bytes after them, then all that a
+# controller needs of one moment. Covariances of x, y (m) and theta (rad); jacobian row by row.
+COVARIANCES = {'xx': (0, 0), 'xy': (0, 1), 'xt': (0, 2), 'yy': (1, 1), 'yt': (1, 2), 'tt': (2, 2)}
+STATE_POINT = np.dtype(
+    {
+        'names': [
+            *('x', 'y', 'z', 'mode', 'theta', 'vx', 'vy', 'omega'),
+            *(f'cov_{name}' for name in COVARIANCES),
+            *('tip_jacobian', 'settled'),
+        ],
+        'formats': [*['<f4'] * 3, '<i4', *['<f8'] * 10, ('<f8', (12,)), '<i4'],
+        'offsets': [0, 4, 8, 12, *range(16, 96, 8), 96, 192],
+        'itemsize': 200,
+    }
+)
+
+
+class StateMode(IntEnum):
+    """From what a state is made."""
+
+    PREDICTION = 0
+    FUSED = 1
+    CAMERA_ONLY = 2
+
 
 # Where the covariances of (x, y, theta) stand among the 36 of a pose: x, y and the turn about z.
 _COVARIANCE_PLACES = [6 * row + column for row in (0, 1, 5) for column in (0, 1, 5)]
@@ -89,7 +115,28 @@ def tip_row(estimate: ShapeEstimate) -> Array:
     return row
 
 
+def state_point(
+    estimate: ShapeEstimate, mode: StateMode = StateMode.PREDICTION
+) -> npt.NDArray[Any]:
+    """Return the one record of STATE_POINT; z = 0.
+
+    A model without `motion` is quasi-static: its velocities are zero, and it is settled.
+    """
+    point = np.zeros(1, STATE_POINT)
+    point['x'], point['y'], point['theta'] = estimate.shape.tip
+    for name, place in COVARIANCES.items():
+        point[f'cov_{name}'] = estimate.tip_covariance[place]
+    point['tip_jacobian'] = estimate.jacobian.ravel()
+    point['mode'], point['settled'] = mode, 1
+    if estimate.motion is not None:
+        point['vx'], point['vy'], point['omega'] = estimate.motion.velocity
+        point['settled'] = estimate.motion.settled
+    return point
+
+
+STATE = Output(name='state', type=POINTS_TYPE, build=point_cloud, numbers=state_point)
 OUTPUTS: tuple[Output[ShapeEstimate], ...] = (
+    STATE,
     Output(name='centerline', type=PATH_TYPE, build=path, numbers=centerline_rows),
     Output(
         name='curvature',

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.estimation.estimate import ShapeEstimate
-from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome
+from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.fusion import Event, Fusion
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.messages.builders import (
@@ -25,7 +25,7 @@ from pneunet_ros.messages.builders import (
     POINTS_TYPE,
     UNREADABLE,
 )
-from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.estimate import OUTPUTS, STATE, state_point, StateMode
 from pneunet_ros.messages.readings import (
     decode_targets,
     FUSED,
@@ -123,8 +123,21 @@ def of_estimate(output: Output[ShapeEstimate]) -> Output[FusedEstimate]:
     )
 
 
+def fused_state(fused: FusedEstimate) -> npt.NDArray[Any]:
+    """Return the one record of STATE_POINT."""
+    return state_point(fused.estimate, STATE_MODES[fused.mode])
+
+
+# The modes of `state` and `fused/state` are counted from the estimator's, those of
+# `fused/end_force` from the best.
+STATE_MODES = {
+    Mode.PREDICTION: StateMode.PREDICTION,
+    Mode.FUSED: StateMode.FUSED,
+    Mode.CAMERA_ONLY: StateMode.CAMERA_ONLY,
+}
 FUSION_OUTPUTS: tuple[Output[FusedEstimate], ...] = (
-    *(of_estimate(output) for output in OUTPUTS),
+    *(of_estimate(output) for output in OUTPUTS if output is not STATE),
+    Output(name=f'{FUSED}/{STATE.name}', type=STATE.type, build=STATE.build, numbers=fused_state),
     Output(name=f'{FUSED}/end_wrench', type=WRENCH_TYPE, build=end_wrench),
     Output(name=f'{FUSED}/end_force', type=POINTS_TYPE, build=force_cloud),
     Output(name=f'{FUSED}/contact', type=POINTS_TYPE, build=contact_cloud),

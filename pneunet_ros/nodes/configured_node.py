@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Callable, Mapping
 import math
 import time
@@ -14,6 +13,7 @@ from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.kernels import jit
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.nodes.callback_errors import CallbackErrors, refuse_call
+from pneunet_ros.nodes.connections import mismatch_sentences, rival_sentences
 from pneunet_ros.nodes.health import count_texts, Level, Report
 from pneunet_ros.nodes.log import Log
 from pneunet_ros.nodes.losses import Losses
@@ -27,7 +27,6 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 REPORT_PERIOD = 1.0  # s
-SHARED_TOPICS = ('/diagnostics', '/tf', '/rosout', '/parameter_events')  # of all nodes
 
 
 class Configuration(Protocol):
@@ -53,6 +52,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
     """
 
     INFO_TOPIC: ClassVar[str] = 'model_info'
+    SHARED_INPUTS: ClassVar[tuple[str, ...]] = ()  # on which several may publish
 
     def __init__(
         self,
@@ -192,32 +192,17 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         now = time.monotonic()
         self.log.refusal(refusal, now - self.ready_at, now)
 
-    def rivals(self) -> str:
-        """Say which other node stands in the place of this one; empty where none does."""
-        shared = {*SHARED_TOPICS, self.info.topic_name}
-        own = Counter(publisher.topic_name for publisher in self.publishers)
-        topics = [
-            topic
-            for topic, count in own.items()
-            if topic not in shared and self.count_publishers(topic) > count
-        ]
-        known = [(name, namespace) for name, namespace in self.get_node_names_and_namespaces()]
-        sentences = []
-        if known.count((self.get_name(), self.get_namespace())) > 1:
-            sentences.append(f'another node is named {self.get_fully_qualified_name()}, too')
-        if topics:
-            sentences.append(f'somebody else publishes on {", ".join(sorted(topics))}, too')
-        return '; '.join(sentences)
-
     def note_message(self, topic: str, info: Mapping[str, int | None]) -> None:
         """Count what was lost of a topic before this message of it."""
         self.losses.take(topic, info, self.count_publishers)
 
     def publish_report(self, what: str, report: Report) -> None:
         """Publish diagnostics on `what`."""
-        rivals = self.rivals()
+        shared = map(self.resolve_topic_name, (self.INFO_TOPIC, *self.SHARED_INPUTS))
+        rivals = '; '.join(rival_sentences(self, list(shared)))
+        mismatched = '; '.join(mismatch_sentences(self))
         level, message = report.level, report.message
-        for warning in filter(None, (self.losses.sentence(), rivals)):
+        for warning in filter(None, (self.losses.sentence(), rivals, mismatched)):
             message = warning if level is Level.OK else f'{message}; {warning}'
             level = max(level, Level.WARN)
         internal = self.errors.sentence()
@@ -229,6 +214,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         lost = count_texts('lost', total)
         errors = count_texts('internal_errors', self.errors.total)
         values = {'kernels': kernels, **report.values, **lost, **errors, 'rivals': rivals}
+        values['mismatched'] = mismatched
         self.publish_status(what, level, message, values)
 
     def publish_status(
@@ -241,7 +227,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
             level=bytes([level]),
             name=f'{self.get_fully_qualified_name()[1:]}: {what}',
             message=message,
-            hardware_id=model,
+            hardware_id=self.get_namespace().strip('/') or self.get_name(),
             values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
         array = DiagnosticArray(status=[status])

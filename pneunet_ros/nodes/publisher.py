@@ -11,7 +11,7 @@ from pneunet_ros.nodes.topics import output_qos, publisher
 
 # By their last names. Published first, as a controller may wait for them; the centerline last, as
 # it is for people.
-FOR_CONTROL = ('shape', 'tip', 'tip_jacobian', 'end_force', 'end_wrench')
+FOR_CONTROL = ('state', 'shape', 'tip', 'tip_jacobian', 'end_force', 'end_wrench')
 FOR_PEOPLE = ('centerline', 'markers', 'joint_states')
 
 

@@ -50,6 +50,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     """Leads a `LiveLab` through real time by the steady clock; stamps are those of ROS."""
 
     INFO_TOPIC: ClassVar[str] = 'lab_info'
+    SHARED_INPUTS: ClassVar[tuple[str, ...]] = ('pressure_command', 'force_command')
 
     def __init__(self) -> None:
         """Declare all parameters, get everything warm, and only then open the topics."""

@@ -1,0 +1,80 @@
+"""Who else is on the topics of a node: rivals, and those who cannot meet it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator
+from typing import Any
+
+from rclpy.qos import qos_check_compatible, QoSCompatibility
+
+SHARED_TOPICS = ('/diagnostics', '/tf', '/rosout', '/parameter_events', '/clock')  # of all nodes
+
+
+def rival_sentences(node: Any, shared: Collection[str]) -> Iterator[str]:
+    """Say who stands in the place of a node, and which inputs have several publishers.
+
+    shared: topics beside those of all nodes on which several may publish.
+    """
+    own_name = node.get_fully_qualified_name()
+    known = list(node.get_node_names_and_namespaces())
+    if known.count((node.get_name(), node.get_namespace())) > 1:
+        yield f'another node is named {own_name}, too'
+    passed = {*SHARED_TOPICS, *shared}
+    own = Counter(publisher.topic_name for publisher in node.publishers)
+    topics = [
+        topic
+        for topic, count in own.items()
+        if topic not in passed and node.count_publishers(topic) > count
+    ]
+    if topics:
+        yield f'somebody else publishes on {", ".join(sorted(topics))}, too'
+    for topic in sorted({item.topic_name for item in node.subscriptions} - passed):
+        names = sorted(map(name_of, node.get_publishers_info_by_topic(topic)))
+        if len(names) > 1:
+            yield (
+                f'{len(names)} publishers on {topic}, whose messages are mixed: '
+                f'{", ".join(names)}; stop all but one'
+            )
+
+
+def mismatch_sentences(node: Any) -> Iterator[str]:
+    """Say whose messages a node cannot receive, and who cannot receive those of the node."""
+    for item in node.subscriptions:
+        topic = item.topic_name
+        for other in node.get_publishers_info_by_topic(topic):
+            kind = type_name(item.msg_type)
+            if other.topic_type != kind:
+                yield f'{name_of(other)} publishes {topic} as {other.topic_type}, not as {kind}'
+                continue
+            reason = why_not(other.qos_profile, item.qos_profile)
+            if reason:
+                yield (
+                    f'{topic} of {name_of(other)} cannot be received ({reason}): set '
+                    f'qos_overrides.{topic}.subscription.reliability, or publish as is wanted here'
+                )
+    for item in node.publishers:
+        topic = item.topic_name
+        for other in node.get_subscriptions_info_by_topic(topic):
+            reason = why_not(item.qos_profile, other.qos_profile)
+            if reason:
+                yield f'{name_of(other)} cannot receive {topic} ({reason})'
+
+
+def why_not(published: Any, subscribed: Any) -> str:
+    """Return why a publisher and a subscription cannot meet; empty where they can."""
+    compatibility, reason = qos_check_compatible(published, subscribed)
+    if compatibility is not QoSCompatibility.ERROR:
+        return ''
+    return str(reason).replace('ERROR: ', '').strip('; ')
+
+
+def name_of(endpoint: Any) -> str:
+    """Return the full name of the node of a publisher or subscription."""
+    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
+
+
+def type_name(message_type: Any) -> str:
+    """Return the name of a message's type as ROS writes it."""
+    package, folder, *_ = message_type.__module__.split('.')
+    return f'{package}/{folder}/{message_type.__name__}'
