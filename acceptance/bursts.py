@@ -61,6 +61,8 @@ def run(name: str, folder: Path, readings: int) -> Iterator[dict[str, Any]]:
         peer = SensorsPeer(DOMAIN, name, outputs)
         first = write_bursts(folder / f'{name}.mcap', RATES['two frames'], 2)
         peer.connect([message for burst in first for message in burst])
+        # Plain Python gives the same numbers to ten digits only.
+        assert peer.spin_until(lambda: peer.report()[2]['kernels'] == 'compiled')
         spread = ArrivalSpread(peer)
         for label, rates in RATES.items():
             path = folder / f'{name} {label}.mcap'
@@ -71,12 +73,17 @@ def run(name: str, folder: Path, readings: int) -> Iterator[dict[str, Any]]:
             spread.at.clear()
             spread.apart.clear()
             live = played_live(peer, bursts)
-            pairs = zip(live, expected, strict=True)
+            pairs = list(zip(live, expected, strict=True))
+            lost = peer.report()[2]['lost']
             yield {
                 'node': name,
                 'rates': label,
                 'readings': readings,
                 'equal': sum(one == other for one, other in pairs),
+                'first_other': next(
+                    (at for at, (one, other) in enumerate(pairs) if one != other), None
+                ),
+                'lost': int(lost),
                 'apart_p50_ms': float(np.median(spread.apart)),
                 'apart_p99_ms': float(np.percentile(spread.apart, 99.0)),
             }
@@ -88,7 +95,8 @@ def said(one: dict[str, Any]) -> str:
     """Return a result as a line."""
     return (
         f'{one["node"]}, {one["rates"]}: {one["equal"]} of {one["readings"]} equal; back to back '
-        f'{one["apart_p50_ms"]:.2f} ms apart, p99 {one["apart_p99_ms"]:.2f} ms'
+        f'{one["apart_p50_ms"]:.2f} ms apart, p99 {one["apart_p99_ms"]:.2f} ms; first other one '
+        f'{one["first_other"]}, lost {one["lost"]}'
     )
 
 

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from typing import Any
 
-from rclpy.qos import qos_check_compatible, QoSCompatibility
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 SHARED_TOPICS = ('/diagnostics', '/tf', '/rosout', '/parameter_events', '/clock')  # of all nodes
 
@@ -62,11 +62,21 @@ def mismatch_sentences(node: Any) -> Iterator[str]:
 
 
 def why_not(published: Any, subscribed: Any) -> str:
-    """Return why a publisher and a subscription cannot meet; empty where they can."""
-    compatibility, reason = qos_check_compatible(published, subscribed)
-    if compatibility is not QoSCompatibility.ERROR:
-        return ''
-    return str(reason).replace('ERROR: ', '').strip('; ')
+    """Return why a publisher and a subscription cannot meet; empty where they can.
+
+    By reliability and durability: of other policies the graph does not tell "unset" from a value.
+    """
+    if (published.reliability, subscribed.reliability) == (
+        ReliabilityPolicy.BEST_EFFORT,
+        ReliabilityPolicy.RELIABLE,
+    ):
+        return 'published best effort, wanted reliable'
+    if (published.durability, subscribed.durability) == (
+        DurabilityPolicy.VOLATILE,
+        DurabilityPolicy.TRANSIENT_LOCAL,
+    ):
+        return 'published volatile, wanted transient local'
+    return ''
 
 
 def name_of(endpoint: Any) -> str:
