@@ -7,6 +7,7 @@ import math
 import numpy as np
 from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.diagnosis.diagnosis import with_tips
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.tip_frame import find_base, in_base_frame
 from pneunet_ros.model.starting_arm import starting_arm
@@ -128,3 +129,22 @@ def test_poses_that_do_not_show_the_clamp_are_refused():
     still[:, 2] = np.nan
     with pytest.raises(RecordingError, match='do not show where the clamp is'):
         in_base_frame([recorded(still)], ARM)
+
+
+def test_a_diagnosis_takes_the_tip_for_a_target_where_no_other_was_seen():
+    run = recorded(poses())
+    model, (changed,), held_out, notes = with_tips(ARM, [run], [])
+    assert model.target_arclength.tolist() == [0.0, 0.06, LENGTH]
+    assert changed.x[:, -1] == pytest.approx(run.tip_pose[:, 0])
+    assert changed.tip_pose is None
+    assert held_out == []
+    assert any('heading of the tip was not used' in note for note in notes)
+    plain = recorded(poses()).without_tip_pose()
+    assert with_tips(ARM, [plain], [])[1:] == ([plain], [], ())
+
+
+def test_a_diagnosis_of_headings_alone_is_refused():
+    pose = poses()
+    pose[:, :2] = np.nan
+    with pytest.raises(RecordingError, match='only the heading of the tip'):
+        with_tips(ARM, [recorded(pose)], [])

@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.augmented_model import (
@@ -49,6 +50,7 @@ from pneunet_ros.diagnosis.settings import (
     SelectionSettings,
 )
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.model.arm import Arm
 
 
@@ -119,8 +121,8 @@ def diagnose(
     Args:
         model: the arm, with the effects that are known already.
         training: recordings of pressure (Pa), end load (N, N m) and targets (m, base frame), at
-            least one of them without a load. A measured pose of the tip is not used, which a note
-            says.
+            least one of them without a load. The position of the tip is a target where no other
+            was seen; its heading is not used, which a note says.
         held_out: others, in the same range of pressure and force; may be empty.
         seed: of the simulated clean data behind the thresholds.
         executor: where they are simulated; here if None.
@@ -160,10 +162,7 @@ def investigate(
     settings: DiagnosisSettings = DEFAULTS,
 ) -> Investigation:
     """Diagnose as `diagnose` does; return the diagnosis with all fits it rests on."""
-    notes = notes_on_tip_pose((*training, *held_out))
-    training, held_out = (
-        [run.without_tip_pose() for run in runs] for runs in (training, held_out)
-    )
+    model, training, held_out, notes = with_tips(model, training, held_out)
     base = fit_base(model, training, on_progress, settings.base_fit, settings.calibration)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
     known = tuple(effect.name for effect in base.frame.effects)
@@ -564,11 +563,37 @@ def notes_on_time(selection: Selection, training: Sequence[RecordingData]) -> tu
     return (f'{why}: effects with a time in them were not considered ({", ".join(names)})',)
 
 
-def notes_on_tip_pose(runs: Sequence[RecordingData]) -> tuple[str, ...]:
-    """Say that a measured pose of the tip was not used."""
+def with_tips(
+    model: Arm, training: Sequence[RecordingData], held_out: Sequence[RecordingData]
+) -> tuple[Arm, list[RecordingData], list[RecordingData], tuple[str, ...]]:
+    """Return model and recordings whose last target is the tip, where no target but it was seen.
+
+    The fourth value says what of the poses of the tip was not used. Raises RecordingError where
+    its heading is all there is.
+    """
+    runs, notes = [*training, *held_out], tuple[str, ...]()
     if all(run.tip_pose is None for run in runs):
-        return ()
-    return ('the measured pose of the tip (tip_pose) was not used: a diagnosis looks at targets',)
+        return model, [*training], [*held_out], notes
+    if any(run.seen.any() for run in runs):
+        notes = (
+            'the measured pose of the tip (tip_pose) was not used: a diagnosis looks at targets',
+        )
+    else:
+        targets = model.target_arclength.size
+        model, runs = with_tip_target(model, runs)
+        if not any(run.seen.any() for run in runs):
+            raise RecordingError(
+                'only the heading of the tip was measured, and a diagnosis looks at positions: '
+                'measure that of the tip, or a target, as well (`calibrate` takes the heading '
+                'alone)'
+            )
+        if model.target_arclength.size > targets:
+            notes = (f'the tip is target {targets} of the models that are written',)
+        if any(run.heading is not None for run in runs):
+            notes = (*notes, 'the heading of the tip was not used')
+    runs = [run.without_tip_pose() for run in runs]
+    count = len(training)
+    return model, runs[:count], runs[count:], notes
 
 
 def describe_verdict(verdict: Verdict, before: Evaluation, after: Evaluation) -> str:

@@ -124,7 +124,7 @@ def run(arguments: Namespace) -> int:
     """Read, diagnose, write."""
     from pneunet_ros.cli.diagnose_summary import show, show_unsettled
     from pneunet_ros.cli.provenance import versions
-    from pneunet_ros.diagnosis.diagnosis import investigate
+    from pneunet_ros.diagnosis.diagnosis import investigate, with_tips
     from pneunet_ros.diagnosis.result import CLEAR, UnsettledDiagnosis
     from pneunet_ros.discovery.discovery import discover
     from pneunet_ros.offline.calibration_files import check_recordings, inputs_of
@@ -134,6 +134,7 @@ def run(arguments: Namespace) -> int:
     started = time.perf_counter()
     frame = with_gravity(load_model(arguments.model), arguments)
     recordings = (*arguments.train, *arguments.heldout)
+    sha256 = model_hash(frame)
     check_recordings(recordings)
     inputs = inputs_of((('training', arguments.train), ('heldout', arguments.heldout)))
     check_distinct(inputs)
@@ -147,7 +148,8 @@ def run(arguments: Namespace) -> int:
         progress_bar(shown=not arguments.json) as bar,
     ):
         read = read_experiments((arguments.train, arguments.heldout), frame, arguments, bar)
-        training, held_out = (list(group) for group in read.groups)
+        frame, training, held_out, tips = with_tips(frame, *read.groups)
+        read = replace(read, left_out=(*read.left_out, *tips))
         on_progress = progress_of(bar)
         with executor_for(arguments.scheduler, arguments.effects_path) as executor:
             investigation = investigate(
@@ -165,7 +167,7 @@ def run(arguments: Namespace) -> int:
             discovery = discover(investigation, on_progress=on_progress)
             found = investigation.overruled(discovery.overruling).diagnosis
         provenance = {
-            'model': {'file': arguments.model.name, 'content_sha256': model_hash(frame)},
+            'model': {'file': arguments.model.name, 'content_sha256': sha256},
             'inputs': inputs,
             'versions': versions(),
         }
