@@ -177,7 +177,8 @@ def record_steps(
 class Tally:
     """What a replay came to, counted step by step.
 
-    warned: how many estimates by warning; kept: frames that tell of errors that persist.
+    warned: how many estimates by warning; settled: how many of an arm at rest; kept: frames for
+    errors that persist.
     """
 
     messages: int = 0
@@ -185,6 +186,7 @@ class Tally:
     state: EstimatorState | None = None
     last: ShapeEstimate | None = None
     worst_residual: float = 0.0
+    settled: int = 0
     refusal: Refusal | None = None
     consistency: ConsistencyState = field(default_factory=ConsistencyState)
     disagreement: Disagreement | None = None
@@ -203,6 +205,8 @@ class Tally:
         elif step.outcome is not None:
             self.last = step.outcome
             self.worst_residual = max(self.worst_residual, step.outcome.shape.residual)
+            motion = step.outcome.motion
+            self.settled += motion is not None and motion.settled
             for warning in step.outcome.warnings:
                 self.warned[warning] = self.warned.get(warning, 0) + 1
 

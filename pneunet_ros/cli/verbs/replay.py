@@ -149,6 +149,7 @@ def run(arguments: Namespace) -> int:
         'std_leaves_out': error_left_out(arm.covariance, arm.sources),
         'resets': 0 if state is None else state.resets,
         'worst_residual': tally.worst_residual,
+        'motion': motion_summary(tally),
         'watch': None if targets is None else consistency_summary(tally, agreement),
         'seconds': seconds,
         'verdicts': verdicts.summary,
@@ -160,6 +161,22 @@ def run(arguments: Namespace) -> int:
     else:
         show(summary, tally, agreement)
     return DONE if summary['estimates'] else NEGATIVE
+
+
+def motion_summary(tally: Tally) -> dict[str, float] | None:
+    """Return how the arm moved; None where the model has no motion.
+
+    settled: share of the estimates; frequency (Hz) and decay_time (s): of the last one.
+    """
+    motion = tally.last.motion if tally.last else None
+    modes = motion.modes() if motion else None
+    if modes is None or tally.state is None:
+        return None
+    return {
+        'settled': tally.settled / tally.state.estimates,
+        'frequency': modes.hertz,
+        'decay_time': modes.decay_time,
+    }
 
 
 def consistency_summary(tally: Tally, agreement: Agreement | None) -> dict[str, object]:
@@ -189,6 +206,13 @@ def show(summary: dict[str, object], tally: Tally, agreement: Agreement | None) 
         ', '.join(f'{count} {reason}' for reason, count in rejected.items()) or 'none',
     )
     table.add_row('worst residual', f'{summary["worst_residual"]:.1e} rad')
+    motion = summary['motion']
+    if isinstance(motion, dict):
+        table.add_row(
+            'motion',
+            f'at rest in {motion["settled"]:.0%} of the estimates ({motion["frequency"]:.2g} Hz, '
+            f'decays in {motion["decay_time"]:.2g} s)',
+        )
     worst = tally.disagreement
     if agreement is not None:
         table.add_row('measured targets', agreement.sentence)

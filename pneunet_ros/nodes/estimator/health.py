@@ -36,6 +36,7 @@ class EstimatorHealth(InputHealth):
         self._estimate: ShapeEstimate | None = None
         self._solve_time = 0.0
         self._warnings: dict[str, None] = {}
+        self._settled: list[bool] = []
 
     def took_pressure(
         self, outcome: ShapeEstimate | Refusal, now: float, solve_time: float
@@ -46,6 +47,8 @@ class EstimatorHealth(InputHealth):
             self._estimate = outcome
             self._solve_time = solve_time
             self._warnings.update(dict.fromkeys(outcome.warnings))
+            if outcome.motion is not None:
+                self._settled.append(outcome.motion.settled)
 
     def took_wrench(self, refusal: Refusal | None, now: float) -> None:
         """Note what became of a wrench reading."""
@@ -88,7 +91,7 @@ class EstimatorHealth(InputHealth):
             offset | self._values(state, now) | self._consistency_values(consistency, found, now)
         )
         self.begin_next(now)
-        self._warnings = {}
+        self._warnings, self._settled = {}, []
         return Report(level=level, message=message, values=values)
 
     def _verdict(
@@ -133,7 +136,16 @@ class EstimatorHealth(InputHealth):
             'latency_p99_s': self.latency(99.0),
             'warnings': '; '.join(estimate.warnings) if estimate else None,
         }
-        return texts(values) | count_texts('rejected', state.rejected)
+        return texts(values | self._motion_values()) | count_texts('rejected', state.rejected)
+
+    def _motion_values(self) -> dict[str, float | None]:
+        motion = self._estimate.motion if self._estimate else None
+        modes = motion.modes() if motion else None
+        return {
+            'settled': sum(self._settled) / len(self._settled) if self._settled else None,
+            'frequency_hz': modes.hertz if modes else None,
+            'decay_time_s': modes.decay_time if modes else None,
+        }
 
     def _consistency_values(
         self, consistency: ConsistencyState, found: Disagreement | None, now: float
