@@ -292,17 +292,28 @@ def consistent_size(
     )
 
 
+@kernel
 def local_median(values: Array, of_few: Array) -> Array:
     """Return the median of a value and its three neighbors on either side, (n,); NaN is none.
 
     of_few (n,): what is returned where fewer than three are known.
     """
-    padded = np.pad(values, 3, constant_values=np.nan)
-    near = np.sort(np.lib.stride_tricks.sliding_window_view(padded, 7), axis=1)
-    count = np.count_nonzero(np.isfinite(near), axis=1)
-    row = np.arange(len(values))
-    median = 0.5 * (near[row, np.maximum(count - 1, 0) // 2] + near[row, count // 2])
-    return np.where(count > 2, median, of_few)
+    medians, near = of_few.copy(), np.empty(7)
+    for target in range(values.size):
+        count = NOTHING_BEFORE
+        for other in range(max(target - 3, 0), min(target + 4, values.size)):
+            value = values[other]
+            if not math.isfinite(value):
+                continue
+            at = count
+            while at > 0 and near[at - 1] > value:
+                near[at] = near[at - 1]
+                at -= 1
+            near[at] = value
+            count += 1
+        if count > 2:
+            medians[target] = 0.5 * (near[(count - 1) // 2] + near[count // 2])
+    return medians
 
 
 def initial_area(area: Array, whole: Mask, gating: GatingSettings = GATING) -> Array:

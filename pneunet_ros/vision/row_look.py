@@ -212,8 +212,9 @@ def has_whole_edge(table: Array, settings: RowLookSettings = ROW_LOOK) -> Mask:
     and than its motion says, does not tell.
     """
     error = table[:, STD]
-    known = np.isfinite(error)
-    usual = np.median(error[known]) if known.any() else math.nan
+    known = np.sort(error)[: np.count_nonzero(np.isfinite(error))]
+    middle = len(known) // 2
+    usual = 0.5 * (known[middle] + known[-1 - middle]) if len(known) else math.nan
     most = settings.unclear * usual + _error_along(table, settings)
     return np.asarray((table[:, EXACT] >= settings.exact) & (error <= most))
 

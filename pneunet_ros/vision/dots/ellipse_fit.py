@@ -6,21 +6,22 @@ All blobs of an image are fitted side by side, as columns of numbers over their 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+import functools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.image import Bytes
 from pneunet_ros.core.kernels import jit
-from pneunet_ros.core.settings import tuning
+from pneunet_ros.core.settings import numbers_type, tuning
 from pneunet_ros.vision.dots.edge_kernel import (
     COLUMNS,
     EDGE,
+    fit_edges,
     LEFT,
-    linearize_edges,
     Linearized,
     PARTS,
     TIMES,
@@ -104,7 +105,14 @@ class EllipseSettings:
     )
 
 
+EllipseNumbers = numbers_type(EllipseSettings, 'EllipseNumbers')
 ELLIPSE = EllipseSettings()
+
+
+@functools.lru_cache
+def ellipse_numbers(settings: EllipseSettings) -> Any:
+    """Return settings as kernels take them."""
+    return EllipseNumbers(*astuple(settings))
 
 
 class Seen(NamedTuple):
@@ -226,6 +234,10 @@ def _fit_together(grey: Bytes, starts: Array, boxes: Integers, settings: Ellipse
     fit = _begun(rims, starts, settings)
     fitted = np.full_like(starts, np.nan)
     going = np.flatnonzero(np.bincount(rims.owner, minlength=count) >= 2 * UNKNOWNS)
+    if jit.is_compiled():
+        found, ended = _fit_compiled(rims, starts, fit, going, settings)
+        fitted[going[ended]] = _results(rims, starts, fit, going, found, ended, settings)
+        return fitted
     for turn in range(settings.passes):
         if not len(going):
             break
@@ -412,8 +424,7 @@ def _solve(
     settings: EllipseSettings,
 ) -> Solution:
     """Linearize around the ellipses that go on, and solve for the step to the best ones."""
-    linearize = _linearize_compiled if jit.is_compiled() else _linearize
-    products, weights, behind, edges, covered = linearize(rims, fit, going, settings)
+    products, weights, behind, edges, covered = _linearize(rims, fit, going, settings)
     searched = np.where(fit.moments[going] > 1, UNKNOWNS, UNKNOWNS - 2)  # not where nothing moves
     variance = products[:, LEFT, LEFT] / np.maximum(weights - searched, 4.0)
     variance = np.maximum(variance, QUANTIZATION)
@@ -449,24 +460,30 @@ def _no_sums(rims: Rims, fit: Fit, going: Integers) -> Linearized:
     )
 
 
-def _linearize_compiled(
-    rims: Rims, fit: Fit, going: Integers, settings: EllipseSettings
-) -> Linearized:
-    """Linearize around some ellipses, all in one loop."""
-    now = fit.now
-    xx, xy, yy = now[:, [AXIS_XX, AXIS_XY, AXIS_YY]].T
-    inverse = np.column_stack([yy, -xy, xx]) / (xx * yy - xy * xy)[:, None]
-    given = np.column_stack([
-        inverse, now[:, [WIDTH, SMEAR_U, SMEAR_V, PLATEAU]], fit.slopes, fit.off
-    ])  # fmt: skip
-    firsts = np.searchsorted(rims.owner, np.arange(len(now) + 1))
-    pixels = rims.x, rims.y, rims.levels, rims.share
-    reach = settings.inward, settings.outward, settings.margin
-    sums = _no_sums(rims, fit, going)
-    linearize_edges(
-        pixels, rims.before, firsts, going, given, fit.believed, fit.moments, reach, sums
+def _fit_compiled(
+    rims: Rims, starts: Array, fit: Fit, going: Integers, settings: EllipseSettings
+) -> tuple[Solution, Integers]:
+    """Fit ellipses, all passes in one loop; what their last pass tells, and which of them rest."""
+    size = len(going), fit.believed.shape[1]
+    behind, edges, stds = np.zeros((3, *size))
+    error, covered = np.zeros(len(going)), np.zeros(len(rims.x))
+    ended = fit_edges(
+        (rims.x, rims.y, rims.levels, rims.share),
+        rims.before,
+        np.searchsorted(rims.owner, np.arange(len(starts) + 1)),
+        going,
+        starts,
+        (fit.now, fit.off, fit.shape, fit.slopes, fit.believed),
+        (fit.moments, fit.reached),
+        ellipse_numbers(settings),
+        (QUANTIZATION, SIGMA),
+        (error, behind, edges, stds, covered),
     )
-    return sums
+    no_step = np.empty((len(going), 0))
+    found = Solution(
+        step=no_step, error=error, behind=behind, edges=edges, stds=stds, covered=covered
+    )
+    return found, np.flatnonzero(ended)
 
 
 def _linearize(rims: Rims, fit: Fit, going: Integers, settings: EllipseSettings) -> Linearized:
