@@ -73,14 +73,49 @@ def row_from_clamp(
     areas (blobs,) px^2; arclength (targets,) m. A row that goes on beyond the last target is none.
     """
     blobs = _columns(points, areas)
+    chosen, cost = _grown_from_clamp(blobs, arclength, clamp_angle, search)
+    truncate_row(blobs.x, blobs.y, arclength, clamp_angle, chosen, search)
+    if chosen[-1] >= 0 and continues_beyond(blobs, arclength, chosen, search):
+        chosen[:] = NOTHING  # the camera has moved, or these are other dots
+    return TargetRow(chosen, cost)
+
+
+def near_row_from_clamp(
+    points: Array,
+    areas: Array,
+    arclength: Array,
+    clamp_angle: float,
+    search: BeamSearchSettings = BEAM_SEARCH,
+) -> Indices:
+    """Return which blobs are on the row that starts at the clamp, or beside it, or just beyond it.
+
+    Arguments as of `row_from_clamp`; all of them where there is no row.
+    """
+    chosen = _grown_from_clamp(_columns(points, areas), arclength, clamp_angle, search)[0]
+    seen = np.flatnonzero(chosen >= 0)
+    if seen.size < least_seen(arclength.size):
+        return np.arange(len(points))
+    spacing = float(arclength[-1] - arclength[-2])
+    row = points[chosen[seen]]
+    beyond = row[-1] + (row[-1] - row[-2]) * (
+        1.0 + spacing / (arclength[seen[-1]] - arclength[seen[-2]])
+    )
+    places = np.concatenate([arclength[seen], [arclength[seen[-1]] + 2.0 * spacing]])
+    at = np.arange(arclength[0], places[-1], 0.25 * spacing)
+    way = [np.interp(at, places, np.append(row[:, axis], beyond[axis])) for axis in range(2)]
+    away = np.hypot(points[:, :1] - way[0], points[:, 1:] - way[1]).min(axis=1)
+    return np.flatnonzero(away <= (search.along + search.across) * spacing)
+
+
+def _grown_from_clamp(
+    blobs: BlobColumns, arclength: Array, clamp_angle: float, search: BeamSearchSettings
+) -> tuple[Indices, float]:
+    """Return the best row that starts at the clamp (targets,), and its cost."""
     starts = np.zeros((1, LAST + 1))
     starts[0, [HEADING, SCALE, SIZE, LAST]] = clamp_angle, 1.0, math.nan, NOTHING
     nothing = np.full((1, arclength.size), NOTHING)
     (chosen,), (cost,) = grow_rows(blobs, arclength, starts, nothing, False, search)
-    truncate_row(blobs.x, blobs.y, arclength, clamp_angle, chosen, search)
-    if chosen[-1] >= 0 and continues_beyond(blobs, arclength, chosen, search):
-        chosen[:] = NOTHING  # the camera has moved, or these are other dots
-    return TargetRow(chosen, float(cost))
+    return chosen, float(cost)
 
 
 def rows_anywhere(

@@ -13,11 +13,19 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.units import seconds_between
-from pneunet_ros.vision.association import least_seen, row_from_clamp
+from pneunet_ros.vision.association import least_seen, near_row_from_clamp, row_from_clamp
 from pneunet_ros.vision.camera.camera_model import Lens
 from pneunet_ros.vision.camera.camera_settings import CameraSettings, CurvedRestPlane
 from pneunet_ros.vision.camera.working_plane import Plane
-from pneunet_ros.vision.dots.blobs import Appearance, Blobs, blobs_at, find_blobs, nearest_blobs
+from pneunet_ros.vision.dots.blobs import (
+    Appearance,
+    Blobs,
+    blobs_at,
+    find_areas,
+    find_blobs,
+    measure_areas,
+    nearest_blobs,
+)
 from pneunet_ros.vision.dots.centroid import (
     ANGLE,
     AREA,
@@ -82,6 +90,10 @@ from pneunet_ros.vision.row_look import (
 )
 from pneunet_ros.vision.settings import VisionSettings
 
+NO_AREAS = Failure(
+    reason='no_areas',
+    sentence='no area could be a target: look at light, exposure, focus, grey_band and area',
+)
 # Why a target of a row that was found is not seen, as a person reads it after "target N: ".
 CAUSES = {
     'no_dot': 'nothing at its place looks like a dot: it is covered, out of focus, out of the '
@@ -422,10 +434,30 @@ def _are_on_row(view: View, row: ObservedRow, found: Array, doubtful: Mask) -> M
 
 
 def search_row(view: View) -> ObservedRow | Failure:
-    """Find the row that starts at the clamp among all blobs of the frame."""
-    blobs = candidate_blobs(view)
-    if isinstance(blobs, Failure):
-        return blobs
+    """Find the row that starts at the clamp among all areas of the frame.
+
+    Areas on a row, as their moments say, are measured first. Where that does not show all of the
+    targets, all areas are.
+    """
+    areas = find_areas(view.image, view.appearance)
+    points = view.plane.points(view.lens.undistort(areas.centers))
+    usable = np.flatnonzero(np.isfinite(points[:, 0]))
+    near = usable[
+        near_row_from_clamp(
+            points[usable],
+            areas.areas[usable],
+            view.arclength,
+            view.clamp_angle,
+            view.vision.beam_search,
+        )
+    ]
+    if len(near) < len(areas.centers):
+        row = row_among(view, measure_areas(view.image, areas.only(near), view.appearance))
+        if isinstance(row, ObservedRow) and row.seen == view.arclength.size:
+            return row
+    blobs = measure_areas(view.image, areas, view.appearance)
+    if len(blobs) == 0:
+        return NO_AREAS
     found = row_among(view, blobs)
     return replace(found, found=blobs.centers) if isinstance(found, Failure) else found
 
@@ -463,9 +495,9 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     view: its plane is not known yet, and not used; rest: where the arm has rested so far, which
     tells the targets of a frame that does not show a row by itself.
     """
-    blobs = candidate_blobs(view)
-    if isinstance(blobs, Failure):
-        return blobs
+    blobs = find_blobs(view.image, view.appearance)
+    if len(blobs) == 0:
+        return NO_AREAS
     points = view.lens.undistort(blobs.centers)
     found = _search_anew(view, blobs, points)
     if not isinstance(found, Failure):
@@ -545,18 +577,6 @@ def _row_at_rest(view: View, blobs: Blobs, points: Array, arclength: Array) -> A
         view.vision,
     )
     return row if isinstance(row, Failure) else row_points(row, points[usable])
-
-
-def candidate_blobs(view: View) -> Blobs | Failure:
-    """Return the blobs of a frame that can be targets, or why there are none to look at."""
-    blobs = find_blobs(view.image, view.appearance)
-    if len(blobs) == 0:
-        return Failure(
-            reason='no_areas',
-            sentence='no area could be a target: look at light, exposure, focus, grey_band '
-            'and area',
-        )
-    return blobs
 
 
 def start_row(view: View, row: ObservedRow) -> TrackedRow:

@@ -127,10 +127,18 @@ class Appearance:
 
 def find_blobs(image: Image, appearance: Appearance) -> Blobs:
     """Return all blobs of an image that are within the limits, but for those it cuts off."""
-    grey = image.grey()
-    areas = round_areas(grey, appearance).only(slice(appearance.blobs.most))
-    rows = _distinct(_measured(grey, areas.starts(appearance), appearance), appearance.blobs)
-    return Blobs(freeze(rows.T.copy()))
+    return measure_areas(image, find_areas(image, appearance), appearance)
+
+
+def find_areas(image: Image, appearance: Appearance) -> RoundAreas:
+    """Return the areas of an image that may be blobs, those that stand out most first."""
+    return round_areas(image.grey(), appearance).only(slice(appearance.blobs.most))
+
+
+def measure_areas(image: Image, areas: RoundAreas, appearance: Appearance) -> Blobs:
+    """Return the blobs among areas of an image."""
+    rows = _measured(image.grey(), areas.starts(appearance), appearance)
+    return Blobs(freeze(_distinct(rows, appearance.blobs).T.copy()))
 
 
 def nearest_blobs(
@@ -206,6 +214,12 @@ class RoundAreas(NamedTuple):
 
     centers: Array
     moments: Array
+
+    @property
+    def areas(self) -> Array:
+        """How large they are, (n,) px^2."""
+        uu, uv, vv = self.moments.T
+        return np.asarray(4.0 * math.pi * np.sqrt(uu * vv - uv * uv))
 
     def only(self, which: Integers | slice) -> RoundAreas:
         """Return some of them."""
