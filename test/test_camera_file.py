@@ -109,7 +109,7 @@ def test_every_key_of_the_shipped_file_is_commented():
             keys.append(line.split(':')[0].strip())
             assert above.strip().startswith('#') or '#' in line, f'{line}: no comment'
         above = line
-    assert len(keys) == 16
+    assert len(keys) == 17
 
 
 def test_polarity_is_one_of_three():

@@ -111,6 +111,43 @@ def test_the_colors_of_a_bayer_pattern_are_weighed(pattern, bits):
     assert np.abs(grey[2:-2, 2:-2] - (0.299 * 200 + 0.587 * 100 + 0.114 * 40)).max() <= 1.0
 
 
+RED, GREY = (200, 20, 30), (97, 97, 97)  # of nearly the same brightness
+
+
+@pytest.mark.parametrize('encoding', ['rgb8', 'bgr8', 'bgra8', 'rgba16', 'bayer_grbg8', 'yuyv'])
+def test_a_color_is_told_from_a_grey_of_its_brightness(encoding):
+    rgb = np.full((*SHAPE, 3), GREY, np.uint8)
+    rgb[:, 6:] = RED
+    if encoding == 'yuyv':  # by the definition of BT.601, limited range
+        r, g, b = rgb.transpose(2, 0, 1) / 255.0
+        y = 16.0 + 65.481 * r + 128.553 * g + 24.966 * b
+        cb = 128.0 - 37.797 * r - 74.203 * g + 112.0 * b
+        cr = 128.0 + 112.0 * r - 93.786 * g - 18.214 * b
+        rows = np.empty((*SHAPE, 2))
+        rows[:, :, 0], rows[:, 0::2, 1], rows[:, 1::2, 1] = y, cb[:, 0::2], cr[:, 0::2]
+        rows = np.rint(rows).astype(np.uint8)
+    elif encoding.startswith('bayer'):
+        rows = rgb[:, :, 1].copy()
+        rows[0::2, 1::2], rows[1::2, 0::2] = rgb[0::2, 1::2, 0], rgb[1::2, 0::2, 2]
+    else:
+        planes = dict(zip('rgba', (*rgb.transpose(2, 0, 1), np.full(SHAPE, 255)), strict=True))
+        rows = np.stack([planes[it] for it in encoding.rstrip('168')], axis=2)
+        rows = (rows.astype(np.uint16) * 257) if encoding.endswith('16') else rows.astype(np.uint8)
+    image = image_of(rows.reshape(SHAPE[0], -1), encoding, 4)
+    near = image.closeness(RED).grey()
+    assert near[2:-2, 8:-2].min() > 225
+    assert near[2:-2, 2:4].max() < 20
+
+
+@pytest.mark.parametrize('encoding', ['mono8', '16UC1', 'nv12'])
+def test_brightness_has_no_colors(encoding):
+    rows, after = stored(SMOOTH, encoding)
+    image = image_of(rows, encoding, 0, after)
+    assert not image.has_colors
+    with pytest.raises(MessageError, match='has no colors'):
+        image.closeness(RED)
+
+
 def test_the_last_row_needs_no_padding():
     fields = {**FIELDS, 'step': 8}
     assert Image(data=bytes(range(11)), **fields).grey()[1, 2] == 10

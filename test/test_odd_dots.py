@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import json
 
 import cv2
 import numpy as np
 from pneunet_ros.cli.main import main
+from pneunet_ros.core.errors import CameraError
+from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.track import TrackStep, TrackTally
 from pneunet_ros.recordings.image_stream import StreamItem
@@ -178,3 +181,53 @@ def test_areas_of_a_frame_without_a_row_are_shown():
     assert len(outcome.found) >= 5
     marked = draw(as_image(shown, stamp_ns=1), outcome)
     assert np.ptp(marked[80:160].astype(int), axis=2).max() > 100
+
+
+# Dots that stand out by their color
+
+
+def colored(places, radii, bend=0.0):
+    """Draw red dots on skin that is as bright as they are, (height, width, 3) BGR."""
+    share = (picture(places, radii, bend).astype(np.float64)[:, :, None] - 40.0) / 170.0
+    return np.clip(np.rint(97.0 + share * (np.array([30, 20, 200]) - 97.0)), 0, 255).astype(
+        np.uint8
+    )
+
+
+def camera_file(path, **keys):
+    lines = ['schema_version: 1', *(f'{key}: {value}' for key, value in keys.items())]
+    path.write_text('\n'.join(lines), encoding='utf-8')
+    return str(path)
+
+
+@pytest.mark.parametrize('suffix', ['png', 'jpg', 'bmp'])
+def test_dots_that_only_their_color_shows_are_tracked(tmp_path, capsys, suffix):
+    places, radii = ARM.target_arclength / ARM.length, np.full(23, 6.0)
+    folder = tmp_path / 'f'
+    folder.mkdir()
+    bends = BENDS[:8]
+    for number, bend in enumerate(bends):
+        cv2.imwrite(str(folder / f'{number}.{suffix}'), colored(places, radii, bend))
+    words = ['track', str(folder), '--camera-info', 'none', '--json']
+    assert main(words) != 0
+    assert json.loads(capsys.readouterr().out)['explained'] == 0
+    table = tmp_path / 't.csv'
+    file = camera_file(tmp_path / 'c.yaml', dot_color=[200, 20, 30])
+    assert main([*words, '--camera', file, '--table', str(table)]) == 0
+    assert json.loads(capsys.readouterr().out)['explained'] == 4
+    lines = np.genfromtxt(table, delimiter=',', names=True)
+    at = np.column_stack([lines['u_px'], lines['v_px']])
+    truth = np.concatenate([centers(places, bend) for bend in bends[4:]])
+    assert np.hypot(*(at - truth).T).max() < 0.5
+
+
+def test_a_grey_image_has_no_colors_and_is_refused():
+    places = np.linspace(0.0, 1.0, 9)
+    (outcome,), _ = tracked(places, [picture(places, np.full(9, 6.0))], dot_color=(200, 20, 30))
+    assert outcome.reason == 'no_colors'
+
+
+@pytest.mark.parametrize('color', [[90, 92, 95], [300, 0, 0], [1, 2]])
+def test_a_color_that_is_none_is_refused(tmp_path, color):
+    with pytest.raises(CameraError, match='dot_color'):
+        load_camera(camera_file(tmp_path / 'c.yaml', dot_color=color))

@@ -22,48 +22,66 @@ class Layout(NamedTuple):
     """How the bytes of an encoding become grey levels.
 
     channels: values per pixel of a row; deep: whether a value has two bytes; grey: (height, width,
-    channels) to (height, width). Planes that follow the brightness (nv12) are not read.
+    channels) to (height, width); bgr: to (height, width, 3), None where there are no colors or
+    they are in planes that follow the brightness (nv12), which are not read.
     """
 
     channels: int
     deep: bool
     grey: Callable[[Levels], Levels]
+    bgr: Callable[[Levels], Levels] | None = None
 
 
 def _channel(number: int) -> Callable[[Levels], Levels]:
     return lambda pixels: pixels[:, :, number]
 
 
-def _converted(code: int) -> Callable[[Levels], Levels]:
-    def grey(pixels: Levels) -> Levels:
+def _converted(name: str) -> Callable[[Levels], Levels]:
+    """Return what converts pixels by a code of OpenCV, that of `cv2.COLOR_` and this name."""
+    code = getattr(cv2, f'COLOR_{name}')
+
+    def convert(pixels: Levels) -> Levels:
         whole: Any = np.ascontiguousarray(pixels[:, :, 0] if pixels.shape[2] == 1 else pixels)
         converted: Any = cv2.cvtColor(whole, code)
         levels: Levels = converted
         return levels
 
-    return grey
+    return convert
 
 
 def _layouts() -> dict[str, Layout]:
     """List the encodings of sensor_msgs that hold a picture, and nv12."""
-    grey, colors = _channel(0), ('rgb', 'bgr', 'rgba', 'bgra')
+    grey, colors = _channel(0), ('RGB', 'BGR', 'RGBA', 'BGRA')
     table: dict[str, Layout] = {}
     for bits, deep in ((8, False), (16, True)):
         table |= {name: Layout(1, deep, grey) for name in (f'mono{bits}', f'{bits}UC1')}
         for name in colors:
-            convert = _converted(getattr(cv2, f'COLOR_{name.upper()}2GRAY'))
-            table[f'{name}{bits}'] = Layout(len(name), deep, convert)
+            bgr = np.asarray if name == 'BGR' else _converted(f'{name}2BGR')
+            table[f'{name.lower()}{bits}'] = Layout(
+                len(name), deep, _converted(f'{name}2GRAY'), bgr
+            )
         table[f'{bits}UC3'], table[f'{bits}UC4'] = table[f'bgr{bits}'], table[f'bgra{bits}']
         for name in ('RGGB', 'BGGR', 'GBRG', 'GRBG'):
-            convert = _converted(getattr(cv2, f'COLOR_Bayer{name}2GRAY'))
-            table[f'bayer_{name.lower()}{bits}'] = Layout(1, deep, convert)
-    table |= {name: Layout(2, False, _channel(1)) for name in ('yuv422', 'uyvy')}
-    table |= {name: Layout(2, False, grey) for name in ('yuv422_yuy2', 'yuyv')}
+            pattern = f'Bayer{name}2'
+            table[f'bayer_{name.lower()}{bits}'] = Layout(
+                1, deep, _converted(f'{pattern}GRAY'), _converted(f'{pattern}BGR')
+            )
+    for first, names in (('UYVY', ('yuv422', 'uyvy')), ('YUY2', ('yuv422_yuy2', 'yuyv'))):
+        channel, bgr = _channel(int(first == 'UYVY')), _converted(f'YUV2BGR_{first}')
+        table |= {name: Layout(2, False, channel, bgr) for name in names}
     table |= {name: Layout(1, False, grey) for name in ('nv12', 'nv21', 'nv24')}
     return table
 
 
+TO_LAB = cv2.COLOR_BGR2LAB
 ENCODINGS = MappingProxyType(_layouts())
+
+
+def lab_color(color: tuple[float, float, float]) -> tuple[tuple[float, ...], float]:
+    """Return a color (red, green, blue; 0 to 255) in OpenCV's 8-bit L*a*b*, and its chroma."""
+    pixel = np.asarray([[color[::-1]]], np.uint8)
+    own = tuple(float(value) for value in np.asarray(cv2.cvtColor(pixel, TO_LAB))[0, 0])
+    return own, float(np.hypot(own[1] - 128.0, own[2] - 128.0))
 
 
 def eight_bits(levels: Levels) -> Bytes:
@@ -125,8 +143,17 @@ class Image:
             data.flags.writeable = False
         object.__setattr__(self, 'data', data)
 
+    @property
+    def has_colors(self) -> bool:
+        """Whether `closeness` can be told."""
+        return ENCODINGS[self.encoding].bgr is not None
+
     def grey(self) -> Bytes:
         """How bright all pixels are, (height, width); a view where the image is grey itself."""
+        return eight_bits(ENCODINGS[self.encoding].grey(self._pixels()))
+
+    def _pixels(self) -> Levels:
+        """Return all values as they came, (height, width, channels)."""
         layout = ENCODINGS[self.encoding]
         kind = np.dtype(np.uint16 if layout.deep else np.uint8)
         pixels: Any = np.ndarray(
@@ -136,7 +163,29 @@ class Image:
             0,
             (self.step, layout.channels * kind.itemsize, kind.itemsize),
         )
-        return eight_bits(layout.grey(pixels.astype(kind) if self.big_endian else pixels))
+        levels: Levels = pixels.astype(kind) if self.big_endian else pixels
+        return levels
+
+    def closeness(self, color: tuple[float, float, float]) -> Image:
+        """Return an image in grey: 255 where a pixel has this color (red, green, blue), or nearly.
+
+        0 where it is as far from it as a grey is, or farther, in CIE L*a*b*; differences of
+        lightness count half, as light differs along an arm. Raises MessageError for an image
+        without colors.
+        """
+        convert = ENCODINGS[self.encoding].bgr
+        if convert is None:
+            raise MessageError(f'an image with the encoding {self.encoding} has no colors')
+        lab = cv2.cvtColor(np.ascontiguousarray(eight_bits(convert(self._pixels()))), TO_LAB)
+        own, far = lab_color(color)
+        levels = np.arange(256.0)
+        square: Any = 0.0
+        for channel, (value, weight) in enumerate(zip(own, (0.5, 1.0, 1.0), strict=True)):
+            table = np.asarray((weight * (levels - value)) ** 2, np.float32)
+            square = square + cv2.LUT(lab[:, :, channel], table)
+        near = np.clip(255.0 - (255.0 / far) * cv2.sqrt(square), 0.0, 255.0)
+        data = np.asarray(near, np.uint8).reshape(-1)
+        return replace(self, encoding='mono8', step=self.width, data=data, big_endian=False)
 
     def inverted(self) -> Image:
         """Return the image in grey, with dark and bright exchanged."""

@@ -35,8 +35,10 @@ _BY_DECODERS = re.compile(
 _DAMAGE = re.compile(rb'(?:Corrupt JPEG data|Premature end of JPEG|libpng error).*')
 
 
-def decode_compressed(data: Bytes) -> Bytes:
+def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
     """Return the grey levels (height, width) of a jpeg or png, recognized by how it begins.
+
+    colored: return its colors instead, (height, width, 3), blue-green-red.
 
     Raises MessageError for other formats, a jpeg of more than 8 bits per channel, sides above
     LARGEST_SIDE or an area above LARGEST_AREA, and for an image that is cut off or damaged.
@@ -62,13 +64,14 @@ def decode_compressed(data: Bytes) -> Bytes:
         )
     if not is_complete:
         raise MessageError(f'a {kind} is cut off after {data.size} bytes')
-    grey, complaint = decode_heard(data, _FLAGS)
+    flags = _FLAGS | (cv2.IMREAD_COLOR if colored else 0)
+    pixels, complaint = decode_heard(data, flags)
     damage = _DAMAGE.search(complaint)
     if damage:
         raise MessageError(f'a {kind} is damaged: {damage.group().decode(errors="replace")}')
-    if grey is None or grey.shape != (height, width):
+    if pixels is None or pixels.shape[:2] != (height, width):
         raise MessageError(f'a {kind} of {width} x {height} pixels is damaged')
-    return eight_bits(grey)
+    return eight_bits(pixels)
 
 
 def decode_heard(data: Bytes, flags: int) -> tuple[Any, bytes]:

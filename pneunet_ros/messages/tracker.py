@@ -70,24 +70,27 @@ def decode_image(message: Any) -> Image:
         raise MessageError(f'a message is no usable {IMAGE_TYPE}: {error}') from error
 
 
-def decode_compressed_image(message: Any) -> Image:
-    """Return the image in a CompressedImage as mono8; MessageError where it cannot be read."""
+def decode_compressed_image(message: Any, *, colored: bool = False) -> Image:
+    """Return the image in a CompressedImage as mono8; MessageError where it cannot be read.
+
+    colored: as bgr8 instead.
+    """
     try:
         stamp_ns = nanoseconds(message.header.stamp)
         frame_id = str(message.header.frame_id)
         data = _bytes(message.data)
     except UNFIT as error:
         raise MessageError(f'a message is no usable {COMPRESSED_TYPE}: {error}') from error
-    grey = decode_compressed(data)
-    height, width = grey.shape
+    pixels = decode_compressed(data, colored=colored)
+    height, width = pixels.shape[:2]
     return Image(
         stamp_ns=stamp_ns,
         frame_id=frame_id,
         width=width,
         height=height,
-        step=width,
-        encoding='mono8',
-        data=grey.ravel(),
+        step=3 * width if colored else width,
+        encoding='bgr8' if colored else 'mono8',
+        data=pixels.ravel(),
     )
 
 

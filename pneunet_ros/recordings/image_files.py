@@ -76,11 +76,14 @@ def _natural(file: Path) -> tuple[tuple[int, int, str], ...]:
     return tuple((1, int(part), part) if part.isdigit() else (0, 0, part) for part in parts)
 
 
-def folder_images(folder: Path, camera_info: str | None, rate: float | None) -> ImageStream:
+def folder_images(
+    folder: Path, camera_info: str | None, rate: float | None, *, colored: bool = False
+) -> ImageStream:
     """Read a folder of images, in natural order of their names, `rate` (30) of them a second.
 
     camera_info: file with the lens, or 'none'; where it is None, a camera_info.yaml or ost.yaml in
-    the folder. Raises RecordingError without images and RequestError without a lens.
+    the folder; colored: read colors, not brightness alone. Raises RecordingError without images
+    and RequestError without a lens.
     """
     files = picture_files(folder)
     if not files:
@@ -96,31 +99,32 @@ def folder_images(folder: Path, camera_info: str | None, rate: float | None) -> 
     def items() -> Iterator[StreamItem]:
         for index, file in enumerate(files):
             stamp_ns = stamp_at(index, used)
-            yield StreamItem(stamp_ns, IMAGE_TOPIC, _picture(file, stamp_ns), b'')
+            yield StreamItem(stamp_ns, IMAGE_TOPIC, _picture(file, stamp_ns, colored), b'')
 
     return _stream(
         'folder of images', folder, items, camera_info, len(files), used, _counted(used)
     )
 
 
-def _picture(file: Path, stamp_ns: int) -> Image | MessageError:
+def _picture(file: Path, stamp_ns: int, colored: bool) -> Image | MessageError:
     try:
         with open_regular(file) as stream:
             content = stream.read(LARGEST_PICTURE + 1)
         if len(content) > LARGEST_PICTURE:
             raise MessageError(f'it has more than {LARGEST_PICTURE // 10**6} MB')
         data = np.frombuffer(content, np.uint8)
-        compressed = file.suffix.lower() in COMPRESSED
-        return _image(decode_compressed(data) if compressed else _decode_plain(data), stamp_ns)
+        decode = decode_compressed if file.suffix.lower() in COMPRESSED else _decode_plain
+        return _image(decode(data, colored=colored), stamp_ns)
     except MessageError as error:
         return MessageError(f'{file}: {error}')
     except OSError as error:
         return MessageError(f'{file} cannot be read: {error.strerror}')
 
 
-def _decode_plain(data: Bytes) -> Bytes:
-    """Return the grey levels (height, width) of a bmp or tiff."""
-    grey, complaint = decode_heard(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+def _decode_plain(data: Bytes, *, colored: bool) -> Bytes:
+    """Return the grey levels (height, width) of a bmp or tiff, or its colors."""
+    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    grey, complaint = decode_heard(data, flags | (cv2.IMREAD_COLOR if colored else 0))
     if grey is None or complaint:  # a tiff that is damaged is decoded all the same
         raise MessageError('it is no image, or is damaged')
     if grey.dtype not in (np.uint8, np.uint16):

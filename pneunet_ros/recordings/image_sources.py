@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from pneunet_ros.core.errors import CameraError, MessageError, RecordingError, RequestError
@@ -11,7 +12,12 @@ from pneunet_ros.core.image import Image
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.files.camera_file import load_camera_info
 from pneunet_ros.messages.builders import IMAGE_TYPE
-from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, COMPRESSED_TYPE, TRACKER_INPUTS
+from pneunet_ros.messages.tracker import (
+    CAMERA_INFO_TYPE,
+    COMPRESSED_TYPE,
+    decode_compressed_image,
+    TRACKER_INPUTS,
+)
 from pneunet_ros.recordings.bag_folder import is_recording, METADATA
 from pneunet_ros.recordings.file_kinds import VIDEOS
 from pneunet_ros.recordings.image_files import (
@@ -37,12 +43,13 @@ class SourceRequest:
 
     camera_info: file with the lens, 'none' for images without distortion, None for what the source
     says itself. rate: frames per second of a video or a folder. topics: full name of a topic by
-    one of TOPIC_NAMES, for a recording.
+    one of TOPIC_NAMES, for a recording. colored: whether colors are needed, not brightness alone.
     """
 
     camera_info: str | None = None
     rate: float | None = None
     topics: Mapping[str, str] = field(default_factory=dict)
+    colored: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +79,7 @@ def _is_video(path: Path) -> bool:
 
 def _open_folder(path: Path, request: SourceRequest) -> ImageStream:
     _refuse_topics(path, request)
-    return folder_images(path, request.camera_info, request.rate)
+    return folder_images(path, request.camera_info, request.rate, colored=request.colored)
 
 
 def _open_video(path: Path, request: SourceRequest) -> ImageStream:
@@ -104,7 +111,7 @@ def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
         lens = load_camera_info(Path(request.camera_info))
 
     def read(others: Collection[str]) -> Iterator[StreamItem]:
-        items = _recorded_items(recording, image_topic, info_topic, others)
+        items = _recorded_items(recording, image_topic, info_topic, others, request.colored)
         return items if info_topic is not None else with_lens(items, lens)
 
     frames = recording.topic(image_topic).count
@@ -141,13 +148,19 @@ def find_info_topic(recording: Recording, image_topic: str, override: str | None
 
 
 def _recorded_items(
-    recording: Recording, image_topic: str, info_topic: str | None, others: Collection[str]
+    recording: Recording,
+    image_topic: str,
+    info_topic: str | None,
+    others: Collection[str],
+    colored: bool,
 ) -> Iterator[StreamItem]:
     """Yield the messages of these topics; what cannot be decoded is an item that says so."""
     read = [name for name in (info_topic, image_topic) if name is not None]
     topics = {name: recording.topic(name) for name in read}
     stores = {name: store_for(topic.type, topic.definition) for name, topic in topics.items()}
     rest = [name for name in others if name not in topics]
+    decoders = dict(DECODERS)
+    decoders[COMPRESSED_TYPE] = partial(decode_compressed_image, colored=colored)
     same, lens = b'', None
     for name, log_time_ns, raw in recording.raw_messages([*read, *rest]):
         reading: Image | Lens | MessageError | CameraError | None = None
@@ -156,7 +169,7 @@ def _recorded_items(
         elif name in topics:
             kind = topics[name].type
             try:
-                reading = DECODERS[kind](deserialize(raw, kind, stores[name]))
+                reading = decoders[kind](deserialize(raw, kind, stores[name]))
             except (MessageError, CameraError) as error:
                 reading = error
             if isinstance(reading, Lens):

@@ -26,6 +26,7 @@ from pneunet_ros.vision.camera.camera_settings import (
     PosePlane,
 )
 from pneunet_ros.vision.camera.working_plane import Plane, plane_from_homography, plane_from_pose
+from pneunet_ros.vision.dots.ellipse_fit import for_colors
 from pneunet_ros.vision.rest_plane import (
     Failure,
     plane_at_rest,
@@ -163,6 +164,8 @@ class Tracker:
                 f'{arm.name}: tracking needs {least} targets or more in '
                 f'arm.target_arclength, not {count}'
             )
+        if settings.dot_color is not None:
+            vision = replace(vision, ellipse=for_colors(vision.ellipse))
         self.arm, self.settings, self.vision = arm, settings, vision
         self.arclength = arm.target_arclength
         self.smoother = (
@@ -186,6 +189,8 @@ class Tracker:
         state, refusal = self._admitted(state, reading)
         if refusal is not None:
             return state.count_rejected(refusal.reason), refusal
+        if self.settings.dot_color is not None:
+            return self._look(state, reading.closeness(self.settings.dot_color), BRIGHT)
         if self.settings.polarity == AUTO and state.polarity is None:
             return self._look_both_ways(state, reading)
         name = self.settings.polarity if state.polarity is None else state.polarity.name
@@ -381,6 +386,12 @@ class Tracker:
                     f'the image has {size[0]} x {size[1]} pixels, but camera_info is for '
                     f'{known[0]} x {known[1]}'
                 )
+        if not reason and self.settings.dot_color is not None and not image.has_colors:
+            reason, error = 'no_colors', True
+            sentence = (
+                f'an image with the encoding {image.encoding} has no colors that are read, and '
+                'dot_color in the camera file needs them'
+            )
         if not reason:
             return state, None
         return state, Refusal(

@@ -146,6 +146,7 @@ def run(arguments: Namespace) -> int:
         camera_info=arguments.camera_info,
         rate=arguments.rate,
         topics=topics_of(arguments.topic, TOPIC_NAMES),
+        colored=settings.dot_color is not None,
     )
     stream = open_images(arguments.source, request)
     readings = film_readings(arguments, stream)

@@ -77,7 +77,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         topic, kind, self.decode = self.resolve_topic_name('image_raw'), IMAGE_TYPE, decode_image
         if self.configuration.node.image_transport == 'compressed':
             topic, kind = f'{topic}/compressed', COMPRESSED_TYPE
-            self.decode = decode_compressed_image
+            self.decode = self.decode_compressed
         self.inputs = (
             FollowingSubscription(self, CAMERA_INFO_TYPE, 'camera_info', self.take_camera_info),
             FollowingSubscription(self, kind, topic, self.take_image),
@@ -96,6 +96,11 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
             self.refuse(WRONG_CAMERA_INFO, error)
         else:
             self.state, _ = self.configuration.tracker.step(self.state, lens)
+
+    def decode_compressed(self, message: Any) -> Image:
+        """Decode a compressed image, with its colors where targets are known by theirs."""
+        colored = self.configuration.tracker.settings.dot_color is not None
+        return decode_compressed_image(message, colored=colored)
 
     def take_image(self, message: Any, info: dict[str, int]) -> None:
         """Take an image message and publish the targets in it."""

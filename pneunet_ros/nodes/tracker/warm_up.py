@@ -27,6 +27,7 @@ def warm_up(tracker: Tracker, serializer: MessageSerializer) -> str:
         clamp_pixel=None,
         rest_frames=1,
         polarity=BRIGHT,
+        dot_color=None,
     )
     drawn = Tracker(tracker.arm, resting, tracker.vision)
     image, lens = drawn_arm(drawn.arm.target_arclength, resting)

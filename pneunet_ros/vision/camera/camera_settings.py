@@ -9,10 +9,12 @@ from typing import Any, ClassVar
 
 from pneunet_ros.core.arrays import Array, table_array
 from pneunet_ros.core.errors import CameraError
+from pneunet_ros.core.image import lab_color
 from pneunet_ros.core.units import check_quantities, quantity
 
 BRIGHT, DARK, AUTO = 'bright', 'dark', 'auto'
 POLARITIES = (AUTO, BRIGHT, DARK)
+LEAST_CHROMA = 20.0  # of a color, in L*a*b* of 8 bits: below, a print is grey for most people
 UNIT = 0.01  # a quaternion this near to unit length was rounded and is normalized
 
 
@@ -179,10 +181,11 @@ class CameraSettings:
     """Everything in `config/camera.yaml`: the working plane, and how targets look.
 
     plane: how pixels become points of the base frame; polarity: whether targets are bright on a
-    dark arm, dark on a pale one, or either, by what shows a row; grey_band, area: which pixels can
-    be targets, and which areas of them; clamp_pixel: where the target next to the clamp is in the
-    image, roughly (u, v) px; None: the left-most end of the row of targets is the clamp. Raises
-    CameraError for values outside their bounds.
+    dark arm, dark on a pale one, or either, by what shows a row; dot_color: red, green and blue of
+    targets that stand out by their color, 0 to 255, None: by their brightness; grey_band, area:
+    which pixels can be targets, and which areas of them; clamp_pixel: where the target next to the
+    clamp is in the image, roughly (u, v) px; None: the left-most end of the row of targets is the
+    clamp. Raises CameraError for values outside their bounds.
     """
 
     plane: PlaneMethod = field(default_factory=RestPlane)
@@ -199,6 +202,7 @@ class CameraSettings:
     polarity: str = dataclasses.field(
         default=AUTO, metadata={'meaning': 'bright or dark targets, or whichever show a row'}
     )
+    dot_color: tuple[float, float, float] | None = None
     grey_band: GreyBand = field(default_factory=AdaptiveBand)
     area: AreaLimits = field(default_factory=AreaLimits)
     gate: float = quantity(
@@ -214,6 +218,15 @@ class CameraSettings:
         if self.clamp_pixel is not None:
             clamp_pixel = finite_numbers(self.clamp_pixel, 'clamp_pixel', 2)
             object.__setattr__(self, 'clamp_pixel', clamp_pixel)
+        if self.dot_color is not None:
+            color = finite_numbers(self.dot_color, 'dot_color', 3)
+            if not all(0.0 <= value <= 255.0 for value in color):
+                raise CameraError(f'dot_color = {list(color)} must be red, green, blue, 0 to 255')
+            if lab_color((color[0], color[1], color[2]))[1] < LEAST_CHROMA:
+                raise CameraError(
+                    f'dot_color = {list(color)} is a grey: leave it out, and set polarity'
+                )
+            object.__setattr__(self, 'dot_color', color)
         if self.polarity not in POLARITIES:
             raise CameraError(
                 f'polarity must be one of {", ".join(POLARITIES)}, not {self.polarity!r}'

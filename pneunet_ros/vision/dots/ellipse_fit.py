@@ -6,7 +6,7 @@ All blobs of an image are fitted side by side, as columns of numbers over their 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 import functools
 import math
 from typing import Any, NamedTuple
@@ -107,6 +107,15 @@ class EllipseSettings:
 
 EllipseNumbers = numbers_type(EllipseSettings, 'EllipseNumbers')
 ELLIPSE = EllipseSettings()
+
+
+def for_colors(settings: EllipseSettings) -> EllipseSettings:
+    """Return settings for images told by color, which cameras store at half of the resolution.
+
+    Measured with JPEG of 4:2:0, quality 85, dots of 12 and 16 px: edges are off by up to 0.25 px,
+    and centers by 0.06 px rms, 12 grey levels of an edge of 200.
+    """
+    return replace(settings, on_edge=0.25, near_edge=0.4, uneven=12.0)
 
 
 @functools.lru_cache
@@ -236,7 +245,8 @@ def _fit_together(grey: Bytes, starts: Array, boxes: Integers, settings: Ellipse
     going = np.flatnonzero(np.bincount(rims.owner, minlength=count) >= 2 * UNKNOWNS)
     if jit.is_compiled():
         found, ended = _fit_compiled(rims, starts, fit, going, settings)
-        fitted[going[ended]] = _results(rims, starts, fit, going, found, ended, settings)
+        if len(ended):
+            fitted[going[ended]] = _results(rims, starts, fit, going, found, ended, settings)
         return fitted
     for turn in range(settings.passes):
         if not len(going):
