@@ -10,8 +10,8 @@ import pytest
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
+from pneunet_ros.core.health import Level  # noqa: E402
 from pneunet_ros.nodes.callback_errors import CallbackErrors  # noqa: E402
-from pneunet_ros.nodes.health import Level  # noqa: E402
 from support.dds_peer import EstimatorPeer, running_node  # noqa: E402
 
 DOMAIN = int(os.environ['ROS_DOMAIN_ID'])

@@ -16,7 +16,7 @@ from support.example_arms import PAPER_ARM
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from pneunet_ros.nodes.health import Level  # noqa: E402
+from pneunet_ros.core.health import Level  # noqa: E402
 from pneunet_ros.nodes.ros_types import message_class, RCLPY_TYPES  # noqa: E402
 from support.dds_peer import EstimatorPeer, running_node  # noqa: E402
 

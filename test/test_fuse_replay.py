@@ -6,6 +6,7 @@ import csv
 import json
 import math
 
+import numpy as np
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.model_file import load_model
@@ -50,6 +51,22 @@ def test_all_fused_topics_are_written_beside_the_inputs(replayed):
     assert summary['of_the_bench'] == {}
     assert summary['force_sensor'] is None
     assert recording.count(['/pneunet/targets']) == FRAMES
+
+
+def test_diagnostics_are_those_of_the_node_once_a_second_and_at_the_end(replayed):
+    output, summary = replayed
+    reports = list(open_recording(output).messages(['/diagnostics']))
+    times = [report.log_time_ns for report in reports]
+    begin, end = open_recording(RECORDING).start_ns, open_recording(RECORDING).end_ns
+    assert len(times) == 1 + (end - begin) // 10**9
+    assert min(np.diff(times[:-1])) >= 10**9
+    (status,) = reports[-1].message.status
+    assert status.name == 'pneunet/fusion: shape and force'
+    values = {pair.key: pair.value for pair in status.values}
+    assert values['mode'] == 'fused'
+    assert values['estimates'] == str(summary['estimates'])
+    assert float(values['nis_mean']) == pytest.approx(summary['nis'], rel=1e-3)
+    assert values['std_leaves_out'] == summary['std_leaves_out']
 
 
 def test_a_force_sensor_of_the_wrong_sign_is_said_with_numbers(capsys):

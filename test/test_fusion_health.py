@@ -20,9 +20,9 @@ from support.random_estimates import random_estimate
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from pneunet_ros.nodes.fusion.health import FusionHealth  # noqa: E402
+from pneunet_ros.core.health import Level  # noqa: E402
+from pneunet_ros.fusion.health import FusionHealth  # noqa: E402
 from pneunet_ros.nodes.fusion.warm_up import warm_up  # noqa: E402
-from pneunet_ros.nodes.health import Level  # noqa: E402
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize  # noqa: E402
 
 FUSION = Fusion(arm=paper_arm())

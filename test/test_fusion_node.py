@@ -27,7 +27,7 @@ from support.random_estimates import plain
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from pneunet_ros.nodes.health import Level  # noqa: E402
+from pneunet_ros.core.health import Level  # noqa: E402
 from support.dds_peer import END_FORCE, FusionPeer, running_node  # noqa: E402
 
 DOMAIN = int(os.environ['ROS_DOMAIN_ID'])

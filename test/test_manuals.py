@@ -31,12 +31,12 @@ from support.manuals import page, reasons_in, table, topics, values
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
+from pneunet_ros.core.health import Level  # noqa: E402
+from pneunet_ros.estimation.health import EstimatorHealth  # noqa: E402
 from pneunet_ros.estimation.state import EstimatorState  # noqa: E402
+from pneunet_ros.fusion.health import FusionHealth  # noqa: E402
 from pneunet_ros.nodes.estimator.configuration import PARAMETERS as ESTIMATOR  # noqa: E402
-from pneunet_ros.nodes.estimator.health import EstimatorHealth  # noqa: E402
 from pneunet_ros.nodes.fusion.configuration import PARAMETERS as FUSION  # noqa: E402
-from pneunet_ros.nodes.fusion.health import FusionHealth  # noqa: E402
-from pneunet_ros.nodes.health import Level  # noqa: E402
 from pneunet_ros.nodes.topics import DEPTH, DEPTH_OF, input_qos, latched_qos, output_qos  # noqa: E402
 from pneunet_ros.nodes.tracker.configuration import PARAMETERS as TRACKER  # noqa: E402
 from pneunet_ros.nodes.tracker.health import TrackerHealth  # noqa: E402

@@ -29,12 +29,12 @@ from support.random_frames import random_sightings, TARGETS
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
+from pneunet_ros.core.health import Level  # noqa: E402
+from pneunet_ros.estimation.health import EstimatorHealth  # noqa: E402
 from pneunet_ros.nodes.connections import rival_sentences  # noqa: E402
 from pneunet_ros.nodes.estimator.configuration import PARAMETERS as ESTIMATOR  # noqa: E402
-from pneunet_ros.nodes.estimator.health import EstimatorHealth  # noqa: E402
 from pneunet_ros.nodes.estimator.warm_up import load_inside, warm_up  # noqa: E402
 from pneunet_ros.nodes.fusion.configuration import PARAMETERS as FUSION  # noqa: E402
-from pneunet_ros.nodes.health import Level  # noqa: E402
 from pneunet_ros.nodes.log import Log  # noqa: E402
 from pneunet_ros.nodes.publisher import EstimatePublisher, in_order  # noqa: E402
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize  # noqa: E402

@@ -34,7 +34,7 @@ from support.random_estimates import plain
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from pneunet_ros.nodes.health import Level  # noqa: E402
+from pneunet_ros.core.health import Level  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import FluidPressure  # noqa: E402

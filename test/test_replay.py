@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.health import Level
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.estimate import ShapeEstimate
@@ -108,8 +109,23 @@ def test_the_outputs_stand_beside_the_inputs(replay, estimates):
     count = {topic.name: (topic.type, topic.count) for topic in replay[1].topics}
     inputs = {f'/pneunet/{item.name}': (item.type, len(PRESSURES)) for item in READ}
     outputs = {f'/pneunet/{item.name}': (item.type, len(estimates)) for item in OUTPUTS}
-    assert count == inputs | outputs
+    reports = {'/diagnostics': ('diagnostic_msgs/msg/DiagnosticArray', 1)}  # at the end
+    assert count == inputs | outputs | reports
     assert len(estimates) == len(PRESSURES) - len(REFUSED)
+
+
+def test_diagnostics_say_what_was_refused_at_the_last_log_time(replay):
+    (report,) = replay[1].messages(['/diagnostics'])
+    (status,) = report.message.status
+    assert status.name == 'pneunet/estimator: shape'
+    assert status.level == Level.ERROR
+    values = {pair.key: pair.value for pair in status.values}
+    assert {name: values[f'rejected/{name}'] for name in REFUSED.values()} == dict.fromkeys(
+        REFUSED.values(), '1'
+    )
+    assert values['estimates'] == str(len(PRESSURES) - len(REFUSED))
+    assert values['latency_p99_s'] == ''  # nobody waited
+    assert report.log_time_ns == stamp_of(len(PRESSURES) - 1) + LATE_NS
 
 
 def test_the_inputs_are_copied_bit_by_bit(replay):
@@ -181,7 +197,8 @@ def test_outputs_are_in_the_namespace_of_the_pressure(tmp_path):
     record(tmp_path / 'in.mcap', readings('/left/arm'))
     replayed(tmp_path / 'in.mcap', tmp_path / 'out.mcap')
     names = {topic.name for topic in open_recording(tmp_path / 'out.mcap').topics}
-    assert names == {f'/left/arm/{item.name}' for item in (*READ, *OUTPUTS)}
+    own = {f'/left/arm/{item.name}' for item in (*READ, *OUTPUTS)}
+    assert names == {*own, '/diagnostics'}
 
 
 def test_a_topic_without_namespace_stays_without():

@@ -46,7 +46,7 @@ from support.random_estimates import plain
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from pneunet_ros.nodes.health import Level  # noqa: E402
+from pneunet_ros.core.health import Level  # noqa: E402
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES  # noqa: E402
 from pneunet_ros.nodes.ros_types import serialize as to_bytes  # noqa: E402
 from pneunet_ros.nodes.tracker.node import TrackerNode  # noqa: E402

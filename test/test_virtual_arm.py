@@ -21,7 +21,7 @@ pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from geometry_msgs.msg import WrenchStamped  # noqa: E402
-from pneunet_ros.nodes.health import Level  # noqa: E402
+from pneunet_ros.core.health import Level  # noqa: E402
 from pneunet_ros.nodes.topics import latched_qos  # noqa: E402
 from sensor_msgs.msg import FluidPressure  # noqa: E402
 from std_msgs.msg import String  # noqa: E402

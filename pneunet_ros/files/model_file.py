@@ -92,6 +92,11 @@ def model_hash(arm: Arm) -> str:
     return hashlib.sha256(canonical.encode()).hexdigest()
 
 
+def model_label(arm: Arm) -> str:
+    """Return a name and the beginning of the hash of a model: enough to tell models apart."""
+    return f'{arm.name} {model_hash(arm)[:12]}'
+
+
 def arm_from_mapping(content: Any) -> Arm:
     """Build the arm from the content of a model file."""
     top = MODEL_FILE.block(content, '', TOP, OPTIONAL)

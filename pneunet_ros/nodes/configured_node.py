@@ -10,11 +10,11 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from pneunet_ros.core.errors import PneunetError
+from pneunet_ros.core.health import count_texts, Level, Report, REPORT_PERIOD
 from pneunet_ros.core.kernels import jit
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.nodes.callback_errors import CallbackErrors, refuse_call
 from pneunet_ros.nodes.connections import mismatch_sentences, rival_sentences
-from pneunet_ros.nodes.health import count_texts, Level, Report
 from pneunet_ros.nodes.log import Log
 from pneunet_ros.nodes.losses import Losses
 from pneunet_ros.nodes.parameters import ParameterTable, without_effect
@@ -25,8 +25,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-
-REPORT_PERIOD = 1.0  # s
 
 
 class Configuration(Protocol):

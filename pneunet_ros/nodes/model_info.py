@@ -15,8 +15,3 @@ def model_info(arm: Arm, file: Path, **others: Any) -> str:
     """Return the JSON text for an arm that was read from a file, with what else is to be said."""
     about = {'name': arm.name, 'hash': model_hash(arm), 'file': str(file), 'length': arm.length}
     return json.dumps({**about, **others, 'version': __version__})
-
-
-def model_label(arm: Arm) -> str:
-    """Return a name and the beginning of the hash of a model: enough to tell models apart."""
-    return f'{arm.name} {model_hash(arm)[:12]}'

@@ -11,10 +11,12 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.fusion.belief_estimate import OF_THE_BENCH
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.health import FusionHealth
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.messages.fusion import fuse_message, FUSION_OUTPUTS
 from pneunet_ros.messages.readings import END_WRENCH, OF_FUSION, PRESSURE, Sensor, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.offline.diagnostics import Diagnostics, namespace_of
 from pneunet_ros.offline.replay import estimate_topic, messages_in_order
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recorded_series import find_series
@@ -60,6 +62,33 @@ def fusion_steps(
         yield FusionStep(message=message, outcome=outcome, state=state)
 
 
+class FusionDiagnostics:
+    """What the node `fusion` would report of the steps of a replay."""
+
+    def __init__(
+        self, writer: RecordingWriter, fusion: Fusion, topics: Mapping[str, Sensor[Any]]
+    ) -> None:
+        """Begin; topics: sensors by the names of their topics."""
+        names = {sensor.name: name for name, sensor in topics.items()}
+        space = namespace_of(names[PRESSURE.name])
+        self._topic = Diagnostics(writer, fusion.arm, f'{space}fusion: shape and force')
+        self._fusion, self._topics = fusion, topics
+        self._health = FusionHealth(names[PRESSURE.name], names[TARGETS.name], 0.0)
+
+    def take(self, step: FusionStep) -> None:
+        """Take a step, and report where it is time to."""
+        clock, sensor = self._topic.clock, self._topics[step.message.topic]
+        due = clock.advance(step.message.log_time_ns)
+        self._health.took(sensor.name, step.outcome, clock.now, None)
+        if due:
+            self.report(step.state)
+
+    def report(self, state: FusionState) -> None:
+        """Report on the time since the last report, with what is remembered now."""
+        now, left_out = self._topic.clock.now, self._topic.left_out
+        self._topic.write(self._health.report(state, self._fusion, now, left_out=left_out))
+
+
 def record_fusion(
     writer: RecordingWriter,
     recording: Recording,
@@ -67,7 +96,10 @@ def record_fusion(
     topics: Mapping[str, Sensor[Any]],
     on_progress: Callable[[FusionStep], None],
 ) -> None:
-    """Write the inputs, unchanged, and all outputs of the fusion; `on_progress` sees each step."""
+    """Write the inputs, unchanged, and all outputs of the fusion; `on_progress` sees each step.
+
+    `/diagnostics` is written as the node does, once a second and at the end.
+    """
     copies = {name: writer.add_copy(recording.topic(name)) for name in topics}
     pressure = next(name for name, sensor in topics.items() if sensor is PRESSURE)
     outputs = [
@@ -77,14 +109,18 @@ def record_fusion(
     serializer = MessageSerializer(
         types=ROSBAGS_TYPES, serialize=serialize, frame_id=fusion.sensors.frame_id
     )
+    diagnostics, state = FusionDiagnostics(writer, fusion, topics), FusionState()
     for step in fusion_steps(recording, fusion, topics):
         on_progress(step)
+        diagnostics.take(step)
+        state = step.state
         message = step.message
         writer.write_raw(copies[message.topic], message.log_time_ns, message.raw)
         if isinstance(step.outcome, FusedEstimate):
             for output, connection in outputs:
                 raw = serializer.bytes_of(output, step.outcome)
                 writer.write_raw(connection, message.log_time_ns, raw)
+    diagnostics.report(state)
 
 
 @dataclass(slots=True)

@@ -20,6 +20,7 @@ from pneunet_ros.estimation.consistency import (
 )
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.health import EstimatorHealth
 from pneunet_ros.estimation.persistent_errors import KeptFrames, persistent_errors
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.messages.builders import header_stamp, Output, UNREADABLE
@@ -27,6 +28,7 @@ from pneunet_ros.messages.consistency import take_targets_message
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.readings import (
     arrival_order,
+    END_WRENCH,
     OF_ESTIMATOR,
     PRESSURE,
     Sensor,
@@ -34,6 +36,7 @@ from pneunet_ros.messages.readings import (
 )
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.offline.diagnostics import Diagnostics, namespace_of
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recorded_series import find_series
 from pneunet_ros.recordings.recording import RecordedMessage, Recording
@@ -140,6 +143,50 @@ def estimate_topic(pressure_topic: str, name: str) -> str:
     return f'{pressure_topic.rsplit("/", 1)[0]}/{name}'
 
 
+class EstimatorDiagnostics:
+    """What the node `estimator` would report of the steps of a replay."""
+
+    def __init__(
+        self, writer: RecordingWriter, estimator: Estimator, topics: Mapping[str, Sensor[Any]]
+    ) -> None:
+        """Begin; topics: sensors by the names of their topics."""
+        pressure = next(name for name, sensor in topics.items() if sensor is PRESSURE)
+        name = f'{namespace_of(pressure)}estimator: shape'
+        self._topic = Diagnostics(writer, estimator.arm, name)
+        self._estimator, self._topics = estimator, topics
+        self._health = EstimatorHealth(pressure, 0.0)
+        self._consistency = ConsistencyState()
+
+    def take(self, step: Step) -> None:
+        """Take a step, and report where it is time to."""
+        clock, outcome = self._topic.clock, step.outcome
+        due = clock.advance(step.message.log_time_ns)
+        if step.consistency.running is not self._consistency.running:
+            self._health.note_comparison(clock.now)
+        self._consistency = step.consistency
+        sensor = self._topics.get(step.message.topic)
+        if sensor is PRESSURE and outcome is not None:
+            self._health.took_pressure(outcome, clock.now, None)
+        elif not isinstance(outcome, ShapeEstimate):
+            if sensor is END_WRENCH:
+                self._health.took_wrench(outcome, clock.now)
+            elif outcome is not None:
+                self._health.note_refusal(outcome)
+        if due:
+            self.report(step)
+
+    def report(self, last: Step) -> None:
+        """Report on the time since the last report; last: the last step."""
+        report = self._health.report(
+            last.state,
+            self._estimator.settings,
+            self._topic.clock.now,
+            last.consistency,
+            self._topic.left_out,
+        )
+        self._topic.write(report)
+
+
 def record_steps(
     writer: RecordingWriter,
     recording: Recording,
@@ -150,6 +197,8 @@ def record_steps(
     targets: str | None = None,
 ) -> None:
     """Write the inputs, unchanged, all outputs, and `markers`; `on_progress` sees every step.
+
+    `/diagnostics` is written as the node does, once a second and at the end.
 
     targets: a topic of targets that is an input as well, to be compared with the estimates.
     """
@@ -163,14 +212,20 @@ def record_steps(
     serializer = MessageSerializer(
         types=ROSBAGS_TYPES, serialize=serialize, frame_id=estimator.settings.frame_id
     )
+    diagnostics = EstimatorDiagnostics(writer, estimator, topics)
+    last: Step | None = None
     for step in steps(recording, estimator, topics, targets):
         on_progress(step)
+        diagnostics.take(step)
+        last = step
         message = step.message
         writer.write_raw(copies[message.topic], message.log_time_ns, message.raw)
         if isinstance(step.outcome, ShapeEstimate):
             for output, connection in outputs:
                 raw = serializer.bytes_of(output, step.outcome)
                 writer.write_raw(connection, message.log_time_ns, raw)
+    if last is not None:
+        diagnostics.report(last)
 
 
 @dataclass(slots=True)

@@ -13,12 +13,13 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.files.model_file import model_label
 from pneunet_ros.measurement.wrench_judge import WrenchConvention
 from pneunet_ros.messages.builders import Output
 from pneunet_ros.messages.link_chain import JOINT_STATES
 from pneunet_ros.messages.markers import ArmInUse, markers_output, TIP_FRAME, transform_output
 from pneunet_ros.model.uncertainty import error_left_out
-from pneunet_ros.nodes.model_info import model_info, model_label
+from pneunet_ros.nodes.model_info import model_info
 from pneunet_ros.nodes.parameters import (
     EFFECTS_PATH,
     GRAVITY,

@@ -16,6 +16,7 @@ from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.consistency import ConsistencyState, take_estimate
 from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.health import EstimatorHealth
 from pneunet_ros.estimation.pressure_tare import pressure_zero
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.messages.builders import UNREADABLE
@@ -30,7 +31,6 @@ from pneunet_ros.nodes.estimator.configuration import (
     PARAMETERS,
     share_arm_and_settings,
 )
-from pneunet_ros.nodes.estimator.health import EstimatorHealth
 from pneunet_ros.nodes.estimator.warm_up import warm_up
 from pneunet_ros.nodes.publisher import EstimatePublisher
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize

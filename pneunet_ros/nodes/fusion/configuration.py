@@ -9,11 +9,12 @@ from typing import Any
 from pneunet_ros.core.settings import check_settings, setting, settings_changed
 from pneunet_ros.core.units import quantity
 from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.files.model_file import model_label
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.model.uncertainty import error_left_out
-from pneunet_ros.nodes.model_info import model_info, model_label
+from pneunet_ros.nodes.model_info import model_info
 from pneunet_ros.nodes.parameters import (
     EFFECTS_PATH,
     GRAVITY,

@@ -10,8 +10,10 @@ from functools import partial
 import time
 from typing import Any
 
+from pneunet_ros.core.health import Level
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.fusion.estimate import FusedEstimate
+from pneunet_ros.fusion.health import FusionHealth
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.messages.fusion import fuse_message, FUSION_OUTPUTS
 from pneunet_ros.messages.readings import END_WRENCH, OF_FUSION, PRESSURE, Sensor, TARGETS
@@ -22,9 +24,7 @@ from pneunet_ros.nodes.fusion.configuration import (
     FusionConfiguration,
     PARAMETERS,
 )
-from pneunet_ros.nodes.fusion.health import FusionHealth
 from pneunet_ros.nodes.fusion.warm_up import warm_up
-from pneunet_ros.nodes.health import Level
 from pneunet_ros.nodes.publisher import EstimatePublisher
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
 from pneunet_ros.nodes.topics import subscribe_in_order

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from pneunet_ros.core.health import count_texts, InputHealth, Level, Report, texts
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.units import millimeters
-from pneunet_ros.nodes.health import count_texts, InputHealth, Level, Report, texts
 from pneunet_ros.vision.rest_plane import RESTING
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pneunet_ros.core.errors import MessageError, RequestError
 from pneunet_ros.core.frames import heading_quaternion
+from pneunet_ros.core.health import count_texts, Level, Report, texts
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.lab.chain import ChainShape
@@ -23,7 +24,6 @@ from pneunet_ros.messages.builders import header, image, IMAGE_TYPE, UNREADABLE
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS, targets_message
 from pneunet_ros.messages.tracker import camera_info_message, CAMERA_INFO_TYPE
 from pneunet_ros.nodes.configured_node import ConfiguredNode
-from pneunet_ros.nodes.health import count_texts, Level, Report, texts
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES
 from pneunet_ros.nodes.topics import input_qos, output_qos, publisher, subscription
 from pneunet_ros.nodes.virtual_arm.configuration import (

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.estimation.consistency import FORCE_NOT_JUDGED
 
+REPORT_PERIOD = 1.0  # s, between two reports
 LATENCIES = 1000  # readings over which percentiles are taken
 
 
@@ -118,8 +118,3 @@ def count_texts(what: str, counts: Mapping[str, int]) -> dict[str, str]:
     """Return a count and, below it, its parts by reason."""
     parts = {f'{what}/{reason}': str(count) for reason, count in counts.items()}
     return {what: str(sum(counts.values())), **parts}
-
-
-def force_judged(force_read: bool) -> str:
-    """Say whether a comparison with targets can tell a wrong force."""
-    return 'yes' if force_read else f'no: {FORCE_NOT_JUDGED}'

@@ -5,20 +5,20 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.fusion.contact import Contact
-from pneunet_ros.fusion.estimate import FusedEstimate, Mode
-from pneunet_ros.fusion.fusion import Fusion
-from pneunet_ros.fusion.state import FusionState, RunningNis
-from pneunet_ros.nodes.health import (
+from pneunet_ros.core.health import (
     age,
     count_texts,
-    force_judged,
     InputHealth,
     Level,
     Report,
     texts,
 )
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.estimation.health import force_judged
+from pneunet_ros.fusion.contact import Contact
+from pneunet_ros.fusion.estimate import FusedEstimate, Mode
+from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.state import FusionState, RunningNis
 
 AMBIGUOUS = 'two loads explain the targets: no force is published'
 
@@ -38,8 +38,11 @@ class FusionHealth(InputHealth):
         self._nis: RunningNis | None = None
         self._warnings: dict[str, None] = {}
 
-    def took(self, sensor: str, outcome: object, now: float, solve_time: float) -> None:
-        """Note what became of a message of a sensor, and how long that took (s)."""
+    def took(self, sensor: str, outcome: object, now: float, solve_time: float | None) -> None:
+        """Note what became of a message of a sensor, and how long (s) that took.
+
+        None: not live.
+        """
         if not isinstance(outcome, Refusal):
             self._at[sensor] = now
         elif outcome.error:

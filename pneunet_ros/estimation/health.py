@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from typing import Any
 
-from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.estimation.consistency import ConsistencyState, Disagreement
-from pneunet_ros.estimation.estimate import ShapeEstimate
-from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.nodes.health import (
+from pneunet_ros.core.health import (
     age,
     count_texts,
-    force_judged,
     InputHealth,
     Level,
     Report,
     texts,
 )
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.estimation.consistency import (
+    ConsistencyState,
+    Disagreement,
+    FORCE_NOT_JUDGED,
+)
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.state import EstimatorState
 
 NO_CONSISTENCY = ConsistencyState()
 
@@ -34,14 +37,14 @@ class EstimatorHealth(InputHealth):
         self._wrench_at: float | None = None
         self._targets_at: float | None = None
         self._estimate: ShapeEstimate | None = None
-        self._solve_time = 0.0
+        self._solve_time: float | None = None
         self._warnings: dict[str, None] = {}
         self._settled: list[bool] = []
 
     def took_pressure(
-        self, outcome: ShapeEstimate | Refusal, now: float, solve_time: float
+        self, outcome: ShapeEstimate | Refusal, now: float, solve_time: float | None
     ) -> None:
-        """Note what became of a pressure reading, and how long that took (s)."""
+        """Note what became of a pressure reading, and how long that took (s); None: not live."""
         self.take(outcome, now)
         if isinstance(outcome, ShapeEstimate):
             self._estimate = outcome
@@ -160,3 +163,8 @@ class EstimatorHealth(InputHealth):
             'targets_matched': consistency.matched,
         }
         return texts(values) | count_texts('targets_unmatched', consistency.unmatched)
+
+
+def force_judged(force_read: bool) -> str:
+    """Say whether a comparison with targets can tell a wrong force."""
+    return 'yes' if force_read else f'no: {FORCE_NOT_JUDGED}'

@@ -1,0 +1,72 @@
+"""`/diagnostics` of a replay: what a node would have reported, once a second of log time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pneunet_ros.core.health import Report, REPORT_PERIOD
+from pneunet_ros.core.units import seconds_since
+from pneunet_ros.files.model_file import model_label
+from pneunet_ros.messages.builders import header
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.uncertainty import error_left_out
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
+from pneunet_ros.recordings.recording_writer import RecordingWriter
+
+TOPIC, TYPE = '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray'
+
+
+class Clock:
+    """Seconds of log time since the first message, and when the next report is due."""
+
+    def __init__(self) -> None:
+        self._start_ns: int | None = None
+        self._reported = 0.0
+        self.now_ns = 0
+
+    def advance(self, log_time_ns: int) -> bool:
+        """Go on to a log time (ns); return whether a report is due."""
+        self._start_ns = log_time_ns if self._start_ns is None else self._start_ns
+        self.now_ns = log_time_ns
+        due = self.now - self._reported >= REPORT_PERIOD
+        self._reported = self.now if due else self._reported
+        return due
+
+    @property
+    def now(self) -> float:
+        """Seconds since the first message."""
+        return 0.0 if self._start_ns is None else seconds_since(self._start_ns, self.now_ns)
+
+
+class Diagnostics:
+    """The topic `/diagnostics` of a replay, under the name that a node has by default."""
+
+    def __init__(self, writer: RecordingWriter, arm: Arm, name: str) -> None:
+        """Add the topic; name: of the status, as in 'pneunet/fusion: shape and force'."""
+        self._writer, self._name, self._label = writer, name, model_label(arm)
+        self._connection = writer.add(TOPIC, TYPE)
+        self.left_out = error_left_out(arm.covariance, arm.sources)
+        self.clock = Clock()
+
+    def write(self, report: Report) -> None:
+        """Write a report at the time that the clock shows."""
+        types = ROSBAGS_TYPES
+        values: Mapping[str, str] = {'model': self._label, **report.values}
+        pair = types('diagnostic_msgs/msg/KeyValue')
+        status: Any = types('diagnostic_msgs/msg/DiagnosticStatus')(
+            level=int(report.level),
+            name=self._name,
+            message=report.message,
+            hardware_id=self._label,
+            values=[pair(key=key, value=value) for key, value in values.items()],
+        )
+        stamp = header(self.clock.now_ns, '', types)
+        array = types(TYPE)(header=stamp, status=[status])
+        self._writer.write(self._connection, self.clock.now_ns, array)
+
+
+def namespace_of(topic: str) -> str:
+    """Return the namespace of a topic as a status has it: 'pneunet/', or '' for none."""
+    space = topic.rpartition('/')[0].strip('/')
+    return f'{space}/' if space else ''
