@@ -82,7 +82,8 @@ class InputHealth:
 
     def rate(self, now: float) -> float:
         """Return the results per second (Hz) since the last report."""
-        return self._results / max(now - self._reported, 1e-9)
+        seconds = now - self._reported
+        return self._results / seconds if seconds > 0.0 else 0.0
 
     def problems(self) -> tuple[list[str], list[str]]:
         """Return sentences on errors, and on what was merely dropped, since the last report."""

@@ -22,16 +22,21 @@ class Clock:
 
     def __init__(self) -> None:
         self._start_ns: int | None = None
-        self._reported = 0.0
+        self._reported: float | None = None
         self.now_ns = 0
 
     def advance(self, log_time_ns: int) -> bool:
         """Go on to a log time (ns); return whether a report is due."""
         self._start_ns = log_time_ns if self._start_ns is None else self._start_ns
         self.now_ns = log_time_ns
-        due = self.now - self._reported >= REPORT_PERIOD
+        due = self.now - (self._reported or 0.0) >= REPORT_PERIOD
         self._reported = self.now if due else self._reported
         return due
+
+    @property
+    def ends(self) -> bool:
+        """Whether a last report is due: something came after the one before, if there was one."""
+        return self._reported is None or self.now > self._reported
 
     @property
     def now(self) -> float:

@@ -83,6 +83,11 @@ class FusionDiagnostics:
         if due:
             self.report(step.state)
 
+    def end(self, state: FusionState) -> None:
+        """Report on what came after the last report."""
+        if self._topic.clock.ends:
+            self.report(state)
+
     def report(self, state: FusionState) -> None:
         """Report on the time since the last report, with what is remembered now."""
         now, left_out = self._topic.clock.now, self._topic.left_out
@@ -120,7 +125,7 @@ def record_fusion(
             for output, connection in outputs:
                 raw = serializer.bytes_of(output, step.outcome)
                 writer.write_raw(connection, message.log_time_ns, raw)
-    diagnostics.report(state)
+    diagnostics.end(state)
 
 
 @dataclass(slots=True)

@@ -175,6 +175,11 @@ class EstimatorDiagnostics:
         if due:
             self.report(step)
 
+    def end(self, last: Step) -> None:
+        """Report on what came after the last report; last: the last step."""
+        if self._topic.clock.ends:
+            self.report(last)
+
     def report(self, last: Step) -> None:
         """Report on the time since the last report; last: the last step."""
         report = self._health.report(
@@ -225,7 +230,7 @@ def record_steps(
                 raw = serializer.bytes_of(output, step.outcome)
                 writer.write_raw(connection, message.log_time_ns, raw)
     if last is not None:
-        diagnostics.report(last)
+        diagnostics.end(last)
 
 
 @dataclass(slots=True)
