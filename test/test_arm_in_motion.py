@@ -271,7 +271,7 @@ def test_mujoco_swings_alike_through_steps_of_40_kilopascals(force):
 
 def test_diagnostics_say_how_the_arm_moves():
     pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
-    from pneunet_ros.nodes.estimator.health import EstimatorHealth
+    from pneunet_ros.estimation.health import EstimatorHealth
 
     health, found = EstimatorHealth('/pressure', 0.0), estimates(moving(), step_of(1e4, 3e4, 40))
     for estimate in found:
