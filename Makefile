@@ -20,7 +20,8 @@ endif
 unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH PYTHONHOME _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
-PIP := -m pip --disable-pip-version-check --quiet install
+# Bytes of Python are compiled where they are imported: a third of the time of installing.
+PIP := -m pip --disable-pip-version-check install --no-compile
 # The clone itself on the path: in the folder above it, it would be taken for a package otherwise.
 EDITABLE := --config-settings editable_mode=compat
 
@@ -32,10 +33,13 @@ help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 .PHONY: setup
-setup: $(VENV)/kernels ## make .venv with all that running, testing and ROS need, kernels compiled
+setup: $(VENV)/kernels ## for contributors: .venv with all that running, testing and ROS need
+	@$(VENV)/bin/pneunet --version
+	@$(VENV)/bin/python -c 'import rclpy' 2>/dev/null && echo 'ROS 2: rclpy is there' || echo 'ROS 2: not here, tests of the nodes are skipped'
+	@echo 'next: make quick (tests of a minute), make check (style, types, rooms), make help (all targets)'
 
 .PHONY: demo
-demo: $(VENV)/run ## the first minute: the arm of the paper, replayed
+demo: $(VENV)/run ## the first minute: the arm of the paper, replayed; sets up what it needs
 	$(VENV)/bin/pneunet demo --overwrite $(ARGS)
 
 .PHONY: live
@@ -47,7 +51,7 @@ quick: $(VENV)/kernels ## the tests of a minute: no processes, no films, no diag
 	$(VENV)/bin/python -m pytest $(PYTEST_FLAGS) -m 'not slow and not ros and not lengthy' test $(ARGS)
 
 .PHONY: test
-test: $(VENV)/kernels ## the tests, without the slow ones
+test: $(VENV)/kernels ## the tests, without the slow ones; sets up what they need
 	$(VENV)/bin/python -m pytest $(PYTEST_FLAGS) $(ARGS)
 
 .PHONY: test-all
@@ -105,12 +109,12 @@ clean: ## remove all that was made here
 	@touch $@
 
 $(VENV)/run: $(VENV)/python-$(VERSION) setup.py
-	@echo 'installing pneunet_ros and what it needs into $(VENV): some minutes'
+	@echo 'setting up $(VENV), once: pneunet_ros and the libraries it needs, about a minute'
 	@$(VENV)/bin/python $(PIP) $(EDITABLE) -e .
 	@touch $@
 
 $(VENV)/all: $(VENV)/python-$(VERSION) setup.py
-	@echo 'installing pneunet_ros, ROS and the tools for testing into $(VENV): some minutes'
+	@echo 'setting up $(VENV), once: pneunet_ros, ROS 2 and the tools for testing, some minutes'
 	@$(VENV)/bin/python $(PIP) $(EDITABLE) -e '.[dev,ros]'
 	@touch $(VENV)/run $@
 

@@ -210,7 +210,7 @@ def test_an_output_that_cannot_be_is_one_sentence(run, recording, tmp_path, monk
     code, out, err = run('replay', recording, '--output', name)
     assert (code, out) == (2, '')
     assert err.count('\n') == 1
-    assert 'cannot be written' in err
+    assert any(why in err for why in ('cannot be written', 'leads back to itself'))
     assert names(tmp_path) == ['link.mcap', 'loop']
 
 

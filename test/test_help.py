@@ -5,10 +5,10 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from pneunet_ros.cli.main import VERBS
+from pneunet_ros.cli.main import GROUPS, VERBS, verbs_in_groups
 import pytest
 
-HEAVY = ('scipy.signal', 'scipy.stats', 'scipy.optimize', 'sklearn', 'matplotlib')
+HEAVY = ('scipy.signal', 'scipy.stats', 'sklearn', 'matplotlib')
 ASK = """
 import contextlib, io, sys
 from pneunet_ros.cli.main import main
@@ -26,3 +26,9 @@ def test_no_help_imports_what_draws_or_fits(words):
     asked = [sys.executable, '-c', ASK.format(heavy=HEAVY), *words]
     found = subprocess.run(asked, capture_output=True, text=True, check=True)
     assert found.stdout.split() == []
+
+
+def test_every_verb_stands_in_one_group_of_the_help():
+    grouped = [name for names in GROUPS.values() for name in names]
+    assert sorted(grouped) == sorted(verb.name for verb in VERBS)
+    assert all(f'  {name} ' in verbs_in_groups() for name in grouped)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Action, ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from decimal import Decimal
 from difflib import get_close_matches
@@ -10,6 +10,7 @@ from importlib import import_module
 import os
 import re
 import sys
+from textwrap import wrap
 from typing import Any, Literal, NamedTuple, NoReturn
 
 from pneunet_ros import __version__
@@ -91,6 +92,15 @@ def likely(word: str, known: Sequence[str]) -> str:
     """Return the known word that may be meant, as a question."""
     near = get_close_matches(word, known, 1, 0.75)
     return f' ({near[0]}?)' if near else ''
+
+
+class CommandHelp(RawDescriptionHelpFormatter):
+    """The help of the command, whose description lists the verbs in groups."""
+
+    def add_argument(self, action: Action) -> None:
+        """Add an option; the verbs stand in the description already."""
+        if action.dest != 'verb':
+            super().add_argument(action)
 
 
 class Verb(NamedTuple):
@@ -229,6 +239,14 @@ VERBS = (
         'pneunet compile',
     ),
 )
+# The verbs as the help shows them, by what one wants.
+GROUPS = {
+    'First steps': ('demo', 'new-arm', 'effects', 'compile'),
+    'Recordings': ('check', 'track', 'import', 'export', 'compare', 'simulate'),
+    'Estimates': ('predict', 'replay', 'urdf', 'mjcf'),
+    'Models': ('calibrate', 'diagnose', 'explore', 'survey'),
+}
+HELP_WIDTH = 90  # columns
 WRONG = 2  # exit code
 NEGATIVE_NUMBER = re.compile(r'-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?')
 MISSING = re.compile(
@@ -245,7 +263,9 @@ def parser(words: Sequence[str]) -> CommandParser:
     command = CommandParser(
         prog='pneunet',
         example='pneunet demo',
-        description='The shape of a pneu-net arm, by a rod model and by camera.',
+        description=f'The shape of a pneu-net arm, by a rod model and by camera.\n'
+        f'{verbs_in_groups()}',
+        formatter_class=CommandHelp,
         epilog='Exit codes: 0 done; 1 done, with a negative answer; 2 wrong request or file.',
         allow_abbrev=False,
     )
@@ -266,6 +286,19 @@ def parser(words: Sequence[str]) -> CommandParser:
             module.options(options)
             options.set_defaults(run=module.run, kernels=verb.kernels)
     return command
+
+
+def verbs_in_groups() -> str:
+    """Return the verbs by what one wants, each with its line of help."""
+    helps = {verb.name: verb.help for verb in VERBS}
+    width = max(map(len, helps)) + 4
+    lines = []
+    for title, names in GROUPS.items():
+        lines += ['', f'{title}:']
+        for name in names:
+            first, rest = f'  {name}'.ljust(width), ' ' * width
+            lines += wrap(helps[name], HELP_WIDTH, initial_indent=first, subsequent_indent=rest)
+    return '\n'.join(lines)
 
 
 def negative_number(argument: str) -> str:
