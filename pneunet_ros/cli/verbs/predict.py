@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 from pneunet_ros.cli.fitted_table import print_table
-from pneunet_ros.cli.quantity_option import quantity_type
+from pneunet_ros.cli.quantity_option import quantity_of, quantity_type
 from pneunet_ros.cli.verb import (
     add_dimensionless,
     add_gravity,
@@ -27,7 +27,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.core.unit_system import DIMENSIONLESS, SHOWN_SI, Unit, UnitSystem
-from pneunet_ros.core.units import kilopascals, PASCALS_PER_KILOPASCAL
+from pneunet_ros.core.units import kilopascals, millimeters, PASCALS_PER_KILOPASCAL
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
@@ -47,6 +47,7 @@ from pneunet_ros.model.equilibrium import (
     steady_pressure,
 )
 from pneunet_ros.model.inverse import solve_tip
+from pneunet_ros.model.pressure_search import pressure_for_force, pressure_for_tip
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.model.uncertainty import error_left_out
 from rich.table import Table
@@ -68,9 +69,15 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--pressure',
         type=quantity_type('pressure'),
-        required=True,
         metavar='PA',
         help='gauge pressure: Pa, or with a unit, as 31kPa',
+    )
+    parser.add_argument(
+        '--pressure-for',
+        nargs='+',
+        metavar='WHAT',
+        help='find the pressure: --pressure-for tip X Y brings the tip nearest to a place; '
+        '--pressure-for force F --tip X Y presses with that force where the tip is held',
     )
     parser.add_argument(
         '--force',
@@ -120,6 +127,8 @@ def run(arguments: Namespace) -> int:
         raise RequestError('--tip-std says how sure --tip is: give both')
     if arguments.tip_std is not None and not 0.0 <= arguments.tip_std < math.inf:
         raise RequestError(f'--tip-std {arguments.tip_std} must be a length in m, zero or more')
+    if (arguments.pressure is None) == (arguments.pressure_for is None):
+        raise RequestError('give --pressure, as 31kPa, or --pressure-for, as tip 95mm 40mm')
     arm = model_of(arguments)
     prediction = predict(arm, solved(arm, arguments), arguments)
     if arguments.json:
@@ -131,12 +140,35 @@ def run(arguments: Namespace) -> int:
 
 def solved(arm: Arm, arguments: Namespace) -> Shape:
     """Return the shape under the load, or that with its tip where it must be."""
-    pressure, moment, stations = arguments.pressure, arguments.moment, arguments.stations
+    moment, stations = arguments.moment, arguments.stations
+    if arguments.pressure_for is not None:
+        arguments.pressure, shape = solved_for_pressure(arm, arguments)
+        return shape
+    pressure = arguments.pressure
     if arguments.tip:
         tip = arguments.tip[0], arguments.tip[1]
         return solve_tip(arm, pressure, tip, moment, stations=stations)
     force = arguments.force or (0.0, 0.0)
     return solve(arm, pressure, (force[0], force[1]), moment, stations=stations)
+
+
+def solved_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
+    """Return the pressure that was asked for, as it is read, and its shape."""
+    what, *numbers = arguments.pressure_for
+    moment, stations = arguments.moment, arguments.stations
+    force = tuple(arguments.force or (0.0, 0.0))
+    if what == 'tip' and len(numbers) == 2 and not arguments.tip:
+        x, y = (quantity_of('--pressure-for tip', text, 'length') for text in numbers)
+        pressure, shape = pressure_for_tip(arm, (x, y), (force[0], force[1]), moment, stations)
+        missed = millimeters(math.dist(shape.tip[:2], (x, y)))
+        status = f'{shape.status}; the tip comes within {missed:.3g} mm of the wanted place'
+        return pressure, replace(shape, status=status)
+    if what == 'force' and len(numbers) == 1 and arguments.tip:
+        wanted = quantity_of('--pressure-for force', numbers[0], 'force')
+        return pressure_for_force(arm, wanted, tuple(arguments.tip), moment, stations)
+    raise RequestError(
+        'write --pressure-for tip X Y, as 95mm 40mm; or --pressure-for force F --tip X Y, as 50mN'
+    )
 
 
 def predict(arm: Arm, shape: Shape, arguments: Namespace) -> Prediction:

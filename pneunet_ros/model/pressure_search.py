@@ -1,0 +1,122 @@
+"""The pressure for a wanted tip under a known load, or for a wanted force against a fixed tip."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+
+import numpy as np
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.equilibrium import check_finite, DEFAULT_STATIONS, solve
+from pneunet_ros.model.inverse import solve_tip
+from pneunet_ros.model.shape import Shape
+
+SCANNED = 33  # pressures over the range: of the branches of the search the best one is refined
+EXACT = 1e-6  # of the range of pressures
+
+
+def pressure_for_tip(
+    arm: Arm,
+    tip: tuple[float, float],
+    force: tuple[float, float] = (0.0, 0.0),
+    moment: float = 0.0,
+    stations: int = DEFAULT_STATIONS,
+) -> tuple[float, Shape]:
+    """Find the pressure that brings the tip nearest to a place, under a known load.
+
+    Args:
+        arm: the calibrated arm.
+        tip: x, y of the wanted place of the free end, m, in the base frame.
+        force: F1, F2 on the free end, N, in the base frame.
+        moment: on the free end, N m.
+        stations: how many equally spaced places along the arm the shape has.
+
+    Returns:
+        What the sensor reads at that pressure, Pa gauge, and the shape. Pressure alone leads the
+        tip along a line: how far it is from the wanted place is for the caller to judge.
+
+    Raises:
+        RequestError: a value is no finite number, or the arm has no shape under this load.
+
+    """
+    check_finite(tip_x=tip[0], tip_y=tip[1])
+    start: list[Shape | None] = [None]
+
+    def at(pressure: float) -> Shape:
+        shape = solve(arm, pressure, force, moment, start=start[0], stations=stations)
+        start[0] = shape if shape.converged else None
+        return shape
+
+    return nearest(arm, at, lambda shape: math.dist(shape.tip[:2], tip))
+
+
+def pressure_for_force(
+    arm: Arm,
+    force: float,
+    tip: tuple[float, float],
+    moment: float = 0.0,
+    stations: int = DEFAULT_STATIONS,
+) -> tuple[float, Shape]:
+    """Find the pressure at which an arm whose tip is held presses with a wanted force.
+
+    Args:
+        arm: the calibrated arm.
+        force: its magnitude, N.
+        tip: x, y where the free end is held, m, in the base frame.
+        moment: on the free end, N m.
+        stations: how many equally spaced places along the arm the shape has.
+
+    Returns:
+        What the sensor reads at that pressure, Pa gauge, and the shape; its `force` is what the
+        surroundings apply. Of several pressures the lowest.
+
+    Raises:
+        RequestError: a value is no finite number, or no pressure of the calibrated range gives
+            that force; the sentence says which it gives.
+
+    """
+    check_finite(force=force, tip_x=tip[0], tip_y=tip[1])
+    start: list[Shape | None] = [None]
+
+    def at(pressure: float) -> Shape:
+        shape = solve_tip(arm, pressure, tip, moment, start=start[0], stations=stations)
+        start[0] = shape if shape.converged else None
+        return shape
+
+    pressure, found = nearest(arm, at, lambda shape: abs(math.hypot(*shape.force) - force))
+    reached = math.hypot(*found.force)
+    if abs(reached - force) > max(1e-3 * force, arm.sensors.force_std):
+        raise RequestError(
+            f'no pressure of the calibrated range presses with {force:.4g} N at '
+            f'({millimeters(tip[0]):.4g}, {millimeters(tip[1]):.4g}) mm: the nearest is '
+            f'{reached:.4g} N, at {kilopascals(pressure):.4g} kPa'
+        )
+    return pressure, found
+
+
+def nearest(
+    arm: Arm, at: Callable[[float], Shape], distance: Callable[[Shape], float]
+) -> tuple[float, Shape]:
+    """Return the shape of the pressure, within the calibrated range, at the least distance."""
+    low, high = arm.pressure_range
+
+    def missed(pressure: float) -> float:
+        shape = at(pressure)
+        return distance(shape) if shape.converged else math.inf
+
+    grid = np.linspace(low, high, SCANNED).tolist()
+    found = [missed(pressure) for pressure in grid]
+    best = int(np.argmin(found))
+    if not math.isfinite(found[best]):
+        raise RequestError(f'no shape at any pressure of the calibrated range: {at(low).status}')
+    from scipy.optimize import minimize_scalar  # slow to import, and few ask for a pressure
+
+    sides = grid[max(best - 1, 0)], grid[min(best + 1, SCANNED - 1)]
+    at(grid[best])
+    refined = minimize_scalar(
+        missed, bounds=sides, method='bounded', options={'xatol': EXACT * (high - low)}
+    )
+    pressure = float(refined.x) if refined.fun < found[best] else grid[best]
+    return pressure, at(pressure)

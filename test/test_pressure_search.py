@@ -1,0 +1,58 @@
+"""The pressure for a wanted tip, or for a wanted force against a tip that is held."""
+
+from __future__ import annotations
+
+import math
+
+from pneunet_ros import solve
+from pneunet_ros.cli.main import main
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.effects.pressure_gain import PressureGain
+from pneunet_ros.model.inverse import solve_tip
+from pneunet_ros.model.pressure_search import pressure_for_force, pressure_for_tip
+import pytest
+from support.example_arms import paper_arm
+
+
+@pytest.mark.parametrize('force', [(0.0, 0.0), (0.1, 0.05)])
+def test_the_pressure_of_a_tip_on_the_way_is_found(force):
+    arm = paper_arm((PressureGain(gain=1.1),))
+    pressure, shape = pressure_for_tip(arm, solve(arm, 27.3e3, force).tip[:2], force)
+    assert pressure == pytest.approx(27.3e3, abs=1.0)
+    assert shape.pressure == pytest.approx(1.1 * pressure)
+
+
+def test_beside_the_way_the_nearest_place_is_taken():
+    arm, step = paper_arm(), 50.0
+    wanted = (0.095, 0.04)
+    pressure, shape = pressure_for_tip(arm, wanted)
+    sides = [math.dist(solve(arm, pressure + sign * step).tip[:2], wanted) for sign in (-1.0, 1.0)]
+    assert math.dist(shape.tip[:2], wanted) < min(sides)
+
+
+def test_the_pressure_of_a_force_is_found_where_the_tip_is_held():
+    arm = paper_arm()
+    tip = solve(arm, 20e3, (0.03, 0.01)).tip[:2]
+    wanted = math.hypot(*solve_tip(arm, 26e3, tip).force)
+    pressure, shape = pressure_for_force(arm, wanted, tip)
+    assert math.hypot(*shape.force) == pytest.approx(wanted, rel=1e-3)
+    assert shape.tip[:2] == pytest.approx(tip, abs=1e-8)
+    assert 0.0 < pressure < 66e3
+
+
+def test_a_force_beyond_all_pressures_is_refused():
+    arm = paper_arm()
+    with pytest.raises(RequestError, match=r'no pressure'):
+        pressure_for_force(arm, 5.0, solve(arm, 20e3).tip[:2])
+
+
+def test_the_verb_takes_one_of_the_two(capsys):
+    assert main(['predict', '--pressure-for', 'tip', '95mm', '40mm', '--json']) == 0
+    assert '"pressure"' in capsys.readouterr().out
+    for wrong in (
+        [],
+        ['--pressure', '1kPa', '--pressure-for', 'tip', '1', '1'],
+        ['--pressure-for', 'tip', '1'],
+        ['--pressure-for', 'force', '1'],
+    ):
+        assert main(['predict', *wrong]) == 2
