@@ -13,6 +13,7 @@ from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.frame_prediction import predict_frame
+from pneunet_ros.estimation.health import EstimatorHealth
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.model.arm import Arm
@@ -270,9 +271,6 @@ def test_mujoco_swings_alike_through_steps_of_40_kilopascals(force):
 
 
 def test_diagnostics_say_how_the_arm_moves():
-    pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
-    from pneunet_ros.estimation.health import EstimatorHealth
-
     health, found = EstimatorHealth('/pressure', 0.0), estimates(moving(), step_of(1e4, 3e4, 40))
     for estimate in found:
         health.took_pressure(estimate, 0.1, 1e-4)
