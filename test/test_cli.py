@@ -587,7 +587,7 @@ def test_track_without_one_explained_frame_exits_1(run_json, run, tmp_path):
     assert open_recording(tmp_path / 'out.mcap').topic('/pneunet/targets').count == 3
     code, out, err = run('track', folder, '--camera-info', 'none')
     assert (code, err) == (1, '')
-    assert 'last no_areas: bright: no area' in out
+    assert 'frames without targets: no area' in out
 
 
 def test_track_goes_on_after_an_image_that_is_cut_off(run_json, tmp_path):

@@ -227,7 +227,8 @@ class TrackTally:
             cause = max(CAUSES, key=lambda cause: self.causes[cause, target])
             mostly.setdefault(cause, []).append(target)
         return [
-            f'target {", ".join(map(str, targets))} not seen in up to '
+            f'target{"s" if len(targets) > 1 else ""} {", ".join(map(str, targets))} '
+            f'not seen in up to '
             f'{self.missing[targets].max():.0f} of {self.explained} frames: {CAUSES[cause]} '
             '(--preview shows where)'
             for cause, targets in mostly.items()

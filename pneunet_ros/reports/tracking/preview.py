@@ -96,14 +96,21 @@ class Preview:
     def _picture(self, seen: Seen) -> None:
         """Keep the first explained frame of each part of the recording, and the last one of all.
 
-        A part without one is shown by its first frame, which says why.
+        Parts in the middle are shown by the frame that misses most targets; a part without an
+        explained frame is shown by its first one, which says why.
         """
         part = min((PICTURES - 1) * self._count // max(self.frames, 1), PICTURES - 2)
         explained = not seen.tracking.reason
         for slot, latest in ((part, False), (PICTURES - 1, True)):
             known = self._pictures.get(slot)
             lacking = known is None or bool(known.tracking.reason)
-            if known is None or (explained and lacking) or (latest and (explained or lacking)):
+            more = (
+                known is not None
+                and 0 < slot < PICTURES - 1
+                and len(seen.tracking.missing) > len(known.tracking.missing)
+            )
+            better = explained and (lacking or more)
+            if known is None or better or (latest and (explained or lacking)):
                 self._pictures[slot] = seen
 
     def _keep(self, log_time_ns: int, curve: MeasuredCurve) -> None:
