@@ -19,15 +19,18 @@ from support.example_arms import paper_arm
 from support.made_datasets import made, USUAL
 
 RANDOM = np.random.default_rng(5)
+AT = np.array([0.0, 0.05, 0.1])  # m
 
 
 def test_the_prior_of_disturbances():
     noise = replace(USUAL, placement_std=2e-4, registration_std=3e-4, drift_std=1e-4)
     free = made(paper_arm(), np.linspace(0.0, 4e4, 17))
     weight = free.with_end_load(0.2, 0.0)
-    prior = Disturbances(targets=3, runs=[free, weight], noise=noise).prior
+    prior = Disturbances(arclength=AT, runs=[free, weight], noise=noise).prior
     assert prior.shape == (6 + 2 * OF_RUN,) * 2
-    assert prior[:6, :6] == pytest.approx(4e-8 * np.eye(6), rel=1e-9)
+    row = np.outer([*AT, 0.0, 0.0, 0.0], [*AT, 0.0, 0.0, 0.0]) * noise.row_spacing_std**2
+    row[3:, 3:] = (noise.row_offset_std * AT[-1]) ** 2
+    assert prior[:6, :6] == pytest.approx(4e-8 * np.eye(6) + row, rel=1e-9)
     path = prior[6 : 6 + PATH_NODES, 6 : 6 + PATH_NODES]
     # a place, and a walk that has drift_std at the end and half its variance in the middle
     assert path[0] == pytest.approx(9e-8, rel=1e-3)
@@ -42,7 +45,7 @@ def test_the_prior_of_disturbances():
     assert stds[-3:] == pytest.approx([noise.force_std, noise.force_std, 1e-7])
     assert stds[6 + 2 * PATH_NODES : 6 + OF_RUN] == pytest.approx(1e-7)
     assert np.linalg.eigvalsh(prior).min() > 0.0
-    assert np.linalg.eigvalsh(Disturbances(targets=3, runs=[free], noise=replace(
+    assert np.linalg.eigvalsh(Disturbances(arclength=AT, runs=[free], noise=replace(
         noise, placement_std=0.0, registration_std=0.0, drift_std=0.0
     )).prior).min() > 0.0  # fmt: skip
 
@@ -51,7 +54,7 @@ def test_targets_answer_to_disturbances():
     arm = paper_arm()
     run = made(arm, np.linspace(0.0, 4e4, 17))
     targets = arm.target_arclength.size
-    disturbances = Disturbances(targets=targets, runs=[run, run], noise=USUAL)
+    disturbances = Disturbances(arclength=arm.target_arclength, runs=[run, run], noise=USUAL)
     theta = RANDOM.standard_normal((17, targets))
     parameters = RANDOM.standard_normal(disturbances.prior.shape[0])
     own = disturbances.of_run(1)

@@ -15,7 +15,7 @@ from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.solver.columns import THETA
 import pytest
 from scipy.linalg import sqrtm
-from support.lab_designs import base, design, FRAMES, noise, TRAINING
+from support.lab_designs import base, design, FRAMES, TRAINING
 
 
 def residual(values: Array, around: Linearization) -> list[Array]:
@@ -58,14 +58,16 @@ def test_columns_of_the_base_are_what_a_changed_model_moves():
 def test_columns_of_placement_move_targets_in_their_own_frame():
     found = design()
     place, targets = 7, found.blocks[0].run.x.shape[1]
+    painted = found.scale[found.size :, found.size + place]  # the whole row moves with it
     for which, block in enumerate(found.blocks):
-        moved = np.zeros((FRAMES, 2 * targets, 1))
         # A run is linearized around what most probably acted on the arm.
         probable = block.inputs.with_loads(block.inputs.loads + block.load_error)
         block.model.solve(found.point.arm, probable)
-        theta = block.model.fields[:, THETA, place]
-        moved[:, place, 0], moved[:, targets + place, 0] = np.cos(theta), np.sin(theta)
-        wanted = block.white(moved * noise().placement_std)[:, 0]
+        theta = block.model.fields[:, THETA]
+        tangent, normal = (np.cos(theta), np.sin(theta)), (-np.sin(theta), np.cos(theta))
+        along, across = painted[:targets], painted[targets:]
+        moved = [t * along + n * across for t, n in zip(tangent, normal, strict=True)]
+        wanted = block.white(np.concatenate(moved, axis=1)[:, :, None])[:, 0]
         column = found.blocks[which].base[:, found.size + place]
         assert column == pytest.approx(wanted, abs=1e-9)
 

@@ -18,7 +18,9 @@ from support.made_datasets import made
 
 PAPER = paper_arm()
 ASSUMED = SensorNoise(pressure_std=1.0, force_std=1.0, moment_std=1.0, target_std=1.0)
-NAMES = tuple(item.name for item in fields(SensorNoise) if item.name != 'heading_std')
+NAMES = tuple(
+    item.name for item in fields(SensorNoise) if not item.name.startswith(('heading_', 'row_'))
+)
 TRUE = SensorNoise(
     pressure_std=80.0,
     force_std=2e-3,

@@ -39,12 +39,12 @@ class ScaledPrior:
         parameters: Parameters,
         runs: Sequence[RecordingData],
         noise: SensorNoise,
-        targets: int,
+        arclength: Array,
     ) -> None:
-        self.disturbances = Disturbances(targets=targets, runs=runs, noise=noise)
+        self.disturbances = Disturbances(arclength=arclength, runs=runs, noise=noise)
         model, rest = parameters.prior, self.disturbances.prior
         self.size = model.shape[0]
-        self.shared = self.size + 2 * targets
+        self.shared = self.size + 2 * arclength.size
         prior = scipy.linalg.block_diag(model, rest)
         self.mean = np.concatenate([parameters.mean, np.zeros(rest.shape[0])])
         if parameters.earlier is not None:
@@ -104,7 +104,7 @@ class Posterior:
         targets: Array,
     ) -> None:
         self.parameters, self.runs, self.noise = parameters, tuple(runs), noise
-        self.prior = ScaledPrior(parameters, self.runs, noise, targets.size)
+        self.prior = ScaledPrior(parameters, self.runs, noise, targets)
         self.models = [ForwardModel(targets, run.points) for run in runs]
         self.linearized: list[ForwardModel] = []
 

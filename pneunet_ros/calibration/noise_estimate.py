@@ -8,7 +8,7 @@ from how they lie beside a smooth curve while the arm is straightest.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 import itertools
 import math
 
@@ -125,15 +125,14 @@ def estimate_noise(
     found['registration_std'] = place, 'the target at the clamp, between recordings'
     found['drift_std'] = drift, 'the target at the clamp, within recordings'
     noise, sources = assumed, {}
-    for item in fields(SensorNoise):
-        std, sentence = found[item.name]
-        if item.name == 'heading_std' and not headings:
+    for name, (std, sentence) in found.items():
+        if name == 'heading_std' and not headings:
             continue
         if std is None:
-            sources[item.name] = ASSUMED
+            sources[name] = ASSUMED
             continue
-        sources[item.name] = sentence
-        noise = replace(noise, **{item.name: float(f'{max(std, SMALLEST):.3g}')})
+        sources[name] = sentence
+        noise = replace(noise, **{name: float(f'{max(std, SMALLEST):.3g}')})
     notes += differing_noise(noise, assumed, sources, settings)
     return NoiseEstimate(noise=noise, sources=sources, notes=tuple(notes))
 

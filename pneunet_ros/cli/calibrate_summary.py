@@ -10,6 +10,7 @@ import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.checks.left_out_levels import LeftOutLevels
 from pneunet_ros.calibration.checks.stiffness_variation import StiffnessVariation
+from pneunet_ros.calibration.target_row import target_row
 from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals, millimeters
@@ -57,6 +58,7 @@ def numbers_of(calibration: Calibration, files: Files) -> dict[str, Any]:
             }
             for fitted in joint.runs
         ],
+        'target_row': asdict(target_row(joint)),
         'laws': [
             {
                 'kind': law.kind,
@@ -110,6 +112,7 @@ def show(
     verdict = summary['verdict']
     console.print(Text(verdict['fit'], style='bold'))
     console.print(Text(verdict['certainty']))
+    console.print(target_row(calibration.joint).sentence)
     table = Table(title='Recordings')
     for column in (
         'recording', 'load', 'frames', 'rms (mm)', 'tip (mm)', 'chi2 per coordinate',

@@ -46,9 +46,9 @@ def fit_base(
             'by pressure alone (--unloaded names one whose force sensor had nothing to measure)'
         )
     check_runs(unloaded, loaded, frame, settings=calibration)
-    noise = estimate_noise(
-        training, frame.target_arclength, frame.sensors, calibration.noise_estimate
-    )
+    # A camera of another scale looks like a row of another spacing: that of the arm file is used.
+    assumed = replace(frame.sensors, row_spacing_std=0.0)
+    noise = estimate_noise(training, frame.target_arclength, assumed, calibration.noise_estimate)
     frame = replace(frame, sensors=noise.noise, covariance=None, domain=None)
     most = settings.first_frames
     unloaded, loaded = ([run.thin(most) for run in runs] for runs in (unloaded, loaded))

@@ -152,8 +152,7 @@ class Linearization:
         parameters = point.with_effects()
         arm = parameters.arm(point.values)
         self.length = arm.length
-        targets = arm.target_arclength.size
-        prior = ScaledPrior(parameters, self.runs, noise, targets)
+        prior = ScaledPrior(parameters, self.runs, noise, arm.target_arclength)
         self.size, shared = prior.size, prior.shared
         values = np.concatenate([point.values, point.placement.ravel()])
         self.scale, self.mean = prior.scale[:shared, :shared], prior.mean[:shared]

@@ -149,7 +149,7 @@ class LiveLab:
                 'the block out, or make a recording with pneunet simulate'
             )
         arm, noise = self.scenario.arm, self.scenario.noise
-        placement = draw_placement(random_stream('placement', arm.seed), arm.targets.size, noise)
+        placement = draw_placement(random_stream('placement', arm.seed), arm.targets, noise)
         beside = random_of(self.scenario, 'registration').standard_normal(2)
         object.__setattr__(self, 'placement', placement)
         object.__setattr__(self, 'registration', freeze(noise.registration_std * beside))

@@ -33,6 +33,12 @@ class LabNoise:
     placement_std: float = quantity(
         5e-5, unit='m', meaning='per target, for good, turns with the arm', bounds=_SIZE
     )
+    row_offset: float = quantity(
+        0.0, unit='m', meaning='of all targets, across the arm: beside the neutral line'
+    )
+    row_spacing: float = quantity(
+        0.0, unit='-', meaning='of all targets, along the arm: more than their places say'
+    )
     registration_std: float = quantity(
         1e-4, unit='m', meaning='of the camera, per recording', bounds=_SIZE
     )
@@ -94,9 +100,13 @@ def draw_stamps(
     return result
 
 
-def draw_placement(random: np.random.Generator, targets: int, noise: LabNoise) -> Array:
-    """Return how far targets (targets, 2) m are from their places, along and across the arm."""
-    return freeze(noise.placement_std * random.standard_normal((targets, 2)))
+def draw_placement(random: np.random.Generator, places: Array, noise: LabNoise) -> Array:
+    """Return how far targets (targets, 2) m are from their places (targets,) m.
+
+    Along and across the arm: each by itself, and the whole row.
+    """
+    row = np.column_stack([noise.row_spacing * places, np.full(places.size, noise.row_offset)])
+    return freeze(row + noise.placement_std * random.standard_normal((places.size, 2)))
 
 
 def draw_drift(

@@ -54,9 +54,7 @@ def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordin
     shape, motion = shape_of(scenario, course, events, times)
     arclength = np.linspace(0.0, arm.reach, int(scenario.detail.stations))
     x, y, theta = shape.points(arclength)
-    placement = draw_placement(
-        random_stream('placement', arm.seed), arm.targets.size, scenario.noise
-    )
+    placement = draw_placement(random_stream('placement', arm.seed), arm.targets, scenario.noise)
     target_x, target_y = painted_targets(shape, arm.targets, placement)
     registration = scenario.noise.registration_std * random_of(
         scenario, 'registration'

@@ -35,7 +35,7 @@ class Disturbances:
     then in y, then the error of its known load.
     """
 
-    targets: int
+    arclength: Array
     runs: Sequence[RecordingData]
     noise: SensorNoise
     prior: Array = field(init=False)
@@ -44,8 +44,7 @@ class Disturbances:
         """Put the prior together."""
         size = 2 * self.targets + OF_RUN * len(self.runs)
         prior = np.zeros((size, size))
-        placement = max(self.noise.placement_std, SMALLEST_STD)
-        prior[: 2 * self.targets, : 2 * self.targets] = placement**2 * np.eye(2 * self.targets)
+        prior[: 2 * self.targets, : 2 * self.targets] = placement_prior(self.noise, self.arclength)
         path = path_prior(self.noise)
         for start, run in zip(range(2 * self.targets, size, OF_RUN), self.runs, strict=True):
             load = np.maximum(known_load_std(self.noise, run), SMALLEST_STD)
@@ -54,11 +53,40 @@ class Disturbances:
             prior[end:stop, end:stop] = np.diag(load**2)
         object.__setattr__(self, 'prior', frozen_array(prior))
 
+    @property
+    def targets(self) -> int:
+        """How many targets there are."""
+        return self.arclength.size
+
     def of_run(self, which: int) -> Array:
         """Return the places of the unknowns that a run has a part in, (n,) int."""
         start = 2 * self.targets + OF_RUN * which
         own = np.arange(start, start + OF_RUN)
         return np.concatenate([np.arange(2 * self.targets), own])
+
+
+def placement_prior(noise: SensorNoise, arclength: Array) -> Array:
+    """Return the covariance (2 targets, 2 targets) m^2 of where targets are painted.
+
+    arclength (targets,) m. First along the arm, then across it: each target by itself, and the
+    whole row, which may lie beside the neutral line and have another spacing than the arm file.
+    """
+    own, row = max(noise.placement_std, SMALLEST_STD), row_shifts(arclength)
+    sizes = np.array([noise.row_spacing_std, noise.row_offset_std])
+    return np.asarray(own**2 * np.eye(2 * arclength.size) + (row * sizes**2) @ row.T)
+
+
+def row_shifts(arclength: Array) -> Array:
+    """Return how targets are shifted (2 targets, 2) m, along the arm and then across it.
+
+    Per relative error of the spacing of their row, and per offset of the row from the neutral
+    line over the arclength of the last target. arclength (targets,) m.
+    """
+    targets = arclength.size
+    shifts = np.zeros((2 * targets, 2))
+    shifts[:targets, 0] = arclength
+    shifts[targets:, 1] = arclength[-1] if targets else 0.0
+    return shifts
 
 
 def path_prior(noise: SensorNoise) -> Array:

@@ -161,7 +161,8 @@ def innovation(
     targets = int(np.count_nonzero(seen))
     if not targets:
         return None
-    residual = np.stack([sightings.x - predicted.x, sightings.y - predicted.y])[:, seen]
+    beside = np.stack([sightings.x - predicted.x, sightings.y - predicted.y])
+    residual = (beside - predicted.placed)[:, seen]
     std = target_stds(noise, np.fmax(sightings.std[seen], noise.target_std))
     camera = camera_errors(float(np.hypot(noise.registration_std, noise.drift_std)), targets)
     moved = predicted.errors[:, :, seen].reshape(-1, 2 * targets).T
@@ -172,7 +173,7 @@ def innovation(
     total = chi_squared(residual.ravel(), np.tile(std, 2), errors)
     white = np.fmax(sightings.std[seen], noise.target_std)
     at_tip = tip_chi_squared(
-        residual - predicted.placed[:, seen],
+        residual,
         np.hypot(white, predicted.placed_std[seen]),
         predicted.errors[:, :, seen],
         predicted.share[seen],

@@ -33,7 +33,20 @@ class SensorNoise:
     drift_std: float = quantity(
         0.0, unit='m', meaning='slow drift of the camera', bounds=_POSITIVE
     )
-
+    row_offset_std: float = quantity(
+        0.045,
+        unit='-',
+        meaning='distance of the row of targets from the neutral line, over its length',
+        bounds=_POSITIVE,
+        source="5 of 110 mm: the side wall of the paper's arm is 6 mm from its middle",
+    )
+    row_spacing_std: float = quantity(
+        0.05,
+        unit='-',
+        meaning='error of the spacing of the targets, over the spacing of the arm file',
+        bounds=_POSITIVE,
+        source='convention: one dot more or less in 20, where dots are painted by hand',
+    )
     heading_std: float = quantity(
         0.0, unit='rad', meaning='measured heading of the tip; 0: not known', bounds=_POSITIVE
     )

@@ -16,7 +16,9 @@ from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.model.uncertainty import SensorNoise
 
 # The sensors that the lab has: all but the one that measures the heading of the tip.
-LAB_SENSORS = tuple(item.name for item in fields(SensorNoise) if item.name != 'heading_std')
+LAB_SENSORS = tuple(
+    item.name for item in fields(SensorNoise) if not item.name.startswith(('heading_', 'row_'))
+)
 KNOTS = 41  # of the true model's splines, which are then within 1e-6 m of the truth at the tip
 
 

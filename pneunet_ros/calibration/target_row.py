@@ -1,0 +1,59 @@
+"""Where the row of targets was painted, as a fit has found it: beside the neutral line, wider."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.core.units import millimeters
+from pneunet_ros.measurement.disturbances import placement_prior, row_shifts
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetRow:
+    """The row of targets, with standard errors.
+
+    offset (m): from the neutral line, positive on the side of E2; spacing: relative error of the
+    spacing of the arm file, positive where targets are farther apart.
+    """
+
+    offset: float
+    offset_std: float
+    spacing: float
+    spacing_std: float
+
+    @property
+    def sentence(self) -> str:
+        """Describe the row to a person."""
+        offset, offset_std = (millimeters(value) for value in (self.offset, self.offset_std))
+        text = f'Targets {offset:.3f} ± {offset_std:.3f} mm beside the neutral line'
+        if self.spacing_std == 0.0:
+            return f'{text}.'
+        return (
+            f'{text}, spacing {100.0 * self.spacing:+.2f} ± {100.0 * self.spacing_std:.2f} % '
+            'against the arm file (a wrong scale of the camera looks the same).'
+        )
+
+
+def target_row(fit: Fit) -> TargetRow:
+    """Return what a fit says of the row of targets, given what it says of each target.
+
+    The row and the targets by themselves make up the placement; both are normal before the fit.
+    """
+    arclength, noise = fit.arm.target_arclength, fit.arm.sensors
+    shifts = row_shifts(arclength)
+    variance = np.diag([noise.row_spacing_std**2, noise.row_offset_std**2])
+    gain = variance @ np.linalg.solve(placement_prior(noise, arclength), shifts).T
+    painted = slice(fit.values.size, fit.values.size + 2 * arclength.size)
+    known = fit.shared_covariance[painted, painted]
+    covariance = variance - gain @ shifts @ variance + gain @ known @ gain.T
+    spacing, offset = (gain @ fit.placement.ravel()).tolist()
+    spacing_std, offset_std = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
+    way = float(arclength[-1])
+    return TargetRow(
+        offset=way * offset,
+        offset_std=way * offset_std,
+        spacing=spacing,
+        spacing_std=spacing_std,
+    )
