@@ -19,7 +19,7 @@ from support.example_arms import paper_arm
 from support.made_datasets import made, USUAL
 
 RANDOM = np.random.default_rng(5)
-AT = np.array([0.0, 0.05, 0.1])  # m
+AT = np.array([0.02, 0.05, 0.1])  # m
 
 
 def test_the_prior_of_disturbances():

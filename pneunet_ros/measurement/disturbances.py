@@ -24,6 +24,7 @@ PATH_NODES = 9  # of the camera's path in one recording, straight lines between
 # of drift_std: a random walk between its nodes on a straight line, per frame
 BETWEEN_NODES = 1.0 / np.sqrt(6.0 * (PATH_NODES - 1))
 OF_RUN = 2 * PATH_NODES + LOADS  # unknowns of one recording
+FEWEST_OF_ROW = 3  # targets beyond the clamp: two tell no spacing from a scale
 SMALLEST_STD = 1e-7  # m, N and N m: stands for zero
 
 
@@ -80,12 +81,14 @@ def row_shifts(arclength: Array) -> Array:
     """Return how targets are shifted (2 targets, 2) m, along the arm and then across it.
 
     Per relative error of the spacing of their row, and per offset of the row from the neutral
-    line over the arclength of the last target. arclength (targets,) m.
+    line over the arclength of the last target. arclength (targets,) m. Fewer than three targets
+    beyond the clamp are no row: each was placed by itself.
     """
     targets = arclength.size
     shifts = np.zeros((2 * targets, 2))
-    shifts[:targets, 0] = arclength
-    shifts[targets:, 1] = arclength[-1] if targets else 0.0
+    if np.count_nonzero(arclength) >= FEWEST_OF_ROW:
+        shifts[:targets, 0] = arclength
+        shifts[targets:, 1] = arclength[-1]
     return shifts
 
 

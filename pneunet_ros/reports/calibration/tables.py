@@ -16,7 +16,8 @@ from pneunet_ros.reports.paper_views.linearity import intrinsic_linearity
 CURVATURE, RIGIDITY = 'intrinsic_curvature.curvature', 'moment_law.rigidity'
 # What the noise is shown in: SI unit -> unit for people, how many of it.
 SHOWN_UNITS = {'Pa': ('Pa', 1.0), 'N': ('mN', 1e3), 'N m': ('mN m', 1e3), 'm': ('um', 1e6)} | {
-    'rad': ('mrad', 1e3)
+    'rad': ('mrad', 1e3),
+    '-': ('%', 100.0),
 }
 DIGITS = 4
 
