@@ -20,6 +20,7 @@ from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
 from pneunet_ros.measurement.blocks.placement import Placement
+from pneunet_ros.measurement.blocks.target_row import TargetRow
 from pneunet_ros.measurement.blocks.tip_force import ForceChange, TipForce, Walk
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.inference.gaussian import forget, Gaussian
@@ -78,7 +79,7 @@ def without_lessons(unknowns: Unknowns, belief: Belief) -> Belief:
 
 def with_other_targets(unknowns: Unknowns, belief: Belief) -> Belief:
     """Reset where dots are painted to the prior: targets were repainted."""
-    where = unknowns.at(Placement)
+    where = slice(unknowns.at(Placement).start, unknowns.at(TargetRow).stop)
     return replace(forget(belief, where, unknowns.std[where]), same_targets=False)
 
 

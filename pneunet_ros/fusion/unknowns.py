@@ -15,6 +15,7 @@ from pneunet_ros.measurement.blocks.model_error import (
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
 from pneunet_ros.measurement.blocks.reading_noise import ReadingNoise
+from pneunet_ros.measurement.blocks.target_row import TargetRow
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.model.arm import Arm
@@ -49,6 +50,11 @@ def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:
             dots=arm.target_arclength.size,
             one_std=noise.placement_std,
             known=None if known is None else known.placement,
+        ),
+        TargetRow(
+            arclength=arm.target_arclength,
+            spacing_std=noise.row_spacing_std,
+            offset_std=noise.row_offset_std,
         ),
         Push(scale=scale, length=arm.length),
         ReadingNoise(),

@@ -1,0 +1,40 @@
+"""The whole row of dots, painted beside the neutral line or with another spacing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.measurement.blocks.block import Block, Prior
+from pneunet_ros.measurement.blocks.model_columns import ModelColumns
+from pneunet_ros.measurement.disturbances import row_shifts
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TargetRow(Block):
+    """Relative error of the spacing, and distance from the neutral line over the row's length.
+
+    arclength (dots,) m; spacing_std, offset_std: of a row that nobody has found. The row that the
+    model was calibrated with is part of its `Placement`: this block opens where dots are others.
+    """
+
+    arclength: Array
+    spacing_std: float
+    offset_std: float
+
+    @property
+    def std(self) -> Array:
+        """Of a row that nobody has found."""
+        return np.array([self.spacing_std, self.offset_std])
+
+    @property
+    def prior(self) -> Prior:
+        """Nothing: the row is where the model file, or its calibration, has it."""
+        nothing = np.zeros(2)
+        return Prior(mean=nothing, std=nothing, shared=(ModelColumns, np.zeros((2, 0))))
+
+    def on_dots(self, own: Array) -> Array:
+        """Move all dots along the arm in proportion to their places, and across it alike."""
+        shifts = row_shifts(self.arclength).reshape(2, -1, 2)
+        return np.tensordot(shifts, own, axes=1)
