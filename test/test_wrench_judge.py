@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cmath
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -44,7 +45,10 @@ SHOWN = TRUE | {
 def shown(meaning, force):
     noise = 0.01 * (DICE.normal(size=force.size) + 1j * DICE.normal(size=force.size))
     return ShownForces(
-        force=force + noise, std=np.full(force.size, 0.01), reading=meaning.reading(force)
+        force=force + noise,
+        std=np.full(force.size, 0.01),
+        reading=meaning.reading(force),
+        scale=ARM.domain.largest_force,
     )
 
 
@@ -78,6 +82,15 @@ def test_right_readings_are_not_accused(force):
             if expected is not None and force is PULLS and seen is None:
                 continue  # loads of directions that were not calibrated: no estimates either
             assert found is None or not found.doubted
+
+
+@pytest.mark.parametrize('share', [0.0, 0.2])
+def test_an_error_of_the_model_is_no_tare(share):
+    force = share * FORCE + 0.002 * (DICE.normal(size=12) + 1j * DICE.normal(size=12))
+    of_model = replace(shown(NEWTON, force), force=force + 0.03j, std=np.full(12, 0.003))
+    for expected in (None, expected_load(ARM, PRESSURE)):
+        found = judge_wrench(force, NEWTON, expected, of_model)
+        assert found.log_odds < found.limit
 
 
 def test_a_declared_meaning_that_is_right_is_kept():

@@ -29,8 +29,7 @@ def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:
     free_tip: nobody reads a force.
     """
     noise, known = arm.sensors, arm.covariance
-    largest = 0.0 if arm.domain is None else arm.domain.largest_force
-    scale = largest if largest > 0.0 else arm.weight
+    scale = arm.force_scale
     low, high = pressure_span(arm)
     return Unknowns.of(
         TipForce(scale=scale),

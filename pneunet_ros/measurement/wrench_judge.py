@@ -138,11 +138,15 @@ class WrenchConvention:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ShownForces:
-    """The end forces (frames,) N that targets show, their std (frames,) N, and the readings."""
+    """The end forces (frames,) N that targets show, their std (frames,) N, and the readings.
+
+    scale (N): the largest force of the calibration, the measure of the errors of the model.
+    """
 
     force: Forces
     std: Array
     reading: Forces
+    scale: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -181,8 +185,6 @@ class WrenchVerdict:
         """Say what the readings most likely are, in one sentence without a remedy."""
         if self.frame and self.log_odds <= self.limit:
             return f'in frame {self.frame!r}, and in the axes of the arm, if nothing else is known'
-        if self.frame and self.log_odds <= self.limit:
-            return f'in frame {self.frame!r}, which is taken for that of the arm if you say so'
         one, other = (self.largest * meaning.size for meaning in (self.other, self.declared))
         where = f'in frame {self.frame!r}, and ' if self.frame else ''
         return (
@@ -338,7 +340,7 @@ def log_shown(
     """Return the log likelihood of the forces that targets show."""
     if shown is None:
         return 0.0
-    largest = float(np.max(np.abs(shown.force)))
+    largest = max(float(np.max(np.abs(shown.force))), shown.scale)
     noise = shown.std**2 + (settings.model_error * largest) ** 2
     square = np.abs(shown.force - meaning.force(shown.reading)) ** 2 / noise
     return -0.5 * len(square) * math.log(1.0 + float(np.mean(square)))

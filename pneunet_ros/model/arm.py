@@ -226,6 +226,12 @@ class Arm:
         return self.length + self.tip_cap
 
     @property
+    def force_scale(self) -> float:
+        """The largest end force of the calibration (N), or the weight where there was none."""
+        largest = 0.0 if self.domain is None else self.domain.largest_force
+        return largest if largest > 0.0 else self.weight
+
+    @property
     def clamp_record(self) -> Array:
         """The clamp, and the weight of the mass at the tip, as (5,) of the record of a rod."""
         clamp = np.zeros(CLAMP_WIDTH)

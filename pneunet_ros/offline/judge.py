@@ -243,6 +243,7 @@ def shown_forces(
         force=complex_forces(found.force[good]),
         std=np.sqrt(np.mean(found.sigma[good] ** 2, axis=1)),
         reading=declared.reading(complex_forces(wrench.values[by[chosen]][good])),
+        scale=arm.force_scale,
     )
 
 
