@@ -163,8 +163,18 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
 
 
 def let_go(run: SwingingRun) -> SwingingRun:
-    """Return a recording from where the arm was let go: behind the last frame of a large swing."""
-    far = np.nan_to_num(np.nanmean(np.hypot(*run.beside.transpose(1, 0, 2)), axis=1))
+    """Return a recording from where the arm was let go: behind the last frame of a large swing.
+
+    Raises RequestError where there are no two frames with targets.
+    """
+    away = np.hypot(*run.beside.transpose(1, 0, 2))
+    seen = np.isfinite(away).any(axis=1)
+    if np.count_nonzero(seen) < 2:
+        raise RequestError(
+            f'{run.name}: fewer than two frames show targets; record the arm while it swings'
+        )
+    far = np.zeros(len(away))
+    far[seen] = np.nanmean(away[seen], axis=1)
     large = np.flatnonzero(far[:-1] >= LARGE * far.max())
     first = int(large[-1]) + 1
     start = int(run.reading[first])
@@ -258,7 +268,8 @@ class MotionProblem:
             residual = run.beside - found
             if run.plucked:
                 residual[run.reading == 0] = np.nan
-            left.append(residual - np.nanmean(residual, axis=0))
+            times_seen = np.maximum(np.isfinite(residual).sum(axis=0), 1)
+            left.append(residual - np.nansum(residual, axis=0) / times_seen)
         return left
 
     def cost(self, numbers: Array) -> Array:

@@ -1,0 +1,36 @@
+"""Where an arm that was plucked is let go: behind its last large swing."""
+
+from __future__ import annotations
+
+import numpy as np
+from pneunet_ros.calibration.motion_fit import let_go, SwingingRun
+from pneunet_ros.core.errors import RequestError
+import pytest
+
+
+def plucked(away: list[float]) -> SwingingRun:
+    """Return a plucked recording with a frame a reading, whose one target is so far away (m)."""
+    count = len(away)
+    points = np.zeros((count, 2, 1))
+    points[:, :, 0] = np.column_stack([away, away])
+    return SwingingRun(
+        name='plucked',
+        stamp_ns=np.arange(count) * 10_000_000,
+        solved=((np.zeros(1),) * 3,) * count,
+        still=np.zeros((count, 2, 1)),
+        reading=np.arange(count),
+        points=points,
+        plucked=True,
+    )
+
+
+def test_it_begins_behind_the_last_large_swing_though_frames_miss_all_targets():
+    run = let_go(plucked([0.01, 0.01, np.nan, 0.002, 0.001]))
+    assert run.reading.tolist() == [0, 1, 2]
+    assert run.stamp_ns[0] == 20_000_000
+
+
+@pytest.mark.parametrize('away', [[], [0.01], [np.nan, 0.01, np.nan]])
+def test_a_pluck_that_no_two_frames_show_is_refused(away):
+    with pytest.raises(RequestError, match='two frames'):
+        let_go(plucked(away))
