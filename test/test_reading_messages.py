@@ -178,5 +178,8 @@ def test_a_target_or_tip_at_the_clamp_was_not_seen():
     assert np.isfinite(found.x).tolist() == [True, False, True, True]
     pose = decode_tip_pose(tip_pose_message(1, np.zeros(3), BASE, ROSBAGS_TYPES))
     assert np.isnan([pose.x, pose.y, pose.heading]).all()
+    pose = decode_tip_pose(tip_pose_message(1, np.array([0.0, 0.0, 0.4]), BASE, ROSBAGS_TYPES))
+    assert np.isnan([pose.x, pose.y]).all()
+    assert pose.heading == pytest.approx(0.4)  # of an inertial sensor
     pose = decode_tip_pose(tip_pose_message(1, np.array([0.1, 0.0, 0.0]), 'f', ROSBAGS_TYPES))
     assert (pose.x, pose.y, pose.heading) == (0.1, 0.0, 0.0)

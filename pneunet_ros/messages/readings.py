@@ -138,14 +138,16 @@ def decode_tip_pose(message: Any) -> TipPoseReading:
     """Return the planar part of a PoseStamped as it is; MessageError on another content.
 
     A quaternion that is none (all zeros, NaN) says that no heading was measured, and a position of
-    0, 0, where the clamp is, that motion capture did not see the tip.
+    0, 0, where the clamp is, that no position was: by an inertial sensor, which measures the
+    heading alone, or by motion capture that does not see the tip, and writes no turn either.
     """
     try:
         place, turned = message.pose.position, message.pose.orientation
         x, y = float(place.x), float(place.y)
         heading = planar_heading(*(float(getattr(turned, name)) for name in 'xyzw'))
         if x == y == 0.0:
-            x = y = heading = math.nan
+            x = y = math.nan
+            heading = heading if heading != 0.0 else math.nan
         return TipPoseReading(
             stamp_ns=nanoseconds(message.header.stamp),
             x=x,
