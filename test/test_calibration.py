@@ -10,6 +10,7 @@ from pneunet_ros import solve
 from pneunet_ros.calibration.calibration import calibrate, Calibration
 from pneunet_ros.calibration.checks.held_out import score
 from pneunet_ros.calibration.low_rank import shape_jacobian
+from pneunet_ros.calibration.settings import CALIBRATION, EXPERIMENTS
 from pneunet_ros.calibration.tip_force import end_forces
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.readings import PressureReading
@@ -365,3 +366,16 @@ def test_scores_do_not_count_the_place_of_the_camera():
     nowhere = score(PAPER, replace(run, pressure=np.full(15, 300e3)))
     assert nowhere.missing == 1.0
     assert np.isnan(nowhere.rms)
+
+
+def test_an_hour_of_film_is_thinned_and_that_is_said():
+    free, loaded = noisy()
+    most = 20
+    settings = replace(CALIBRATION, experiments=replace(EXPERIMENTS, most_frames=most))
+    found = calibrate(free, loaded, PAPER, compare=False, settings=settings)
+    fitted = sum(len(run.solved) for run in found.joint.runs)
+    every = sum(len(run.stamp_ns) for run in (*free, *loaded))
+    assert fitted <= most < every
+    assert any(f'{fitted} of {every} frames' in note for note in found.notes)
+    # The noise is still that of all frames.
+    assert found.noise.noise == calibrated().noise.noise

@@ -40,7 +40,7 @@ from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.progress import OnProgress, say_nothing
-from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.dataset import RecordingData, thinned
 from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import Domain, spanned_domain
@@ -115,10 +115,12 @@ def calibrate(
     frame, runs = with_tip_target(
         frame, [*unloaded, *loaded], always=earlier is not None and earlier.has_tip(painted.size)
     )
+    every = [*(run.without_load() for run in runs[:count]), *runs[count:]]
+    runs = thinned(runs, settings.experiments.most_frames)
+    check_runs(runs[:count], runs[count:], frame, first=earlier is None, settings=settings)
     unloaded, loaded = [run.without_load() for run in runs[:count]], runs[count:]
-    check_runs(runs[:count], loaded, frame, first=earlier is None, settings=settings)
     runs = [*unloaded, *loaded]
-    noise = estimate_noise(runs, frame.target_arclength, frame.sensors, settings.noise_estimate)
+    noise = estimate_noise(every, frame.target_arclength, frame.sensors, settings.noise_estimate)
     earlier_domain = frame.domain if earlier is not None else None
     frame = replace(frame, sensors=noise.noise, covariance=None, domain=None)
     resolution = resolve(frame, unloaded, loaded, settings.resolution)
@@ -175,6 +177,7 @@ def calibrate(
         explained_variance=explained_variance,
         notes=(
             *noise.notes,
+            *describe_thinning(runs, every),
             *describe_clamp(runs, frame),
             *resolution.notes,
             *(() if left_out is None else (left_out.sentence,)),
@@ -200,6 +203,19 @@ def with_larger_errors(fit: Fit, excess: Array) -> Fit:
     size = len(more)
     shared[:size, :size] += more
     return replace(fit, covariance=fit.covariance + more, shared_covariance=shared)
+
+
+def describe_thinning(
+    fitted: Sequence[RecordingData], every: Sequence[RecordingData]
+) -> tuple[str, ...]:
+    """Say how many frames were fitted, of how many, where it was not all of them."""
+    frames, all_frames = (sum(len(run.stamp_ns) for run in runs) for runs in (fitted, every))
+    if frames == all_frames:
+        return ()
+    return (
+        f'{frames} of {all_frames} frames are fitted, evenly spread over the recordings, to stay '
+        'within 2 GB of memory; the noise is estimated from all of them',
+    )
 
 
 def domain_of(joint: Fit, earlier: Domain | None = None) -> Domain:

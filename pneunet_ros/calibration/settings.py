@@ -172,6 +172,11 @@ class ExperimentSettings:
     scanned: float = tuning(0.02, 'how closely it is looked for', unit='decades')
     compared_frames: int = tuning(60, 'of every run, where moment laws are compared')
     first_stiffness: float = tuning(0.05, 'alpha where the search for it begins')
+    most_frames: int = tuning(
+        5400,
+        'of all recordings, that are fitted: evenly spread over longer ones',
+        source='measured: 0.27 MB a frame, so that an hour of film stays below 2 GB',
+    )
     covariance_frames: int = tuning(24, "of every run, for the covariance's few columns")
 
 

@@ -16,7 +16,7 @@ from pneunet_ros.calibration.settings import CalibrationSettings
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.settings import BaseFitSettings, DEFAULTS
-from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.dataset import RecordingData, thinned
 from pneunet_ros.model.arm import Arm
 
 
@@ -37,9 +37,10 @@ def fit_base(
     calibration: CalibrationSettings = DEFAULTS.calibration,
 ) -> BaseFit:
     """Fit; RequestError and RecordingError where the recordings are not fit for it."""
-    unloaded = [run for run in training if not run.loaded]
-    loaded = [run for run in training if run.loaded]
-    one_pressure = has_one_pressure(training, frame, calibration.resolution)
+    fitted = thinned(training, calibration.experiments.most_frames)
+    unloaded = [run for run in fitted if not run.loaded]
+    loaded = [run for run in fitted if run.loaded]
+    one_pressure = has_one_pressure(fitted, frame, calibration.resolution)
     if not unloaded and not one_pressure:
         raise RequestError(
             'a diagnosis needs a training recording without a load: it says what the arm does '

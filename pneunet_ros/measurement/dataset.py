@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
 
@@ -261,6 +262,15 @@ class RecordingData:
     def seen(self) -> npt.NDArray[np.bool_]:
         """Which targets were seen in which frame, (frames, targets)."""
         return np.isfinite(self.x)
+
+
+def thinned(runs: Sequence[RecordingData], most: int) -> list[RecordingData]:
+    """Return runs with at most so many frames in all, each thinned by the same factor.
+
+    An hour of film shows the same shapes over and over.
+    """
+    frames = sum(len(run.stamp_ns) for run in runs)
+    return [run.thin(max(most * len(run.stamp_ns) // max(frames, most), 1)) for run in runs]
 
 
 def frame_instants(
