@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import dataclasses
 from functools import partial
 from importlib import import_module
+import inspect
 from pathlib import Path
 import pkgutil
 import posixpath
@@ -260,7 +261,10 @@ def settings_classes() -> list[type]:
 def _tunings(owner: type) -> list[dataclasses.Field[Any]]:
     if not dataclasses.is_dataclass(owner):
         return []
-    return [item for item in dataclasses.fields(owner) if 'from' in item.metadata]
+    own = inspect.get_annotations(owner)  # a number stands where it is declared
+    return [
+        item for item in dataclasses.fields(owner) if 'from' in item.metadata and item.name in own
+    ]
 
 
 def _modules() -> Iterator[ModuleType]:

@@ -415,7 +415,7 @@ def test_replay_sums_up_and_writes_inputs_and_outputs(run_json, recording, tmp_p
     assert summary['worst_residual'] < 1e-6
     assert 'outside the calibrated range' in summary['last_refusal']
     written = {topic.name: topic.count for topic in open_recording(output).topics}
-    assert written == {PRESSURE: 30, WRENCH: 30} | {
+    assert written == {PRESSURE: 30, WRENCH: 30, '/diagnostics': 1} | {
         f'/pneunet/{item.name}': 29 for item in OUTPUTS
     }
     assert names(tmp_path) == ['out.mcap']

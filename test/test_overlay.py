@@ -74,7 +74,7 @@ def test_seen_targets_are_circled_and_missing_ones_are_not():
 def test_the_image_itself_is_left_as_it_is():
     frame = image()
     draw(frame, tracking())
-    assert (frame.pixels == GREY).all()
+    assert (frame.grey() == GREY).all()
 
 
 def test_what_is_not_marked_is_the_image():

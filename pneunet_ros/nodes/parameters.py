@@ -92,7 +92,9 @@ class ParameterTable:
         for item in self.fields:
             if type(values[item.name]) is not type(item.default):
                 kind, value = _KINDS[type(item.default)], values[item.name]
-                raise RequestError(f'parameter {item.name} must be {kind}, not {value!r}')
+                bare = isinstance(item.default, str) and isinstance(value, bool)
+                hint = ' (YAML takes a bare N, y or no for that: put it in quotes)' if bare else ''
+                raise RequestError(f'parameter {item.name} must be {kind}, not {value!r}{hint}')
         return values
 
     def values(self, node: Any) -> dict[str, Any]:

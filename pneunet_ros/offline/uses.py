@@ -18,6 +18,7 @@ from pneunet_ros.calibration.settings import PRECONDITIONS
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.diagnosis.diagnosis import with_tips
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -129,9 +130,9 @@ def uses(
         return by_tip(data) if data.pressurized else f'of a beam: there is no {PRESSURE.name}'
 
     def diagnoses() -> str:
-        find_series(recording, TARGETS, overrides)
-        check_targets(reads_as_run(), request.arm)
-        return ''
+        arm, (data,), _, notes = with_tips(request.arm, [reads_as_run()], [])
+        check_targets(data, arm)
+        return '; '.join(notes)
 
     asked: dict[str, Callable[[], str]] = {
         'replay': replays,
