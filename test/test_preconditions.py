@@ -14,10 +14,11 @@ from pneunet_ros.calibration.checks.consistency import (
 )
 from pneunet_ros.calibration.checks.preconditions import check_runs
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import CONSISTENCY
+from pneunet_ros.calibration.settings import CONSISTENCY, judging
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.effects.hysteresis import Hysteresis
 from pneunet_ros.effects.pressure_lag import PressureLag
+from pneunet_ros.measurement.pressure_convention import PressureConvention
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import experiments, made, USUAL
@@ -115,6 +116,15 @@ def test_a_gauge_pressure_above_that_of_the_air_is_one_of_a_model_known_there():
 def test_what_cannot_be_calibrated_is_refused(free, loaded, sentence):
     with pytest.raises((RecordingError, RequestError), match=sentence):
         check_runs(free, loaded, PAPER)
+
+
+def test_what_pressures_most_likely_mean_is_said_against_what_was_declared():
+    declared = PressureConvention(unit='kPa', reference='absolute')
+    low = bent(FREE[0], pressure=FREE[0].pressure - declared.ambient)
+    with pytest.raises(RecordingError, match=r'most likely gauge kPa: .*-reference gauge '):
+        check_runs([low], [], PAPER, settings=judging(declared))
+    check_runs([FREE[0]], [], PAPER, settings=judging(declared))
+    check_runs([low], [], PAPER, settings=judging(None))
 
 
 def other_arm(factor: float):

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from pneunet_ros.core.settings import setting, tuning
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.measurement.pressure_convention import PressureConvention
+
+GAUGE_PASCALS = PressureConvention()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PreconditionSettings:
-    """What recordings must hold to calibrate from, and what no arm does."""
+    """What recordings must hold to calibrate from, and what no arm does.
+
+    declared: what the pressure readings were taken to mean, which is judged; None: it is right.
+    """
 
     fewest_frames: int = tuning(3, 'frames, of all recordings together')
     fewest_targets: int = tuning(4, 'targets seen somewhere in a recording')
     smallest_motion: float = tuning(0.0045, 'of the tip', unit='length')
     unloaded_force: float = tuning(0.12, 'more than the offset of a force sensor', unit='weight')
     largest_pressure: float = tuning(1e6, 'gauge', unit='Pa')
-    judge_readings: bool = setting(True, 'refuse pressures of another unit or reference')
+    declared: PressureConvention | None = GAUGE_PASCALS
     bending_motion: float = tuning(
         0.05, 'pressures that bend so much are no few Pa', unit='length'
     )
@@ -295,3 +301,11 @@ class CalibrationSettings:
 
 
 CALIBRATION = CalibrationSettings()
+
+
+def judging(declared: PressureConvention | None) -> CalibrationSettings:
+    """Return the settings of a calibration that judges whether pressures mean this.
+
+    declared: what the readings were taken to mean; None: it is right.
+    """
+    return replace(CALIBRATION, preconditions=replace(PRECONDITIONS, declared=declared))

@@ -9,7 +9,7 @@ import itertools
 from pathlib import Path
 
 from pneunet_ros.calibration.checks.preconditions import check_unloaded
-from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings, PRECONDITIONS
+from pneunet_ros.calibration.settings import CalibrationSettings, judging
 from pneunet_ros.cli.quantity_option import quantity_of
 from pneunet_ros.cli.verb import add_settings, add_topics, SENSOR_SETTINGS, settings_of, topics_of
 from pneunet_ros.core.errors import RequestError
@@ -75,8 +75,8 @@ def add_experiments(parser: ArgumentParser) -> None:
 
 def calibration_settings(arguments: Namespace) -> CalibrationSettings:
     """Return the settings of a calibration, with what was asked for of the readings."""
-    preconditions = replace(PRECONDITIONS, judge_readings=arguments.judge_readings)
-    return replace(CALIBRATION, preconditions=preconditions)
+    settings = settings_of(arguments)
+    return judging(settings.pressure if settings.judge_readings else None)
 
 
 def read_experiments(

@@ -152,8 +152,9 @@ def check_pressures(
     pressures = np.concatenate([run.frame_pressure for run in unloaded])
     names = names_of(unloaded)
     moved = max(motion([run], arm.reach) for run in unloaded)
-    if limits.judge_readings:
-        check_meaning(pressures, names, arm, moves=moved > limits.bending_motion * arm.length)
+    if limits.declared is not None:
+        bends = moved > limits.bending_motion * arm.length
+        check_meaning(pressures, limits.declared, names, arm, moves=bends)
     for run in unloaded:
         moves = motion([run], arm.reach)
         still = np.ptp(run.frame_pressure) < same
@@ -178,16 +179,16 @@ def check_pressures(
         )
 
 
-def check_meaning(pressures: Array, names: str, arm: Arm, *, moves: bool) -> None:
+def check_meaning(
+    pressures: Array, declared: PressureConvention, names: str, arm: Arm, *, moves: bool
+) -> None:
     """Raise RecordingError where pressures (frames,) Pa are almost surely of another unit.
 
     Where a calibration begins the range of `arm` is a guess: they may as well be of any soft
-    actuator. moves: the arm bends.
+    actuator. declared: what their readings were taken to mean; moves: the arm bends.
     """
-    record = record_of(range(pressures.size), pressures.tolist())
-    verdict = judge_pressure(
-        record, PressureConvention(), [*ANY_ACTUATOR, expected_of(arm)], moves=moves
-    )
+    record = record_of(range(pressures.size), map(declared.reading, pressures.tolist()))
+    verdict = judge_pressure(record, declared, [*ANY_ACTUATOR, expected_of(arm)], moves=moves)
     if verdict is not None and verdict.doubted:
         raise RecordingError(
             f'{names}: the pressure is {verdict.finding}: type {verdict.options} '
