@@ -139,6 +139,19 @@ def test_a_wrench_of_a_wrong_frame(tmp_path, said, arm):
     assert check['ranges']['pressure'] == [0.0, 5900.0]
 
 
+def test_a_doubted_force_sensor_is_left_out_by_the_fusion_alone(tmp_path, arm):
+    said = [
+        (name, at, wrench(at, (0.0, -1e-5 * (at - START) / MS), 'cell'))
+        if name == 'end_wrench'
+        else (name, at, message)
+        for name, at, message in readings(60)
+    ]
+    uses = found(tmp_path, said, arm)['uses']
+    assert "in frame 'cell'" in uses['replay']['reason']
+    assert not uses['replay']['usable']
+    assert uses['replay --fuse']['usable']
+
+
 def test_readings_left_out_are_counted(tmp_path, said, arm):
     late = START + 700 * MS
     check = found(tmp_path, [*said, ('pressure', late, pressure(late, math.nan))], arm)

@@ -14,7 +14,7 @@ from pneunet_ros.calibration.checks.preconditions import (
     check_units,
     largest_force,
 )
-from pneunet_ros.calibration.settings import PRECONDITIONS
+from pneunet_ros.calibration.settings import judging, PRECONDITIONS
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
@@ -100,7 +100,7 @@ def uses(
     def fuses() -> str:
         for topic in fusion_topics(recording, overrides, wrench=False):
             next(iter(recording.messages([topic])), None)
-        if verdicts.doubted:
+        if PRESSURE.name in verdicts.doubted:  # a doubted force sensor is left out
             raise RecordingError(f'{verdicts.findings}; give {verdicts.options}')
         return '' if has(END_WRENCH) else 'the tip force is estimated, no sensor measures it'
 
@@ -110,7 +110,8 @@ def uses(
         idle = PRECONDITIONS.unloaded_force * arm.weight
         if data.loaded and (force := largest_force(data)) > idle:
             raise RecordingError(f'its end force reaches {force:.3g} N: it is a loaded one')
-        check_runs([data], [], arm)
+        declared = settings.pressure if settings.judge_readings else None
+        check_runs([data], [], arm, settings=judging(declared))
         return by_tip(data)
 
     def calibrates_loaded() -> str:
