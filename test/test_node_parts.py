@@ -311,7 +311,7 @@ def fake_node(publishers, names, topics=('/p/tip', '/p/model_info', '/diagnostic
     [
         ({}, [('estimator', '/p'), ('estimator', '/other'), ('tracker', '/p')], ''),
         ({'/p/model_info': 2, '/diagnostics': 3}, [('estimator', '/p')], ''),
-        ({'/p/tip': 2}, [('estimator', '/p')], 'somebody else publishes on /p/tip, too'),
+        ({'/p/tip': 2}, [('estimator', '/p')], 'another node publishes on /p/tip, too'),
         ({}, 2 * [('estimator', '/p')], 'another node is named /p/estimator, too'),
     ],
 )

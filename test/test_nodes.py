@@ -238,7 +238,7 @@ def test_a_second_node_of_the_name_is_noticed_and_so_is_its_end(peer, tmp_path):
         assert peer.spin_until(lambda: named in peer.report()[1])
         level, message, values = peer.report()
         assert level in (Level.WARN, Level.ERROR)  # meanwhile nobody sends any pressure
-        assert 'somebody else publishes on /pneunet/centerline, ' in message
+        assert 'another node publishes on /pneunet/centerline, ' in message
         assert values['rivals'] in message
         assert 'model_info' not in message
         assert second.end(signal.SIGTERM) == 0, second.text

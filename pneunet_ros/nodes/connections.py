@@ -28,7 +28,7 @@ def rival_sentences(node: Any, shared: Collection[str]) -> Iterator[str]:
         if topic not in passed and node.count_publishers(topic) > count
     ]
     if topics:
-        yield f'somebody else publishes on {", ".join(sorted(topics))}, too'
+        yield f'another node publishes on {", ".join(sorted(topics))}, too'
     for topic in sorted({item.topic_name for item in node.subscriptions} - passed):
         names = sorted(map(name_of, node.get_publishers_info_by_topic(topic)))
         if len(names) > 1:
