@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 import multiprocessing
 from pathlib import Path
+import shutil
+import sqlite3
 import tempfile
 
 from mcap.writer import Writer as McapWriter
@@ -58,6 +61,25 @@ def test_every_storage_is_read_with_and_without_metadata(tmp_path, storage, mode
     assert values(folder) == list(range(COUNT))
     (file,) = (path for path in folder.iterdir() if path.name != METADATA)
     assert values(file) == list(range(COUNT))
+
+
+def test_what_only_the_log_of_a_database_holds_is_read(tmp_path):
+    """As `--storage-preset-profile resilient` leaves it after a crash."""
+    folder = write_bag(tmp_path / 'bag', StoragePlugin.SQLITE3, CompressionMode.NONE)
+    (file,) = folder.glob('*.db3')
+    crashed = tmp_path / 'crashed'
+    crashed.mkdir()
+    with closing(sqlite3.connect(file)) as bag:
+        bag.execute('PRAGMA journal_mode=WAL')
+        bag.execute(
+            'INSERT INTO messages (topic_id, timestamp, data) '
+            'SELECT topic_id, timestamp + 1, data FROM messages ORDER BY timestamp DESC LIMIT 1'
+        )
+        bag.commit()
+        for part in (file, file.with_name(f'{file.name}-wal')):
+            shutil.copyfile(part, crashed / part.name)
+    assert values(crashed / file.name) == [*range(COUNT), COUNT - 1]
+    assert len(list(crashed.iterdir())) == 2
 
 
 def packed_mcap(folder: Path, *, name_packed: bool = True) -> Path:

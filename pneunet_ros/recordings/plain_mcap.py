@@ -66,6 +66,7 @@ def _copy(path: Path, changed_ns: int, size: int) -> Path:
     if not is_sqlite:
         return plain
     copy = place / f'{plain.stem}.mcap'
+    plain = _with_log(plain, place)
     try:
         _copy_messages(plain, copy)
     except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
@@ -73,6 +74,23 @@ def _copy(path: Path, changed_ns: int, size: int) -> Path:
     if plain is not path:
         plain.unlink()
     return copy
+
+
+def _with_log(database: Path, place: Path) -> Path:
+    """Return a database, or a copy of it in a folder where its write-ahead log holds messages.
+
+    SQLite writes beside a database with such a log, even to read it.
+    """
+    log = _log(database)
+    if not log.exists() or not log.stat().st_size:
+        return database
+    shutil.copyfile(log, place / log.name)
+    return Path(shutil.copyfile(database, place / database.name))
+
+
+def _log(database: Path) -> Path:
+    """Return where SQLite has the write-ahead log of a database, if it has one."""
+    return database.with_name(f'{database.name}-wal')
 
 
 def _unpack(path: Path, plain: Path) -> None:
@@ -110,7 +128,9 @@ def unpacked_message(raw: bytes) -> bytes:
 
 def _copy_messages(database: Path, copy: Path) -> None:
     """Write the messages of a database of rosbag2 as MCAP, in the order of their log times."""
-    source = f'{resolved(database, RecordingError).as_uri()}?mode=ro&immutable=1'
+    log = _log(database)
+    still = '' if log.exists() and log.stat().st_size else '&immutable=1'
+    source = f'{resolved(database, RecordingError).as_uri()}?mode=ro{still}'
     with closing(sqlite3.connect(source, uri=True)) as bag, copy.open('wb') as stream:
         writer = Writer(stream, compression=CompressionType.NONE)
         writer.start('ros2')
