@@ -14,11 +14,13 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.effects import EFFECTS
+from pneunet_ros.estimation import pressure_tare
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.pressure_tare import pressure_zero
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.measurement.pressure_judge import ExpectedPressure
 from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.domain_position import LOAD_BEYOND, LOADS_UNKNOWN, PRESSURE_BEYOND
 from pneunet_ros.model.equilibrium import tip_jacobian
@@ -623,14 +625,29 @@ def test_the_zero_of_an_absolute_sensor_is_above_ambient():
         ((), 'only 0 recent pressure readings'),
         ((1, 2, 3, 4), 'only 4 recent pressure readings'),
         ((0, 0, 0, 0, 661), 'moves by 661 Pa'),
-        (5 * (6700,), 'too far from zero'),
-        (5 * (-6700,), 'too far from zero'),
+        (5 * (2001,), 'pressure_offset to -2001'),
+        (5 * (-3181,), 'pressure_offset to 3181'),
     ],
 )
 def test_there_is_no_zero_without_a_vented_arm_at_rest(values, sentence):
     offset, why = pressure_zero(PLAIN, at_rest(*values))
     assert offset is None
     assert sentence in why
+
+
+def test_an_absolute_sensor_far_from_zero_is_a_matter_of_the_air():
+    absolute = estimator_with(pressure_reference='absolute', ambient_pressure=101_325.0)
+    offset, why = pressure_zero(absolute, at_rest(*5 * [95_200.0]))
+    assert offset is None
+    assert 'ambient_pressure to 95200' in why
+
+
+@pytest.mark.parametrize(('reach', 'largest'), [(3e3, 600.0), (66e3, 2e3)])
+def test_the_largest_zero_is_the_smaller_of_the_two_priors(monkeypatch, reach, largest):
+    expected = ExpectedPressure(low=0.0, high=reach)
+    monkeypatch.setattr(pressure_tare, 'expected_of', lambda arm: expected)
+    assert pressure_zero(PLAIN, at_rest(*5 * [largest - 1.0]))[0] == 1.0 - largest
+    assert pressure_zero(PLAIN, at_rest(*5 * [largest + 1.0]))[0] is None
 
 
 # How sure it is

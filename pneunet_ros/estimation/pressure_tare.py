@@ -8,6 +8,8 @@ import numpy as np
 from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.measurement.pressure_convention import ABSOLUTE
+from pneunet_ros.measurement.pressure_judge import expected_of, JUDGE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -17,7 +19,6 @@ class TareSettings:
     fewest_readings: int = tuning(5, 'readings of the vented arm')
     noise_band: float = tuning(10.0, 'largest less smallest reading, if noise', unit='sigma')
     moved: float = tuning(0.01, 'the same, whatever the noise', unit='of the calibrated range')
-    largest: float = tuning(0.1, 'offset of a sensor', unit='of the calibrated range')
 
 
 DEFAULTS = TareSettings()
@@ -31,7 +32,8 @@ def pressure_zero(
     """Return the offset (Pa) that makes readings of the vented arm zero, and a sentence.
 
     No offset where there are too few readings, where they move by more than the noise and a share
-    of the range, or where it would be too large for an offset.
+    of the range, or where the judge of pressures would not take it for a zero error: beyond the
+    prior of a gauge, or of an unset zero of so small a range.
     """
     fewest = settings.fewest_readings
     if len(readings) < fewest:
@@ -43,6 +45,14 @@ def pressure_zero(
     noise = settings.noise_band * estimator.arm.sensors.pressure_std
     if not moved <= max(noise, settings.moved * (high - low)):
         return None, f'the pressure moves by {moved:.4g} Pa; hold the vented arm still'
-    if abs(mean) > settings.largest * (high - low):
-        return None, f'the pressure is {mean:.4g} Pa, too far from zero for a vented arm'
+    largest = min(JUDGE.offset, JUDGE.zero_span * expected_of(estimator.arm).reach)
+    if abs(mean) > largest:
+        name, value = 'pressure_offset', -mean
+        if untared.reference == ABSOLUTE:
+            name, value = 'ambient_pressure', untared.ambient + untared.sign * mean
+        return None, (
+            f'the pressure is {mean:.4g} Pa, too far from zero for a zero error (at most '
+            f'{largest:.4g} Pa): the arm is probably not vented. Vent it and call again; if it '
+            f'is vented, set the parameter {name} to {value:.6g}'
+        )
     return -mean, f'pressure offset {-mean:.4g} Pa from {len(readings)} readings'
