@@ -156,30 +156,46 @@ def innovation(
     """Compare a frame with what was predicted; None where no target was seen.
 
     Of the white noise of a target the larger is taken, as the model has it or as the tracker says.
+    The targets are those of the calibration, which knows where they are painted, or others: what
+    is likelier in this frame counts.
     """
     seen = np.isfinite(sightings.x) & np.isfinite(sightings.y)
     targets = int(np.count_nonzero(seen))
     if not targets:
         return None
-    beside = np.stack([sightings.x - predicted.x, sightings.y - predicted.y])
-    residual = (beside - predicted.placed)[:, seen]
-    std = target_stds(noise, np.fmax(sightings.std[seen], noise.target_std))
+    beside = np.stack([sightings.x - predicted.x, sightings.y - predicted.y])[:, seen]
+    white, placed = np.fmax(sightings.std[seen], noise.target_std), predicted.placed[:, seen]
+    placed_std = predicted.placed_std[seen]
     camera = camera_errors(float(np.hypot(noise.registration_std, noise.drift_std)), targets)
     moved = predicted.errors[:, :, seen].reshape(-1, 2 * targets).T
     errors = np.concatenate([moved, camera], axis=1)
+    rivals = [(beside, target_stds(noise, white))]
+    if placed.any():
+        rivals.append((beside - placed, np.maximum(np.hypot(white, placed_std), SMALLEST_STD)))
+    totals = [
+        float(chi_squared(residual.ravel(), np.tile(std, 2), errors)) for residual, std in rivals
+    ]
+    # Twice the negative log likelihood, with the white noise of both coordinates.
+    costs = [
+        total + 4.0 * float(np.log(std).sum())
+        for total, (_, std) in zip(totals, rivals, strict=True)
+    ]
+    likelier = int(np.argmin(costs))
+    residual, std = rivals[likelier]
     of_target = errors.reshape(2, targets, -1).transpose(1, 0, 2)
     at_targets = np.full(seen.size, np.nan)
     at_targets[seen] = 0.5 * chi_squared(residual.T, std[:, None], of_target)
-    total = chi_squared(residual.ravel(), np.tile(std, 2), errors)
-    white = np.fmax(sightings.std[seen], noise.target_std)
     at_tip = tip_chi_squared(
-        residual,
-        np.hypot(white, predicted.placed_std[seen]),
+        beside - placed,
+        np.hypot(white, placed_std),
         predicted.errors[:, :, seen],
         predicted.share[seen],
     )
     return Innovation(
-        coordinates=2 * targets, chi_square=float(total), at_targets=at_targets, at_tip=at_tip
+        coordinates=2 * targets,
+        chi_square=totals[likelier],
+        at_targets=at_targets,
+        at_tip=at_tip,
     )
 
 
