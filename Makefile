@@ -71,11 +71,12 @@ soak: $(VENV)/all ## both nodes under faults of all kinds; ARGS='--minutes 5' fo
 	$(VENV)/bin/python acceptance/soak.py $(ARGS)
 
 .PHONY: check
-check: $(VENV)/all ## format, lint, types, rooms
+check: $(VENV)/all ## format, lint, types, rooms, numbers that decide
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
+	$(VENV)/bin/python acceptance/deciding_numbers.py
 
 .PHONY: format
 format: $(VENV)/all ## put the code into shape
