@@ -40,7 +40,8 @@ def commands(page):
     for block in blocks_of(page):
         if block.kind in ('sh', 'console'):
             for line in block.commands:
-                words = shlex.split(line)
+                # What stands behind `||` says that the answer of the command is negative.
+                words = shlex.split(line.partition('||')[0])
                 if words[0] == 'pneunet':
                     yield words[1:]
 
