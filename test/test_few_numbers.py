@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from pneunet_ros.calibration.calibration import calibrate
+from pneunet_ros.calibration.checks.left_out_levels import interpolated
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.diagnosis.diagnosis import with_tips
 from pneunet_ros.measurement.dataset import RecordingData
@@ -148,3 +149,15 @@ def test_a_diagnosis_of_headings_alone_is_refused():
     pose[:, :2] = np.nan
     with pytest.raises(RecordingError, match='only the heading of the tip'):
         with_tips(ARM, [recorded(pose)], [])
+
+
+@pytest.mark.parametrize('size', [1.0, 1.0 / 1024.0, 1024.0])
+def test_pressures_of_any_size_are_interpolated_alike(size):
+    """A finger for 500 Pa has as many levels as one for 500 kPa."""
+    levels = np.repeat(np.linspace(0.0, 50e3, 6), 3)
+    noise = np.tile([-20.0, 0.0, 20.0], 6)
+    at = np.linspace(0.0, 50e3, 21)
+    expected = interpolated(levels + noise, levels**2, at)
+    found = interpolated(size * (levels + noise), levels**2, size * at)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    assert np.ptp(found) > 1e9

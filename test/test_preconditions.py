@@ -87,6 +87,11 @@ def test_a_gauge_pressure_above_that_of_the_air_is_one_of_a_model_known_there():
         ),
         ([LOADED[0]], [], 'weights was given as unloaded, but its end force .*--loaded'),
         (FREE, [FREE[0]], 'up was given as loaded, but its end force .*--unloaded'),
+        (
+            FREE,
+            [FREE[0].with_end_load(0.0, 0.0)],
+            'up was given as loaded, but its end force .*--unloaded',
+        ),
         ([still(FREE[0])], [], 'up: the targets hardly move although the pressure changes'),
         (FREE, [still(LOADED[1])], 'low sweep: the targets hardly move'),
         ([scaled(FREE[0], targets=1e3)], [], 'up: a target .* m from the clamp.*must be in m'),

@@ -30,7 +30,7 @@ from pneunet_ros.solver.columns import THETA
 from scipy.interpolate import PchipInterpolator
 
 Places = npt.NDArray[np.complex128]
-LEAST_STEP = 200.0  # Pa, between levels of which a mean is taken
+SAME_LEVEL = 0.003  # of the range of the pressures: of what lies nearer, a mean is taken
 Refit = Callable[[Sequence[RecordingData]], Fit]
 
 
@@ -191,7 +191,8 @@ def without(runs: Sequence[RecordingData], left_out: Array) -> list[RecordingDat
 
 def interpolated(pressure: Array, values: Array, at: Array) -> Array:
     """Return values between pressures by a monotone cubic through the mean at each."""
-    levels, which = np.unique(np.round(pressure / LEAST_STEP), return_inverse=True)
+    step = SAME_LEVEL * float(np.ptp(pressure)) or 1.0
+    levels, which = np.unique(np.round(pressure / step), return_inverse=True)
     mean = np.bincount(which, values) / np.bincount(which)
     places = np.bincount(which, pressure) / np.bincount(which)
     if levels.size == 1:

@@ -105,7 +105,7 @@ def check_loads(
     run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
 ) -> None:
     """Raise RecordingError where a loaded recording has no load, or one that no arm carries."""
-    if not run.loaded or run.is_idle(arm.sensors):
+    if not (run.loaded and run.load.any()) or run.is_idle(arm.sensors):
         raise RecordingError(
             f'{run.name} was given as loaded, but its end force never exceeds the noise of the '
             f'force sensor, {arm.sensors.force_std:.3g} N (sensors.force_std of --arm); name it '
