@@ -35,6 +35,17 @@ def test_a_row_alone_is_found_whole(bend):
     assert mixture.named(row.chosen).tolist() == TARGETS.tolist()
 
 
+@pytest.mark.parametrize('bend', [-28.0, -15.0, 15.0, 28.0])
+def test_a_row_of_three_on_an_arm_that_curls_is_found(bend):
+    """As far as the finger of a gripper whose tip meets that of the other finger."""
+    places = ARCLENGTH[[0, 11, 22]]
+    row = arc(0.7 * bend, 1.3 * bend, places)
+    others = row[1:] * [-1.0, 1.0]  # of the finger on the other side of the clamp
+    points = np.vstack([others, row])[[3, 0, 4, 1, 2]]
+    found = row_from_clamp(points, np.full(5, 80.0), places, 0.0)
+    assert found.chosen.tolist() == [4, 0, 2]
+
+
 def test_rows_among_many_others_with_gaps_have_no_swaps():
     """Up to 150 areas that are none, a tenth of the targets and a run of up to four hidden."""
     rng = np.random.default_rng(1)

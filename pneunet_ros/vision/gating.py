@@ -32,9 +32,10 @@ class GatingSettings:
     farthest: float = tuning(2.5, 'from an end of a row found anew to the next', unit='spacing')
     shortest: float = tuning(0.7, 'distance of neighbors over that along the arm, at least')
     longest: float = tuning(1.3, 'the same, at most')
-    shorter: float = tuning(
-        0.1, 'less than that for targets further apart: a chord', unit='length beyond one spacing'
-    )
+    curl: float = tuning(
+        7.0, 'turn of an arm where it bends most, as if it did so from end to end', unit='rad',
+        source='measured, as that of `beam_search`: chords are shorter than arcs',
+    )  # fmt: skip
     compared: int = tuning(3, 'neighbors on each side whose distance is looked at')
     largest_loss: float = tuning(0.87, 'area over usual, compared with neighbors, at least')
     largest_growth: float = tuning(1.2, 'the same, at most')
@@ -111,14 +112,12 @@ def _wrong_distances(
         other = places[place]
         if other == target:
             continue
-        spacing = arclength[max(other, 1)] - arclength[max(other, 1) - 1]
         along = abs(arclength[target] - arclength[other])
+        half_turn = 0.5 * gating.curl * along / (arclength[-1] - arclength[0])
+        chord = max(math.sin(min(half_turn, math.pi)) / half_turn, 0.0)
         distance = math.hypot(x[target] - x[other], y[target] - y[other])
         known += 1
-        if (
-            distance > gating.longest * along
-            or distance < gating.shortest * along - gating.shorter * (along - spacing)
-        ):
+        if distance > gating.longest * along or distance < gating.shortest * chord * along:
             wrong += 1
     return 2.0 if known == 0 else 2.0 * wrong / known
 
