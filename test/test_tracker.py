@@ -24,7 +24,7 @@ from pneunet_ros.vision.camera.camera_settings import (
     PosePlane,
 )
 from pneunet_ros.vision.curvature_prior import PriorSettings
-from pneunet_ros.vision.dots.blobs import BlobSettings
+from pneunet_ros.vision.dots.areas import BlobSettings
 from pneunet_ros.vision.dots.ellipse_fit import EllipseSettings
 from pneunet_ros.vision.gating import GatingSettings
 from pneunet_ros.vision.settings import RestPlaneSettings, RowTrackerSettings, VisionSettings

@@ -18,17 +18,18 @@ from pneunet_ros.vision.beam_search import (
     BEAM_SEARCH,
     BeamSearchSettings,
     BlobColumns,
-    continues_beyond,
     grow_rows,
-    grow_seeded_rows,
     HEADING,
     Indices,
     LAST,
+    Mask,
     NOTHING,
     SCALE,
     SIZE,
-    truncate_row,
+    X,
+    Y,
 )
+from pneunet_ros.vision.row_ends import continues_beyond, truncate_row
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,16 +96,22 @@ def near_row_from_clamp(
     seen = np.flatnonzero(chosen >= 0)
     if seen.size < least_seen(arclength.size):
         return np.arange(len(points))
-    spacing = float(arclength[-1] - arclength[-2])
-    row = points[chosen[seen]]
-    beyond = row[-1] + (row[-1] - row[-2]) * (
-        1.0 + spacing / (arclength[seen[-1]] - arclength[seen[-2]])
-    )
-    places = np.concatenate([arclength[seen], [arclength[seen[-1]] + 2.0 * spacing]])
-    at = np.arange(arclength[0], places[-1], 0.25 * spacing)
-    way = [np.interp(at, places, np.append(row[:, axis], beyond[axis])) for axis in range(2)]
+    return np.flatnonzero(_near_line(points, points[chosen[seen]], arclength[seen], search))
+
+
+def _near_line(points: Array, row: Array, places: Array, search: BeamSearchSettings) -> Mask:
+    """Whether blobs are on a row (n, 2), or beside it, or up to two spacings beyond its end.
+
+    places (n,): of the row along the arm.
+    """
+    spacing = float(np.diff(places).min())
+    beyond = row[-1] + (row[-1] - row[-2]) * 2.0 * spacing / (places[-1] - places[-2])
+    row, places = np.vstack([row, beyond]), np.append(places, places[-1] + 2.0 * spacing)
+    at = np.arange(places[0], places[-1], 0.25 * spacing)
+    way = [np.interp(at, places, row[:, axis]) for axis in range(2)]
     away = np.hypot(points[:, :1] - way[0], points[:, 1:] - way[1]).min(axis=1)
-    return np.flatnonzero(away <= (search.along + search.across) * spacing)
+    scale = np.median(np.hypot(*np.diff(row, axis=0).T) / np.diff(places))
+    return np.asarray(away <= (search.along + search.across) * scale * spacing)
 
 
 def _grown_from_clamp(
@@ -133,7 +140,7 @@ def rows_anywhere(
     """
     if len(points) < arclength.size:
         return []
-    chosen, costs = grow_seeded_rows(_columns(points, areas), arclength, search)
+    chosen, costs = _grown_anywhere(_columns(points, areas), arclength, search)
     order = np.argsort(costs, kind='stable')
     rows: list[TargetRow] = []
     for place in order[np.isfinite(costs[order])].tolist():
@@ -142,6 +149,73 @@ def rows_anywhere(
             if not any(_same(reading, other, settings.alike) for other in rows):
                 rows.append(reading)
     return rows
+
+
+def _grown_from_pairs(
+    blobs: BlobColumns, arclength: Array, search: BeamSearchSettings
+) -> tuple[Indices, Array]:
+    """Grow a row from every blob and each of its neighbors; rows (seeds, targets) and costs."""
+    x, y, sizes = blobs
+    targets = arclength.size
+    apart = np.hypot(x[:, None] - x, y[:, None] - y)
+    np.fill_diagonal(apart, math.inf)
+    many = min(search.neighbors, x.size - 1)
+    neighbors = np.argpartition(apart, many - 1, axis=1)[:, :many]
+    first, second = np.repeat(np.arange(x.size), neighbors.shape[1]), neighbors.ravel()
+    distinct = apart[first, second] > 0.0
+    first, second = first[distinct], second[distinct]
+    starts = np.zeros((len(first), LAST + 1))
+    starts[:, LAST], starts[:, X], starts[:, Y] = 1.0, x[second], y[second]
+    starts[:, HEADING] = np.arctan2(y[second] - y[first], x[second] - x[first])
+    starts[:, SCALE] = apart[first, second] / (arclength[1] - arclength[0])
+    starts[:, SIZE] = 0.5 * (sizes[first] + sizes[second])
+    rows = np.full((len(first), targets), NOTHING)
+    rows[:, 0], rows[:, 1] = first, second
+    return grow_rows(blobs, arclength, starts, rows, True, search)
+
+
+def _grown_anywhere(
+    blobs: BlobColumns, arclength: Array, search: BeamSearchSettings
+) -> tuple[Indices, Array]:
+    """Grow rows that end at their ends; rows (seeds, targets) and costs, infinite of others."""
+    rows, costs = _grown_from_pairs(blobs, arclength, search)
+    seen = np.count_nonzero(rows >= 0, axis=1)
+    reverse = arclength[-1] - arclength[::-1]
+    for seed in np.flatnonzero(costs < math.inf).tolist():
+        row = rows[seed]
+        if (
+            np.unique(row[row >= 0]).size < seen[seed]  # a row that bites its tail
+            or continues_beyond(blobs, arclength, row, search)
+            or continues_beyond(blobs, reverse, row[::-1], search)
+        ):
+            costs[seed] = math.inf
+    return rows, costs
+
+
+def near_rows_anywhere(
+    points: Array,
+    areas: Array,
+    arclength: Array,
+    known: Indices,
+    search: BeamSearchSettings = BEAM_SEARCH,
+) -> Indices:
+    """Return which blobs are on, beside or just beyond the ends of a row of known ones (indices).
+
+    Other arguments as of `rows_anywhere`; rows may go on beyond their ends, and the last target
+    may be missing.
+    """
+    near = np.zeros(len(points), np.bool_)
+    for targets in (arclength, arclength[:-1]):
+        if near.any() or not 2 < targets.size <= len(known):
+            continue
+        chosen, costs = _grown_from_pairs(_columns(points[known], areas[known]), targets, search)
+        rows = chosen[np.isfinite(costs)]
+        for seed in np.unique(np.sort(rows, axis=1), axis=0, return_index=True)[1].tolist():
+            seen = np.flatnonzero(rows[seed] >= 0)
+            row, places = points[known[rows[seed, seen]]], targets[seen]
+            near |= _near_line(points, row, places, search)
+            near |= _near_line(points, row[::-1], targets[-1] - places[::-1], search)
+    return np.flatnonzero(near)
 
 
 def _readings(row: TargetRow, arclength: Array) -> tuple[TargetRow, ...]:

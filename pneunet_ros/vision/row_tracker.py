@@ -13,16 +13,20 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.units import seconds_between
-from pneunet_ros.vision.association import least_seen, near_row_from_clamp, row_from_clamp
+from pneunet_ros.vision.association import (
+    least_seen,
+    near_row_from_clamp,
+    near_rows_anywhere,
+    row_from_clamp,
+)
 from pneunet_ros.vision.camera.camera_model import Lens
 from pneunet_ros.vision.camera.camera_settings import CameraSettings, CurvedRestPlane
 from pneunet_ros.vision.camera.working_plane import Plane
+from pneunet_ros.vision.dots.areas import Appearance, RoundAreas
 from pneunet_ros.vision.dots.blobs import (
-    Appearance,
     Blobs,
     blobs_at,
     find_areas,
-    find_blobs,
     measure_areas,
     nearest_blobs,
 )
@@ -173,7 +177,11 @@ class ObservedRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class View:
-    """A frame with all that is needed to look at it."""
+    """A frame with all that is needed to look at it.
+
+    areas: what may be a blob, where that has been found already; shallow: whether to look only at
+    what stands out, as long as another look can follow.
+    """
 
     image: Image
     lens: Lens
@@ -182,6 +190,14 @@ class View:
     clamp_angle: float
     settings: CameraSettings
     vision: VisionSettings
+    areas: RoundAreas | None = None
+    shallow: bool = False
+
+    def round_areas(self) -> RoundAreas:
+        """Return the areas that may be blobs, those that stand out most first."""
+        if self.areas is None:
+            return find_areas(self.image, self.appearance)
+        return self.areas.only(slice(self.appearance.blobs.most))
 
     @property
     def appearance(self) -> Appearance:
@@ -439,7 +455,7 @@ def search_row(view: View) -> ObservedRow | Failure:
     Areas on a row, as their moments say, are measured first. Where that does not show all of the
     targets, all areas are.
     """
-    areas = find_areas(view.image, view.appearance)
+    areas = view.round_areas()
     points = view.plane.points(view.lens.undistort(areas.centers))
     usable = np.flatnonzero(np.isfinite(points[:, 0]))
     near = usable[
@@ -455,6 +471,8 @@ def search_row(view: View) -> ObservedRow | Failure:
         row = row_among(view, measure_areas(view.image, areas.only(near), view.appearance))
         if isinstance(row, ObservedRow) and row.seen == view.arclength.size:
             return row
+        if view.shallow:
+            return replace(row, found=areas.centers) if isinstance(row, Failure) else row
     blobs = measure_areas(view.image, areas, view.appearance)
     if len(blobs) == 0:
         return NO_AREAS
@@ -495,7 +513,13 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     view: its plane is not known yet, and not used; rest: where the arm has rested so far, which
     tells the targets of a frame that does not show a row by itself.
     """
-    blobs = find_blobs(view.image, view.appearance)
+    areas = view.round_areas()
+    if len(areas.centers) == 0:
+        return NO_AREAS
+    first = _search_what_stands_out(view, areas)
+    if view.shallow or not (isinstance(first, Failure) or np.isnan(first).any()):
+        return first
+    blobs = measure_areas(view.image, areas, view.appearance)
     if len(blobs) == 0:
         return NO_AREAS
     points = view.lens.undistort(blobs.centers)
@@ -508,6 +532,31 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     seen = points[np.isfinite(points[:, 0])]
     again = rest.recognize(seen, view.arclength, view.vision.rest_plane)
     return found if again is None else again
+
+
+def _search_what_stands_out(view: View, areas: RoundAreas) -> Array | Failure:
+    """Find the targets of the arm at rest by the areas that stand out, as `search_at_rest`.
+
+    Only those on a row, as their moments say, are measured, and all areas near it.
+    """
+    points = view.lens.undistort(areas.centers)
+    usable = np.isfinite(points[:, 0])
+    clear = areas.stand_out(view.appearance)
+    clear = clear[usable[clear]]
+    near = near_rows_anywhere(points, areas.areas, view.arclength, clear, view.vision.beam_search)
+    near = near[usable[near]]
+    if not len(near):
+        return Failure(
+            reason='no_row',
+            sentence=f'no row of {view.arclength.size} targets at their distances among '
+            f'{len(clear)} areas that stand out clearly',
+            found=areas.centers[clear],
+        )
+    blobs = measure_areas(view.image, areas.only(near), view.appearance)
+    if len(blobs) == 0:
+        return NO_AREAS
+    found = _search_anew(view, blobs, view.lens.undistort(blobs.centers))
+    return replace(found, found=blobs.centers) if isinstance(found, Failure) else found
 
 
 def _search_anew(view: View, blobs: Blobs, points: Array) -> Array | Failure:

@@ -10,7 +10,7 @@ from pneunet_ros.vision.association import ASSOCIATION, AssociationSettings
 from pneunet_ros.vision.beam_search import BEAM_SEARCH, BeamSearchSettings
 from pneunet_ros.vision.camera.camera_settings import CameraSettings
 from pneunet_ros.vision.curvature_prior import PRIOR, PriorSettings
-from pneunet_ros.vision.dots.blobs import Appearance, BLOBS, BlobSettings
+from pneunet_ros.vision.dots.areas import Appearance, BLOBS, BlobSettings
 from pneunet_ros.vision.dots.ellipse_fit import ELLIPSE, EllipseSettings
 from pneunet_ros.vision.dots.moving_dots import MOVING_DOTS, MovingDotSettings
 from pneunet_ros.vision.gating import GATING, GatingSettings

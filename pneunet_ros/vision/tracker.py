@@ -26,6 +26,7 @@ from pneunet_ros.vision.camera.camera_settings import (
     PosePlane,
 )
 from pneunet_ros.vision.camera.working_plane import Plane, plane_from_homography, plane_from_pose
+from pneunet_ros.vision.dots.areas import bright_and_dark_areas, RoundAreas
 from pneunet_ros.vision.dots.ellipse_fit import for_colors
 from pneunet_ros.vision.rest_plane import (
     Failure,
@@ -200,13 +201,19 @@ class Tracker:
         """Look for bright and for dark targets; what shows a row alone decides, once it is whole.
 
         A row of either kind in one image is no answer. Until it is whole, the one that has shown a
-        row alone is looked for first, and the other only where that fails.
+        row alone is looked for first, and the other only where that fails. Areas that hardly stand
+        out are looked at where the others show nothing.
         """
+        found = None if state.leading else self._bright_and_dark(image)
+        areas = dict(zip((BRIGHT, DARK), found or (None, None), strict=True))
         looks: dict[str, tuple[TrackerState, Tracking]] = {}
-        for name in sorted((BRIGHT, DARK), key=lambda name: name != state.leading):
-            looks[name] = self._look(state, image, name)
-            if name == state.leading and looks[name][1].reason == RESTING:
-                return looks[name]
+        for shallow in (True, False):
+            for name in sorted((BRIGHT, DARK), key=lambda name: name != state.leading):
+                looks[name] = self._look(state, image, name, areas[name], shallow)
+                if name == state.leading and looks[name][1].reason == RESTING:
+                    return looks[name]
+            if any(it.reason in ('', RESTING) for _, it in looks.values()):
+                break
         shown = [name for name, (_, it) in looks.items() if it.reason in ('', RESTING)]
         said = {name: looks[name][1].sentence for name in (BRIGHT, DARK)}
         if len(shown) == 1:
@@ -236,10 +243,19 @@ class Tracker:
         """Order what bright and dark areas show: first what comes nearest to a row of targets."""
         return TELLING.index(tracking.reason), -tracking.row, -len(tracking.found)
 
+    def _bright_and_dark(self, image: Image) -> tuple[RoundAreas, RoundAreas] | None:
+        """Return the areas of an image for either polarity, where both are found at once."""
+        return bright_and_dark_areas(image.grey(), self.vision.appearance(self.settings))
+
     def _look(
-        self, state: TrackerState, image: Image, polarity: str
+        self,
+        state: TrackerState,
+        image: Image,
+        polarity: str,
+        areas: RoundAreas | None = None,
+        shallow: bool = False,
     ) -> tuple[TrackerState, Tracking]:
-        """Look for targets of a polarity."""
+        """Look for targets of a polarity; areas and shallow: as of `View`."""
         assert state.lens is not None
         settings = self.settings
         if polarity == DARK:
@@ -253,6 +269,8 @@ class Tracker:
             clamp_angle=self.arm.clamp_angle,
             settings=settings,
             vision=self.vision,
+            areas=areas,
+            shallow=shallow,
         )
         if state.plane is None:
             state, failure = self._at_rest(state, view)

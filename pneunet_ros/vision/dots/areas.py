@@ -1,0 +1,263 @@
+"""Round areas of an image, bright or dark: where dots may be, before their edges are looked at.
+
+Whatever the light, a bright target is brighter than what is just around it, and a dark one darker.
+So the image is cut at many grey levels; what is as round as an ellipse at some of them, and large
+enough, may be a dot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import itertools
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.image import Bytes
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.vision.camera.camera_settings import AdaptiveBand, AreaLimits, GreyBand
+from pneunet_ros.vision.dots.centroid import Integers, Look, outlines
+from pneunet_ros.vision.dots.ellipse_fit import ELLIPSE, EllipseSettings
+import scipy
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlobSettings:
+    """How areas are told from what is behind them."""
+
+    most: int = tuning(500, 'areas of an image that are measured, those that stand out most')
+    least_contrast: float = tuning(
+        4.0, 'between a blob and its background where the band is fixed', unit='grey level'
+    )
+    levels: int = tuning(2, 'at which an area stands out that has the least contrast')
+    speck: int = tuning(3, 'side of the square over which noise is averaged', unit='px')
+    least_area: float = tuning(0.5, 'of an area where it is cut', unit='smallest area')
+    largest_area: float = tuning(1.5, 'the same', unit='largest area')
+    roundness: float = tuning(0.88, 'area over that of the ellipse with the same moments')
+    longer: float = tuning(1.2, 'an area where it is cut, of the largest elongation')
+    nested: float = tuning(0.35, 'between centers of one blob at two levels', unit='radius')
+    growth: float = tuning(2.0, 'area of a blob from one level to the next, at most')
+    blur: float = tuning(0.9, 'of an edge, expected', unit='px')
+    blur_std: float = tuning(0.3, 'one sigma of that', unit='px')
+    smear_std: float = tuning(1.0, 'of the way during an exposure, one sigma', unit='px')
+    shape_std: float = tuning(0.3, 'one sigma of size and shape before a fit', unit='radius')
+    seen: float = tuning(0.5, 'share of the edge that an ellipse must explain', source='measured')
+    twice: float = tuning(0.8, 'between blobs that are one', unit='radius of the larger')
+    astray: float = tuning(0.25, 'center of an area off that of its blob', unit='diameter')
+    beyond: float = tuning(1.0, 'around a place, beyond its reach', unit='diameter')
+
+
+BLOBS = BlobSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Appearance:
+    """What counts as a blob: the camera file's part, and how that is used."""
+
+    band: GreyBand
+    limits: AreaLimits
+    blobs: BlobSettings = BLOBS
+    ellipse: EllipseSettings = ELLIPSE
+
+    @property
+    def look(self) -> Look:
+        """How bright and how large a blob is."""
+        if isinstance(self.band, AdaptiveBand):
+            return Look(limits=self.limits, brightest=math.inf, contrast=self.band.contrast)
+        return Look(
+            limits=self.limits, brightest=self.band.high, contrast=self.blobs.least_contrast
+        )
+
+    @property
+    def levels(self) -> list[int]:
+        """Grey levels at which the image is cut, from the highest down."""
+        if not isinstance(self.band, AdaptiveBand):
+            return [math.ceil(self.band.low)]
+        step = max(1, math.floor(self.band.contrast / self.blobs.levels))
+        return list(range(255 - step, 0, -step))
+
+
+class RoundAreas(NamedTuple):
+    """Areas that are as round as ellipses at some grey levels; at most levels first.
+
+    centers (n, 2) px; moments (n, 3) px^2: uu, uv, vv about them; levels (n,): at how many.
+    """
+
+    centers: Array
+    moments: Array
+    levels: Integers
+
+    @property
+    def areas(self) -> Array:
+        """How large they are, (n,) px^2."""
+        uu, uv, vv = self.moments.T
+        return np.asarray(4.0 * math.pi * np.sqrt(uu * vv - uv * uv))
+
+    def only(self, which: Integers | slice) -> RoundAreas:
+        """Return some of them."""
+        return RoundAreas(self.centers[which], self.moments[which], self.levels[which])
+
+    def stand_out(self, appearance: Appearance) -> Integers:
+        """Return which stand out at as many levels as those with the least contrast, or more."""
+        least = min(appearance.blobs.levels, len(appearance.levels))
+        return np.flatnonzero(self.levels >= least)
+
+    def starts(self, appearance: Appearance) -> Array:
+        """Return where fits of their edges begin."""
+        uu, uv, vv = self.moments.T
+        root = np.sqrt(uu * vv - uv * uv)
+        scale = 2.0 / np.sqrt(uu + vv + 2.0 * root)
+        axes = np.column_stack([uu + root, uv, vv + root]) * scale[:, None]
+        blobs, one = appearance.blobs, np.ones(len(uu))
+        stds = (blobs.shape_std * one, blobs.blur_std, blobs.smear_std * one)
+        return outlines(self.centers, axes, blobs.blur * one, np.zeros((len(uu), 2)), stds)
+
+
+def round_areas(grey: Bytes, appearance: Appearance) -> RoundAreas:
+    """Find what is as round as an ellipse and brighter than what is around it.
+
+    An area is as it is at the middle one of the grey levels at which it is there.
+    """
+    return _joined(_cuts(grey, appearance), appearance)
+
+
+def bright_and_dark_areas(
+    grey: Bytes, appearance: Appearance
+) -> tuple[RoundAreas, RoundAreas] | None:
+    """Find what is as round as an ellipse, and brighter or darker than what is around it.
+
+    None where bright and dark areas are not told by the same grey levels.
+    """
+    if not isinstance(appearance.band, AdaptiveBand):
+        return None
+    cuts = _cuts(grey, appearance)
+    # A dark area is a hole at the levels above it; it grows with the level.
+    dark = [table * np.array([-1.0, 1.0, 1.0, 1.0, 1.0, 1.0]) for table in cuts[::-1]]
+    return _joined(cuts, appearance), _joined(dark, appearance)
+
+
+def _cuts(grey: Bytes, appearance: Appearance) -> list[Array]:
+    """Cut an image at all levels, from the highest down, as `_cut_at`."""
+    settings = appearance.blobs
+    soft = np.asarray(cv2.blur(grey, (settings.speck, settings.speck)), np.uint8)
+    highest, lowest = int(soft.max(initial=0)), int(soft.min(initial=255))
+    levels = [level for level in appearance.levels if lowest < level <= highest]
+    return [_cut_at(soft, level, appearance) for level in levels]
+
+
+def _cut_at(grey: Bytes, level: int, appearance: Appearance) -> Array:
+    """Return the areas at a level or brighter, (n, 6): area, center u, v, moments uu, uv, vv.
+
+    Areas that may be dots, or hold some; those of holes are negative.
+    """
+    settings, limits = appearance.blobs, appearance.limits
+    _, white = cv2.threshold(grey, level - 1, 255, cv2.THRESH_BINARY)
+    contours, _ = cv2.findContours(white, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    # As long as an ellipse of the largest area can be around, at most.
+    longest = 8.0 * math.sqrt(settings.largest_area * limits.largest * limits.elongation)
+    shortest = 2.0 * math.sqrt(settings.least_area * limits.smallest)
+    sizes = np.fromiter(map(len, contours), np.int64, len(contours))
+    usable = (sizes >= shortest) & (sizes <= longest)
+    if not usable.any():
+        return np.empty((0, 6))
+    points = np.concatenate(list(itertools.compress(contours, usable.tolist())))
+    return _polygon_moments(points[:, 0], sizes[usable])
+
+
+def _joined(cuts: list[Array], appearance: Appearance) -> RoundAreas:
+    """Return the round areas of cuts, of which each holds the areas of the one before."""
+    settings = appearance.blobs
+    found: list[Array] = []
+    chains: list[Integers] = []
+    above, chain_above, chain_count = np.empty((0, 6)), np.empty(0, np.int64), 0
+    for table in cuts:
+        areas = _round_ones(table, appearance)
+        chain = _continued(areas, above, chain_above, settings)
+        new = chain < 0
+        chain[new] = chain_count + np.arange(np.count_nonzero(new))
+        chain_count += int(np.count_nonzero(new))
+        found.append(areas)
+        chains.append(chain)
+        above, chain_above = areas, chain
+    if not chain_count:
+        return RoundAreas(np.empty((0, 2)), np.empty((0, 3)), np.empty(0, np.int64))
+    table, chain = np.concatenate(found), np.concatenate(chains)
+    order = np.argsort(chain, kind='stable')
+    length = np.bincount(chain)
+    middle = order[np.cumsum(length) - length + length // 2]
+    most_first = np.argsort(-length, kind='stable')
+    chosen = middle[most_first]
+    return RoundAreas(table[chosen, 1:3], table[chosen, 3:], length[most_first])
+
+
+def _round_ones(table: Array, appearance: Appearance) -> Array:
+    """Return the areas (n, 6) of a cut that are as round as ellipses and have no large hole."""
+    settings, limits = appearance.blobs, appearance.limits
+    area, uu, uv, vv = table[:, [0, 3, 4, 5]].T
+    with np.errstate(invalid='ignore', divide='ignore'):
+        root = np.sqrt(uu * vv - uv * uv)
+        round_enough = area >= settings.roundness * 4.0 * math.pi * root
+        ratio = (uu + vv) / (2.0 * root)
+    most = settings.longer * limits.elongation
+    possible = (
+        (area >= settings.least_area * limits.smallest)
+        & (area <= settings.largest_area * limits.largest)
+        & round_enough
+        & (ratio <= 0.5 * (most + 1.0 / most))
+    )
+    found: Array = table[possible]
+    holes = table[area < -limits.hole]
+    if len(found) and len(holes):
+        apart, nearest = scipy.spatial.cKDTree(found[:, 1:3]).query(holes[:, 1:3])
+        around = found[nearest, 0]
+        within = (apart < np.sqrt(around / math.pi)) & (-holes[:, 0] < around)
+        found = np.delete(found, nearest[within], axis=0)
+    return found
+
+
+def _polygon_moments(corners: npt.NDArray[np.int32], sizes: Integers) -> Array:
+    """Return area, center u, v and moments uu, uv, vv of the pixels within contours, (n, 6).
+
+    corners: of all contours, one after the other, as many of each as `sizes` (n,) says. Areas of
+    holes are negative.
+    """
+    first = np.cumsum(sizes) - sizes
+    x, y = np.subtract(corners, np.repeat(corners[first], sizes, axis=0), dtype=np.float64).T
+    after = np.arange(len(corners)) + 1
+    after[first + sizes - 1] = first
+    x2, y2 = x[after], y[after]
+    terms = np.empty((7, len(corners)))
+    cross = np.subtract(x2 * y, x * y2, out=terms[0])  # contours of areas turn from +v to +u
+    np.multiply(cross, x + x2, out=terms[1])
+    np.multiply(cross, y + y2, out=terms[2])
+    np.multiply(cross, x * x + x * x2 + x2 * x2, out=terms[3])
+    np.multiply(cross, 2.0 * (x * y + x2 * y2) + x * y2 + x2 * y, out=terms[4])
+    np.multiply(cross, y * y + y * y2 + y2 * y2, out=terms[5])
+    np.hypot(x2 - x, y2 - y, out=terms[6])
+    sums = np.add.reduceat(terms, first, axis=1).T
+    area = 0.5 * sums[:, 0]
+    # The contour leads through the middle of pixels: half a pixel is outside of it.
+    outer = 0.5 * sums[:, 6] + 1.0
+    with np.errstate(invalid='ignore', divide='ignore'):
+        center = sums[:, 1:3] / (6.0 * area[:, None])
+        square = sums[:, 3:6] / (np.array([12.0, 24.0, 12.0]) * area[:, None])
+        square -= center[:, [0, 0, 1]] * center[:, [0, 1, 1]]
+        square *= ((area + outer) / area)[:, None]
+    whole = np.where(area > 0.0, area + outer, area + outer - 2.0)
+    return np.column_stack([whole, center + corners[first], square])
+
+
+def _continued(areas: Array, above: Array, chain: Integers, settings: BlobSettings) -> Integers:
+    """Return of which chain areas are a further part, -1 of none.
+
+    above: the areas one level higher, of these chains.
+    """
+    if not len(areas) or not len(above):
+        return np.full(len(areas), -1)
+    apart, nearest = scipy.spatial.cKDTree(above[:, 1:3]).query(areas[:, 1:3])
+    reach = settings.nested * np.sqrt(areas[:, 0] / math.pi) + 0.5
+    there = (apart <= reach) & (areas[:, 0] <= settings.growth * above[nearest, 0])
+    return np.where(there, chain[nearest], -1)
