@@ -27,7 +27,12 @@ from pneunet_ros.vision.curvature_prior import PriorSettings
 from pneunet_ros.vision.dots.areas import BlobSettings
 from pneunet_ros.vision.dots.ellipse_fit import EllipseSettings
 from pneunet_ros.vision.gating import GatingSettings
-from pneunet_ros.vision.settings import RestPlaneSettings, RowTrackerSettings, VisionSettings
+from pneunet_ros.vision.settings import (
+    RestPlaneSettings,
+    RowTrackerSettings,
+    VISION,
+    VisionSettings,
+)
 from pneunet_ros.vision.smoother import SmootherSettings
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 import pytest
@@ -418,6 +423,20 @@ def test_a_target_covered_in_part_is_missing_or_where_its_center_is(watching, sh
     )
     assert np.isnan(off) or (share < 0.5 and off < 0.3)
     assert outcome.sightings.seen >= TARGETS - 2
+
+
+def test_a_lost_row_is_searched_everywhere_only_now_and_then(watching):
+    grey, _ = watching.picture(25e3)
+    blank = np.full_like(grey, 45)
+    searched = []
+    for _ in range(7):
+        assert watching.show(blank).reason == 'no_areas'
+        searched.append(watching.state.searched_ns == watching.stamp_ns)
+    pause = VISION.row_tracker.longest_prediction
+    assert 3 * FRAME_NS < 1e9 * pause < 4 * FRAME_NS
+    assert searched == [True, False, False, False, True, False, False]
+    watching.show(blank)
+    assert watching.show(grey).sightings.seen == TARGETS  # where it was
 
 
 def test_targets_that_leave_the_image_are_missing():

@@ -23,9 +23,9 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 
-# A third of a second at 60 Hz: a node that had to wait catches up. More would only be later where
-# images come faster than they can be looked at.
-DEPTH = 20
+# A tenth of a second at 60 Hz: a node that had to wait catches up. Where images come faster than
+# they can be looked at, the oldest are dropped, and what is published is not older than that.
+DEPTH = 6
 Offer = tuple[ReliabilityPolicy, DurabilityPolicy]
 ANYTHING: Offer = (ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
 

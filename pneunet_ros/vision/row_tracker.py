@@ -22,7 +22,7 @@ from pneunet_ros.vision.association import (
 from pneunet_ros.vision.camera.camera_model import Lens
 from pneunet_ros.vision.camera.camera_settings import CameraSettings, CurvedRestPlane
 from pneunet_ros.vision.camera.working_plane import Plane
-from pneunet_ros.vision.dots.areas import Appearance, RoundAreas
+from pneunet_ros.vision.dots.areas import Appearance, round_areas, RoundAreas
 from pneunet_ros.vision.dots.blobs import (
     Blobs,
     blobs_at,
@@ -447,6 +447,23 @@ def _are_on_row(view: View, row: ObservedRow, found: Array, doubtful: Mask) -> M
     off = np.hypot(*(found[:, :2] - expected_pixels(view, others)).T)
     reach = view.vision.row_look.appeared * np.sqrt(found[:, AREA] / math.pi)
     return np.asarray(~(doubtful & between) | (off <= reach))
+
+
+def search_around(view: View, last: TrackedRow) -> ObservedRow | Failure:
+    """Find the row that starts at the clamp around where it was last."""
+    reach = view.vision.gating.farthest * last.spacing
+    places = last.pixels[np.isfinite(last.pixels[:, 0])]
+    if not (len(places) and math.isfinite(reach)):
+        return NO_AREAS
+    size = view.image.width, view.image.height
+    first = np.clip(np.floor(places.min(axis=0) - reach), 0, size).astype(np.int64)
+    after = np.clip(np.ceil(places.max(axis=0) + reach) + 1.0, 0, size).astype(np.int64)
+    piece = view.image.grey()[first[1] : after[1], first[0] : after[0]]
+    if not piece.size:
+        return NO_AREAS
+    areas = round_areas(piece, view.appearance)
+    areas = areas._replace(centers=areas.centers + first)
+    return search_row(replace(view, areas=areas, shallow=True))
 
 
 def search_row(view: View) -> ObservedRow | Failure:

@@ -15,6 +15,7 @@ from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import TargetSightings, unseen_targets
 from pneunet_ros.core.stamps import AHEAD, count_reason, StampGate, STARTS_ANEW
+from pneunet_ros.core.units import seconds_between
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.vision.camera.camera_model import Lens
 from pneunet_ros.vision.camera.camera_settings import (
@@ -40,6 +41,7 @@ from pneunet_ros.vision.row_tracker import (
     follow_row,
     is_at_clamp,
     ObservedRow,
+    search_around,
     search_at_rest,
     search_row,
     start_row,
@@ -99,7 +101,8 @@ class TrackerState:
     `frames` were looked at, `explained` of them show the arm; `unexplained` counts the others by
     reason, `rejected` the images that were not looked at. `trouble` says why there is no working
     plane for this lens; `polarity` is None until a row of targets has shown it, `leading` the one
-    that alone has shown a row so far.
+    that alone has shown a row so far. `lost` is the last row that was followed, while there is
+    none, and `searched_ns` the stamp of the frame that was last searched for one everywhere.
     """
 
     lens: Lens | None = None
@@ -109,6 +112,8 @@ class TrackerState:
     polarity: Polarity | None = None
     leading: str = ''
     row: TrackedRow | None = None
+    lost: TrackedRow | None = None
+    searched_ns: int = 0
     stamps: StampGate = field(default_factory=StampGate)
     frames: int = 0
     explained: int = 0
@@ -131,6 +136,7 @@ class TrackerState:
         return replace(
             self,
             row=row,
+            lost=None,
             stamps=self.stamps.after(row.stamp_ns),
             frames=self.frames + 1,
             explained=self.explained + 1,
@@ -283,10 +289,10 @@ class Tracker:
                 return self._with_wrong_clamp(state, image, followed[0])
             followed = None
         if followed is None:
-            observed = search_row(view)
-            if isinstance(observed, Failure):
-                return self._unexplained(state, image, observed)
-            followed = observed, start_row(view, observed)
+            state, found = self._search(state, view)
+            if isinstance(found, Failure):
+                return self._unexplained(state, image, found)
+            followed = found, start_row(view, found)
         observed, row = followed
         targets = target_sightings(view, observed)
         curve = None if self.smoother is None else self.smoother.smooth(targets)
@@ -297,6 +303,22 @@ class Tracker:
         return state.with_row(row), Tracking(
             sightings=targets, curve=curve, missing=MappingProxyType(missing)
         )
+
+    def _search(
+        self, state: TrackerState, view: View
+    ) -> tuple[TrackerState, ObservedRow | Failure]:
+        """Search a row where it was last, and everywhere as rarely as its motion says where it is.
+
+        A node that searched everywhere in each frame would fall behind its camera.
+        """
+        last, stamp_ns = state.row or state.lost, view.image.stamp_ns
+        if last is not None:
+            near = search_around(view, last)
+            pause = self.vision.row_tracker.longest_prediction
+            soon = seconds_between(state.searched_ns, stamp_ns) < pause
+            if soon or isinstance(near, ObservedRow):
+                return state, near
+        return replace(state, searched_ns=stamp_ns), search_row(view)
 
     def _is_read_from_tip(self, state: TrackerState, view: View, row: ObservedRow) -> bool:
         """Whether the last target is where it was at rest, in a frame whose first has moved.
@@ -345,6 +367,7 @@ class Tracker:
         state = replace(
             state,
             row=None,
+            lost=state.row or state.lost,
             stamps=state.stamps.after(image.stamp_ns),
             frames=state.frames + 1,
             unexplained=count_reason(state.unexplained, failure.reason),
