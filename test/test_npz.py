@@ -67,3 +67,11 @@ def test_a_missing_array_is_refused_unless_it_may_be(tmp_path):
     np.savez(path, **{name: value for name, value in WHOLE.items() if name != 'x'})
     with pytest.raises(ArchiveError, match='x is missing'):
         read_arrays(path, DECLARED)
+
+
+def test_a_matrix_of_tiny_variances_is_judged_without_a_warning(tmp_path):
+    path = tmp_path / 'tiny.npz'
+    np.savez(path, m=np.diag([1e-300, 1e-300]))
+    entries = {'m': Declared(axes=('a', 'a'), definite='positive')}
+    with np.errstate(divide='raise'):
+        assert read_arrays(path, entries)['m'].shape == (2, 2)

@@ -14,6 +14,7 @@ from pneunet_ros.measurement.pressure_convention import PRESSURE_UNITS, Pressure
 from pneunet_ros.measurement.pressure_judge import (
     ANY_ACTUATOR,
     expected_of,
+    expected_without_model,
     ExpectedPressure,
     judge_pressure,
     record_of,
@@ -179,3 +180,51 @@ def test_variance_is_in_the_unit_of_the_reading():
     one = pascal.reading_std(PressureReading(stamp_ns=1, pressure=3e4, variance=1e4))
     two = kilo.reading_std(PressureReading(stamp_ns=1, pressure=30.0, variance=1e-2))
     assert one == pytest.approx(two)
+
+
+@pytest.mark.parametrize('reach', [120e3, 200e3, 300e3, 700e3])
+@pytest.mark.parametrize('share', [0.05, 0.1, 0.3, 1.0])
+def test_a_pressure_that_is_held_is_not_accused_of_its_reference(reach, share):
+    arm = ExpectedPressure(low=0.0, high=reach, std=1e-3 * reach)
+    gauge = share * reach + arm.std * np.random.default_rng(3).normal(size=300)
+    absolute = PressureConvention(unit='kPa', reference='absolute')
+    assert not verdict(gauge, expected=[arm]).doubted
+    readings = [absolute.reading(value) for value in gauge.tolist()]
+    assert not verdict(readings, absolute, [arm]).doubted
+
+
+@pytest.mark.parametrize('reach', [3e3, 1e4, 2e4])
+@pytest.mark.parametrize('zero', [1.5e3, -1.5e3])
+def test_the_zero_of_a_small_arm_is_named_by_its_targets(reach, zero):
+    arm = ExpectedPressure(low=0.0, high=reach, std=1e-3 * reach)
+    true = 0.95 * reach * np.repeat(np.r_[0:1:6j, 1:0:6j], 40)
+
+    def fit(meaning):  # an arm that bends by half of its length
+        return (0.5 * (zero + meaning.offset) / reach) ** 2 if meaning.size == 1.0 else 1.0, 8
+
+    found = verdict(true + zero, expected=[arm], fit=fit)
+    assert found.doubted or reach > 1e4
+    assert set(found.changes) == {'pressure_offset'}
+    assert found.other.offset == pytest.approx(-zero, abs=1.0)
+
+
+def test_live_a_sensor_that_was_mended_is_believed_again():
+    waves = 20e3 * (1.0 - np.cos(np.linspace(0.0, 40.0, 1500)))
+    broken, mended = waves[:800] / 1e3, waves[:1200]
+    state = estimates(np.concatenate([broken, mended]))
+    assert state.rejected[OTHER_PRESSURE] > 200
+    assert not state.watch.verdict.doubted
+    still = estimates(np.concatenate([broken, broken, broken]))
+    assert still.watch.verdict.doubted
+
+
+def test_without_a_model_a_vacuum_actuator_is_a_stranger_and_no_reversed_sensor():
+    found = verdict(-NOISY, expected=expected_without_model(ARM))
+    assert (found.doubted, found.strange) == (False, True)
+    assert not verdict(NOISY, expected=expected_without_model(ARM)).strange
+    hecto = verdict((NOISY + 1e5) / 100.0, expected=expected_without_model(ARM))
+    assert hecto.changes['pressure_unit'] == 'hPa'
+
+
+def test_readings_without_bound_are_judged():
+    assert verdict(NOISY * 1e300) is not None

@@ -696,3 +696,12 @@ def test_readings_are_not_taken_for_placeholders(tmp_path, column):
     rows = [f'{row},{value}' for row, value in enumerate(column.split(','))]
     table = read(tmp_path, '\n'.join(['time_s,pressure_pa', *rows]))
     assert table.counts()['pressure'] == 4
+
+
+@pytest.mark.parametrize('name', ['Zeit', 'tiempo', 'uptime counter'])
+def test_the_time_is_asked_for_before_other_unknown_columns(tmp_path, name):
+    rows = '\n'.join(f'{20 * row},{row % 3},{7 - row}' for row in range(5))
+    with pytest.raises(RecordingError, match='--rename') as caught:
+        read(tmp_path, f'{name},Druck [kPa],lamp\n{rows}\n')
+    assert 'time_UNIT' in str(caught.value)
+    assert '--ignore' not in str(caught.value)

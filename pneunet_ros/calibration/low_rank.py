@@ -12,6 +12,7 @@ from pneunet_ros.measurement.linearization import FittedRun, parameter_jacobian
 from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS, PlacementKnown
 
 DIGITS = 6
+ROUNDING = 1e-12  # of a correlation
 
 
 def low_rank(
@@ -34,8 +35,7 @@ def low_rank(
     if guessed is None:
         guessed = np.zeros((fit.values.size, 0))
     most -= guessed.shape[1]
-    covariance = fit.covariance + 1e-12 * np.diag(np.diag(fit.covariance))
-    factor = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
+    factor = covariance_root(fit.covariance)
     count = settings.covariance_frames
     moved = shape_jacobian(fit, count) @ factor
     _, sizes, turned = np.linalg.svd(moved, full_matrices=False)
@@ -49,6 +49,16 @@ def low_rank(
         guessed=guessed.shape[1],
     )
     return low, share
+
+
+def covariance_root(covariance: Array) -> Array:
+    """Return a square root (n, n) of a covariance, also of one that rounding made indefinite.
+
+    The variance of what is known exactly is that of rounding.
+    """
+    std = np.sqrt(np.diag(covariance))
+    size, along = np.linalg.eigh(covariance / std / std[:, None])
+    return np.asarray(std[:, None] * along * np.sqrt(np.maximum(size, ROUNDING)))
 
 
 def placement_with(

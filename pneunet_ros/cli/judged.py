@@ -15,10 +15,12 @@ def refuse_readings(arguments: Namespace, path: Path, verdicts: Verdicts) -> int
 
     Nothing is estimated and nothing is written then.
     """
-    sentence = (
-        f'{path}: {verdicts.findings}. Type: pneunet {arguments.verb} {path} '
-        f'{verdicts.options} (--no-judge-readings if the readings are right)'
-    )
+    sentence = f'{path}: {verdicts.strangeness}'
+    if verdicts.doubted:
+        sentence = (
+            f'{path}: {verdicts.findings}. Type: pneunet {arguments.verb} {path} '
+            f'{verdicts.options} (--no-judge-readings if the readings are right)'
+        )
     summary: dict[str, Any] = {
         'recording': path,
         'output': None,

@@ -49,9 +49,15 @@ def run_fusion(arguments: Namespace) -> int:
     wrench = not (arguments.no_wrench or arguments.free_tip)
     topics = fusion_topics(recording, overrides, wrench=wrench)
     verdicts = judge_recording(
-        recording, arm, replace(fusion.sensors, wrench_required=wrench), overrides
+        recording,
+        arm,
+        replace(fusion.sensors, wrench_required=wrench),
+        overrides,
+        own_model=arguments.model is not None,
     )
-    if PRESSURE.name in verdicts.doubted:  # a wrong force sensor the fusion leaves out by itself
+    if (
+        PRESSURE.name in verdicts.doubted or verdicts.strangeness
+    ):  # a wrong force sensor the fusion leaves out by itself
         return refuse_readings(arguments, arguments.recording, verdicts)
     tally = FusionTally()
     begun = time.perf_counter()

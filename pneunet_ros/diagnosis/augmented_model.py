@@ -7,7 +7,7 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from pneunet_ros.calibration.low_rank import low_rank, rounded
+from pneunet_ros.calibration.low_rank import covariance_root, low_rank, rounded
 from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.diagnosis.hypothesis import Coordinate
@@ -45,7 +45,7 @@ def augment_model(refit: Refit, base: Fit, settings: DiagnosisSettings = DEFAULT
     size, scale = refit.linearization.size, refit.linearization.scale
     joint = refit.gaussian.covariance
     own = joint[-count:, -count:]
-    root = np.linalg.cholesky(own + 1e-12 * np.diag(np.diag(own)))
+    root = covariance_root(own)
     numbers = free_numbers(refit)
     stds = np.sqrt(np.diag(refit.covariance))
     slopes = np.array([item.slope(number) for _, item, number in numbers])

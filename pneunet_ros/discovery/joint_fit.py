@@ -207,11 +207,14 @@ class JointFits:
             term
             for term in law.terms
             if term not in proposal.terms
-            and (
-                term in proposal.kind.natives or is_followed(proposal.kind, self.covariates[term])
-            )
+            and (term in proposal.kind.natives or self.follows(proposal.kind, term))
         ]
         return tuple(runnable[:room])
+
+    def follows(self, kind: Kind, term: str) -> bool:
+        """Whether an effect of a kind can follow a term, which varies around the first fit."""
+        covariate = self.covariates.get(term)
+        return covariate is not None and is_followed(kind, covariate)
 
     def position(self, proposal: Proposal) -> float | None:
         """Return the place (s / l) of a fitted law, None for what has none."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading
@@ -37,11 +37,16 @@ WATCH = WatchSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureWatch:
-    """The record of the readings so far, when they were last judged, and the verdict."""
+    """The record of the readings so far, when they were last judged, and the verdict.
+
+    since: the record since a verdict that doubted them; it takes the place of the whole one where
+    it shows that the sensor was mended.
+    """
 
     record: PressureRecord = field(default_factory=PressureRecord)
     judged_ns: int | None = None
     verdict: PressureVerdict | None = None
+    since: PressureRecord = field(default_factory=PressureRecord)
 
     def after(
         self,
@@ -56,10 +61,24 @@ class PressureWatch:
         last = self.judged_ns if known else None
         if not settings.judge_readings or record.seconds < watch.first:
             return PressureWatch(record=record)
+        since = self.since
+        if self.verdict is not None and self.verdict.doubted:
+            since = since.after(reading.stamp_ns, reading.pressure)
         if last is not None and seconds_between(last, reading.stamp_ns) < watch.period:
-            return PressureWatch(record=record, judged_ns=last, verdict=self.verdict)
-        verdict = judge_pressure(record, settings.pressure, [expected_of(arm)], running=True)
-        return PressureWatch(record=record, judged_ns=reading.stamp_ns, verdict=verdict)
+            return replace(self, record=record, since=since)
+
+        def judged(readings: PressureRecord) -> PressureVerdict | None:
+            return judge_pressure(readings, settings.pressure, [expected_of(arm)], running=True)
+
+        verdict = judged(record)
+        if since.seconds >= watch.first:
+            lately = judged(since)
+            if lately is not None and lately.confirmed:
+                record, verdict = since, lately
+            since = PressureRecord()
+        return PressureWatch(
+            record=record, judged_ns=reading.stamp_ns, verdict=verdict, since=since
+        )
 
     def refusal(self, stamp_ns: int) -> Refusal | None:
         """Return why the readings cannot be used; None where they can."""

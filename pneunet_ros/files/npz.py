@@ -130,7 +130,8 @@ def _check_definite(name: str, matrix: Array, *, strictly: bool) -> None:
     diagonal = np.diag(matrix)
     if np.any(diagonal <= 0.0):
         raise ArchiveError(f'{name} has a variance that is not positive')
+    std = np.sqrt(diagonal)
     try:  # as a correlation: its quantities have different units
-        np.linalg.cholesky(matrix / np.sqrt(np.outer(diagonal, diagonal)))
+        np.linalg.cholesky(matrix / std / std[:, None])
     except np.linalg.LinAlgError:
         raise ArchiveError(f'{name} is not positive definite') from None

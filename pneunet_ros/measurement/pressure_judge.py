@@ -21,19 +21,15 @@ from pneunet_ros.measurement.pressure_convention import (
     PRESSURE_UNITS,
     PressureConvention,
 )
+from pneunet_ros.measurement.reading_judge import JudgeSettings, ranked, ReadingVerdict
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import DOMAIN
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PressureJudgeSettings:
+class PressureJudgeSettings(JudgeSettings):
     """Priors of what pressure readings mean and look like, and the odds that are enough."""
 
-    other_unit: float = tuning(
-        0.02,
-        'prior of each unit that drivers and data sheets often use instead',
-        source='convention: FluidPressure is in Pa by its definition',
-    )
     rare_unit: float = tuning(
         0.005, 'prior of MPa and mmHg', source='convention: a quarter of the usual ones'
     )
@@ -91,6 +87,11 @@ class PressureJudgeSettings:
         'recordings of an arm of quite another range than the model',
         source='convention: so small that the range counts',
     )
+    other_actuator: float = tuning(
+        0.1,
+        'recordings of another arm than the shipped one, where no model is given',
+        source='convention: who has another arm gives its model nine times of ten',
+    )
     beyond: float = tuning(
         0.3,
         'sigma of how far recordings leave the calibrated range',
@@ -116,11 +117,6 @@ class PressureJudgeSettings:
         'error of a model that holds',
         unit='of the length',
         source='convention: models of soft arms are seldom better in new conditions',
-    )
-    log_odds: float = tuning(
-        3.0,
-        'log odds at which a meaning is held to be another',
-        source='literature: Kass and Raftery (1995), strong evidence: 20 to 1',
     )
     viable: float = tuning(
         25.0,
@@ -202,7 +198,7 @@ class PressureRecord:
     def whiteness(self) -> float:
         """Span over the noise that differences from reading to reading would make of it."""
         step = math.sqrt(self.steps / max(self.count - 1, 1) / 2.0)
-        return (self.high - self.low) / step if step > 0.0 else 0.0
+        return (self.high - self.low) / step if 0.0 < step < math.inf else 0.0
 
 
 def record_of(stamp_ns: Iterable[int], readings: Iterable[float]) -> PressureRecord:
@@ -253,41 +249,39 @@ ANY_ACTUATOR = tuple(
         (-9e4, 0.0, 0.05),
     )
 )
+
+
+def expected_without_model(
+    shipped: Arm, settings: PressureJudgeSettings = JUDGE
+) -> tuple[ExpectedPressure, ...]:
+    """Return what may be expected where nobody gave a model: the shipped arm, or any other."""
+    others = (replace(one, share=settings.other_actuator * one.share) for one in ANY_ACTUATOR)
+    return (expected_of(shipped), *others)
+
+
 Fit = Callable[[PressureConvention], tuple[float, int]]
 """Mean squared error of the model's targets, of the length squared, and how many levels it is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PressureVerdict:
-    """The declared meaning of readings, the likeliest other one, and its log odds over that.
+class PressureVerdict(ReadingVerdict[PressureConvention]):
+    """What the readings of a pressure sensor most likely mean.
 
     alike: further meanings that are hardly less likely than the other one. low, high: of the
-    readings, in the unit of the sensor; name: of what they were compared with; limit: of log_odds.
+    readings, in the unit of the sensor; name: of what they were compared with; strange: they are
+    what they are declared to be, and almost surely those of another kind of actuator.
     """
 
-    declared: PressureConvention
-    other: PressureConvention
     alike: tuple[PressureConvention, ...]
-    log_odds: float
     low: float
     high: float
     name: str
-    limit: float
-
-    @property
-    def doubted(self) -> bool:
-        """Whether the readings are almost surely not what they are declared to be."""
-        return self.log_odds > self.limit
+    strange: bool = False
 
     def range_of(self, meaning: PressureConvention) -> str:
         """Return the range of the readings by a meaning, in kPa gauge."""
         low, high = sorted(kilopascals(meaning.gauge(end)) for end in (self.low, self.high))
         return f'{shown(low)} to {shown(high)} kPa gauge'
-
-    @property
-    def changes(self) -> dict[str, str]:
-        """What must be set to take the readings by the other meaning."""
-        return self.other.changes_from(self.declared)
 
     @property
     def finding(self) -> str:
@@ -302,16 +296,14 @@ class PressureVerdict:
         )
 
     @property
-    def options(self) -> str:
-        """Return the options of a command that take the readings by the other meaning."""
-        return ' '.join(
-            f'--{name.replace("_", "-")} {value}' for name, value in self.changes.items()
+    def strangeness(self) -> str:
+        """Say that another model is needed; empty where the readings are those of this one."""
+        if self.doubted or not self.strange:
+            return ''
+        return (
+            f'the pressure, {self.range_of(self.declared)}, is that of another kind of actuator '
+            f'than {self.name}, whose model is taken where none is given: give --model FILE'
         )
-
-    @property
-    def parameters(self) -> str:
-        """Return the parameters of a node that do."""
-        return ', '.join(f'{name} to {value}' for name, value in self.changes.items())
 
 
 def shown(value: float) -> str:
@@ -348,17 +340,17 @@ def judge_pressure(
         return None
     features = Features(record=record, moves=moves, complete=not running or record.returned)
 
-    def weigh(meaning: PressureConvention) -> float:
-        logs = [
+    def by_actuator(meaning: PressureConvention) -> list[float]:
+        return [
             math.log(one.share)
             + log_prior(meaning, declared, one, settings)
             + log_likelihood(features, meaning, declared, one, settings)
             for one in expected
         ]
-        top = max(logs)
-        return top + math.log(sum(math.exp(value - top) for value in logs))
 
-    weights = {meaning: weigh(meaning) for meaning in meanings(record, declared, expected)}
+    weights = {
+        meaning: log_sum(by_actuator(meaning)) for meaning in meanings(record, declared, expected)
+    }
     if fit is not None:
         least = max(weights.values()) - settings.viable
         asked = {one for one, weight in weights.items() if weight > least} | {declared}
@@ -366,21 +358,33 @@ def judge_pressure(
             square, levels = fit(meaning)
             weights[meaning] -= 0.5 * levels * math.log(square + settings.model_error**2)
         weights = {one: weights[one] for one in asked}
-    ours = weights.pop(declared)
-    if not weights:
+    if len(weights) < 2:
         return None
-    other, *rest = sorted(weights, key=weights.__getitem__, reverse=True)
+    other, *rest = ranked(weights, declared)
+    first, *others = by_actuator(declared)
     alike = [one for one in rest if weights[other] - weights[one] < settings.log_odds]
     return PressureVerdict(
         declared=declared,
         other=other,
         alike=tuple(one for one in alike if one.words != other.words),
-        log_odds=weights[other] - ours,
+        log_odds=weights[other] - weights[declared],
         low=record.low,
         high=record.high,
         name=expected[0].name,
         limit=settings.log_odds,
+        strange=bool(others) and log_sum(others) - first > settings.log_odds,
     )
+
+
+def log_sum(logs: Sequence[float]) -> float:
+    """Return the logarithm of the sum of what these are the logarithms of."""
+    top = max(logs)
+    return top + math.log(sum(math.exp(value - top) for value in logs))
+
+
+def normal(far: float) -> float:
+    """Return the density of a normal value so many sigma from its mean, over that at the mean."""
+    return math.exp(-0.5 * far * far)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -435,10 +439,12 @@ def log_prior(
     if meaning.sign != declared.sign:
         weight += math.log(settings.reversed)
     if meaning.offset not in (0.0, declared.offset):
-        if abs(meaning.offset - declared.offset) < settings.offset:
+        small = min(settings.offset, DOMAIN.pressure_margin * expected.reach)
+        if abs(meaning.offset - declared.offset) < small:
             return IMPOSSIBLE  # that is a zero error, and no other meaning
-        spread = settings.zero_span * expected.reach
-        weight += math.log(settings.unset_zero) - 0.5 * (meaning.offset / spread) ** 2
+        spread = math.hypot(settings.zero_span * expected.reach, settings.offset)
+        far = meaning.offset / spread
+        weight += math.log(settings.unset_zero) - 0.5 * far * far
     return weight
 
 
@@ -455,7 +461,7 @@ def log_likelihood(
     log_uniform = 1.0 / (settings.decades * math.log(10.0))
     rest = max(low, -high, 0.0)
     held = (1.0 - settings.vented) * min(rest / expected.reach, 1.0)
-    at_zero = math.exp(-0.5 * (rest / settings.offset) ** 2)
+    at_zero = normal(rest / settings.offset)
     absolute = meaning.reference == ABSOLUTE
     air = air_density(meaning.ambient, settings) if absolute else 0.0
     vented = settings.vented * at_zero * (air if absolute else log_uniform)
@@ -467,23 +473,26 @@ def log_likelihood(
     # Of recordings that are over the largest pressures are dense towards the range: Beta(2, 1).
     active = (1.0 - settings.at_rest) * (2.0 * used**2 if features.complete else used)
     drift = math.log(max(record.whiteness / settings.white_span, 1.0))
-    near = math.exp(-0.5 * (max(-low, high) / settings.offset) ** 2 - 0.5 * drift**2)
+    constant = normal(drift)
+    near = normal(max(-low, high) / settings.offset) * constant
     still = 0.0 if features.moves else settings.at_rest * log_uniform * near
     least = settings.offset  # a calibration holds its zero error
     wrong_side = max(
         -low if expected.low > -least else 0.0, high if expected.high < least else 0.0
     )
-    vacuum = settings.vacuum + math.exp(-0.5 * (wrong_side / settings.offset) ** 2)
+    vacuum = settings.vacuum + normal(wrong_side / settings.offset)
     margin = DOMAIN.pressure_margin
     span = max(expected.high, 0.0) - min(expected.low, 0.0)
     out = max(high - max(expected.high, 0.0), min(expected.low, 0.0) - low, 0.0) / span
-    leaves = settings.leaves * math.exp(-0.5 * (out / settings.beyond) ** 2)
+    leaves = settings.leaves * normal(out / settings.beyond)
     inside = 1.0 if out <= margin else leaves + settings.another_arm
     if (absolute and air == 0.0) or low < -FULL_VACUUM:
         return IMPOSSIBLE
+    # Where the pressure never changes, the furthest reading is the one at rest, anywhere alike.
+    moved = active + still
+    extremes = vented * moved + held * (constant + (1.0 - constant) * moved)
     return (
-        math.log(max(vented + held, LEAST))
-        + math.log(max(active + still, LEAST))
+        math.log(max(extremes, LEAST))
         + math.log(vacuum)
         + math.log(inside)
         + log_noise(record, meaning, expected, settings)

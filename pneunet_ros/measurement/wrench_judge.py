@@ -18,6 +18,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import SI_PER_UNIT
+from pneunet_ros.measurement.reading_judge import JudgeSettings, ranked, ReadingVerdict
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import DOMAIN
 
@@ -26,12 +27,9 @@ Forces = npt.NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WrenchJudgeSettings:
+class WrenchJudgeSettings(JudgeSettings):
     """Priors of what a force sensor reports, and the odds that are enough."""
 
-    other_unit: float = tuning(
-        0.02, 'prior of each other unit', source='convention: Wrench is in N by its definition'
-    )
     reversed: float = tuning(
         0.05,
         'prior of the reaction instead of the load',
@@ -63,11 +61,6 @@ class WrenchJudgeSettings:
         'error of the force that targets show',
         unit='of the largest force',
         source='convention: targets alone show the force of an arm no better in new conditions',
-    )
-    log_odds: float = tuning(
-        3.0,
-        'log odds at which a meaning is held to be another',
-        source='literature: Kass and Raftery (1995), strong evidence: 20 to 1',
     )
 
 
@@ -161,18 +154,14 @@ class ExpectedLoad:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WrenchVerdict:
-    """The declared meaning of wrench readings, the likeliest other one, and its log odds.
+class WrenchVerdict(ReadingVerdict[WrenchConvention]):
+    """What the readings of a force sensor most likely mean.
 
-    largest: reading, in the unit of the sensor; limit: of log_odds; frame: that of the messages,
-    where it is not one that is declared.
+    largest: reading, in the unit of the sensor; frame: that of the messages, where it is not one
+    that is declared.
     """
 
-    declared: WrenchConvention
-    other: WrenchConvention
-    log_odds: float
     largest: float
-    limit: float
     frame: str = ''
 
     @property
@@ -190,18 +179,6 @@ class WrenchVerdict:
         return (
             f'{where}most likely {self.other.words}: {self.largest:.3g} is {one:.3g} N; as '
             f'{self.declared.words} ({other:.3g} N) it does not fit the arm'
-        )
-
-    @property
-    def changes(self) -> dict[str, str]:
-        """What must be set to take the readings by the other meaning."""
-        return self.other.changes_from(self.declared)
-
-    @property
-    def options(self) -> str:
-        """Return the options of a command that take the readings by the other meaning."""
-        return ' '.join(
-            f'--{name.replace("_", "-")} {value}' for name, value in self.changes.items()
         )
 
 
@@ -235,12 +212,11 @@ def judge_wrench(
         + log_shown(shown, meaning, settings)
         for meaning in meanings(declared, shown)
     }
-    ours = weights.pop(declared)
-    other = max(weights, key=weights.__getitem__)
+    other = ranked(weights, declared)[0]
     return WrenchVerdict(
         declared=declared,
         other=other,
-        log_odds=weights[other] - ours,
+        log_odds=weights[other] - weights[declared],
         largest=largest,
         limit=settings.log_odds,
     )
@@ -268,8 +244,7 @@ def load_hint(arm: Arm, declared: WrenchConvention, force: complex, pressure: fl
     verdict = judge_wrench(reading, declared, expected, None)
     if verdict is None or verdict.log_odds < 0.0:
         return ''
-    changes = ', '.join(f'{name} to {value}' for name, value in verdict.changes.items())
-    return f'; the end wrench is {verdict.finding}: set {changes} if so'
+    return f'; the end wrench is {verdict.finding}: set {verdict.parameters} if so'
 
 
 def meanings(declared: WrenchConvention, shown: ShownForces | None) -> Iterator[WrenchConvention]:

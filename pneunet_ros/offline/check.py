@@ -49,7 +49,13 @@ def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
         sentences += item.sentences()
     series = {name: item for name, item in series.items() if len(item.stamp_ns)}
     try:
-        verdicts = judge_recording(recording, request.arm, request.settings, request.overrides)
+        verdicts = judge_recording(
+            recording,
+            request.arm,
+            request.settings,
+            request.overrides,
+            own_model=request.own_model,
+        )
     except RecordingError:
         verdicts = NO_VERDICTS  # why is among the sentences
     about = doubts(series, request, verdicts)
@@ -169,6 +175,8 @@ def doubts(
     """Return sentences about readings that do not look like those of this arm."""
     if verdicts.doubted:
         return [f'{verdicts.findings}: give {verdicts.options} to every verb']
+    if verdicts.strangeness:
+        return [verdicts.strangeness]
     if PRESSURE.name not in series:
         return []
     arm, verdict = request.arm, verdicts.pressure

@@ -18,6 +18,7 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.pressure_convention import PressureConvention
 from pneunet_ros.measurement.pressure_judge import (
     expected_of,
+    expected_without_model,
     ExpectedPressure,
     judge_pressure,
     PressureVerdict,
@@ -101,6 +102,11 @@ class Verdicts:
         return {name: item for name, item in found.items() if item is not None and item.doubted}
 
     @property
+    def strangeness(self) -> str:
+        """Say that another model is needed; empty where the readings are those of this one."""
+        return '' if self.pressure is None else self.pressure.strangeness
+
+    @property
     def findings(self) -> str:
         """Say what the doubted readings most likely are."""
         return '; '.join(f'{name} is {item.finding}' for name, item in self.doubted.items())
@@ -131,10 +137,16 @@ NO_VERDICTS = Verdicts()
 
 
 def judge_recording(
-    recording: Recording, arm: Arm, settings: EstimatorSettings, overrides: Mapping[str, str]
+    recording: Recording,
+    arm: Arm,
+    settings: EstimatorSettings,
+    overrides: Mapping[str, str],
+    *,
+    own_model: bool = True,
 ) -> Verdicts:
     """Weigh what the readings of a recording may mean, by targets where there are any.
 
+    own_model: it was given; otherwise the recording may be of another arm.
     No verdict where there are no readings, where all are zero, or where `judge_readings` is false.
     Raises RecordingError as `find_series` does.
     """
@@ -143,17 +155,22 @@ def judge_recording(
     frame = '' if not settings.wrench_required else strange_frame(recording, settings, overrides)
     read = replace(settings, wrench_frame=frame) if frame else settings
     series = readable_series(recording, arm, read, overrides)
-    return judge_series(series, arm, settings, frame)
+    return judge_series(series, arm, settings, frame, own_model=own_model)
 
 
 def judge_series(
-    series: Mapping[str, ReadingSeries], arm: Arm, settings: EstimatorSettings, frame: str = ''
+    series: Mapping[str, ReadingSeries],
+    arm: Arm,
+    settings: EstimatorSettings,
+    frame: str = '',
+    *,
+    own_model: bool = True,
 ) -> Verdicts:
     """Do what `judge_recording` does, with the series of the recording.
 
     frame: that of the end wrench, where it is not one that is declared.
     """
-    pressure = judge_pressure_series(series, arm, settings)
+    pressure = judge_pressure_series(series, arm, settings, own_model=own_model)
     trusted = pressure is None or not pressure.doubted
     wrench = judge_wrench_series(series, arm, settings, shows=trusted)
     if not frame:
@@ -169,7 +186,11 @@ def judge_series(
 
 
 def judge_pressure_series(
-    series: Mapping[str, ReadingSeries], arm: Arm, settings: EstimatorSettings
+    series: Mapping[str, ReadingSeries],
+    arm: Arm,
+    settings: EstimatorSettings,
+    *,
+    own_model: bool = True,
 ) -> PressureVerdict | None:
     """Weigh what the pressure readings mean."""
     pressure = series.get(PRESSURE.name)
@@ -179,7 +200,8 @@ def judge_pressure_series(
     reading = np.array([declared.reading(value) for value in pressure.values[:, 0].tolist()])
     record = record_of(pressure.stamp_ns.tolist(), reading.tolist())
     fit = target_fit(series, reading, arm)
-    return judge_pressure(record, declared, [expected_of(arm)], fit=fit)
+    expected = [expected_of(arm)] if own_model else expected_without_model(arm)
+    return judge_pressure(record, declared, expected, fit=fit)
 
 
 def judge_wrench_series(

@@ -14,7 +14,7 @@ from pneunet_ros.calibration.checks.preconditions import (
     check_units,
     largest_force,
 )
-from pneunet_ros.calibration.settings import judging, PRECONDITIONS
+from pneunet_ros.calibration.settings import CALIBRATION, judging, PRECONDITIONS
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
@@ -22,7 +22,7 @@ from pneunet_ros.diagnosis.diagnosis import with_tips
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.dataset import RecordingData, thinned
 from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS, TIP_POSE
 from pneunet_ros.model.arm import Arm
@@ -47,9 +47,13 @@ SOLVES_TRIED = 20  # readings without an equilibrium, after which no other is tr
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class UseRequest:
-    """What recordings are checked against: the arm, how readings are meant, names of topics."""
+    """What recordings are checked against: the arm, how readings are meant, names of topics.
+
+    own_model: the arm is that of the recordings; otherwise the shipped one, for want of a model.
+    """
 
     arm: Arm
+    own_model: bool = True
     settings: EstimatorSettings = field(default_factory=EstimatorSettings)
     overrides: Mapping[str, str] = field(default_factory=dict)
 
@@ -76,6 +80,8 @@ def uses(
 
     def replays() -> str:
         find_series(recording, PRESSURE, overrides)
+        if verdicts.strangeness:
+            raise RecordingError(verdicts.strangeness)
         if verdicts.doubted:
             raise RecordingError(f'{verdicts.findings}; give {verdicts.options}')
         loaded = has(END_WRENCH)
@@ -100,6 +106,8 @@ def uses(
     def fuses() -> str:
         for topic in fusion_topics(recording, overrides, wrench=False):
             next(iter(recording.messages([topic])), None)
+        if verdicts.strangeness:
+            raise RecordingError(verdicts.strangeness)
         if PRESSURE.name in verdicts.doubted:  # a doubted force sensor is left out
             raise RecordingError(f'{verdicts.findings}; give {verdicts.options}')
         return '' if has(END_WRENCH) else 'the tip force is estimated, no sensor measures it'
@@ -111,7 +119,8 @@ def uses(
         if data.loaded and (force := largest_force(data)) > idle:
             raise RecordingError(f'its end force reaches {force:.3g} N: it is a loaded one')
         declared = settings.pressure if settings.judge_readings else None
-        check_runs([data], [], arm, settings=judging(declared))
+        (few,) = thinned([data], CALIBRATION.experiments.most_frames)
+        check_runs([few], [], arm, settings=judging(declared))
         return by_tip(data)
 
     def calibrates_loaded() -> str:

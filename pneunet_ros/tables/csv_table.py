@@ -21,6 +21,7 @@ from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.tables.clock import Clock
 from pneunet_ros.tables.columns import standard_name, TIME
 from pneunet_ros.tables.header import (
+    ask_about_time,
     check_header,
     check_no_preamble,
     check_separated,
@@ -139,6 +140,7 @@ def _read(
     except RecordingError:
         check_no_preamble(path, len(header), ahead, above + 1)
         check_separated(path, header)
+        ask_about_time(path, places, ahead, mark)
         raise
     if not places:
         check_no_preamble(path, len(header), ahead, above + 1)

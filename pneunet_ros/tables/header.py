@@ -10,8 +10,10 @@ import itertools
 import math
 from pathlib import Path
 import re
+import shlex
 
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.units import SI_PER_UNIT
 from pneunet_ros.tables.clock import is_time
 from pneunet_ros.tables.columns import (
     column_of,
@@ -19,6 +21,8 @@ from pneunet_ros.tables.columns import (
     is_unit,
     known_names,
     likely_name,
+    STAMP,
+    TIME,
     with_unit,
 )
 
@@ -26,6 +30,7 @@ MOST_COLUMNS = 2_000
 LONGEST_CELL = 200
 LONGEST_PREAMBLE = 50  # lines above a table, to say where it begins
 NAMES_SHOWN = 30
+FEWEST_TIMES = 3  # rows that show that a column increases
 MISSING = {'', 'nan', 'na', 'n/a', '#n/a', 'null', 'none'}
 _DIGIT = re.compile(r'\d')
 _QUOTED = re.compile(r'"[^"]*"')
@@ -171,6 +176,33 @@ def check_separated(path: Path, header: Sequence[str]) -> None:
         raise RecordingError(
             f'{path}: {header[0][:40]!r} is one cell: separate cells by commas, semicolons or tabs'
         )
+
+
+def ask_about_time(path: Path, places: Mapping[str, int], ahead: Sequence[str], mark: str) -> None:
+    """Ask first which column is the time, where none is and one increases from row to row.
+
+    places: of the columns by their names; ahead: the lines below the names.
+    """
+    known = {name: column_of(name) for name in places}
+    times = [name for name, item in known.items() if item is not None and item.quantity == TIME]
+    if times or STAMP in places:
+        return
+    rows = [cells for line in ahead if _is_row(cells := _cells(line, mark))]
+    for name, place in places.items():
+        cells = [row[place] for row in rows if place < len(row)]
+        if known[name] is not None or likely_name(name) or len(cells) < FEWEST_TIMES:
+            continue
+        if not all(map(_is_number, cells)) or any(map(is_time, cells)):
+            continue
+        numbers = [float(plain_number(cell, mark)) for cell in cells]
+        steps = sorted(after - before for before, after in itertools.pairwise(numbers))
+        if steps[0] > 0.0:
+            units = '|'.join(SI_PER_UNIT['time'])
+            raise RecordingError(
+                f'{path}: no column is known as the time; {name!r} increases from row to row, by '
+                f'{steps[len(steps) // 2]:.4g}: if it is, add --rename {shlex.quote(name)}='
+                f'{TIME}_UNIT, with {units} in place of UNIT'
+            )
 
 
 def _is_row(cells: Sequence[str]) -> bool:

@@ -53,16 +53,19 @@ def tip_distance(
     only frames at different times count. top: the largest pressure (Pa).
     """
     first, second = chord(one), chord(other)
-    pressures = np.subtract.outer(one.frame_pressure, other.frame_pressure)
-    same = np.abs(pressures) < settings.same_pressure * top
-    if one is other:
-        same &= np.abs(np.subtract.outer(one.progress, other.progress)) > settings.another_time
-    distance = np.hypot(*(first[:, :, None] - second[:, None, :]))
-    same &= np.isfinite(distance)
-    resting = same & np.logical_and.outer(
-        has_rested(one, top, settings), has_rested(other, top, settings)
-    )
-    distance = distance[resting if resting.sum() >= settings.fewest_pairs else same]
+    rested = [has_rested(run, top, settings) for run in (one, other)]
+    found, resting = list[Array](), list[npt.NDArray[np.bool_]]()
+    for frame in range(len(one.stamp_ns)):  # all pairs at once do not fit into the memory
+        same = np.abs(other.frame_pressure - one.frame_pressure[frame])
+        pairs = same < settings.same_pressure * top
+        if one is other:
+            pairs &= np.abs(one.progress - one.progress[frame]) > settings.another_time
+        distance = np.hypot(*(first[:, frame, None] - second))
+        pairs &= np.isfinite(distance)
+        found.append(distance[pairs])
+        resting.append(rested[0][frame] & rested[1][pairs])
+    distance, still = np.concatenate(found), np.concatenate(resting)
+    distance = distance[still] if still.sum() >= settings.fewest_pairs else distance
     return float(np.percentile(distance, 90.0)) if distance.size >= settings.fewest_pairs else None
 
 

@@ -47,6 +47,7 @@ def run(arguments: Namespace) -> int:
     """Check and tell."""
     request = UseRequest(
         arm=model_of(arguments),
+        own_model=arguments.model is not None,
         settings=settings_of(arguments),
         overrides=topics_of(arguments.topic, [*(sensor.name for sensor in SENSORS), *TOPIC_NAMES]),
     )

@@ -104,8 +104,14 @@ def run(arguments: Namespace) -> int:
     topics = input_topics(recording, estimator, overrides)
     targets = targets_topic(recording, estimator, overrides)
     pressure_topic = next(name for name, sensor in topics.items() if sensor is PRESSURE)
-    verdicts = judge_recording(recording, arm, estimator.settings, overrides)
-    if verdicts.doubted:
+    verdicts = judge_recording(
+        recording,
+        arm,
+        estimator.settings,
+        overrides,
+        own_model=arguments.model is not None,
+    )
+    if verdicts.doubted or verdicts.strangeness:
         return refuse_readings(arguments, arguments.recording, verdicts)
     tally = Tally()
     begun = time.perf_counter()

@@ -1,0 +1,85 @@
+"""What the judges of pressure and wrench share: meanings are weighed, and one may be another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Generic, Protocol, Self, TypeVar
+
+from pneunet_ros.core.settings import tuning
+
+
+class Convention(Protocol):
+    """One meaning of the numbers of a sensor."""
+
+    @property
+    def words(self) -> str:
+        """Name it to a person."""
+
+    def changes_from(self, other: Self) -> dict[str, str]:
+        """Return what must be set to get from another convention to this one, by setting."""
+
+
+Meaning = TypeVar('Meaning', bound=Convention)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgeSettings:
+    """Priors that all judges share, and the odds that are enough."""
+
+    other_unit: float = tuning(
+        0.02,
+        'prior of each unit that drivers and data sheets often use instead',
+        source='convention: messages are in SI by their definition',
+    )
+    log_odds: float = tuning(
+        3.0,
+        'log odds at which a meaning is held to be another',
+        source='literature: Kass and Raftery (1995), strong evidence: 20 to 1',
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadingVerdict(Generic[Meaning]):
+    """The declared meaning of readings, the likeliest other one, and its log odds over that.
+
+    limit: of log_odds.
+    """
+
+    declared: Meaning
+    other: Meaning
+    log_odds: float
+    limit: float
+
+    @property
+    def doubted(self) -> bool:
+        """Whether the readings are almost surely not what they are declared to be."""
+        return self.log_odds > self.limit
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether they almost surely are."""
+        return self.log_odds < -self.limit
+
+    @property
+    def changes(self) -> dict[str, str]:
+        """What must be set to take the readings by the other meaning."""
+        return self.other.changes_from(self.declared)
+
+    @property
+    def options(self) -> str:
+        """Return the options of a command that take the readings by the other meaning."""
+        return ' '.join(
+            f'--{name.replace("_", "-")} {value}' for name, value in self.changes.items()
+        )
+
+    @property
+    def parameters(self) -> str:
+        """Return the parameters of a node that do."""
+        return ', '.join(f'{name} to {value}' for name, value in self.changes.items())
+
+
+def ranked(weights: Mapping[Meaning, float], declared: Meaning) -> list[Meaning]:
+    """Return all meanings but the declared one, the likeliest first; weights: log probability."""
+    others = (meaning for meaning in weights if meaning != declared)
+    return sorted(others, key=weights.__getitem__, reverse=True)
