@@ -1,10 +1,10 @@
-"""How many readings per second go from file to file: `pneunet replay` on the shipped recording.
+"""How many readings per second of CPU go from file to file: `pneunet replay` on a recording.
 
-    python bench/replay.py [--json] [--repeats N]
+    python bench/replay.py [--json] [--repeats N] [--recording REC] [--model MODEL]
 
-Decoding, estimating with covariance, encoding all five topics and writing them, after the kernels
-are compiled. The peer of the same run is reading and writing alone: what a replay without a model
-would take.
+Decoding, estimating with covariance, comparing with targets where there are any, encoding all
+topics and writing them, after the kernels are compiled; a reading is a message of a sensor. The
+peer of the same run is reading and writing alone: what a replay without a model would take.
 """
 
 from __future__ import annotations
@@ -19,38 +19,40 @@ import time
 from pneunet_ros import load_model
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.offline.replay import input_topics, record_steps, Step, Tally
+from pneunet_ros.offline.replay import input_topics, record_steps, Step, Tally, targets_topic
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
 
 
-def replay(folder: Path) -> tuple[float, int, int]:
-    """Seconds, readings and estimates of one replay from file to file."""
-    estimator = Estimator(arm=load_model(share_path('config/paper_arm.yaml')))
-    begun = time.perf_counter()
-    recording = open_recording(share_path('bags/table1'))
+def replay(folder: Path, path: Path, model: Path) -> tuple[float, int, int]:
+    """Seconds of CPU, readings and estimates of one replay from file to file."""
+    estimator = Estimator(arm=load_model(model))
+    begun = time.process_time()
+    recording = open_recording(path)
     topics = input_topics(recording, estimator, {})
+    targets = targets_topic(recording, estimator, {})
     tally = Tally()
 
     def each(step: Step) -> None:
         tally.count(step, '/pneunet/pressure')
 
     with write_recording(folder / 'out.mcap', overwrite=True) as writer:
-        record_steps(writer, recording, estimator, topics, each)
+        record_steps(writer, recording, estimator, topics, each, targets=targets)
+    tally.agreement(estimator.arm)
     assert tally.state is not None
-    return time.perf_counter() - begun, tally.messages, tally.state.estimates
+    return time.process_time() - begun, tally.messages, tally.state.estimates
 
 
 def copy(folder: Path) -> float:
     """Seconds to read the result of a replay and write it again."""
-    begun = time.perf_counter()
+    begun = time.process_time()
     recording = open_recording(folder / 'out.mcap')
     names = [topic.name for topic in recording.topics]
     with write_recording(folder / 'copy.mcap', overwrite=True) as writer:
         copies = {name: writer.add_copy(recording.topic(name)) for name in names}
         for message in recording.raw_messages(names):
             writer.write_raw(copies[message.topic], message.log_time_ns, message.raw)
-    return time.perf_counter() - begun
+    return time.process_time() - begun
 
 
 def main() -> None:
@@ -58,11 +60,14 @@ def main() -> None:
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     command.add_argument('--json', action='store_true', help='print one JSON object')
     command.add_argument('--repeats', type=int, default=7, help='repeats (default: 7)')
+    command.add_argument('--recording', type=Path, default=share_path('bags/table1'))
+    command.add_argument('--model', type=Path, default=share_path('config/paper_arm.yaml'))
     arguments = command.parse_args()
+    given = arguments.recording, arguments.model
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        replay(folder)
-        runs = [(*replay(folder), copy(folder)) for _ in range(arguments.repeats)]
+        replay(folder, *given)
+        runs = [(*replay(folder, *given), copy(folder)) for _ in range(arguments.repeats)]
     readings = statistics.median(run[1] / run[0] for run in runs)
     estimates = statistics.median(run[2] / run[0] for run in runs)
     share = statistics.median(run[3] / run[0] for run in runs)
@@ -77,11 +82,9 @@ def main() -> None:
     if arguments.json:
         print(json.dumps(result))
         return
-    print(
-        f'{readings:.0f} readings/s (pressure, wrench), {estimates:.0f} estimates/s, file to file'
-    )
+    print(f'{readings:.0f} readings and {estimates:.0f} estimates a second of CPU, file to file')
     print(f'reading and writing the same messages alone takes {share:.0%} of that time')
-    print('target: at least 3000 readings/s')
+    print('target: at least 3000 readings/s, 2000 where targets are compared')
 
 
 if __name__ == '__main__':

@@ -51,8 +51,9 @@ def predict_frame(
     near = slice(max(behind - BESIDE, 0), behind + BESIDE)
     estimates, stamps, shown = estimates[near], stamps[near], np.array([shown_ns])
     nearest = estimates[int(np.argmin(np.abs(stamps - shown_ns)))]
-    assert nearest.noise is not None and nearest.second_order is not None
-    predicted = predict_targets(estimator.table, nearest.noise, nearest.second_order)
+    curved = nearest.second_order
+    assert nearest.noise is not None and curved is not None
+    predicted = predict_targets(estimator.table, nearest.noise, curved)
     if len(estimates) < 2:
         return in_motion(estimator, predicted, [nearest], [1.0], nearest)
     places, shares = places_between(shown, stamps)

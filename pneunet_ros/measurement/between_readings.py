@@ -49,10 +49,11 @@ def interpolated_noise(shown: Stamps, stamp_ns: Stamps) -> Array:
 
 def places_between(shown: Stamps, stamp_ns: Stamps) -> tuple[Stamps, Array]:
     """Return behind which of two or more readings stamps are, and how far on the way, 0 to 1."""
-    after = np.clip(np.searchsorted(stamp_ns, shown), 1, len(stamp_ns) - 1)
-    apart = np.maximum(stamp_ns[after] - stamp_ns[after - 1], 1)  # of one stamp: no line
-    share = np.clip((shown - stamp_ns[after - 1]) / apart, 0.0, 1.0)
-    return after - 1, np.asarray(share)
+    before = np.minimum(np.maximum(stamp_ns.searchsorted(shown), 1), len(stamp_ns) - 1) - 1
+    start = stamp_ns[before]
+    apart = np.maximum(stamp_ns[before + 1] - start, 1)  # of one stamp: no line
+    share = np.minimum(np.maximum((shown - start) / apart, 0.0), 1.0)
+    return before, np.asarray(share)
 
 
 def frames_sharing(shown: Stamps, stamp_ns: Stamps) -> Array:
@@ -96,12 +97,13 @@ def interpolation_error(
     if len(stamp_ns) < 2:
         return np.zeros((len(shown), *values.shape[1:]))
     before, share = places_between(shown, stamp_ns)
-    apart = np.maximum(np.diff(stamp_ns), 1)
-    rest = np.zeros((1, *values.shape[1:]))
-    slope = np.concatenate([rest, (np.diff(values, axis=0).T / apart).T, rest])
+    apart = np.maximum(stamp_ns[1:] - stamp_ns[:-1], 1)
+    slope = np.zeros((len(stamp_ns) + 1, *values.shape[1:]))
+    slope[1:-1] = ((values[1:] - values[:-1]).T / apart).T
     apart, late = apart[before], np.maximum(shown - stamp_ns[-1], 0)
-    bends = np.concatenate([rest, np.diff(slope, axis=0), rest])
-    bend = np.stack([bends[before + place].T for place in range(4)]) * apart
+    bends = np.zeros((len(stamp_ns) + 2, *values.shape[1:]))
+    bends[1:-1] = slope[1:] - slope[:-1]
+    bend = np.moveaxis(bends[before[:, None] + np.arange(4)], (1, 0), (0, -1)) * apart
     least = settings.noise * SIGMA_OF_SECOND * np.asarray(noise)[..., None]
     earlier, first, second, later = np.sqrt(np.maximum(bend**2 - least**2, 0.0))
     jump = np.minimum(first, second) * np.sqrt(share * (1.0 - share))

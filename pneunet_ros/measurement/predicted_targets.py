@@ -8,10 +8,11 @@ right size and raises false alarms all the same.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+import functools
 import math
 
 import numpy as np
-from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.measurement.disturbances import placement_jacobian, SMALLEST_STD
 from pneunet_ros.measurement.errors.covariance import chi_squared
@@ -23,6 +24,8 @@ from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import LOADS
+
+KEPT = 64  # sets of targets seen, whose weights are kept
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -172,9 +175,9 @@ def innovation(
     rivals = [(beside, target_stds(noise, white))]
     if placed.any():
         rivals.append((beside - placed, np.maximum(np.hypot(white, placed_std), SMALLEST_STD)))
-    totals = [
-        float(chi_squared(residual.ravel(), np.tile(std, 2), errors)) for residual, std in rivals
-    ]
+    residuals = np.stack([residual.ravel() for residual, _ in rivals])
+    stds = np.stack([np.concatenate([std, std]) for _, std in rivals])
+    totals = chi_squared(residuals, stds, np.broadcast_to(errors, (len(rivals), *errors.shape)))
     # Twice the negative log likelihood, with the white noise of both coordinates.
     costs = [
         total + 4.0 * float(np.log(std).sum())
@@ -193,7 +196,7 @@ def innovation(
     )
     return Innovation(
         coordinates=2 * targets,
-        chi_square=totals[likelier],
+        chi_square=float(totals[likelier]),
         at_targets=at_targets,
         at_tip=at_tip,
     )
@@ -211,8 +214,18 @@ def tip_chi_squared(residual: Array, std: Array, errors: Array, share: Array) ->
     if np.count_nonzero(share > 0.0) < 3:
         return math.nan
     std = np.maximum(std, SMALLEST_STD)
-    shapes = np.stack([np.ones_like(share), share**2, share**3], axis=1) / std[:, None]
-    weights = np.linalg.pinv(shapes)[1:].sum(axis=0) / std
+    weights = tip_weights(share.tobytes(), std.tobytes())
     tip, moved = residual @ weights, errors @ weights
     covariance = moved.T @ moved + np.sum((weights * std) ** 2) * np.eye(2)
     return float(tip @ np.linalg.solve(covariance, tip))
+
+
+@functools.lru_cache(maxsize=KEPT)
+def tip_weights(share: bytes, std: bytes) -> Array:
+    """Return how much each target counts for the tip of a smooth bend through all, (targets,).
+
+    share and std (targets,) as the bytes of arrays: frame after frame has the same ones.
+    """
+    places, noise = np.frombuffer(share), np.frombuffer(std)
+    shapes = np.stack([np.ones_like(places), places**2, places**3], axis=1) / noise[:, None]
+    return freeze(np.linalg.pinv(shapes)[1:].sum(axis=0) / noise)

@@ -77,7 +77,9 @@ def measured_tip_std(noise: SensorNoise) -> float:
 
 def camera_errors(std: float, targets: int) -> Array:
     """Return what a camera off by std (m) in x, and in y, moves: (2 targets, 2) m."""
-    return np.kron(np.eye(2), np.full((targets, 1), std))
+    moved = np.zeros((2, targets, 2))
+    moved[0, :, 0] = moved[1, :, 1] = std
+    return moved.reshape(2 * targets, 2)
 
 
 def reading_errors(
