@@ -676,32 +676,46 @@ def test_existing_outputs_of_track_are_refused_or_replaced(run, camera, tmp_path
     assert place.read_bytes() != b'precious'
 
 
+DAY = share_path('bags/lab_day')
+TWO = ('--unloaded', DAY / 'unloaded.mcap', '--loaded', DAY / 'loaded.mcap')
+TRAIN = ('--train', DAY / 'unloaded.mcap', DAY / 'loaded.mcap', '--heldout', DAY / 'heldout.mcap')
+
+
 @pytest.mark.parametrize(
-    ('verb', 'recording', 'outputs', 'begun'),
+    ('words', 'outputs', 'begun'),
     [
-        ('replay', 'table1', {'--output': 'out.mcap'}, '.*/*/*.mcap'),
+        (('replay', share_path('bags/table1')), {'--output': 'out.mcap'}, '.*/*/*.mcap'),
         (
-            'track',
-            'camera_demo',
+            ('track', share_path('bags/camera_demo')),
             {'--output': 'out.mcap', '--table': 't.csv', '--preview': 'p.mp4'},
             '.*/p.mp4',
         ),
+        (('calibrate', *TWO), {'--output': 'm.yaml', '--report': 'report'}, ''),
+        (
+            ('diagnose', '--model', share_path('config/paper_arm.yaml'), *TRAIN),
+            {'--output': 'diagnosis'},
+            '.pneunet-*',
+        ),
     ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else '',
 )
 def test_an_interrupted_verb_leaves_nothing(
-    verb, recording, outputs, begun, tmp_path, checkout, foreign_environment
+    words, outputs, begun, tmp_path, checkout, foreign_environment
 ):
-    options = [word for name, file in outputs.items() for word in (name, str(tmp_path / file))]
+    options = [word for name, file in outputs.items() for word in (name, tmp_path / file)]
     process = subprocess.Popen(
-        [sys.executable, '-m', 'pneunet_ros.cli', verb, share_path(f'bags/{recording}'), *options],
+        [sys.executable, '-m', 'pneunet_ros.cli', *map(str, [*words, *options])],
         env={**foreign_environment, 'PYTHONPATH': str(checkout)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
     deadline = time.monotonic() + 300.0
-    while not list(tmp_path.glob(begun)) and time.monotonic() < deadline:
-        time.sleep(0.001)
+    if begun:
+        while not list(tmp_path.glob(begun)) and time.monotonic() < deadline:
+            time.sleep(0.001)
+    else:
+        time.sleep(4.0)  # it writes at its end alone
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=300)
     said = 'pneunet: interrupted; nothing was written\n'

@@ -16,13 +16,17 @@ from pneunet_ros.calibration.checks.consistency import (
     outlier_recordings,
 )
 from pneunet_ros.calibration.checks.identifiability import undetermined_quantities
-from pneunet_ros.calibration.checks.left_out_levels import leave_levels_out, LeftOutLevels
+from pneunet_ros.calibration.checks.left_out_levels import (
+    leave_levels_out,
+    LEFT_OUT,
+    LeftOutLevels,
+)
 from pneunet_ros.calibration.checks.nonuniformity import (
     consider_nonuniformity,
     describe_nonuniformity,
 )
 from pneunet_ros.calibration.checks.preconditions import check_runs, describe_clamp
-from pneunet_ros.calibration.checks.resolution import resolve
+from pneunet_ros.calibration.checks.resolution import Resolution, resolve
 from pneunet_ros.calibration.checks.stiffness_variation import (
     describe_variation,
     guessed_columns,
@@ -130,6 +134,7 @@ def calibrate(
             'take --law linear'
         )
     fits = FitSequence(frame, noise, runs, on_progress, resolution=resolution, settings=settings)
+    fits.planned = 1 if earlier is not None else fits_ahead(resolution, len(loaded), compare)
     if earlier is None:
         fits.check_law(loaded)
     laws: tuple[LawScore, ...] = ()
@@ -146,7 +151,6 @@ def calibrate(
             laws = fits.compare_laws(unloaded, loaded, free, law.stiffness)
     left_out = None
     if resolution.free_shapes is not None and not loaded and earlier is None:
-        on_progress('pressures left out', 0, 0)
         left_out = leave_levels_out(unloaded, free, fits.first_experiment)
     posterior = posterior_of(joint, *fits.span(earlier))
     notes = undetermined_quantities(joint, settings.identifiability)
@@ -154,7 +158,7 @@ def calibrate(
     if left_out is not None:
         joint = with_larger_errors(joint, left_out.excess)
     if loaded:
-        on_progress('stiffness along the arm', 0, 0)
+        on_progress('stiffness along the arm', fits.done, fits.planned)
     variation = stiffness_variation(joint, noise.noise, settings.stiffness_variation)
     guessed = guessed_columns(joint, variation)
     covariance, explained_variance = low_rank(
@@ -195,6 +199,17 @@ def calibrate(
         left_out=left_out,
         settings=settings,
     )
+
+
+def fits_ahead(resolution: Resolution, loaded: int, compare: bool) -> int:
+    """Return how many fits of the model a calibration with so many loaded runs has ahead."""
+    if resolution.constant_pressure:
+        return 2
+    if not loaded:
+        left_out = LEFT_OUT.levels if resolution.free_shapes is not None else 0
+        return 2 * (1 + left_out)
+    compared = compare and loaded > 1 and resolution.law == PiecewiseLinearLaw.kind
+    return 5 + compared * loaded * len(MOMENT_LAW_PARAMETERS)
 
 
 def with_larger_errors(fit: Fit, excess: Array) -> Fit:

@@ -49,6 +49,7 @@ class LawScore:
 class FitSequence:
     """The fits one after the other, each starting where the one before has ended.
 
+    planned, done: how many fits there will be, 0 where that is not known, and were.
     low, high (Pa): what the recordings span. uniform: kappa_p0 is the same all along the arm; that
     is part of the model. resolution: what the recordings can resolve; None: all that is fitted.
     """
@@ -66,6 +67,7 @@ class FitSequence:
     ) -> None:
         """Take an arm that has all that is not fitted, and all recordings."""
         self.frame, self.noise, self.on_progress = frame, noise, on_progress
+        self.planned = self.done = 0
         self.settings, experiments = settings, settings.experiments
         self.shapes = resolution.free_shapes if resolution is not None else None
         self.uniform = uniform or self.shapes == 1
@@ -152,15 +154,19 @@ class FitSequence:
             earlier=earlier,
             shapes=self.shapes if earlier is None else earlier.shapes or None,
         )
-        return fit(
+        found = fit(
             parameters,
             [run if most is None else run.thin(most) for run in runs],
             self.noise.noise,
             self.frame.target_arclength,
             start,
-            on_progress=lambda step, cost: self.on_progress(stage, step, 0),
+            on_progress=lambda step, cost: self.on_progress(
+                f'{stage}, step {step}', self.done, self.planned and max(self.planned, self.done)
+            ),
             settings=self.settings.map_estimation,
         )
+        self.done += 1
+        return found
 
     def first_experiment(self, unloaded: Sequence[RecordingData]) -> Fit:
         """Fit kappa_p0 to the unloaded recordings, as smooth as the data say."""

@@ -11,9 +11,17 @@ from pathlib import Path
 from pneunet_ros.calibration.checks.preconditions import check_unloaded
 from pneunet_ros.calibration.settings import CalibrationSettings, judging
 from pneunet_ros.cli.quantity_option import quantity_of
-from pneunet_ros.cli.verb import add_settings, add_topics, SENSOR_SETTINGS, settings_of, topics_of
+from pneunet_ros.cli.verb import (
+    add_settings,
+    add_topics,
+    progress_of,
+    SENSOR_SETTINGS,
+    settings_of,
+    topics_of,
+)
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.paths import resolved
+from pneunet_ros.core.progress import heard
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.tip_frame import in_base_frame
 from pneunet_ros.messages.readings import SENSORS
@@ -116,10 +124,8 @@ def read_experiments(
             return run.without_load()
         return run
 
-    tracked = iter(bar.track(paths, description='reading'))
-    runs = tuple(
-        tuple(read(path) for path in itertools.islice(tracked, len(group))) for group in groups
-    )
+    with heard(progress_of(bar, 'reading')):
+        runs = tuple(tuple(read(path) for path in group) for group in groups)
     flat, found = in_base_frame(list(itertools.chain(*runs)), frame)
     left_out += found
     placed = iter(flat)

@@ -16,6 +16,7 @@ from pneunet_ros.cli.verb import (
     output_console,
     print_json,
     progress_bar,
+    reading_bar,
     settings_of,
     topics_of,
 )
@@ -48,13 +49,14 @@ def run_fusion(arguments: Namespace) -> int:
     recording = open_recording(arguments.recording)
     wrench = not (arguments.no_wrench or arguments.free_tip)
     topics = fusion_topics(recording, overrides, wrench=wrench)
-    verdicts = judge_recording(
-        recording,
-        arm,
-        replace(fusion.sensors, wrench_required=wrench),
-        overrides,
-        own_model=arguments.model is not None,
-    )
+    with reading_bar(shown=not arguments.json):
+        verdicts = judge_recording(
+            recording,
+            arm,
+            replace(fusion.sensors, wrench_required=wrench),
+            overrides,
+            own_model=arguments.model is not None,
+        )
     if (
         PRESSURE.name in verdicts.doubted or verdicts.strangeness
     ):  # a wrong force sensor the fusion leaves out by itself

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, ArgumentTypeError, BooleanOptionalAction, Namespace
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 import dataclasses
 from pathlib import Path
 import sys
@@ -12,6 +13,7 @@ from typing import Any
 from pneunet_ros.cli.quantity_option import KIND_OF_UNIT, quantity_type
 from pneunet_ros.core.errors import ModelError, RequestError
 from pneunet_ros.core.printable import printable
+from pneunet_ros.core.progress import heard, OnProgress
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.unit_system import dimensionless, SI, UnitSystem
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -20,7 +22,14 @@ from pneunet_ros.files.model_file import load_model
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.gravity import Gravity, gravity_of, OUT_OF_PLANE
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.text import Text
 
 DONE, NEGATIVE = 0, 1  # exit codes
@@ -71,6 +80,29 @@ def progress_bar(shown: bool) -> Progress:
         transient=True,
         disable=hidden,
     )
+
+
+def progress_of(bar: Progress, what: str) -> OnProgress:
+    """Return what shows how far long work is; a total of 0 is not known."""
+    task = bar.add_task(what, total=None)
+    return lambda stage, done, total: bar.update(
+        task, description=stage, completed=done, total=total or None
+    )
+
+
+@contextmanager
+def reading_bar(shown: bool) -> Iterator[None]:
+    """Show how far files are read and written inside, where a person waits for it."""
+    with progress_bar(shown) as bar:
+        stages: dict[str, TaskID] = {}
+
+        def show(stage: str, done: int, total: int) -> None:
+            if stage not in stages:
+                stages[stage] = bar.add_task(stage, total=total)
+            bar.update(stages[stage], completed=done, total=total)
+
+        with heard(show):
+            yield
 
 
 def print_json(content: dict[str, Any]) -> None:

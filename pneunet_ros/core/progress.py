@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 
 # Called with the stage, how much of it is done, and of how much (0: unknown).
 OnProgress = Callable[[str, int, int], None]
@@ -10,3 +12,27 @@ OnProgress = Callable[[str, int, int], None]
 
 def say_nothing(stage: str, done: int, total: int) -> None:
     """Keep progress to oneself: where nobody looks."""
+
+
+def part_of(on_progress: OnProgress, part: int, parts: int) -> OnProgress:
+    """Return what says beside each stage which part of the whole work it belongs to."""
+    return lambda stage, done, total: on_progress(f'{part}/{parts} {stage}', done, total)
+
+
+_READING: ContextVar[OnProgress] = ContextVar('reading', default=say_nothing)
+STEP = 1000  # messages or rows from one word to the next
+
+
+@contextmanager
+def heard(on_progress: OnProgress) -> Iterator[None]:
+    """Let what is read and written inside say how far it is, as long as this goes on."""
+    token = _READING.set(on_progress)
+    try:
+        yield
+    finally:
+        _READING.reset(token)
+
+
+def say_how_far(stage: str, done: int, total: int) -> None:
+    """Say how far a file is read or written, to whoever hears it."""
+    _READING.get()(stage, done, total)

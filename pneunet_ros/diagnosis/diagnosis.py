@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.core.progress import OnProgress, say_nothing
+from pneunet_ros.core.progress import OnProgress, part_of, say_nothing
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.augmented_model import (
     augment_model,
@@ -52,6 +52,8 @@ from pneunet_ros.diagnosis.settings import (
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.model.arm import Arm
+
+PARTS = 5  # of the work: base fit, search, evaluation; of the command also discovery and report
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,7 +165,13 @@ def investigate(
 ) -> Investigation:
     """Diagnose as `diagnose` does; return the diagnosis with all fits it rests on."""
     model, training, held_out, notes = with_tips(model, training, held_out)
-    base = fit_base(model, training, on_progress, settings.base_fit, settings.calibration)
+    base = fit_base(
+        model,
+        training,
+        part_of(on_progress, 1, PARTS),
+        settings.base_fit,
+        settings.calibration,
+    )
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
     known = tuple(effect.name for effect in base.frame.effects)
     asked = hypotheses(known, settings.hypothesis)
@@ -171,7 +179,7 @@ def investigate(
         linearization=linearize(base, *recordings, settings),
         hypotheses=considered_hypotheses(asked, training, settings.hypothesis),
         seed=seed,
-        on_progress=on_progress,
+        on_progress=part_of(on_progress, 2, PARTS),
         map_function=map if executor is None else executor.map,
         settings=settings,
     )
@@ -183,7 +191,7 @@ def investigate(
     verdict = decide(selection, first, best, detectable)
     if verdict.mimicked:
         detectable = {name: replace(item, observable=False) for name, item in detectable.items()}
-    on_progress('evaluation before and after', 0, 0)
+    part_of(on_progress, 3, PARTS)('evaluation before and after', 0, 0)
     notes = (*notes_on_time(selection, recordings[0]), *notes)
     verdict = replace(verdict, notes=(*verdict.notes, *notes))
     diagnosis = conclude(selection, first, best, verdict, detectable, recordings)

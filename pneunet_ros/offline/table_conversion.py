@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.progress import say_how_far, STEP
 from pneunet_ros.messages.readings import PRESSURE, SENSORS, TARGETS
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recorded_series import ReadingSeries
@@ -48,6 +49,8 @@ def table_messages(writer: RecordingWriter, table: ReadingTable) -> Iterator[Wri
         sensor.name: writer.add(f'{NAMESPACE}/{sensor.name}', sensor.type) for sensor in ranked
     }
     for row, stamp_ns in enumerate(table.stamp_ns.tolist()):
+        if row % STEP == 0:
+            say_how_far('writing the recording', row, len(table.stamp_ns))
         for sensor in ranked:
             if present[sensor.name][row]:
                 values = table.values[sensor.name][row]

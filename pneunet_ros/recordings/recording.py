@@ -16,6 +16,7 @@ from typing import Any, BinaryIO, NamedTuple
 
 from mcap.records import Channel
 from pneunet_ros.core.errors import MessageError, RecordingError, shortened
+from pneunet_ros.core.progress import say_how_far, STEP
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.messages.readings import is_estimated
 from pneunet_ros.recordings.bag_folder import stored_files
@@ -142,7 +143,7 @@ class Recording:
         RecordingError where a file turns out to be damaged.
         """
         rank = {name: place for place, name in enumerate(topics)}
-        order = count()
+        order, read, total = count(), 0, self.count(topics)
         blocks = sorted(
             (block.start_ns, place, number)
             for place, file in enumerate(self.files)
@@ -172,6 +173,9 @@ class Recording:
                     ready = bisect_left(pending, (blocks[index + 1][0],))
                 for entry in pending[:ready]:
                     yield entry[3]
+                    read += 1
+                    if read % STEP == 0:
+                        say_how_far(f'reading {self.path.name}', read, total)
                     held -= len(entry[3].raw) + HELD_BESIDE
                 del pending[:ready]
 

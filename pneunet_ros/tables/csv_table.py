@@ -17,6 +17,7 @@ from typing import TextIO
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.progress import say_how_far, STEP
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.tables.clock import Clock
 from pneunet_ros.tables.columns import standard_name, TIME
@@ -93,7 +94,7 @@ def read_csv(
             cut = binary.read(1) not in (b'\n', b'\r')
             binary.seek(0)
             stream = io.TextIOWrapper(binary, encoding='utf-8-sig', newline='')
-            return _read(path, stream, cut, request, exact, check_names)
+            return _read(path, stream, cut, request, exact, check_names, size)
     except OSError as error:
         raise RecordingError(f'{path} cannot be read: {error.strerror}') from error
     except UnicodeDecodeError as error:
@@ -111,6 +112,7 @@ def _read(
     request: TableRequest,
     exact: Collection[str],
     check_names: Callable[[Collection[str]], object],
+    size: int,
 ) -> CsvTable:
     given, above = lines_from_names(path, _lines(path, stream), request)
     first = next(given, '')
@@ -164,6 +166,8 @@ def _read(
         if (len(lines) + 1) * len(places) > MOST_CELLS:
             raise RecordingError(f'{path} has more than {MOST_CELLS} cells: split it')
         lines.append(line)
+        if len(lines) % STEP == 0:
+            say_how_far(f'reading {path.name}', stream.buffer.tell(), size)
         for name, place in places.items():
             written = cells[place].strip()
             _check_decimals(path, line, written, decimals)

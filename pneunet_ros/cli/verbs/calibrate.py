@@ -30,6 +30,7 @@ from pneunet_ros.cli.verb import (
     PAPER_ARM,
     print_json,
     progress_bar,
+    progress_of,
     units_of,
     with_gravity,
 )
@@ -134,7 +135,7 @@ def run(arguments: Namespace) -> int:
         if not unloaded:
             unloaded = tuple(run for run in loaded if not run.loaded)
             loaded = tuple(run for run in loaded if run.loaded)
-        task = bar.add_task('fitting', total=None)
+        on_progress = progress_of(bar, 'fitting')
         calibration = calibrate(
             unloaded,
             loaded,
@@ -143,9 +144,7 @@ def run(arguments: Namespace) -> int:
             compare=not arguments.no_compare,
             earlier=earlier,
             settings=calibration_settings(arguments),
-            on_progress=lambda stage, step, total: bar.update(
-                task, description=f'fitting {stage}, step {step}'
-            ),
+            on_progress=on_progress,
         )
         roles = {'unloaded': unloaded, 'loaded': loaded, 'motion': swinging}
         motion, motion_note = None, ''
@@ -154,7 +153,7 @@ def run(arguments: Namespace) -> int:
             name = arguments.name or arguments.output.stem
             arm = described_arm(calibration, name, frame, provenance)
             if swinging:
-                bar.update(task, description='fitting motion')
+                on_progress('motion', 0, 0)
                 motion, motion_note = fitted_motion(arm, swinging)
                 arm = arm if motion is None else with_motion(arm, motion)
             calibration = replace(calibration, arm=arm)
@@ -162,13 +161,13 @@ def run(arguments: Namespace) -> int:
             save_knowledge(calibration.posterior, arguments.output, overwrite=arguments.overwrite)
         files = files_of(arguments)
         if arguments.report is not None:
-            bar.update(task, description='writing the report')
             write_report(
                 calibration,
                 arguments.report,
                 provenance=provenance,
                 files=files,
                 overwrite=arguments.overwrite,
+                on_progress=on_progress,
                 units=units_of(arguments, calibration.arm),
             )
     summary = (

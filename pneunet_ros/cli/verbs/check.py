@@ -17,6 +17,7 @@ from pneunet_ros.cli.verb import (
     NEGATIVE,
     output_console,
     print_json,
+    reading_bar,
     SENSOR_SETTINGS,
     settings_of,
     topics_of,
@@ -51,7 +52,8 @@ def run(arguments: Namespace) -> int:
         settings=settings_of(arguments),
         overrides=topics_of(arguments.topic, [*(sensor.name for sensor in SENSORS), *TOPIC_NAMES]),
     )
-    found = [check_recording(path, request) for path in arguments.recordings]
+    with reading_bar(shown=not arguments.json):
+        found = [check_recording(path, request) for path in arguments.recordings]
     verdicts = [verdict for content in found for verdict in content['verdicts'].values()]
     code = NEGATIVE if any(verdict['doubted'] for verdict in verdicts) else DONE
     if arguments.json:

@@ -19,6 +19,7 @@ from pneunet_ros.cli.verb import (
     NEGATIVE,
     output_console,
     print_json,
+    reading_bar,
     topics_of,
     units_of,
 )
@@ -80,17 +81,17 @@ def run(arguments: Namespace) -> int:
         raise RequestError(f'--plot {arguments.plot} must end in {", ".join(PLOTS)}')
     arm = model_of(arguments)
     a_topics, b_topics = side_topics(arguments.topic)
-    comparisons = compare_files(
-        CompareRequest(
-            a=arguments.a,
-            b=arguments.b,
-            truth=arguments.truth,
-            a_topics=a_topics,
-            b_topics=b_topics,
-            target_arclength=arm.target_arclength,
-            length=arm.length if arguments.model is not None else None,
-        )
+    request = CompareRequest(
+        a=arguments.a,
+        b=arguments.b,
+        truth=arguments.truth,
+        a_topics=a_topics,
+        b_topics=b_topics,
+        target_arclength=arm.target_arclength,
+        length=arm.length if arguments.model is not None else None,
     )
+    with reading_bar(shown=not arguments.json):
+        comparisons = compare_files(request)
     found = [item for item in comparisons if item.tip is not None or item.shape is not None]
     plot = arguments.plot if found else None
     if plot is not None:

@@ -28,19 +28,19 @@ from pneunet_ros.cli.verb import (
     output_console,
     print_json,
     progress_bar,
+    progress_of,
     units_of,
     with_gravity,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.executor import open_executor
 from pneunet_ros.core.paths import resolved
-from pneunet_ros.core.progress import OnProgress
+from pneunet_ros.core.progress import part_of
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.user_effects import add_effects
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.model_file import load_model, model_hash
-from rich.progress import Progress
 
 
 def options(parser: ArgumentParser) -> None:
@@ -124,7 +124,7 @@ def run(arguments: Namespace) -> int:
     """Read, diagnose, write."""
     from pneunet_ros.cli.diagnose_summary import show, show_unsettled
     from pneunet_ros.cli.provenance import versions
-    from pneunet_ros.diagnosis.diagnosis import investigate, with_tips
+    from pneunet_ros.diagnosis.diagnosis import investigate, PARTS, with_tips
     from pneunet_ros.diagnosis.result import CLEAR, UnsettledDiagnosis
     from pneunet_ros.discovery.discovery import discover
     from pneunet_ros.offline.calibration_files import check_recordings, inputs_of
@@ -150,7 +150,7 @@ def run(arguments: Namespace) -> int:
         read = read_experiments((arguments.train, arguments.heldout), frame, arguments, bar)
         frame, training, held_out, tips = with_tips(frame, *read.groups)
         read = replace(read, left_out=(*read.left_out, *tips))
-        on_progress = progress_of(bar)
+        on_progress = progress_of(bar, 'diagnosing')
         with executor_for(arguments.scheduler, arguments.effects_path) as executor:
             investigation = investigate(
                 frame,
@@ -164,7 +164,7 @@ def run(arguments: Namespace) -> int:
                     calibration=calibration_settings(arguments),
                 ),
             )
-            discovery = discover(investigation, on_progress=on_progress)
+            discovery = discover(investigation, on_progress=part_of(on_progress, 4, PARTS))
             found = investigation.overruled(discovery.overruling).diagnosis
         provenance = {
             'model': {'file': arguments.model.name, 'content_sha256': sha256},
@@ -191,7 +191,7 @@ def run(arguments: Namespace) -> int:
                 provenance=provenance,
                 discovery=discovery,
                 given=given,
-                on_progress=on_progress,
+                on_progress=part_of(on_progress, 5, PARTS),
                 units=units_of(arguments, frame),
             )
     if arguments.json:
@@ -239,11 +239,3 @@ def check_distinct(inputs: list[dict[str, str]]) -> None:
                 f'{item["file"]} ({item["role"]}) and {other["file"]} ({other["role"]}) are the '
                 'same recording: give each once'
             )
-
-
-def progress_of(bar: Progress) -> OnProgress:
-    """Return what shows how far a diagnosis is; a total of 0 is not known."""
-    task = bar.add_task('diagnosing', total=None)
-    return lambda stage, done, total: bar.update(
-        task, description=stage, completed=done, total=total or None
-    )

@@ -20,8 +20,8 @@ from pneunet_ros.cli.verb import (
     output_console,
     print_json,
     progress_bar,
+    progress_of,
 )
-from pneunet_ros.cli.verbs.diagnose import progress_of
 from pneunet_ros.cli.verbs.simulate import scenario_file
 from pneunet_ros.core.errors import ModelError, RecordingError, RequestError
 from pneunet_ros.core.settings import settings_used
@@ -179,7 +179,7 @@ def run(arguments: Namespace) -> int:
     }
     rounds: list[Round] = []
     with progress_bar(shown=not (arguments.json or arguments.by_hand)) as bar:
-        on_progress = progress_of(bar)
+        on_progress = progress_of(bar, 'exploring')
         for item in explore(
             model, record, safe, seed=arguments.seed, on_progress=on_progress, settings=settings
         ):

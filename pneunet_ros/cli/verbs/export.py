@@ -17,6 +17,7 @@ from pneunet_ros.cli.verb import (
     model_of,
     output_console,
     print_json,
+    reading_bar,
     scales_sentence,
     SENSOR_SETTINGS,
     settings_of,
@@ -77,14 +78,15 @@ def run(arguments: Namespace) -> int:
             f'{arguments.recording} has nothing to export: no topic '
             f'{", ".join(names)} or {TIP}; images are turned into targets by `track`'
         )
-    series = read_series(recording, topics, settings_of(arguments))
     sentences = [*recording.sentences]
-    for item in series.values():
-        sentences += item.sentences()
     tips = None
-    if tip_topic is not None and recording.count([tip_topic]):
-        tips, read = read_tips(recording, tip_topic)
-        sentences += read.sentences
+    with reading_bar(shown=not arguments.json):
+        series = read_series(recording, topics, settings_of(arguments))
+        for item in series.values():
+            sentences += item.sentences()
+        if tip_topic is not None and recording.count([tip_topic]):
+            tips, read = read_tips(recording, tip_topic)
+            sentences += read.sentences
     table = tabulate(series, [] if tips is None else tips.stamp_ns)
     content = columns(table, units)
     if tips is not None:

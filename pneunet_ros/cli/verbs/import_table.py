@@ -16,6 +16,7 @@ from pneunet_ros.cli.verb import (
     NEGATIVE,
     output_console,
     print_json,
+    reading_bar,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import seconds_between
@@ -60,12 +61,16 @@ def run(arguments: Namespace) -> int:
             f'{arguments.table} is a recording already: `pneunet export` makes a table of it'
         )
     request = table_request(arguments, rate=arguments.rate)
-    table, sentences = read_table(arguments.table, request)
+    with reading_bar(shown=not arguments.json):
+        table, sentences = read_table(arguments.table, request)
     expected = ANY_ACTUATOR if arguments.model is None else [expected_of(model_of(arguments))]
     doubts = table_doubts(table, expected) if arguments.judge_readings else ()
-    with write_recording(
-        arguments.output, overwrite=arguments.overwrite, inputs=[arguments.table]
-    ) as writer:
+    with (
+        reading_bar(shown=not arguments.json),
+        write_recording(
+            arguments.output, overwrite=arguments.overwrite, inputs=[arguments.table]
+        ) as writer,
+    ):
         topics = record_table(writer, table)
     seconds = seconds_between(int(table.stamp_ns[0]), int(table.stamp_ns[-1]))
     summary = {

@@ -24,6 +24,7 @@ from pneunet_ros.cli.verb import (
     output_console,
     print_json,
     progress_bar,
+    reading_bar,
     settings_of,
     topics_of,
 )
@@ -104,13 +105,14 @@ def run(arguments: Namespace) -> int:
     topics = input_topics(recording, estimator, overrides)
     targets = targets_topic(recording, estimator, overrides)
     pressure_topic = next(name for name, sensor in topics.items() if sensor is PRESSURE)
-    verdicts = judge_recording(
-        recording,
-        arm,
-        estimator.settings,
-        overrides,
-        own_model=arguments.model is not None,
-    )
+    with reading_bar(shown=not arguments.json):
+        verdicts = judge_recording(
+            recording,
+            arm,
+            estimator.settings,
+            overrides,
+            own_model=arguments.model is not None,
+        )
     if verdicts.doubted or verdicts.strangeness:
         return refuse_readings(arguments, arguments.recording, verdicts)
     tally = Tally()
