@@ -211,6 +211,13 @@ def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] |
     settings = vision.row_tracker
     predicted = last.predict(view.image.stamp_ns, settings.longest_prediction)
     table = blobs_at(view.image, last.outlines(predicted, vision), view.appearance)
+    lost = np.isnan(table[:, U])
+    if lost.any() and np.count_nonzero(~lost) > 1:
+        # Where others moved otherwise than expected, so did these.
+        off, neighbors = (table[:, :2] - predicted)[~lost], vision.row_look.neighbors
+        places = predicted + velocity_along_row(off, view.arclength, ~lost, neighbors)
+        outlines_there = last.outlines(places, vision)[lost]
+        table[lost] = blobs_at(view.image, outlines_there, view.appearance)
     table = with_nearest(view, table, predicted, view.settings.gate * last.spacing)
     # Of a target whose size nobody has seen yet, it is what its whole edge says.
     shown = shows_own_size(table, vision.row_look, vision.gating) & ~last.sized
@@ -698,10 +705,10 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
 
 
 def velocity_along_row(moved: Array, arclength: Array, known: Mask, neighbors: int) -> Array:
-    """Return how all targets move, (targets, 2) px/s, by those of which it is known.
+    """Return how all targets move, (targets, 2) px or px/s, by those of which it is known.
 
-    moved (known, 2) px/s. Between two of them it changes evenly; beyond the last ones it goes on
-    as along so many neighbors: the end of an arm moves faster than what is before it.
+    moved (known, 2), in the same unit. Between two of them it changes evenly; beyond the last ones
+    it goes on as along so many neighbors: the end of an arm moves faster than what is before it.
     """
     velocity, places = np.empty((len(arclength), 2)), arclength[known]
     for axis in range(2):

@@ -20,13 +20,13 @@ from pneunet_ros.core.settings import numbers_type, tuning
 from pneunet_ros.vision.dots.edge_kernel import (
     COLUMNS,
     EDGE,
-    fit_edges,
     LEFT,
     Linearized,
     PARTS,
     TIMES,
     UNKNOWNS,
 )
+from pneunet_ros.vision.dots.outline_kernel import fit_outlines
 import scipy
 
 Integers = npt.NDArray[np.int64]
@@ -229,11 +229,24 @@ def fit_ellipses(grey: Bytes, starts: Array, settings: EllipseSettings = ELLIPSE
     fitted = np.full_like(starts, np.nan)
     if not len(starts):
         return fitted
+    if jit.is_compiled():
+        rules = QUANTIZATION, SIGMA
+        numbers = ellipse_numbers(settings)
+        fit_outlines(grey, starts, _moments(starts), numbers, rules, fitted)
+        return fitted
     boxes = _boxes(grey, starts, settings)
     pixels = np.cumsum(boxes[:, 2] * boxes[:, 3])
     for some in np.split(np.arange(len(starts)), np.flatnonzero(np.diff(pixels // TOGETHER)) + 1):
         fitted[some] = _fit_together(grey, starts[some], boxes[some], settings)
     return fitted
+
+
+def _moments(starts: Array) -> Integers:
+    """Return at how many moments of an exposure ellipses are to be seen, (n,)."""
+    smear, moments = _smear(starts), np.ones(len(starts), np.int64)
+    for many, least in MOMENTS:
+        moments[smear >= least] = many
+    return moments
 
 
 def _fit_together(grey: Bytes, starts: Array, boxes: Integers, settings: EllipseSettings) -> Array:
@@ -243,11 +256,6 @@ def _fit_together(grey: Bytes, starts: Array, boxes: Integers, settings: Ellipse
     fit = _begun(rims, starts, settings)
     fitted = np.full_like(starts, np.nan)
     going = np.flatnonzero(np.bincount(rims.owner, minlength=count) >= 2 * UNKNOWNS)
-    if jit.is_compiled():
-        found, ended = _fit_compiled(rims, starts, fit, going, settings)
-        if len(ended):
-            fitted[going[ended]] = _results(rims, starts, fit, going, found, ended, settings)
-        return fitted
     for turn in range(settings.passes):
         if not len(going):
             break
@@ -266,10 +274,7 @@ def _fit_together(grey: Bytes, starts: Array, boxes: Integers, settings: Ellipse
 
 def _begun(rims: Rims, starts: Array, settings: EllipseSettings) -> Fit:
     """Return fits that have not begun yet."""
-    count, smear = len(starts), _smear(starts)
-    now, moments = starts.copy(), np.ones(count, np.int64)
-    for many, least in MOMENTS:
-        moments[smear >= least] = many
+    count, now, moments = len(starts), starts.copy(), _moments(starts)
     now[moments == 1, SMEAR_U : SMEAR_V + 1] = 0.0
     now[:, WIDTH] = np.clip(starts[:, WIDTH], settings.least_blur, settings.most_blur)
     unknown = np.isinf(starts[:, PLATEAU_STD])
@@ -468,32 +473,6 @@ def _no_sums(rims: Rims, fit: Fit, going: Integers) -> Linearized:
         edges=np.empty((count, sectors, COLUMNS)),
         covered=np.zeros(len(rims.x)),
     )
-
-
-def _fit_compiled(
-    rims: Rims, starts: Array, fit: Fit, going: Integers, settings: EllipseSettings
-) -> tuple[Solution, Integers]:
-    """Fit ellipses, all passes in one loop; what their last pass tells, and which of them rest."""
-    size = len(going), fit.believed.shape[1]
-    behind, edges, stds = np.zeros((3, *size))
-    error, covered = np.zeros(len(going)), np.zeros(len(rims.x))
-    ended = fit_edges(
-        (rims.x, rims.y, rims.levels, rims.share),
-        rims.before,
-        np.searchsorted(rims.owner, np.arange(len(starts) + 1)),
-        going,
-        starts,
-        (fit.now, fit.off, fit.shape, fit.slopes, fit.believed),
-        (fit.moments, fit.reached),
-        ellipse_numbers(settings),
-        (QUANTIZATION, SIGMA),
-        (error, behind, edges, stds, covered),
-    )
-    no_step = np.empty((len(going), 0))
-    found = Solution(
-        step=no_step, error=error, behind=behind, edges=edges, stds=stds, covered=covered
-    )
-    return found, np.flatnonzero(ended)
 
 
 def _linearize(rims: Rims, fit: Fit, going: Integers, settings: EllipseSettings) -> Linearized:

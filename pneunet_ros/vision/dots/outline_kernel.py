@@ -1,0 +1,398 @@
+"""Fit ellipses to edges: one loop that cuts out the pixels of each, fits, and tells what is seen.
+
+The compiled twin of what `ellipse_fit` says in numpy, with the same numbers. It is several times
+as fast, as nothing is written down between one operation and the next.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.image import Bytes
+from pneunet_ros.core.kernels.jit import inner, kernel
+from pneunet_ros.vision.dots.edge_kernel import COLUMNS, EDGE, LEFT, linearize_edge, UNKNOWNS
+
+Integers = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+# What is known of an ellipse, before and after its fit; what each means says `ellipse_fit`.
+U, V, XX, XY, YY, BLUR, WAY_U, WAY_V, LIGHT, BEHIND = range(10)
+SHAPE_STD, BLUR_STD, WAY_STD, LIGHT_STD, SIZE_STD = range(10, 15)  # before
+ERROR, NEAR, ON, WITHIN, OUTSIDE = range(10, 15)  # after
+GREY_LEVELS = 256
+
+
+@kernel
+def fit_outlines(
+    grey: Bytes,
+    starts: Array,
+    moments_of: Integers,
+    settings: Any,
+    rules: tuple[float, float],
+    fitted: Array,
+) -> None:
+    """Fit ellipses from where they are thought to be; fills fitted (n, FITTED), NaN where none is.
+
+    starts (n, FITTED); moments_of (n,): of an exposure at which each is seen; rules: variance of a
+    level that was rounded, and sigma over the median.
+    """
+    count, most = int(settings.sectors), 0
+    for number in range(starts.shape[0]):
+        left, top, right, bottom = box_of(grey, starts[number], settings)
+        most = max(most, (right - left) * (bottom - top))
+    x, y, levels, shares, covered = (
+        np.empty(most), np.empty(most), np.empty(most), np.empty(most), np.empty(most),
+    )  # fmt: skip
+    sectors = np.empty(most, np.int64)
+    scratch = (
+        np.empty((most, COLUMNS)),
+        np.empty((most, 4)),
+        np.empty(most, np.int64),
+        np.empty((count, 2)),
+    )
+    now, behind, edges, stds = np.empty(10), np.empty(count), np.empty(count), np.empty(count)
+    off, reached = np.empty(2), np.empty(count, np.bool_)
+    for number in range(starts.shape[0]):
+        start, moments = starts[number], moments_of[number]
+        pixels = (x, y, levels, shares)
+        many = cut_rim(grey, start, settings, pixels, sectors)
+        if many < 2 * UNKNOWNS:
+            continue
+        reached[:] = False
+        for pixel in range(many):
+            reached[sectors[pixel]] |= shares[pixel] < 1.0
+            reached[(sectors[pixel] + 1) % count] |= shares[pixel] > 0.0
+        now[:] = start[:10]
+        if moments == 1:
+            now[WAY_U] = now[WAY_V] = 0.0
+        now[BLUR] = min(max(start[BLUR], settings.least_blur), settings.most_blur)
+        if math.isinf(start[LIGHT_STD]):
+            now[LIGHT] = first_plateau(start, x, y, levels, many, settings)
+        off[:] = 0.0
+        error = fit_edge(
+            pixels, sectors, many, start, moments, reached, settings, rules,
+            now, off, (behind, edges, stds, covered), scratch,
+        )  # fmt: skip
+        if math.isnan(error):
+            continue
+        result = fitted[number]
+        result[:10] = now
+        result[U], result[V], result[ERROR] = start[U] + off[0], start[V] + off[1], error
+        result[BEHIND] = median_where(behind, reached)
+        result[WITHIN] = plain_within(result, levels, covered, many, settings)
+        tell_edges(result, edges, stds, reached, settings)
+
+
+@inner
+def box_of(grey: Bytes, start: Array, settings: Any) -> tuple[int, int, int, int]:
+    """Return where in an image an ellipse can be: left, top, and behind right and bottom."""
+    outward = settings.outward * start[BLUR] + settings.shift + settings.margin
+    outward += 0.5 * math.hypot(start[WAY_U], start[WAY_V])
+    reach_u = math.hypot(start[XX], start[XY]) + outward
+    reach_v = math.hypot(start[XY], start[YY]) + outward
+    height, width = grey.shape
+    left = int(min(max(math.floor(start[U] - reach_u), 0.0), width))
+    top = int(min(max(math.floor(start[V] - reach_v), 0.0), height))
+    right = int(max(min(math.ceil(start[U] + reach_u), width - 1.0), -1.0)) + 1
+    bottom = int(max(min(math.ceil(start[V] + reach_v), height - 1.0), -1.0)) + 1
+    if right <= left or bottom <= top:
+        return 0, 0, 0, 0
+    return left, top, right, bottom
+
+
+@inner
+def cut_rim(
+    grey: Bytes,
+    start: Array,
+    settings: Any,
+    pixels: tuple[Array, Array, Array, Array],
+    sectors: Integers,
+) -> int:
+    """Collect the pixels that can be near the edge of an ellipse; returns how many they are.
+
+    Fills pixels and sectors as `linearize_edge` takes them, x and y from where the fit begins.
+    """
+    x, y, levels, shares = pixels
+    left, top, right, bottom = box_of(grey, start, settings)
+    determinant = start[XX] * start[YY] - start[XY] * start[XY]
+    xx, xy, yy = start[YY] / determinant, -start[XY] / determinant, start[XX] / determinant
+    more = settings.shift + settings.margin + 0.5 * math.hypot(start[WAY_U], start[WAY_V])
+    nearest, farthest = (
+        -settings.inward * start[BLUR] - more,
+        settings.outward * start[BLUR] + more,
+    )
+    per_turn = settings.sectors / (2.0 * math.pi)
+    many = 0
+    for row in range(top, bottom):
+        for column in range(left, right):
+            at_x, at_y = column - start[U], row - start[V]
+            across, down = xx * at_x + xy * at_y, xy * at_x + yy * at_y
+            outside = distance_outside(xx, xy, yy, across, down)
+            if not nearest < outside < farthest:
+                continue
+            around = (math.atan2(down, across) * per_turn) % settings.sectors
+            sector = min(int(around), int(settings.sectors) - 1)
+            x[many], y[many], levels[many] = at_x, at_y, grey[row, column]
+            shares[many], sectors[many] = around - sector, sector
+            many += 1
+    return many
+
+
+@inner
+def distance_outside(xx: float, xy: float, yy: float, across: float, down: float) -> float:
+    """Return how far outside of an ellipse a place is, px; xx, xy, yy: its inverse axes.
+
+    across, down: the place on the unit circle, or off it.
+    """
+    ratio = max(math.sqrt(across * across + down * down), 1e-6)
+    out_x, out_y = (xx * across + xy * down) / ratio, (xy * across + yy * down) / ratio
+    # At the very center there is no normal; it is far inside then.
+    return (ratio - 1.0) / max(math.sqrt(out_x * out_x + out_y * out_y), 1e-12)
+
+
+@inner
+def first_plateau(
+    start: Array, x: Array, y: Array, levels: Array, many: int, settings: Any
+) -> float:
+    """Return a grey level that only some of the pixels within an ellipse are above."""
+    determinant = start[XX] * start[YY] - start[XY] * start[XY]
+    xx, xy, yy = start[YY] / determinant, -start[XY] / determinant, start[XX] / determinant
+    counts = np.zeros(GREY_LEVELS, np.int64)
+    size, brightest = 0, 0.0
+    for pixel in range(many):
+        brightest = max(brightest, levels[pixel])
+        across, down = xx * x[pixel] + xy * y[pixel], xy * x[pixel] + yy * y[pixel]
+        if distance_outside(xx, xy, yy, across, down) < -0.5:
+            counts[int(levels[pixel])] += 1
+            size += 1
+    if size == 0:
+        return brightest
+    above = int(settings.plateau_share * size)
+    for level in range(GREY_LEVELS - 1, 0, -1):
+        above -= counts[level]
+        if above < 0:
+            return float(level)
+    return 0.0
+
+
+@inner
+def plain_within(one: Array, levels: Array, covered: Array, many: int, settings: Any) -> float:
+    """Return the share of the inside of an ellipse that is as bright as it is drawn.
+
+    covered (pixels,): how much it covers of each pixel.
+    """
+    most = covered[:many].max()
+    inside = plain = 0
+    for pixel in range(many):
+        if covered[pixel] > settings.within * most:
+            inside += 1
+            least = (covered[pixel] - settings.plain) * (one[LIGHT] - one[BEHIND])
+            plain += levels[pixel] >= one[BEHIND] + least
+    return plain / max(inside, 1)
+
+
+@inner
+def tell_edges(one: Array, edges: Array, stds: Array, reached: Mask, settings: Any) -> None:
+    """Fill in which shares of the edge are near an ellipse, on it, and clearly outside of it."""
+    radius = math.sqrt(one[XX] * one[YY] - one[XY] * one[XY])
+    near = settings.near_edge + settings.near_edge_share * radius
+    on = max(settings.on_edge, settings.on_edge_share * radius)
+    told = seen = exact = outside = there = 0
+    for sector in range(edges.size):
+        there += reached[sector]
+        if stds[sector] >= settings.knows:
+            continue
+        unsure = 2.0 * stds[sector]
+        told += 1
+        seen += abs(edges[sector]) < near + unsure
+        exact += abs(edges[sector]) < on + unsure
+        outside += edges[sector] > near + unsure
+    one[NEAR] = seen / max(told, 1) if told >= settings.told * there else 0.0
+    one[ON], one[OUTSIDE] = exact / edges.size, outside / edges.size
+
+
+@inner
+def solve_step(normal: Array, gradient: Array, step: Array) -> float:
+    """Solve the normal equations by Cholesky's decomposition, in place.
+
+    normal (UNKNOWNS, UNKNOWNS), symmetric; fills step (UNKNOWNS,). Returns the larger of the
+    variances of the first two unknowns, of what has the variance 1.
+    """
+    count = gradient.size
+    for row in range(count):
+        for column in range(row + 1):
+            total = normal[row, column]
+            for before in range(column):
+                total -= normal[row, before] * normal[column, before]
+            if row == column:
+                normal[row, row] = math.sqrt(max(total, 1e-300))
+            else:
+                normal[row, column] = total / normal[column, column]
+    larger = 0.0
+    right = np.empty(count)
+    for turn in range(3):
+        for row in range(count):
+            total = gradient[row] if turn == 2 else (1.0 if row == turn else 0.0)
+            for before in range(row):
+                total -= normal[row, before] * right[before]
+            right[row] = total / normal[row, row]
+        if turn < 2:
+            square = 0.0
+            for row in range(count):
+                square += right[row] * right[row]
+            larger = max(larger, square)
+    for row in range(count - 1, -1, -1):
+        total = right[row]
+        for after in range(row + 1, count):
+            total -= normal[after, row] * step[after]
+        step[row] = total / normal[row, row]
+    return larger
+
+
+@inner
+def median_where(values: Array, which: Mask) -> float:
+    """Return the median of some values, NaN of none."""
+    some = np.empty(values.size)
+    count = 0
+    for place in range(values.size):
+        if which[place]:
+            value, at = values[place], count
+            while at > 0 and some[at - 1] > value:
+                some[at] = some[at - 1]
+                at -= 1
+            some[at] = value
+            count += 1
+    if count == 0:
+        return math.nan
+    median: float = 0.5 * (some[(count - 1) // 2] + some[count // 2])
+    return median
+
+
+@inner
+def move_ellipse(
+    now: Array, off: Array, shape: Array, slopes: Array, step: Array, moves: bool, settings: Any
+) -> bool:
+    """Change an ellipse by a step (UNKNOWNS,), as `ellipse_fit` does; return whether it is one.
+
+    now (10,), off (2,), shape (3,), slopes (2,): of one ellipse; moves: in an exposure.
+    """
+    for axis in range(2):
+        off[axis] += min(max(step[axis], -settings.largest_step), settings.largest_step)
+    most = settings.largest_change
+    size, along = min(max(step[2], -most), most), min(max(step[3], -most), most)
+    aslant = min(max(step[4], -most), most)
+    shape[0] += size
+    shape[1] += along
+    shape[2] += aslant
+    xx, xy, yy = now[2], now[3], now[4]
+    a, b = xx * (1.0 + size + along) + xy * aslant, xx * aslant + xy * (1.0 + size - along)
+    c, d = xy * (1.0 + size + along) + yy * aslant, xy * aslant + yy * (1.0 + size - along)
+    square_xx, square_xy, square_yy = a * a + b * b, a * c + b * d, c * c + d * d
+    root = abs(a * d - b * c)
+    scale = math.sqrt(square_xx + square_yy + 2.0 * root)
+    xx, xy, yy = (square_xx + root) / scale, square_xy / scale, (square_yy + root) / scale
+    now[2], now[3], now[4] = xx, xy, yy
+    now[5] += min(max(step[5], -settings.widest_step), settings.widest_step)
+    now[5] = min(max(now[5], settings.least_blur), settings.most_blur)
+    if moves:
+        now[6] += min(max(step[6], -settings.smear_step), settings.smear_step)
+        now[7] += min(max(step[7], -settings.smear_step), settings.smear_step)
+    now[8] += step[8]
+    slopes[0] += step[9]
+    slopes[1] += step[10]
+    smallest = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
+    smear = math.hypot(now[6], now[7])
+    whole: bool = smallest >= settings.least_axis and smear <= settings.most_smear
+    return whole
+
+
+@inner
+def fit_edge(
+    pixels: tuple[Array, Array, Array, Array],
+    sectors: Integers,
+    many: int,
+    start: Array,
+    moments: int,
+    reached: Mask,
+    settings: Any,
+    rules: tuple[float, float],
+    now: Array,
+    off: Array,
+    found: tuple[Array, Array, Array, Array],
+    scratch: tuple[Array, Array, Integers, Array],
+) -> float:
+    """Fit an ellipse until it rests; returns the error of its center, px, NaN where it does not.
+
+    pixels, sectors: as `linearize_edge` has them, the first `many` of them; start (FITTED,). now
+    (10,) and off (2,), way of the center, are changed. Fills found: behind, edges and stds
+    (sectors,) as in `ellipse_fit.Solution`, and covered (pixels,).
+    """
+    behind, edges, stds, covered = found
+    count = behind.size
+    product, by_sector = np.empty((UNKNOWNS + 1, UNKNOWNS + 1)), np.empty((count, COLUMNS))
+    normal, gradient = np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS)
+    step, given = np.empty(UNKNOWNS), np.empty(UNKNOWNS)
+    std, wrong = np.empty(UNKNOWNS), np.zeros(UNKNOWNS)
+    shape, slopes = np.zeros(3), np.zeros(2)
+    believed, clear = np.ones(count), np.empty(count, np.bool_)
+    reach = settings.inward, settings.outward, settings.margin
+    sums = product, behind, by_sector, covered
+    for number in range(settings.passes):
+        xx, xy, yy = now[XX], now[XY], now[YY]
+        determinant = xx * yy - xy * xy
+        given[0], given[1], given[2] = yy / determinant, -xy / determinant, xx / determinant
+        given[3:7], given[7:9], given[9:11] = now[5:9], slopes, off
+        weights = linearize_edge(
+            pixels, sectors, (0, many, 0), given, believed, moments, reach, sums, scratch
+        )
+        searched = UNKNOWNS if moments > 1 else UNKNOWNS - 2
+        variance = max(product[LEFT, LEFT] / max(weights - searched, 4.0), rules[0])
+        height = abs(now[LIGHT] - median_where(behind, reached))
+        radius = math.sqrt(determinant)
+        std[0] = std[1] = math.inf
+        std[2], std[3], std[4] = start[SIZE_STD], start[SHAPE_STD], start[SHAPE_STD]
+        std[5], std[6], std[7] = start[BLUR_STD], start[WAY_STD], start[WAY_STD]
+        std[8] = start[LIGHT_STD]
+        std[9] = std[10] = settings.tilt_std * max(height, 1.0) / radius
+        wrong[2:5], wrong[9:11] = shape, slopes
+        wrong[5:9] = now[5:9] - start[5:9]
+        for row in range(UNKNOWNS):
+            known = variance / (std[row] * std[row])
+            for unknown in range(UNKNOWNS):
+                normal[row, unknown] = product[row, unknown]
+            normal[row, row] += known + 1e-9
+            gradient[row] = product[row, UNKNOWNS]
+            if known > 0.0:
+                gradient[row] -= known * wrong[row]
+        larger = variance * solve_step(normal, gradient, step)
+        uneven = settings.uneven / max(height, 1.0)
+        smear = math.hypot(now[WAY_U], now[WAY_V])
+        smeared = settings.smear_error * smear * smear / radius
+        for sector in range(count):
+            tells = max(by_sector[sector, EDGE], 1e-9)
+            left = by_sector[sector, LEFT]
+            for unknown in range(UNKNOWNS):
+                left -= by_sector[sector, unknown] * step[unknown]
+            edges[sector] = left / tells
+            stds[sector] = math.sqrt(variance / tells)
+        if not move_ellipse(now, off, shape, slopes, step, moments > 1, settings):
+            return math.nan
+        way = max(abs(step[0]), abs(step[1]))
+        if (number > 1 and way < settings.done) or number == settings.passes - 1:
+            error: float = math.sqrt(larger + uneven * uneven + smeared * smeared)
+            return error
+        for sector in range(count):
+            clear[sector] = stds[sector] < settings.knows
+        usual = rules[1] * median_where(np.abs(edges), clear)
+        usual = 1.0 if math.isnan(usual) else max(usual, settings.least_off)
+        for sector in range(count):
+            ratio = abs(edges[sector]) / (settings.cut * usual)
+            if number == 0:
+                believed[sector] = 1.0 / (1.0 + 4.0 * ratio * ratio)
+            else:
+                believed[sector] = (1.0 - min(ratio, 1.0) ** 2) ** 2
+    return math.nan
