@@ -20,6 +20,7 @@ from pneunet_ros.vision.camera.camera_settings import (
     HomographyPlane,
     PosePlane,
     RestPlane,
+    Shutter,
 )
 import pytest
 from ruamel.yaml import YAML
@@ -96,6 +97,7 @@ def test_the_shipped_file_holds_every_setting():
     content = YAML(typ='safe').load(SHIPPED)
     assert list(content)[1:] == [field.name for field in dataclasses.fields(CameraSettings)]
     assert list(content['area']) == [field.name for field in dataclasses.fields(AreaLimits)]
+    assert list(content['shutter']) == [field.name for field in dataclasses.fields(Shutter)]
     assert list(content['grey_band'])[1:] == [
         field.name for field in dataclasses.fields(AdaptiveBand)
     ]
@@ -109,7 +111,7 @@ def test_every_key_of_the_shipped_file_is_commented():
             keys.append(line.split(':')[0].strip())
             assert above.strip().startswith('#') or '#' in line, f'{line}: no comment'
         above = line
-    assert len(keys) == 17
+    assert len(keys) == 20
 
 
 def test_polarity_is_one_of_three():
@@ -158,8 +160,9 @@ def test_all_settings_are_read(write):
 
 
 def test_what_is_left_out_has_its_default(write):
-    path = write(EXAMPLE, 'schema_version: 1\nplane:\narea: {hole: 3.0}\ngrey_band:\n')
-    camera = load_camera(path)
+    text = 'schema_version: 1\nplane:\narea: {hole: 3.0}\ngrey_band:\nshutter: {readout: 0.02}\n'
+    camera = load_camera(write(EXAMPLE, text))
+    assert camera.shutter == Shutter(readout=0.02, exposure=0.0)
     assert camera.area == AreaLimits(hole=3.0)
     assert (camera.plane, camera.grey_band) == (RestPlane(), AdaptiveBand())
     assert camera.clamp_pixel is None

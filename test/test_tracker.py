@@ -22,6 +22,7 @@ from pneunet_ros.vision.camera.camera_settings import (
     FixedBand,
     HomographyPlane,
     PosePlane,
+    Shutter,
 )
 from pneunet_ros.vision.curvature_prior import PriorSettings
 from pneunet_ros.vision.dots.areas import BlobSettings
@@ -437,6 +438,38 @@ def test_a_lost_row_is_searched_everywhere_only_now_and_then(watching):
     assert searched == [True, False, False, False, True, False, False]
     watching.show(blank)
     assert watching.show(grey).sightings.seen == TARGETS  # where it was
+
+
+@pytest.mark.parametrize('readout', [0.025, -0.025])
+def test_targets_seen_row_by_row_are_where_they_were_at_the_stamp(readout):
+    """A rolling shutter sees those of a moving arm at times of their own."""
+
+    def pressure(seconds):
+        return 25e3 * (1.0 - np.cos(3.0 * max(seconds, 0.0)))
+
+    shutter = Shutter(readout=readout)
+    off, claimed = {}, []
+    for name, settings in (('told', CameraSettings(shutter=shutter)), ('not', CameraSettings())):
+        film = Film(settings)
+        film.rest()
+        errors = []
+        for frame in range(1, 16):
+            seconds, height = frame * FRAME_NS / SECOND, film.lens.height
+            bands = np.array_split(np.arange(height), 24)
+            picture = np.empty((height, film.lens.width), np.uint8)
+            for rows in bands:
+                after = shutter.seconds_after_stamp(rows.mean(), height)
+                picture[rows] = film.picture(pressure(seconds + float(after)))[0][rows]
+            outcome = film.show(picture)
+            assert outcome.sightings.seen >= TARGETS - 2
+            x, y = film.motion.targets(pressure(seconds))
+            error = np.hypot(outcome.sightings.x - x, outcome.sightings.y - y)
+            errors.append(np.nanmax(error))
+            if name == 'told' and frame > 2:
+                claimed.append(np.nanmax(error / outcome.sightings.std))
+        off[name] = max(errors[2:])
+    assert off['told'] < 0.2 * off['not'] > 1e-4
+    assert np.median(claimed) < 2.5
 
 
 def test_targets_that_leave_the_image_are_missing():

@@ -22,6 +22,7 @@ from pneunet_ros.vision.camera.camera_settings import (
     PlaneMethod,
     PosePlane,
     RestPlane,
+    Shutter,
 )
 
 SCHEMA_VERSION = 1
@@ -70,6 +71,7 @@ def settings_from_mapping(content: Any) -> CameraSettings:
         ('plane', plane_from_mapping),
         ('grey_band', band_from_mapping),
         ('area', area_from_mapping),
+        ('shutter', shutter_from_mapping),
     ):
         if values.get(key) is None:
             values.pop(key, None)
@@ -98,6 +100,11 @@ def band_from_mapping(content: Any) -> GreyBand:
 def area_from_mapping(content: Any) -> AreaLimits:
     """Build the limits of areas."""
     return AreaLimits(**CAMERA_FILE.numbers_of(AreaLimits, content, 'area'))
+
+
+def shutter_from_mapping(content: Any) -> Shutter:
+    """Build the times of the shutter."""
+    return Shutter(**CAMERA_FILE.numbers_of(Shutter, content, 'shutter'))
 
 
 def method_of(content: Any, where: str, known: tuple[str, ...]) -> str:

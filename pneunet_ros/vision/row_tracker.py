@@ -115,7 +115,8 @@ CAUSES = {
 class TrackedRow:
     """A row of targets as it was in a frame, from which the next one is predicted.
 
-    pixels (targets, 2): where each target was, or must have been; velocity (targets, 2) px/s;
+    pixels (targets, 2): where each target was, or must have been; velocity (targets, 2) px/s, and
+    velocity_std (targets,): one sigma of it per axis at this frame, infinite where nothing tells;
     area (targets,): how large each is to be expected, px^2; table (targets, columns): how each
     looked when it was last seen, NaN of one that never was; seen (targets,): whether it was;
     sized (targets,): whether its area is its own, as it has shown it;
@@ -126,6 +127,7 @@ class TrackedRow:
     stamp_ns: int
     pixels: Array
     velocity: Array
+    velocity_std: Array
     area: Array
     table: Array
     seen: Mask
@@ -659,6 +661,7 @@ def start_row(view: View, row: ObservedRow) -> TrackedRow:
         stamp_ns=view.image.stamp_ns - 1,
         pixels=row.table[:, :2],
         velocity=np.zeros((len(row.table), 2)),
+        velocity_std=np.full(len(row.table), math.inf),
         area=initial_area(row.table[:, AREA], shown, view.vision.gating),
         table=row.table,
         seen=np.zeros(len(row.table), np.bool_),
@@ -682,12 +685,19 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
     if not seen.all():
         pixels[~seen] = expected_pixels(view, row.points)[~seen]
     velocity, exposure = np.zeros_like(pixels), last.exposure
+    velocity_std = np.full(len(pixels), math.inf)
     both = seen & last.seen
     if both.any():
         seconds = seconds_between(last.stamp_ns, view.image.stamp_ns)
         moved = (pixels[both] - last.pixels[both]) / seconds
         velocity = velocity_along_row(moved, arclength, both, view.vision.row_look.neighbors)
         exposure = exposure_of(row.table[both], moved, seconds, last.exposure, view.vision)
+        exposure = view.settings.shutter.exposure or exposure
+        noise = np.hypot(row.table[both, STD], last.table[both, STD]) / seconds
+        # It is that of the middle between the frames; how it changed tells how it goes on.
+        change = 0.5 * np.hypot(*(velocity - last.velocity)[both].T)
+        velocity_std[both] = np.hypot(noise, change)
+        velocity_std[~both] = velocity_std[both].max()
     steps = np.hypot(*np.diff(pixels, axis=0).T)
     known = steps[np.isfinite(steps)]
     looked = np.where(seen[:, None], row.table, last.table)
@@ -695,6 +705,7 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
         stamp_ns=view.image.stamp_ns,
         pixels=pixels,
         velocity=velocity,
+        velocity_std=velocity_std,
         area=area,
         table=looked,
         seen=seen,
@@ -819,6 +830,25 @@ def is_at_clamp(view: View, points: Array) -> bool:
     allowed = (1.0 + first) * float(arclength[1] - arclength[0])
     off_along = abs(math.hypot(x, y) - float(arclength[first]))
     return off_along <= settings.off_along * allowed and abs(aside) <= settings.off_aside * allowed
+
+
+def at_stamp(view: View, row: ObservedRow, now: TrackedRow) -> ObservedRow:
+    """Return a row as it was at the stamp of its frame, by how it moves.
+
+    A rolling shutter sees each target at a time of its own. One whose motion is not known, as in
+    the first frame that shows it, stays where it was seen.
+    """
+    shutter = view.settings.shutter
+    known = np.isfinite(row.points[:, 0]) & np.isfinite(now.velocity_std)
+    if shutter.is_at_stamp or not known.any():
+        return row
+    seconds = shutter.seconds_after_stamp(row.table[known, V], view.image.height)
+    normalized = view.lens.undistort(row.table[known, :2] - seconds[:, None] * now.velocity[known])
+    points, std = row.points.copy(), row.std.copy()
+    points[known] = view.plane.points(normalized)
+    scale = view.lens.scale(normalized) * view.plane.scale(normalized)
+    std[known] = np.hypot(std[known], np.abs(seconds) * now.velocity_std[known] * scale)
+    return replace(row, points=points, std=std)
 
 
 def target_sightings(view: View, row: ObservedRow) -> TargetSightings:

@@ -38,6 +38,7 @@ from pneunet_ros.vision.rest_plane import (
     UPRIGHT,
 )
 from pneunet_ros.vision.row_tracker import (
+    at_stamp,
     follow_row,
     is_at_clamp,
     ObservedRow,
@@ -294,7 +295,7 @@ class Tracker:
                 return self._unexplained(state, image, found)
             followed = found, start_row(view, found)
         observed, row = followed
-        targets = target_sightings(view, observed)
+        targets = target_sightings(view, at_stamp(view, observed, row))
         curve = None if self.smoother is None else self.smoother.smooth(targets)
         missing = {
             target: Missing(cause, *row.pixels[target].tolist())

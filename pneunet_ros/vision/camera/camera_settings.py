@@ -176,6 +176,38 @@ class AreaLimits:
             )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shutter:
+    """When each row of an image is exposed, from the stamp of the image on."""
+
+    readout: float = quantity(
+        0.0,
+        unit='s',
+        meaning='from the exposure of the first row to that of the last; 0: all at once',
+        bounds=(-0.1, 0.1),
+    )
+    exposure: float = quantity(
+        0.0,
+        unit='s',
+        meaning='the shutter is open, from the stamp on; 0: the stamp is amid the exposure',
+        bounds=(0.0, 0.1),
+    )
+
+    def __post_init__(self) -> None:
+        """Check the times."""
+        check_quantities(self, 'shutter', CameraError)
+
+    @property
+    def is_at_stamp(self) -> bool:
+        """Whether the whole image shows what was there at its stamp."""
+        return self.readout == 0.0 and self.exposure == 0.0
+
+    def seconds_after_stamp(self, v: Array, height: int) -> Array:
+        """Return when places at v (n,) px are seen, s after the stamp: amid their exposure."""
+        after: Array = 0.5 * self.exposure + self.readout * v / max(height - 1, 1)
+        return after
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraSettings:
     """Everything in `config/camera.yaml`: the working plane, and how targets look.
@@ -183,9 +215,10 @@ class CameraSettings:
     plane: how pixels become points of the base frame; polarity: whether targets are bright on a
     dark arm, dark on a pale one, or either, by what shows a row; dot_color: red, green and blue of
     targets that stand out by their color, 0 to 255, None: by their brightness; grey_band, area:
-    which pixels can be targets, and which areas of them; clamp_pixel: where the target next to the
-    clamp is in the image, roughly (u, v) px; None: the left-most end of the row of targets is the
-    clamp. Raises CameraError for values outside their bounds.
+    which pixels can be targets, and which areas of them; shutter: when rows are exposed;
+    clamp_pixel: where the target next to the clamp is in the image, roughly (u, v) px; None: the
+    left-most end of the row of targets is the clamp. Raises CameraError for values outside their
+    bounds.
     """
 
     plane: PlaneMethod = field(default_factory=RestPlane)
@@ -205,6 +238,7 @@ class CameraSettings:
     dot_color: tuple[float, float, float] | None = None
     grey_band: GreyBand = field(default_factory=AdaptiveBand)
     area: AreaLimits = field(default_factory=AreaLimits)
+    shutter: Shutter = field(default_factory=Shutter)
     gate: float = quantity(
         0.4,
         unit='-',
