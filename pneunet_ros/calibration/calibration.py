@@ -15,6 +15,10 @@ from pneunet_ros.calibration.checks.consistency import (
     describe_pressure_noise,
     outlier_recordings,
 )
+from pneunet_ros.calibration.checks.frames_in_motion import (
+    checked_at_rest,
+    FramesInMotion,
+)
 from pneunet_ros.calibration.checks.identifiability import undetermined_quantities
 from pneunet_ros.calibration.checks.left_out_levels import (
     leave_levels_out,
@@ -25,7 +29,7 @@ from pneunet_ros.calibration.checks.nonuniformity import (
     consider_nonuniformity,
     describe_nonuniformity,
 )
-from pneunet_ros.calibration.checks.preconditions import check_runs, describe_clamp
+from pneunet_ros.calibration.checks.preconditions import describe_clamp
 from pneunet_ros.calibration.checks.resolution import Resolution, resolve
 from pneunet_ros.calibration.checks.stiffness_variation import (
     describe_variation,
@@ -60,6 +64,7 @@ class Calibration:
     of the shape's variance that the few columns of the model file's covariance have. notes are
     sentences on what the data could not determine, and on recordings that do not fit the others.
     variation: of the stiffness along the arm, beside the law; None where it was not asked.
+    motion: frames that show the arm in motion, which were left out; None: there are none.
     settings: the numbers by which it was decided.
     """
 
@@ -73,6 +78,7 @@ class Calibration:
     notes: tuple[str, ...]
     variation: StiffnessVariation | None = None
     left_out: LeftOutLevels | None = None
+    motion: FramesInMotion | None = None
     settings: CalibrationSettings = CALIBRATION
 
 
@@ -115,13 +121,19 @@ def calibrate(
         allowed = ', '.join(MOMENT_LAW_PARAMETERS)
         raise RequestError(f'the moment law must be one of {allowed}, not {kind}')
     painted = frame.target_arclength
-    count = len(unloaded)
     frame, runs = with_tip_target(
         frame, [*unloaded, *loaded], always=earlier is not None and earlier.has_tip(painted.size)
     )
-    every = [*(run.without_load() for run in runs[:count]), *runs[count:]]
-    runs = thinned(runs, settings.experiments.most_frames)
-    check_runs(runs[:count], runs[count:], frame, first=earlier is None, settings=settings)
+    unloaded, loaded, motion = checked_at_rest(
+        runs[: len(unloaded)],
+        runs[len(unloaded) :],
+        frame,
+        first=earlier is None,
+        settings=settings,
+    )
+    count = len(unloaded)
+    every = [*(run.without_load() for run in unloaded), *loaded]
+    runs = thinned([*unloaded, *loaded], settings.experiments.most_frames)
     unloaded, loaded = [run.without_load() for run in runs[:count]], runs[count:]
     runs = [*unloaded, *loaded]
     noise = estimate_noise(every, frame.target_arclength, frame.sensors, settings.noise_estimate)
@@ -180,6 +192,7 @@ def calibrate(
         laws=laws,
         explained_variance=explained_variance,
         notes=(
+            *(() if motion is None else (motion.left_out,)),
             *noise.notes,
             *describe_thinning(runs, every),
             *describe_clamp(runs, frame),
@@ -197,6 +210,7 @@ def calibrate(
         ),
         variation=variation,
         left_out=left_out,
+        motion=motion,
         settings=settings,
     )
 

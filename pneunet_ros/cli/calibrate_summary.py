@@ -71,6 +71,7 @@ def numbers_of(calibration: Calibration, files: Files) -> dict[str, Any]:
         if calibration.left_out is None
         else left_out_numbers(calibration.left_out),
         'stiffness_variation': variation_numbers(calibration.variation),
+        'in_motion': None if calibration.motion is None else calibration.motion.summary,
         'covariance_share': calibration.explained_variance,
         'notes': list(calibration.notes),
     }
@@ -112,6 +113,9 @@ def show(
     verdict = summary['verdict']
     console.print(Text(verdict['fit'], style='bold'))
     console.print(Text(verdict['certainty']))
+    motion = calibration.motion
+    if motion is not None:
+        console.print(motion.left_out)
     console.print(target_row(calibration.joint).sentence)
     table = Table(title='Recordings')
     for column in (
@@ -140,7 +144,7 @@ def show(
         for item in summary['laws']:
             table.add_row(item['kind'], f'{millimeters(item["rms"]):.3f}')
         print_table(console, table)
-    for sentence in (*sentences, *summary['notes']):
+    for sentence in (*sentences, *summary['notes'][motion is not None :]):
         console.print(f'note: {sentence}')
     if calibration.arm.domain is not None:
         console.print(f'The model is known for {calibration.arm.domain.words}; beyond, it is not.')

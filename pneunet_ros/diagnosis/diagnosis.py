@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from pneunet_ros.calibration.checks.frames_in_motion import without_motion
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.progress import OnProgress, part_of, say_nothing
 from pneunet_ros.core.units import millimeters
@@ -165,6 +166,7 @@ def investigate(
 ) -> Investigation:
     """Diagnose as `diagnose` does; return the diagnosis with all fits it rests on."""
     model, training, held_out, notes = with_tips(model, training, held_out)
+    training, held_out, notes = at_rest(model, training, held_out, notes)
     base = fit_base(
         model,
         training,
@@ -569,6 +571,24 @@ def notes_on_time(selection: Selection, training: Sequence[RecordingData]) -> tu
     if all(run.static for run in training):
         why = 'frames are static, their stamps mean nothing'
     return (f'{why}: effects with a time in them were not considered ({", ".join(names)})',)
+
+
+def at_rest(
+    model: Arm,
+    training: Sequence[RecordingData],
+    held_out: Sequence[RecordingData],
+    notes: tuple[str, ...],
+) -> tuple[list[RecordingData], list[RecordingData], tuple[str, ...]]:
+    """Return recordings less the frames that show the arm in motion, which a note says first.
+
+    RecordingError where no training recording without a load is left.
+    """
+    kept, motion = without_motion(model, training, held_out)
+    if motion is None:
+        return kept[0], kept[1], notes
+    if all(run.loaded for run in kept[0]) and not all(run.loaded for run in training):
+        raise RecordingError(f'{motion.left_out}. What is left is too little for a diagnosis')
+    return kept[0], kept[1], (motion.left_out, *notes)
 
 
 def with_tips(

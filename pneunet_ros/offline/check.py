@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from pneunet_ros.calibration.checks.frames_in_motion import frames_in_motion
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import kilopascals, seconds_between, seconds_since
 from pneunet_ros.measurement.steady_states import held_spans
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, SENSORS
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.offline.judge import judge_recording, NO_VERDICTS, Verdicts
-from pneunet_ros.offline.uses import UseRequest, uses
+from pneunet_ros.offline.uses import run_reader, UseRequest, uses
 from pneunet_ros.recordings.recorded_series import (
     find_series,
     nearest,
@@ -60,6 +62,12 @@ def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
         verdicts = NO_VERDICTS  # why is among the sentences
     about = doubts(series, request, verdicts)
     sentences = [*about, *sentences] if verdicts.doubted else [*sentences, *about]
+    run = run_reader(recording, request)
+    motion = None
+    with suppress(PneunetError):  # why it is none is said of its uses
+        motion = frames_in_motion([run()], request.arm)
+    if motion is not None:
+        sentences = [f'{motion.sentence}{proposed(request.arm)}', *sentences]
     return {
         'recording': path,
         'seconds': seconds_between(recording.start_ns, recording.end_ns),
@@ -70,9 +78,20 @@ def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
         'ranges': ranges(series),
         'holds': holds(series, request.arm),
         'verdicts': verdicts.summary,
-        'uses': uses(recording, request, verdicts),
+        'uses': uses(recording, request, verdicts, run),
+        'in_motion': None if motion is None else motion.summary,
         'sentences': sentences,
     }
+
+
+def proposed(arm: Arm) -> str:
+    """Return what to record where it is not known how an arm moves."""
+    if arm.motion is not None:
+        return ''
+    return (
+        f', and {arm.name} has no `motion`: record how the arm swings freely (pluck it and let '
+        'go, the pressure at rest, for 20 s) and give it to calibrate --motion'
+    )
 
 
 def topics_of(recording: Recording, series: Mapping[str, ReadingSeries]) -> list[dict[str, Any]]:

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+import functools
 from typing import Any
 
+from pneunet_ros.calibration.checks.frames_in_motion import checked_at_rest
 from pneunet_ros.calibration.checks.preconditions import (
     check_clamp,
-    check_runs,
     check_targets,
     check_units,
     largest_force,
 )
-from pneunet_ros.calibration.settings import CALIBRATION, judging, PRECONDITIONS
+from pneunet_ros.calibration.settings import judging, PRECONDITIONS
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
@@ -22,7 +23,7 @@ from pneunet_ros.diagnosis.diagnosis import with_tips
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.measurement.dataset import RecordingData, thinned
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS, TIP_POSE
 from pneunet_ros.model.arm import Arm
@@ -58,22 +59,28 @@ class UseRequest:
     overrides: Mapping[str, str] = field(default_factory=dict)
 
 
+def run_reader(recording: Recording, request: UseRequest) -> Callable[[], RecordingData]:
+    """Return what reads a recording as a run, once; raises each time where it cannot be read."""
+
+    @functools.cache
+    def read() -> RecordingData:
+        if find_series(recording, TIP_POSE, request.overrides, required=False) is None:
+            find_series(recording, TARGETS, request.overrides)
+        targets = request.arm.target_arclength.size
+        return read_run(recording.path, targets, request.overrides, request.settings)[0]
+
+    return read
+
+
 def uses(
-    recording: Recording, request: UseRequest, verdicts: Verdicts
+    recording: Recording,
+    request: UseRequest,
+    verdicts: Verdicts,
+    reads_as_run: Callable[[], RecordingData],
 ) -> dict[str, dict[str, Any]]:
     """Return for each use whether the recording serves it, and why not or how."""
-    run: list[RecordingData] = []
     settings, overrides = request.settings, request.overrides
     images = {topic.type for topic in recording.topics} & set(IMAGE_TYPES.values())
-
-    def reads_as_run() -> RecordingData:
-        """Read it once; raises each time where it cannot be read."""
-        if not run:
-            if not has(TIP_POSE):
-                find_series(recording, TARGETS, overrides)
-            targets = request.arm.target_arclength.size
-            run.append(read_run(recording.path, targets, overrides, settings)[0])
-        return run[0]
 
     def has(sensor: Sensor[Any]) -> bool:
         return find_series(recording, sensor, overrides, required=False) is not None
@@ -119,8 +126,7 @@ def uses(
         if data.loaded and (force := largest_force(data)) > idle:
             raise RecordingError(f'its end force reaches {force:.3g} N: it is a loaded one')
         declared = settings.pressure if settings.judge_readings else None
-        (few,) = thinned([data], CALIBRATION.experiments.most_frames)
-        check_runs([few], [], arm, settings=judging(declared))
+        checked_at_rest([data], [], arm, settings=judging(declared))
         return by_tip(data)
 
     def calibrates_loaded() -> str:

@@ -1,0 +1,375 @@
+"""Frames that show an arm swing, told from its targets alone: no model of the arm is needed.
+
+After a quick change an arm swings: beside a straight line its targets then follow a vibration that
+dies away. Where this explains them better than a smooth way of as many numbers, or a vibration
+that goes on, its frequency and decay are found, and every frame tells how far the arm is, and
+would swing, beside its equilibrium: as `measurement.moving_arm.is_settled`, without a model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+import itertools
+import math
+from statistics import NormalDist
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.calibration.checks.preconditions import check_runs
+from pneunet_ros.calibration.noise_estimate import RESTS, white_of_targets
+from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings, NOISE_ESTIMATE
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import PneunetError, RecordingError
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY
+from pneunet_ros.measurement.dataset import (
+    IDLE_SENSOR,
+    RecordingData,
+    SIGMA_OF_MEDIAN,
+    thinned,
+)
+from pneunet_ros.measurement.moving_arm import WITHIN_95
+from pneunet_ros.model.arm import Arm
+
+Flags = npt.NDArray[np.bool_]
+Columns = Callable[[Array], Array]  # times (windows, frames) s -> (windows, frames, NUMBERS)
+
+WAYS = 2  # shapes in which targets move: the tip goes along a curve
+NUMBERS = 4  # of a vibration about a line, and of each smooth way
+FEWEST = NUMBERS + 3  # frames in a window
+PERIODS = 1.5  # in a window in which a vibration is sought: no cubic follows so much of one
+FREQUENCIES = 48  # that are tried
+RATIOS = (0.02, 0.05, 0.1, 0.2)  # of damping to the critical one, that are tried
+# Stiffness of the softest arm, of that (alpha) where a search for it begins: such an arm would
+# bend under its own weight, in the plane, by 25 times its length if it stayed linear.
+SOFTEST = 0.1
+CANTILEVER = 3.516  # frequency of its first mode, of sqrt(B / (m l^3))
+# Of two decays, in windows: of an arm that creeps, or follows its pressure late.
+DECAYS = ((0.05, 0.2), (0.1, 0.4), (0.2, 0.8), (0.4, 1.6))
+MOST_WINDOWS = 500  # of a recording in which a vibration is sought, or that are fitted at once
+GAIN_STD = 2.0  # of a window by white noise: half the difference of two chi^2 of 2 x WAYS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vibration:
+    """A vibration: frequency (rad/s) as seen, and rate (1/s) of its decay."""
+
+    frequency: float
+    rate: float
+
+    def columns(self, time: Array) -> Array:
+        """Return a line, and both phases of the vibration."""
+        decay, turn = np.exp(-self.rate * time), self.frequency * time
+        return np.stack([np.ones_like(time), turn, decay * np.cos(turn), decay * np.sin(turn)], -1)
+
+    @property
+    def period(self) -> float:
+        """Time (s) of a swing."""
+        return 2.0 * math.pi / self.frequency
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FramesInMotion:
+    """Which frames of which recordings show the arm in motion, and how it swings.
+
+    moving: per recording (frames,).
+    """
+
+    moving: tuple[Flags, ...]
+    vibration: Vibration
+
+    @property
+    def count(self) -> int:
+        """How many frames show the arm in motion."""
+        return sum(int(np.count_nonzero(flags)) for flags in self.moving)
+
+    @property
+    def frames(self) -> int:
+        """How many frames there are."""
+        return sum(len(flags) for flags in self.moving)
+
+    @property
+    def hertz(self) -> float:
+        """How often (Hz) the arm swings."""
+        return 1.0 / self.vibration.period
+
+    @property
+    def decay_time(self) -> float:
+        """Time (s) in which the amplitude falls to 1/e."""
+        return 1.0 / self.vibration.rate
+
+    @property
+    def sentence(self) -> str:
+        """What was found, in words."""
+        return (
+            f'{self.count} of {self.frames} frames show the arm in motion '
+            f'({self.hertz:.2g} Hz, decays in {self.decay_time:.2g} s)'
+        )
+
+    @property
+    def summary(self) -> dict[str, float]:
+        """The numbers of it, for programs."""
+        names = ('frames', 'count', 'hertz', 'decay_time')
+        return {name: getattr(self, name) for name in names}
+
+    @property
+    def left_out(self) -> str:
+        """The same of an arm whose statics are asked, and what to do about it."""
+        return (
+            f'{self.sentence}, and are left out: statics are asked of an arm at rest. Change '
+            'pressure and load slowly, or wait; what swings tells mass and damping, by '
+            'calibrate --motion'
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Course:
+    """How the targets of a recording move.
+
+    frame, time (s) and way (m), (n,), (n,) and (n, WAYS): in each way the targets move by a unit
+    vector, of which tip (WAYS, 2) is the part of the last one. drives (n, any): pressure and load,
+    over the noise of each: what moves the arm.
+    """
+
+    frame: npt.NDArray[np.int64]
+    time: Array
+    way: Array
+    tip: Array
+    drives: Array
+
+    @property
+    def period(self) -> float:
+        """Time (s) from frame to frame."""
+        return float(np.median(np.diff(self.time)))
+
+    def windows(self, seconds: float) -> npt.NDArray[np.int64]:
+        """Return the frames (windows, frames) of every window so long that has no gap."""
+        frames = max(FEWEST, round(seconds / self.period) + 1)
+        places = np.arange(max(self.time.size - frames + 1, 0))[:, None] + np.arange(frames)
+        spans = self.time[places[:, -1]] - self.time[places[:, 0]]
+        return np.asarray(places[spans < (frames - 0.5) * self.period])
+
+
+def frames_in_motion(runs: Sequence[RecordingData], arm: Arm) -> FramesInMotion | None:
+    """Return which frames show an arm in motion; None where no recording shows it swing.
+
+    A recording whose stamps mean nothing shows nothing of the kind. Of the arm only the length
+    counts: it says how slowly a soft arm may swing at most.
+    """
+    slowest = slowest_period(arm.length)
+    courses = [course_of(run) for run in runs]
+    common = vibration_of([course for course in courses if course is not None], slowest)
+    if common is None:
+        return None
+    noise = white_of_targets([run for run in runs if not run.static], NOISE_ESTIMATE) or 0.0
+    moving = [np.zeros(len(run.stamp_ns), np.bool_) for run in runs]
+    for flags, course in zip(moving, courses, strict=True):
+        if course is not None:  # a load changes how it swings
+            own = vibration_of([course], slowest) or common
+            flags[course.frame] = ~at_rest(course, own, noise)
+    if not any(flags.any() for flags in moving):
+        return None
+    return FramesInMotion(moving=tuple(moving), vibration=common)
+
+
+def without_motion(
+    arm: Arm, *groups: Sequence[RecordingData]
+) -> tuple[list[list[RecordingData]], FramesInMotion | None]:
+    """Return groups of recordings less the frames that show the arm in motion, and these.
+
+    A recording in which the arm never rests is left out.
+    """
+    found = frames_in_motion(list(itertools.chain(*groups)), arm)
+    if found is None:
+        return [[*group] for group in groups], None
+    moving = iter(found.moving)
+    resting = [[(run, np.flatnonzero(~next(moving))) for run in group] for group in groups]
+    return [[run.subset(kept) for run, kept in group if kept.size] for group in resting], found
+
+
+def checked_at_rest(
+    unloaded: Sequence[RecordingData],
+    loaded: Sequence[RecordingData],
+    arm: Arm,
+    *,
+    first: bool = True,
+    settings: CalibrationSettings = CALIBRATION,
+) -> tuple[list[RecordingData], list[RecordingData], FramesInMotion | None]:
+    """Return recordings less the frames in motion, checked as by `check_runs`.
+
+    What these checks say of an arm that moves is not said of it.
+    """
+
+    def check(free: Sequence[RecordingData], pulled: Sequence[RecordingData]) -> None:
+        few = thinned([*free, *pulled], settings.experiments.most_frames)
+        check_runs(few[: len(free)], few[len(free) :], arm, first=first, settings=settings)
+
+    kept, motion = without_motion(arm, unloaded, loaded)
+    try:
+        check(*kept)
+    except PneunetError as error:
+        if motion is None:
+            raise
+        check(unloaded, loaded)
+        raise RecordingError(
+            f'{motion.left_out}. What is left is too little for a calibration'
+        ) from error
+    return kept[0], kept[1], motion
+
+
+def course_of(run: RecordingData) -> Course | None:
+    """Return how the targets of a recording move; None where it is too short to tell."""
+    often = run.seen.mean(axis=0) > 0.5
+    if run.static or not often.any():
+        return None
+    points = run.points[:, :, often].reshape(len(run.stamp_ns), -1)
+    known = np.isfinite(points).mean(axis=1) > 0.5
+    if np.count_nonzero(known) < 2 * FEWEST:
+        return None
+    beside = points[known] - np.nanmedian(points, axis=0)
+    ways = np.linalg.svd(np.nan_to_num(np.diff(beside, axis=0)), full_matrices=False)[2][:WAYS]
+    way = np.nan_to_num(beside) @ ways.T
+    for frame in np.flatnonzero(~np.isfinite(beside).all(axis=1)):
+        seen = np.isfinite(beside[frame])
+        way[frame], *_ = np.linalg.lstsq(ways[:, seen].T, beside[frame, seen], rcond=None)
+    drives = [run.frame_pressure, *(run.load.T if run.loaded and not run.load_known else ())]
+    return Course(
+        frame=np.flatnonzero(known),
+        time=freeze((run.instants[known] - run.instants[0]) / NANOSECONDS_PER_SECOND),
+        way=freeze(way),
+        tip=freeze(ways.reshape(WAYS, 2, -1)[:, :, -1]),
+        drives=freeze(np.column_stack([over_noise(values[known]) for values in drives])),
+    )
+
+
+def over_noise(values: Array) -> Array:
+    """Return readings (n,) in units of their white noise; a step where they hardly ever change."""
+    changes = np.abs(np.diff(values))
+    noise = SIGMA_OF_MEDIAN * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6.0)
+    if noise == 0.0:
+        noise = float(np.min(changes, where=changes > 0.0, initial=np.inf))
+    return np.asarray((values - values[0]) / noise)
+
+
+def slowest_period(length: float) -> float:
+    """Return the longest time (s) in which an arm of this length (m) swings; mass cancels."""
+    alpha = SOFTEST * CALIBRATION.experiments.first_stiffness
+    return 2.0 * math.pi / (CANTILEVER * math.sqrt(alpha * STANDARD_GRAVITY / length))
+
+
+def vibration_of(courses: Sequence[Course], slowest: float) -> Vibration | None:
+    """Return the vibration that courses show; None where smooth ways explain them as well.
+
+    slowest (s): the longest period of a swing.
+    """
+    if not courses:
+        return None
+    shortest = (FEWEST - 1) * max(course.period for course in courses)
+    longest = min(0.5 * max(float(course.time[-1]) for course in courses), PERIODS * slowest)
+    if longest <= shortest:
+        return None
+    tried = [
+        Vibration(frequency=2.0 * math.pi * PERIODS / seconds, rate=ratio / seconds)
+        for seconds in np.geomspace(shortest, longest, FREQUENCIES).tolist()
+        for ratio in (2.0 * math.pi * PERIODS * ratio for ratio in RATIOS)
+    ]
+    evidence = [gain_of(courses, one, PERIODS * one.period) for one in tried]
+    (gain, windows), best = max(zip(evidence, tried, strict=True), key=lambda pair: pair[0][0])
+    by_noise = -NormalDist().inv_cdf(IDLE_SENSOR.chance / len(tried)) * GAIN_STD
+    if not gain > by_noise * math.sqrt(windows):
+        return None
+    found = refined(courses, best)
+    return found if found.rate <= RATIOS[-1] * found.frequency else None
+
+
+def refined(courses: Sequence[Course], first: Vibration) -> Vibration:
+    """Return the vibration near another one that explains the same windows best."""
+    from scipy.optimize import minimize  # slow to import, and few arms swing
+
+    def vibration(numbers: Array) -> Vibration:
+        frequency, rate = np.exp(numbers).tolist()
+        return Vibration(frequency=frequency, rate=rate)
+
+    start, seconds = np.log([first.frequency, first.rate]), PERIODS * first.period
+    found = minimize(
+        lambda numbers: -gain_of(courses, vibration(numbers), seconds)[0],
+        start,
+        method='Nelder-Mead',
+        options={'initial_simplex': start + np.array([[0.0, 0.0], [0.05, 0.0], [0.0, 0.5]])},
+    )
+    return vibration(found.x)
+
+
+def gain_of(courses: Sequence[Course], vibration: Vibration, seconds: float) -> tuple[float, int]:
+    """Return by how much a vibration explains courses better than all else does.
+
+    The gain is that of the log likelihood in all windows, each so many seconds long and with noise
+    of its own, in which pressure and load follow straight lines; returns their number, too.
+    """
+    driven = replace(vibration, rate=0.0)  # what goes on as long as it likes is driven
+    ways: tuple[Columns, ...] = (vibration.columns, driven.columns, *smooth_ways(seconds))
+    gains, windows = np.zeros(len(ways)), 0
+    for course in courses:
+        places = course.windows(seconds)
+        if not len(places):
+            continue
+        places = places[:: max(places.shape[1] // 2, len(places) // MOST_WINDOWS, 1)]
+        time = course.time[places] - course.time[places[:, :1]]
+        line = np.stack([np.ones_like(time), time / seconds], axis=-1)
+        beside = np.sqrt(np.mean(left_of(line, course.drives[places]) ** 2, axis=1))
+        straight = (beside <= WITHIN_95).all(axis=1)
+        time, way = time[straight], course.way[places[straight]]
+        left = [np.sum(left_of(columns(time), way) ** 2, axis=(1, 2)) for columns in ways]
+        tiny = np.finfo(float).tiny
+        freedom = WAYS * (places.shape[1] - NUMBERS)
+        gains += [0.5 * freedom * np.sum(np.log((one + tiny) / (left[0] + tiny))) for one in left]
+        windows += len(time)
+    return float(gains[1:].min()), windows
+
+
+def smooth_ways(seconds: float) -> list[Columns]:
+    """Return ways of as many numbers without a vibration: a cubic, and pairs of decays."""
+
+    def cubic(time: Array) -> Array:
+        return np.asarray((time / seconds)[..., None] ** np.arange(NUMBERS))
+
+    def decaying(pair: tuple[float, float]) -> Columns:
+        rates = np.array(pair) * seconds
+        return lambda time: np.concatenate(
+            [cubic(time)[..., :2], np.exp(-time[..., None] / rates)], axis=-1
+        )
+
+    return [cubic, *map(decaying, DECAYS)]
+
+
+def left_of(columns: Array, values: Array) -> Array:
+    """Return what columns (windows, n, any) leave of values (windows, n, any)."""
+    basis, _ = np.linalg.qr(columns)
+    return np.asarray(values - basis @ (basis.transpose(0, 2, 1) @ values))
+
+
+def at_rest(course: Course, vibration: Vibration, noise: float) -> Flags:
+    """Return in which of its frames (n,) the arm rests: it is, and would stay, in equilibrium.
+
+    One window of a period, before, about or after a frame, must say so: the vibration in it is
+    small beside the noise (m) of a target, all else is noise, and pressure and load have not just
+    begun to change.
+    """
+    rest = np.zeros(course.time.size, np.bool_)
+    judged = rest.copy()
+    windows = course.windows(vibration.period)
+    for first in range(0, len(windows), MOST_WINDOWS):
+        places = windows[first : first + MOST_WINDOWS]
+        time = course.time[places] - course.time[places[:, :1]]
+        columns, way = vibration.columns(time), course.way[places]
+        numbers = np.linalg.pinv(columns) @ way
+        left = np.mean((way - columns @ numbers) ** 2, axis=(1, 2))
+        freedom = 1.0 - NUMBERS / places.shape[1]
+        begun = np.abs(left_of(columns[..., :2], course.drives[places])).max(axis=2) > RESTS
+        swing = np.sum((numbers[:, 2:] @ course.tip) ** 2, axis=(1, 2))
+        for place in (0, places.shape[1] // 2, places.shape[1] - 1):
+            far = swing * np.exp(-2.0 * vibration.rate * time[:, place])
+            small = (far <= 2.0 * (WITHIN_95 * noise) ** 2) & ~begun[:, place]
+            rest[places[:, place]] |= small & (left <= freedom * (WITHIN_95 * noise) ** 2)
+            judged[places[:, place]] = True
+    return np.asarray(rest | ~judged)

@@ -1,0 +1,141 @@
+"""Frames that show an arm swing are left out where statics are asked, and named; no others are."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+import math
+
+import numpy as np
+from pneunet_ros import load_model
+from pneunet_ros.calibration.calibration import calibrate
+from pneunet_ros.calibration.checks.frames_in_motion import (
+    frames_in_motion,
+    slowest_period,
+    without_motion,
+)
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.share import share_path
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.lab.motion import LabMotion
+from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.equilibrium import solve
+from pneunet_ros.model.vibration import vibration
+from pneunet_ros.offline.check import check_recording
+from pneunet_ros.offline.uses import UseRequest
+from pneunet_ros.recordings.lab_files import write_lab
+import pytest
+from support.lab_run import run_of, true_model
+
+PLUCKS = {'push': {'force': 0.03, 'place': 0.9, 'begins': 3.0, 'ends': 3.6, 'every': 9.0}}
+SECONDS = {'unloaded_ramp': 45.0, 'unloaded_staircase': 45.0, 'dead_weights': 60.0}
+
+
+def recording_of(name: str, motion: LabMotion | None, effects: dict, ramp: float = 0.1):
+    """Return a recording of the virtual lab, with quick steps."""
+    scenario = load_scenario(share_path(f'scenarios/{name}.yaml'))
+    protocol = dataclasses.replace(scenario.protocol, duration=SECONDS.get(name, 60.0))
+    if name != 'unloaded_ramp':
+        protocol = dataclasses.replace(protocol, ramp=ramp)
+    changed = dataclasses.replace(scenario, protocol=protocol, motion=motion)
+    return simulate(changed.with_effects(effects))
+
+
+@cache
+def swinging() -> tuple[dict[str, RecordingData], Arm]:
+    """Return an unloaded ramp with plucks, quick steps without and with weights, and the truth."""
+    pytest.importorskip('mujoco', reason="needs MuJoCo: pip install '.[mujoco]'")
+    made = {
+        name: recording_of(name, LabMotion(), PLUCKS if name == 'unloaded_ramp' else {})
+        for name in SECONDS
+    }
+    truth = true_model(dataclasses.replace(made['dead_weights'].scenario, effects=()))
+    return {name: run_of(one) for name, one in made.items()}, truth
+
+
+def rigidity(arm: Arm) -> np.ndarray:
+    """Return EI (N m^2) at the pressures that were recorded under load."""
+    return arm.moment_law.sections(np.array([10e3, 30e3, 50e3]), arm.length, arm.weight)[:, :, 1]
+
+
+def test_what_swings_is_named_by_its_frequency_and_decay():
+    runs, truth = swinging()
+    found = frames_in_motion(list(runs.values()), truth)
+    modes = vibration(truth, solve(truth, 0.5 * truth.pressure_range[1]))
+    assert found.hertz == pytest.approx(modes.hertz, rel=0.15)  # it goes with the pressure
+    rate = 0.5 * LabMotion().damping_time * (2.0 * math.pi * found.hertz) ** 2
+    assert 1.0 / found.decay_time == pytest.approx(rate, rel=0.2)
+    assert found.frames == sum(len(run.stamp_ns) for run in runs.values())
+    assert 0.3 * found.frames < found.count < 0.9 * found.frames
+    assert found.sentence.startswith(f'{found.count} of {found.frames} frames')
+
+
+def test_the_rest_of_it_gives_the_stiffness_and_no_advice():
+    runs, truth = swinging()
+    unloaded = [runs['unloaded_ramp'], runs['unloaded_staircase']]
+    frame = load_model(share_path('config/paper_arm.yaml'))
+    frame = dataclasses.replace(frame, target_arclength=truth.target_arclength)
+    found = calibrate(unloaded, [runs['dead_weights']], frame, compare=False)
+    assert found.joint.converged
+    assert rigidity(found.arm) == pytest.approx(rigidity(truth), rel=0.01)
+    assert found.motion is not None
+    assert found.notes[0] == found.motion.left_out
+    assert not any('clock' in note or 'sign' in note for note in found.notes[1:])
+
+
+def test_recordings_that_only_swing_are_named_and_nothing_else_is():
+    runs, truth = swinging()
+    staircase = runs['unloaded_staircase']
+    moving = frames_in_motion([staircase], truth).moving[0]
+    only = staircase.subset(np.flatnonzero(moving))
+    with pytest.raises(RecordingError, match=r'show the arm in motion.*too little'):
+        calibrate([only], [], truth, compare=False)
+
+
+def test_check_says_it_first_and_proposes_a_free_decay(tmp_path):
+    pytest.importorskip('mujoco', reason="needs MuJoCo: pip install '.[mujoco]'")
+    made = recording_of('unloaded_ramp', LabMotion(), PLUCKS)
+    path = tmp_path / 'plucked.mcap'
+    write_lab(made, path, overwrite=False, on_progress=lambda: None)
+    truth = true_model(dataclasses.replace(made.scenario, effects=()))
+    found = check_recording(path, UseRequest(arm=truth))
+    assert found['in_motion']['count'] > 0
+    assert found['in_motion']['hertz'] == pytest.approx(1.2, rel=0.1)
+    assert 'in motion' in found['sentences'][0] and '--motion' in found['sentences'][0]
+    assert found['uses']['calibrate unloaded']['usable']
+
+
+@pytest.mark.parametrize(
+    'effects',
+    [
+        {},
+        {'pressure_lag': {'time_constant': 0.3}},
+        {'creep': {'amplitude': 0.1, 'time_constant': 8.0}},
+        {'periodic_disturbance': {'amplitude': 0.05, 'period': 1.3}},
+        {'slipping_base': {'slip_x': 0.002, 'slip_y': 0.001}},
+        {'push': {'force': 0.03, 'begins': 5.0, 'ends': 9.0, 'every': 12.0, 'ramp': 0.1}},
+    ],
+)
+def test_what_has_no_mass_is_not_in_motion(effects):
+    names = ('unloaded_ramp', 'unloaded_staircase', 'dead_weights', 'random_mix')
+    made = [recording_of(name, None, effects, ramp=0.6) for name in names]
+    runs, arm = (
+        [run_of(one) for one in made],
+        true_model(dataclasses.replace(made[0].scenario, effects=())),
+    )
+    assert frames_in_motion(runs, arm) is None
+    kept, motion = without_motion(arm, runs)
+    assert motion is None and all(one is two for one, two in zip(kept[0], runs, strict=True))
+
+
+def test_without_stamps_nothing_is_in_motion():
+    runs, truth = swinging()
+    static = [dataclasses.replace(run, static=True) for run in runs.values()]
+    assert frames_in_motion(static, truth) is None
+
+
+def test_mass_cancels_in_how_slowly_an_arm_swings():
+    assert slowest_period(0.112) == pytest.approx(2.0 * slowest_period(0.028))
+    assert 1.0 / slowest_period(0.112) < 0.5
