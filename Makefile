@@ -4,6 +4,7 @@
 #   ARGS=...            more arguments for pytest or the demo, e.g. make test ARGS='-k solver -x'
 PYTHON ?= python3
 VENV ?= .venv
+DEMO := $(VENV)-demo
 OLDEST := $(VENV)-oldest
 COLCON := $(VENV)-colcon
 ARGS ?=
@@ -39,8 +40,12 @@ setup: $(VENV)/kernels ## for contributors: .venv with all that running, testing
 	@echo 'next: make quick (tests of a minute), make check (style, types, rooms), make help (all targets)'
 
 .PHONY: demo
-demo: $(VENV)/run ## the first minute: the arm of the paper, replayed; sets up what it needs
-	$(VENV)/bin/pneunet demo --overwrite $(ARGS)
+demo: $(DEMO)/run ## the first minute: the arm of the paper, replayed; sets up what it needs
+	@PYTHONPATH=. $(DEMO)/bin/python -m pneunet_ros.cli demo --overwrite $(ARGS)
+
+.PHONY: install
+install: $(VENV)/run ## .venv with the command pneunet, for recordings and films, without ROS
+	@echo 'next: source $(VENV)/bin/activate, then pneunet --help'
 
 .PHONY: live
 live: $(VENV)/all ## the whole stack without hardware, until Ctrl-C or for LIVE_SECONDS=20
@@ -99,7 +104,7 @@ docs: $(VENV)/all ## the pages as a site: build/docs/index.html
 
 .PHONY: clean
 clean: ## remove all that was made here
-	rm -rf $(VENV) $(OLDEST) $(COLCON) build install log dist demo *.egg-info docs/generated docs/index.md .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(DEMO) $(OLDEST) $(COLCON) build install log dist demo *.egg-info docs/generated docs/index.md .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find pneunet_ros test bench acceptance examples launch -name __pycache__ -prune -exec rm -rf {} +
 
 # One environment for one version of Python.
@@ -107,6 +112,12 @@ clean: ## remove all that was made here
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or later is needed: make PYTHON=python3.12 ...")'
 	@rm -rf $*
 	@$(PYTHON) -m venv $*
+	@touch $@
+
+# What the demo needs and no more: the list READINGS of setup.py, and the clone as it is.
+$(DEMO)/run: $(DEMO)/python-$(VERSION) setup.py
+	@echo 'setting up $(DEMO), once: the libraries that the demo needs, less than a minute'
+	@$(DEMO)/bin/python $(PIP) $$(sed -n "/^READINGS = /,/^]/s/^ *'\(.*\)',/\1/p" setup.py)
 	@touch $@
 
 $(VENV)/run: $(VENV)/python-$(VERSION) setup.py

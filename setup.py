@@ -47,6 +47,19 @@ def long_description():
     return re.sub(r'\[([^]]+)\]\((?!https?:)[^)]*\)', r'\1', text)
 
 
+# What `make demo` installs and runs with; it and readings need no OpenCV.
+READINGS = [
+    'lz4>=4.0',
+    'matplotlib>=3.6',
+    'mcap>=1.2',
+    'numba>=0.58',
+    'numpy>=1.26',
+    'rich>=13',
+    'rosbags>=0.11.7',
+    'ruamel.yaml>=0.17',
+    'scipy>=1.11',
+    'zstandard>=0.22',
+]
 CLUSTER = ['distributed>=2024.2']
 MUJOCO = ['mujoco>=3.13']  # the first with the integrator `discrete`
 TEST = [
@@ -90,20 +103,7 @@ setup(
     package_data={PACKAGE: ['py.typed', '__init__.pyi', 'reports/templates/*']},
     data_files=list(shipped_files()),
     python_requires='>=3.11',
-    install_requires=[
-        'jinja2>=3.1',
-        'lz4>=4.0',
-        'matplotlib>=3.6',
-        'mcap>=1.2',
-        'numba>=0.58',
-        'numpy>=1.26',
-        'opencv-python-headless>=4.6',
-        'rich>=13',
-        'rosbags>=0.11.7',
-        'ruamel.yaml>=0.17',
-        'scipy>=1.11',
-        'zstandard>=0.22',
-    ],
+    install_requires=[*READINGS, 'jinja2>=3.1', 'opencv-python-headless>=4.6'],
     extras_require={
         'ros': [
             f'ros-jazzy-rclpy; {WHEELS}',

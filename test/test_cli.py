@@ -28,7 +28,7 @@ from pneunet_ros.files.model_file import save_model
 from pneunet_ros.messages.builders import POINTS_TYPE
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.readings import PRESSURE_TYPE, targets_message, WRENCH_TYPE
-from pneunet_ros.messages.tracker import TARGET_POINT
+from pneunet_ros.messages.targets import TARGET_POINT
 from pneunet_ros.model.domain_position import LOAD_BEYOND
 from pneunet_ros.model.equilibrium import tip_jacobian
 from pneunet_ros.model.uncertainty import ModelCovariance

@@ -12,6 +12,7 @@ from pneunet_ros.core.errors import CameraError, MessageError
 from pneunet_ros.core.image import ENCODINGS, Image
 from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
 from pneunet_ros.messages.builders import IMAGE_TYPE
+from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
 from pneunet_ros.messages.readings import (
     decode_pressure,
     decode_targets,
@@ -19,7 +20,6 @@ from pneunet_ros.messages.readings import (
     targets_message,
 )
 from pneunet_ros.messages.tracker import (
-    COMPRESSED_TYPE,
     decode_camera_info,
     decode_compressed_image,
     decode_image,

@@ -10,11 +10,12 @@ from xml.etree import ElementTree
 
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.messages.builders import IMAGE_TYPE
+from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
 from pneunet_ros.messages.estimate import OUTPUTS, SHAPE_POINT
 from pneunet_ros.messages.fusion import FUSION_OUTPUTS
 from pneunet_ros.messages.markers import markers_output, transform_output
 from pneunet_ros.messages.readings import SENSORS
-from pneunet_ros.messages.tracker import COMPRESSED_TYPE, TRACKER_INPUTS, TRACKER_OUTPUTS
+from pneunet_ros.messages.tracker import TRACKER_INPUTS, TRACKER_OUTPUTS
 from pneunet_ros.recordings.lab_files import NAMESPACE
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 import pytest

@@ -292,3 +292,20 @@ def test_pip_install_gives_commands_and_files(tmp_path, foreign_environment):
     assert 'demo' in installed_command(place / 'bin/pneunet', '--help', **run)
     assert (place / 'bin/pneunet-estimator').is_file()
     assert (place / 'bin/pneunet-tracker').is_file()
+
+
+def test_the_demo_imports_no_more_than_its_small_environment_has(tmp_path):
+    text = (CHECKOUT / 'setup.py').read_text()
+    listed = text.partition('READINGS = [')[2].partition(']')[0]
+    assert 'opencv' not in listed
+    assert '[*READINGS, ' in text
+    program = (
+        'import sys\n'
+        'from pneunet_ros.cli.main import main\n'
+        f"assert main(['demo', '--output', {str(tmp_path / 'demo')!r}]) == 0\n"
+        "print(*{name.partition('.')[0] for name in sys.modules})\n"
+    )
+    found = subprocess.run(
+        [sys.executable, '-c', program], capture_output=True, text=True, check=True, cwd=CHECKOUT
+    )
+    assert not {'cv2', 'jinja2', 'sklearn', 'mujoco'} & set(found.stdout.split())

@@ -14,17 +14,16 @@ from pneunet_ros.core.errors import CameraError, MessageError, PneunetError
 from pneunet_ros.core.image import Image, LARGEST_SIDE
 from pneunet_ros.messages import builders
 from pneunet_ros.messages.builders import CURVATURE_ROWS, IMAGE_TYPE
-from pneunet_ros.messages.compressed_image import LARGEST_AREA
+from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE, LARGEST_AREA
 from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.messages.targets import TARGETS_OUTPUT
 from pneunet_ros.messages.tracker import (
     CAMERA_INFO_TYPE,
-    COMPRESSED_TYPE,
     CURVES,
     decode_camera_info,
     decode_compressed_image,
     decode_image,
     outputs_of,
-    TARGETS_OUTPUT,
     TRACKER_INPUTS,
     TRACKER_OUTPUTS,
 )

@@ -19,15 +19,15 @@ from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.messages.builders import IMAGE_TYPE
+from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
 from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.messages.targets import TARGET_POINT
 from pneunet_ros.messages.tracker import (
     CAMERA_INFO_TYPE,
-    COMPRESSED_TYPE,
     decode_camera_info,
     decode_compressed_image,
     decode_image,
     outputs_of,
-    TARGET_POINT,
 )
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.vision.camera.camera_settings import (

@@ -124,7 +124,6 @@ VERBS = (
         "replay the loads of the paper's Table 1: the first minute",
         'pneunet_ros.cli.verbs.demo',
         'pneunet demo',
-        'meanwhile',
     ),
     Verb(
         'predict',

@@ -1,4 +1,7 @@
-"""A camera image as it came: bytes with a layout, and how bright a pixel of it is."""
+"""A camera image as it came: bytes with a layout, and how bright a pixel of it is.
+
+Every reading's message is known beside this one, so OpenCV is imported where a pixel is touched.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,6 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.errors import MessageError
@@ -38,9 +40,11 @@ def _channel(number: int) -> Callable[[Levels], Levels]:
 
 def _converted(name: str) -> Callable[[Levels], Levels]:
     """Return what converts pixels by a code of OpenCV, that of `cv2.COLOR_` and this name."""
-    code = getattr(cv2, f'COLOR_{name}')
 
     def convert(pixels: Levels) -> Levels:
+        import cv2
+
+        code = getattr(cv2, f'COLOR_{name}')
         whole: Any = np.ascontiguousarray(pixels[:, :, 0] if pixels.shape[2] == 1 else pixels)
         converted: Any = cv2.cvtColor(whole, code)
         levels: Levels = converted
@@ -73,14 +77,15 @@ def _layouts() -> dict[str, Layout]:
     return table
 
 
-TO_LAB = cv2.COLOR_BGR2LAB
 ENCODINGS = MappingProxyType(_layouts())
 
 
 def lab_color(color: tuple[float, float, float]) -> tuple[tuple[float, ...], float]:
     """Return a color (red, green, blue; 0 to 255) in OpenCV's 8-bit L*a*b*, and its chroma."""
+    import cv2
+
     pixel = np.asarray([[color[::-1]]], np.uint8)
-    own = tuple(float(value) for value in np.asarray(cv2.cvtColor(pixel, TO_LAB))[0, 0])
+    own = tuple(float(value) for value in np.asarray(cv2.cvtColor(pixel, cv2.COLOR_BGR2LAB))[0, 0])
     return own, float(np.hypot(own[1] - 128.0, own[2] - 128.0))
 
 
@@ -176,7 +181,10 @@ class Image:
         convert = ENCODINGS[self.encoding].bgr
         if convert is None:
             raise MessageError(f'an image with the encoding {self.encoding} has no colors')
-        lab = cv2.cvtColor(np.ascontiguousarray(eight_bits(convert(self._pixels()))), TO_LAB)
+        import cv2
+
+        pixels = np.ascontiguousarray(eight_bits(convert(self._pixels())))
+        lab = cv2.cvtColor(pixels, cv2.COLOR_BGR2LAB)
         own, far = lab_color(color)
         levels = np.arange(256.0)
         square: Any = 0.0
@@ -189,6 +197,8 @@ class Image:
 
     def inverted(self) -> Image:
         """Return the image in grey, with dark and bright exchanged."""
+        import cv2
+
         dark = np.asarray(cv2.bitwise_not(np.ascontiguousarray(self.grey())), np.uint8)
         return replace(
             self, encoding='mono8', step=self.width, data=dark.reshape(-1), big_endian=False

@@ -14,10 +14,10 @@ import struct
 import tempfile
 from typing import Any
 
-import cv2
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.image import Bytes, eight_bits, LARGEST_SIDE
 
+COMPRESSED_TYPE = 'sensor_msgs/msg/CompressedImage'
 LARGEST_AREA = 64_000_000  # px; 64 MB of grey levels
 POSSIBLE = 'possible are jpeg with 8 bits per channel and png'
 
@@ -27,8 +27,6 @@ PNG, PNG_END = b'\x89PNG\r\n\x1a\n', b'\0\0\0\0IEND\xaeB`\x82'
 FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 BARE, SCAN = frozenset({0x01, *range(0xD0, 0xD8)}), 0xDA
 
-# Grey as it was stored: a turn that a camera app noted in the file is not in camera_info either.
-_FLAGS = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 _BY_DECODERS = re.compile(
     rb'(?m)^.*(?:JPEG|JFIF|SOS|progression|Adobe|libpng|grfmt_|loadsave|imdecode_).*\n*'
 )
@@ -64,8 +62,7 @@ def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
         )
     if not is_complete:
         raise MessageError(f'a {kind} is cut off after {data.size} bytes')
-    flags = _FLAGS | (cv2.IMREAD_COLOR if colored else 0)
-    pixels, complaint = decode_heard(data, flags)
+    pixels, complaint = decode_heard(data, colored=colored)
     damage = _DAMAGE.search(complaint)
     if damage:
         raise MessageError(f'a {kind} is damaged: {damage.group().decode(errors="replace")}')
@@ -74,11 +71,16 @@ def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
     return eight_bits(pixels)
 
 
-def decode_heard(data: Bytes, flags: int) -> tuple[Any, bytes]:
+def decode_heard(data: Bytes, *, colored: bool) -> tuple[Any, bytes]:
     """Return what OpenCV makes of an image file, None where nothing, and what its decoders said.
 
-    Nothing of the latter is printed.
+    Nothing of the latter is printed. As it was stored: a turn that a camera app noted in the file
+    is not in camera_info either.
     """
+    import cv2  # readings have no use for it
+
+    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    flags |= cv2.IMREAD_COLOR if colored else 0
     with tempfile.TemporaryFile() as complaints:
         with _stderr_into(complaints.fileno()):
             try:

@@ -37,7 +37,7 @@ from pneunet_ros.messages.builders import (
     UNFIT,
 )
 from pneunet_ros.messages.point_cloud import cloud_points
-from pneunet_ros.messages.tracker import TARGETS_OUTPUT
+from pneunet_ros.messages.targets import TARGETS_OUTPUT
 
 PRESSURE_TYPE = 'sensor_msgs/msg/FluidPressure'
 WRENCH_TYPE = 'geometry_msgs/msg/WrenchStamped'

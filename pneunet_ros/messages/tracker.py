@@ -11,11 +11,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.image import Bytes, Image
-from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.lab.pictures.lens import Camera
 from pneunet_ros.messages.builders import (
     ARRAY_TYPE,
@@ -28,29 +26,16 @@ from pneunet_ros.messages.builders import (
     Output,
     path,
     PATH_TYPE,
-    point_cloud,
-    POINTS_TYPE,
     pose_rows,
     UNFIT,
 )
-from pneunet_ros.messages.compressed_image import decode_compressed
+from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE, decode_compressed
+from pneunet_ros.messages.targets import TARGETS_OUTPUT
 from pneunet_ros.vision.camera.camera_model import check_whole_image, Lens
 from pneunet_ros.vision.smoother import MeasuredCurve
 from pneunet_ros.vision.tracker import Tracking
 
-COMPRESSED_TYPE = 'sensor_msgs/msg/CompressedImage'
 CAMERA_INFO_TYPE = 'sensor_msgs/msg/CameraInfo'
-
-# A point of `targets`: float32 coordinates, as RViz draws nothing else, and the index of the
-# target in the 4 bytes after them; what is measured in the image has all its digits.
-TARGET_POINT = np.dtype(
-    {
-        'names': ['x', 'y', 'z', 'id', 'u', 'v', 'area', 'major', 'minor', 'angle', 'std'],
-        'formats': ['<f4', '<f4', '<f4', '<i4', *['<f8'] * 7],
-        'offsets': [0, 4, 8, 12, *range(16, 72, 8)],
-        'itemsize': 72,
-    }
-)
 
 
 def decode_image(message: Any) -> Image:
@@ -116,24 +101,6 @@ def decode_camera_info(message: Any) -> Lens:
     return lens
 
 
-def target_points(sightings: TargetSightings) -> npt.NDArray[Any]:
-    """Return the points of `targets`, one record of TARGET_POINT per target."""
-    points = np.empty(len(sightings.x), TARGET_POINT)
-    for name in TARGET_POINT.names or ():
-        if name not in ('z', 'id'):
-            points[name] = getattr(sightings, name)
-    # A point that is not there has no coordinate at all.
-    points['z'] = np.where(np.isnan(sightings.x), np.nan, 0.0)
-    points['id'] = np.arange(len(points))
-    return points
-
-
-def _targets_cloud(sightings: TargetSightings, heading: Any, types: MessageTypes) -> Any:
-    """Build a PointCloud2: a point per target in order, NaN in all but `id` where not seen."""
-    is_dense = sightings.seen == len(sightings.x)
-    return point_cloud(target_points(sightings), heading, types, is_dense=is_dense)
-
-
 def measured_centerline_rows(curve: MeasuredCurve) -> Array:
     """Return a row per station: position (3) and heading quaternion (x, y, z, w)."""
     return pose_rows(curve.x, curve.y, curve.theta)
@@ -170,9 +137,6 @@ def _bytes(data: Any) -> Bytes:
     return np.frombuffer(data, np.uint8)
 
 
-TARGETS_OUTPUT: Output[TargetSightings] = Output(
-    name='targets', type=POINTS_TYPE, build=_targets_cloud
-)
 CURVES: tuple[Output[MeasuredCurve], ...] = (
     Output(
         name='measured_centerline', type=PATH_TYPE, build=path, numbers=measured_centerline_rows

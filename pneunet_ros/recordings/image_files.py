@@ -123,8 +123,7 @@ def _picture(file: Path, stamp_ns: int, colored: bool) -> Image | MessageError:
 
 def _decode_plain(data: Bytes, *, colored: bool) -> Bytes:
     """Return the grey levels (height, width) of a bmp or tiff, or its colors."""
-    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
-    grey, complaint = decode_heard(data, flags | (cv2.IMREAD_COLOR if colored else 0))
+    grey, complaint = decode_heard(data, colored=colored)
     if grey is None or complaint:  # a tiff that is damaged is decoded all the same
         raise MessageError('it is no image, or is damaged')
     if grey.dtype not in (np.uint8, np.uint16):

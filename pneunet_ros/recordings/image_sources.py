@@ -12,9 +12,9 @@ from pneunet_ros.core.image import Image
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.files.camera_file import load_camera_info
 from pneunet_ros.messages.builders import IMAGE_TYPE
+from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
 from pneunet_ros.messages.tracker import (
     CAMERA_INFO_TYPE,
-    COMPRESSED_TYPE,
     decode_compressed_image,
     TRACKER_INPUTS,
 )

@@ -16,6 +16,7 @@ from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.stamps import AHEAD, match_stamps, StampGate, Stamps, STARTS_ANEW
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.messages.builders import IMAGE_TYPE, UNREADABLE
+from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
 from pneunet_ros.messages.readings import (
     END_WRENCH,
     PRESSURE,
@@ -24,7 +25,6 @@ from pneunet_ros.messages.readings import (
     TARGETS,
     UnusableTopic,
 )
-from pneunet_ros.messages.tracker import COMPRESSED_TYPE
 from pneunet_ros.recordings.recording import Recording
 
 REASONS = {

@@ -16,8 +16,9 @@ from pneunet_ros.lab.pictures.lens import looking_down
 from pneunet_ros.lab.pictures.renderer import Renderer
 from pneunet_ros.lab.pictures.scene import Dots, FrameState, Scene
 from pneunet_ros.messages.builders import IMAGE_TYPE
+from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
 from pneunet_ros.messages.readings import PRESSURE_TYPE
-from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, COMPRESSED_TYPE
+from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE
 from pneunet_ros.offline.track import track_steps, TrackStep
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES

@@ -15,15 +15,15 @@ from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.messages import builders
 from pneunet_ros.messages.builders import header, IMAGE_TYPE, UNREADABLE
+from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
 from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.messages.targets import TARGETS_OUTPUT
 from pneunet_ros.messages.tracker import (
     CAMERA_INFO_TYPE,
-    COMPRESSED_TYPE,
     decode_camera_info,
     decode_compressed_image,
     decode_image,
     outputs_of,
-    TARGETS_OUTPUT,
     TRACKER_OUTPUTS,
 )
 from pneunet_ros.nodes.configured_node import ConfiguredNode
