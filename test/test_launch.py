@@ -20,10 +20,17 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from pneunet_ros.nodes.estimator.configuration import PARAMETERS as ESTIMATOR  # noqa: E402
 from pneunet_ros.nodes.fusion.configuration import PARAMETERS as FUSION  # noqa: E402
+from pneunet_ros.nodes.gripper.configuration import PARAMETERS as GRIPPER  # noqa: E402
 from pneunet_ros.nodes.tracker.configuration import PARAMETERS as TRACKER  # noqa: E402
 from pneunet_ros.nodes.virtual_arm.configuration import PARAMETERS as ARM  # noqa: E402
 
-TABLES = {'estimator': ESTIMATOR, 'tracker': TRACKER, 'fusion': FUSION, 'virtual_arm': ARM}
+TABLES = {
+    'estimator': ESTIMATOR,
+    'tracker': TRACKER,
+    'fusion': FUSION,
+    'virtual_arm': ARM,
+    'gripper': GRIPPER,
+}
 SHARED = 'pneunet_ros.nodes.launch_description'  # what the files have in common
 PARAMS = str(share_path('config/estimator.yaml'))
 LAB_ARM = str(share_path('config/lab_arm.yaml'))
@@ -33,6 +40,7 @@ EVERYWHERE = {'namespace', 'params_file', 'model_file', 'use_sim_time', 'log_lev
 FILES = {
     'estimate': (EVERYWHERE, ['estimator']),
     'track': (EVERYWHERE | {'camera_file'}, ['tracker']),
+    'gripper': (EVERYWHERE, ['gripper']),
     'demo': (
         EVERYWHERE | {'camera_file', 'effects', 'fusion', 'rviz', 'swing_period'},
         ['virtual_arm', 'estimator', 'tracker', 'fusion', 'rviz2'],

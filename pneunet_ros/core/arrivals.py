@@ -16,6 +16,7 @@ from __future__ import annotations
 from bisect import insort
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import takewhile
 from typing import Generic, NamedTuple, TypeVar
 
 Item = TypeVar('Item')
@@ -98,6 +99,16 @@ class ArrivalOrder(Generic[Item]):
             self._note(arrival)
             yield arrival.item
 
+    def waiting(self, topic: str) -> int:
+        """Return how many messages of a topic have arrived and not had their turn."""
+        tie = self.topics.index(topic)
+        return sum(one.tie == tie for one in self._waiting)
+
+    @property
+    def first_ns(self) -> int | None:
+        """When the first that waits for its turn arrived; None where none waits."""
+        return self._waiting[0].at_ns if self._waiting else None
+
     @property
     def due_ns(self) -> int | None:
         """When the message that now waits has waited long enough; None where none waits."""
@@ -107,8 +118,12 @@ class ArrivalOrder(Generic[Item]):
         """Return the place of the next message, None while it is still to come."""
         first = self._waiting[0]
         end_ns = first.at_ns + LONGEST_WAIT_NS
-        near = [one for one in self._waiting if one.at_ns <= min(end_ns, until_ns)]
-        for tie in self._due_before(first):
+        ties = self._due_before(first)
+        if not ties:
+            return 0
+        near_ns = min(end_ns, until_ns)
+        near = list(takewhile(lambda one: one.at_ns <= near_ns, self._waiting))
+        for tie in ties:
             of_topic = [place for place, one in enumerate(near) if one.tie == tie]
             if any(near[place].stamp_ns == first.stamp_ns for place in of_topic):
                 return of_topic[0]

@@ -18,6 +18,8 @@ from pneunet_ros.nodes.connections import mismatch_sentences, rival_sentences
 from pneunet_ros.nodes.log import Log
 from pneunet_ros.nodes.losses import Losses
 from pneunet_ros.nodes.parameters import ParameterTable, without_effect
+from pneunet_ros.nodes.place import ALONE, Place
+from pneunet_ros.nodes.shedding import FrameShedding
 from pneunet_ros.nodes.topics import latched_qos, output_qos, publisher
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
@@ -50,6 +52,8 @@ class ConfiguredNode(Node, ABC, Generic[C]):
     """
 
     INFO_TOPIC: ClassVar[str] = 'model_info'
+    # s: messages of other nodes that arrive so much later still have their turn before.
+    PATIENCE: ClassVar[float] = 0.0
     SHARED_INPUTS: ClassVar[tuple[str, ...]] = ()  # on which several may publish
 
     def __init__(
@@ -57,16 +61,17 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         name: str,
         table: ParameterTable,
         configured: Callable[[Mapping[str, Any], C | None], C],
+        place: Place = ALONE,
     ) -> None:
         """Declare all parameters and use them; nothing can be heard of the node yet."""
         self.errors = CallbackErrors(self.log_internal_error)
-        super().__init__(name)
-        self.table, self.configured = table, configured
-        self.configuration: C = configured(table.declare(self), None)
+        super().__init__(name, **place.arguments(name))
+        self.table, self.configured, self.place = table, configured, place
+        self.configuration: C = configured(table.declare(self), place.like)
         self.candidate = self.configuration
         self.log = Log(self.get_logger())
         self.ready_at = math.inf  # s of a steady clock
-        self.losses = Losses()
+        self.losses, self.shedding = Losses(), FrameShedding()
         self.open_diagnostics()
 
     def open_diagnostics(self) -> None:
@@ -130,12 +135,16 @@ class ConfiguredNode(Node, ABC, Generic[C]):
 
     def tell_ready(self) -> None:
         """Say in the log that the node works, and which parameters it did not know."""
-        unknown = without_effect(self)
+        unknown = self.unknown_parameters()
         if unknown:
             self.get_logger().warning(f'parameters that do not exist here: {", ".join(unknown)}')
         frame_id = self.get_parameter('frame_id').value
         self.get_logger().info(f'ready: {self.configuration.model}, frame {frame_id}')
         self.ready_at = time.monotonic()
+
+    def unknown_parameters(self) -> list[str]:
+        """Return the names of parameters that were given and have no effect."""
+        return [name for name in without_effect(self) if name not in self.place.meant]
 
     def reset(self, request: Any, response: Any) -> Any:
         """Serve ~/reset."""
@@ -200,7 +209,9 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         rivals = '; '.join(rival_sentences(self, list(shared)))
         mismatched = '; '.join(mismatch_sentences(self))
         level, message = report.level, report.message
-        for warning in filter(None, (self.losses.sentence(), rivals, mismatched)):
+        for warning in filter(
+            None, (self.losses.sentence(), self.shedding.sentence(), rivals, mismatched)
+        ):
             message = warning if level is Level.OK else f'{message}; {warning}'
             level = max(level, Level.WARN)
         internal = self.errors.sentence()
@@ -209,7 +220,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
             level = Level.ERROR
         kernels = jit.state_of_kernels()
         total = {topic[1:]: count for topic, count in self.losses.total.items()}
-        lost = count_texts('lost', total)
+        lost = count_texts('lost', total) | {'frames_shed': str(self.shedding.total)}
         errors = count_texts('internal_errors', self.errors.total)
         values = {'kernels': kernels, **report.values, **lost, **errors, 'rivals': rivals}
         values['mismatched'] = mismatched

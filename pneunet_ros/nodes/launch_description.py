@@ -157,6 +157,8 @@ def check_parameters(executable: str, given: Given, wanted: Mapping[str, Any]) -
         if name in texts or not isinstance(value, str)
     }
     configured(table.completed({**known, **wanted}), None)
+    if hasattr(of_node, 'check_blocks'):
+        of_node.check_blocks({**known, **wanted})
 
 
 def full_name(executable: str, given: Given) -> str:

@@ -27,6 +27,7 @@ _KINDS = {
     int: 'an integer',
     float: 'a number with a decimal point (1.0, not 1)',
     str: 'a text',
+    tuple: 'a list of texts',
 }
 
 
@@ -88,7 +89,9 @@ class ParameterTable:
 
     def completed(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values of all parameters; RequestError names one of another type."""
-        values = {item.name: given.get(item.name, item.default) for item in self.fields}
+        values = {
+            item.name: of_declared(given.get(item.name, item.default)) for item in self.fields
+        }
         for item in self.fields:
             if type(values[item.name]) is not type(item.default):
                 kind, value = _KINDS[type(item.default)], values[item.name]
@@ -99,7 +102,9 @@ class ParameterTable:
 
     def values(self, node: Any) -> dict[str, Any]:
         """Return the values of all parameters by name."""
-        return {item.name: node.get_parameter(item.name).value for item in self.fields}
+        return {
+            item.name: of_declared(node.get_parameter(item.name).value) for item in self.fields
+        }
 
     def settings(self, given: Mapping[str, Any]) -> tuple[Any, ...]:
         """Build the settings, one of each owner; RequestError for a value out of bounds.
@@ -110,6 +115,11 @@ class ParameterTable:
             owner(**{item.name: given[item.name] for item in self.used_fields(owner)})
             for owner in self.owners
         )
+
+
+def of_declared(value: Any) -> Any:
+    """Return a value of a parameter as settings hold it: a list as a tuple."""
+    return tuple(value) if isinstance(value, list) else value
 
 
 def overrides(node: Any) -> Mapping[str, Any]:

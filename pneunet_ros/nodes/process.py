@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 import gc
 import re
 import sys
@@ -23,8 +23,9 @@ DONE, WRONG_REQUEST = 0, 2
 def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str]) -> int:
     """Make nodes, one after the other, and let them take turns in one thread until a signal comes.
 
-    arguments: the command line with the name of the program; returns the exit code. What a user
-    got wrong (PneunetError) is one sentence on stderr and exit code 2.
+    make_nodes: each makes a node, or several one after the other. arguments: the command line with
+    the name of the program; returns the exit code. What a user got wrong (PneunetError) is one
+    sentence on stderr and exit code 2.
     """
     nodes: list[Any] = []
     end_at_signal()
@@ -35,9 +36,11 @@ def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str
         _start_ros(arguments)
         executor = PromptExecutor()
         for make_node in make_nodes:
-            nodes.append(make_node())
-            executor.add_node(nodes[-1])
-            _warn_of_missed_parameters(nodes[-1], arguments)
+            made = make_node()
+            for node in made if isinstance(made, Iterator) else (made,):
+                nodes.append(node)
+                executor.add_node(node)
+                _warn_of_missed_parameters(node, arguments)
         # All made up to here stays; the collector need not look through it while readings wait.
         gc.collect()
         gc.freeze()

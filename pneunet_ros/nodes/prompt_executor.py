@@ -7,7 +7,7 @@ EventsExecutor is an experiment, and in the wheels of rclpy 7.1.5 it never calls
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import partial
 import time
 from typing import Any
@@ -17,12 +17,18 @@ from pneunet_ros.messages.builders import header_stamp
 from pneunet_ros.nodes.callback_errors import CallbackErrors
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerGuardCondition
 
 FOREVER = -1  # ns
+NEVER = 2**63  # ns
+SERVICE_NS = 1_000_000  # to wait for a service takes up to 35 us: 3 % of the time
+# Messages are called back for so long before others are looked for, or this multiple of how long
+# looking took.
+LOOK_AGAIN_NS, LOOKS = 1_000_000, 4
 Call = Callable[[], None]
 
 
@@ -30,14 +36,22 @@ class AtOnce(MutuallyExclusiveCallbackGroup):
     """Of one subscription, whose callback takes a message and what rclpy knows of it.
 
     order: that of the messages of all subscriptions that belong together; topic: which one of its
-    topics this is; errors: counts messages that cannot be taken, which else raise.
+    topics this is; errors: counts messages that cannot be taken, which else raise; patience_ns: so
+    much earlier must they arrive than those of other nodes to have their turn before them; read:
+    returns the message of bytes, where the subscription is a raw one.
     """
 
     def __init__(
-        self, order: ArrivalOrder[Call], topic: str, errors: CallbackErrors | None = None
+        self,
+        order: ArrivalOrder[Call],
+        topic: str,
+        errors: CallbackErrors | None = None,
+        patience_ns: int = 0,
+        read: Callable[[bytes], Any] | None = None,
     ) -> None:
         super().__init__()
         self.order, self.topic, self.errors = order, topic, errors
+        self.patience_ns, self.read = patience_ns, read
 
     def can_execute(self, entity: object) -> bool:
         """Keep rclpy's executor from taking messages out of order."""
@@ -47,6 +61,8 @@ class AtOnce(MutuallyExclusiveCallbackGroup):
         """Take a message, if there is one, for its turn; whether there may be more."""
         try:
             taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if taken and self.read is not None:
+                taken = self.read(taken[0]), taken[1]
         except Exception as error:
             if self.errors is None:
                 raise
@@ -64,23 +80,71 @@ class AtOnce(MutuallyExclusiveCallbackGroup):
         self.order.add(self.topic, min(at_ns, time.time_ns()), header_stamp(message), call)
 
 
-class PromptExecutor(SingleThreadedExecutor):
-    """Calls back the subscriptions of a group AtOnce itself; all else rclpy's executor does.
+class Queue:
+    """The messages of the subscriptions that share one order, of one node."""
 
-    For nodes with subscriptions, timers and services: nothing else wakes it.
+    def __init__(self, order: ArrivalOrder[Call], patience_ns: int) -> None:
+        self.order, self.patience_ns = order, patience_ns
+        self.subscriptions: list[Any] = []
+        self.until_ns = 0
+
+    def is_ready(self, ready: Collection[int], now_ns: int) -> bool:
+        """Whether messages came, or one has waited long enough; ready: subscriptions with some."""
+        due_ns = self.order.due_ns
+        return (due_ns is not None and due_ns <= now_ns) or any(
+            item.handle.pointer in ready for item in self.subscriptions
+        )
+
+    def fill(self) -> None:
+        """Take all messages that have arrived."""
+        found = True
+        while found:  # until nothing came meanwhile: it may be older than what is there
+            found, self.until_ns = False, time.time_ns()
+            for item in self.subscriptions:
+                while item.callback_group.take_from(item):
+                    found = True
+
+    @property
+    def turn_ns(self) -> int:
+        """When the next message is to have its turn, among the messages of other nodes."""
+        first_ns = self.order.first_ns
+        return NEVER if first_ns is None else first_ns + self.patience_ns
+
+    def call_next(self) -> bool:
+        """Call back the next message; whether there was one."""
+        call = next(self.order.take(self.until_ns), None)
+        if call is not None:
+            call()
+        return call is not None
+
+
+class PromptExecutor(SingleThreadedExecutor):
+    """Calls back timers, and the subscriptions of a group AtOnce; all else rclpy's executor does.
+
+    Of several nodes, the message that arrived first has its turn, after the patience of its node.
+    For nodes with subscriptions, timers and services: nothing else wakes it. A process of many
+    nodes has over a hundred services, and waiting for all of them takes longer than an estimate:
+    while messages come, services are looked at every `SERVICE_NS` for each of them.
     """
 
     def __init__(self, context: Context | None = None) -> None:
         super().__init__(context=context)
-        self._wait_set: Any = None
-        self._size: tuple[int, ...] = ()
-        self._due_ns: int | None = None  # when a message has waited for another long enough
         self._wake = GuardCondition(callback=None, callback_group=None, context=self.context)
         self._signal = SignalHandlerGuardCondition(self.context)
+        self._changed = True  # entities, since they were listed
+        self._queues: list[Queue] = []
+        self._prompt: list[Any] = []  # subscriptions of a group AtOnce
+        self._other: list[Any] = []  # subscriptions
+        self._timers: list[Any] = []
+        self._services: list[Any] = []
+        self._sets: dict[bool, Any] = {}
+        self._prompt_until_ns = self._services_due_ns = 0
+        self._due_ns: int | None = None  # when a message has waited for another long enough
         self.context.on_shutdown(self.wake)
 
     def wake(self) -> None:
         """Look again at what there is to wait for."""
+        self._changed = True
         self._wake.trigger()
         super().wake()
 
@@ -92,57 +156,113 @@ class PromptExecutor(SingleThreadedExecutor):
 
     def take_turn(self) -> None:
         """Wait for something, and call back what is ready."""
-        nodes = self.get_nodes()
-        subscriptions = [item for node in nodes for item in node.subscriptions]
-        timers = [item for node in nodes for item in node.timers]
-        services = [item for node in nodes for item in node.services]
-        waiting = self.empty_wait_set(len(subscriptions), 2, len(timers), 0, len(services), 0)
-        for item in subscriptions:
-            waiting.add_subscription(item.handle)
-        for item in timers:
-            waiting.add_timer(item.handle)
-        for item in services:
-            waiting.add_service(item.handle)
-        waiting.add_guard_condition(self._wake.handle)
-        waiting.add_guard_condition(self._signal.handle)
-        waiting.wait(FOREVER if self._due_ns is None else max(self._due_ns - time.time_ns(), 0))
-        self.take_messages([item for item in subscriptions if is_at_once(item)])
-        others = {item.handle.pointer for item in subscriptions if not is_at_once(item)}
-        if (
-            waiting.get_ready_entities('timer')
-            or waiting.get_ready_entities('service')
-            or not others.isdisjoint(waiting.get_ready_entities('subscription'))
+        if self._changed:
+            self.list_entities()
+        begin_ns = time.time_ns()
+        whole = begin_ns >= min(self._prompt_until_ns, self._services_due_ns)
+        late = self._due_ns is not None and self._due_ns <= begin_ns
+        waiting = self.wait(begin_ns, whole=whole)
+        looked_ns = begin_ns if late else time.time_ns()
+        if self.call_messages(set(waiting.get_ready_entities('subscription')), looked_ns):
+            self._prompt_until_ns = time.time_ns() + SERVICE_NS * len(self._services)
+        ready = set(waiting.get_ready_entities('timer'))
+        for timer in [item for item in self._timers if item.handle.pointer in ready]:
+            self.call_timer(timer)
+        if not whole:
+            return
+        self._services_due_ns = time.time_ns() + SERVICE_NS * len(self._services)
+        others = {item.handle.pointer for item in self._other}
+        if waiting.get_ready_entities('service') or not others.isdisjoint(
+            waiting.get_ready_entities('subscription')
         ):
             self.spin_once(timeout_sec=0)
 
-    def take_messages(self, subscriptions: list[Any]) -> None:
-        """Take all messages that have arrived, of all topics, and call them back in order."""
-        found = True
-        while found:  # until nothing came meanwhile: it may be older than what is there
-            found, until_ns = False, time.time_ns()
-            for item in subscriptions:
-                while item.callback_group.take_from(item):
-                    found = True
-        orders = {id(order): order for order in map(order_of, subscriptions)}.values()
-        for order in orders:
-            for call in order.take(until_ns):
-                call()
-        dues = [order.due_ns for order in orders if order.due_ns is not None]
-        self._due_ns = min(dues, default=None)
+    def wait(self, begin_ns: int, *, whole: bool) -> Any:
+        """Wait for messages and timers, and for services as well where it is for the whole."""
+        waiting = self._sets[whole]
+        waiting.clear_entities()
+        for item in [*self._prompt, *self._other] if whole else self._prompt:
+            waiting.add_subscription(item.handle)
+        for item in self._timers:
+            waiting.add_timer(item.handle)
+        for item in self._services if whole else ():
+            waiting.add_service(item.handle)
+        waiting.add_guard_condition(self._wake.handle)
+        waiting.add_guard_condition(self._signal.handle)
+        ends = [] if self._due_ns is None else [self._due_ns]
+        if not whole:
+            ends.append(self._services_due_ns)
+        waiting.wait(max(min(ends) - begin_ns, 0) if ends else FOREVER)
+        return waiting
 
-    def empty_wait_set(self, *size: int) -> Any:
-        """Return a set for so many subscriptions, guards, timers, clients, services, events."""
-        if self._size != size:
-            self._wait_set = rclpy_implementation.WaitSet(*size, self.context.handle)
-            self._size = size
-        self._wait_set.clear_entities()
-        return self._wait_set
+    def call_messages(self, ready: Collection[int], begin_ns: int) -> bool:
+        """Call back messages that have arrived, for a while; whether there was any.
+
+        begin_ns: when looking for them began. Looking takes long on a busy machine, and must not
+        take most of the time then.
+        """
+        for queue in self._queues:
+            if queue.is_ready(ready, begin_ns):
+                queue.fill()
+        queues = [queue for queue in self._queues if queue.order.first_ns is not None]
+        now_ns, any_called = time.time_ns(), False
+        end_ns = now_ns + max(LOOK_AGAIN_NS, LOOKS * (now_ns - begin_ns))
+        while queues and time.time_ns() < end_ns and not self._changed:
+            first = min(queues, key=turn_of)
+            if first.call_next():
+                any_called = True
+            else:
+                queues.remove(first)
+        if queues:  # there are more, and their turn is next
+            self._due_ns = end_ns
+        else:
+            dues = [queue.order.due_ns for queue in self._queues]
+            self._due_ns = min((due for due in dues if due is not None), default=None)
+        return any_called
+
+    def call_timer(self, timer: Any) -> None:
+        """Call back a timer that is due, unless a callback before it has destroyed it."""
+        try:
+            with timer.handle:
+                timer.handle.call_timer()
+        except InvalidHandle:
+            return
+        timer.callback()
+
+    def list_entities(self) -> None:
+        """List what there is to wait for, as nodes make and destroy it at any time."""
+        self._changed = False
+        nodes = self.get_nodes()
+        subscriptions = [item for node in nodes for item in node.subscriptions]
+        self._prompt = [item for item in subscriptions if is_at_once(item)]
+        self._other = [item for item in subscriptions if not is_at_once(item)]
+        self._timers = [item for node in nodes for item in node.timers]
+        self._services = [item for node in nodes for item in node.services]
+        self._queues = queues_of(self._prompt)
+        self._sets = {
+            False: self.wait_set(len(self._prompt), 0),
+            True: self.wait_set(len(subscriptions), len(self._services)),
+        }
+
+    def wait_set(self, subscriptions: int, services: int) -> Any:
+        """Return a set for so many entities, all timers and two guards."""
+        size = (subscriptions, 2, len(self._timers), 0, services, 0)
+        return rclpy_implementation.WaitSet(*size, self.context.handle)
 
 
-def order_of(subscription: Any) -> ArrivalOrder[Call]:
-    """Return the order that a subscription of a group AtOnce belongs to."""
-    order: ArrivalOrder[Call] = subscription.callback_group.order
-    return order
+def queues_of(subscriptions: Iterable[Any]) -> list[Queue]:
+    """Return the queues of subscriptions of groups AtOnce."""
+    queues: dict[int, Queue] = {}
+    for item in subscriptions:
+        group = item.callback_group
+        queue = queues.setdefault(id(group.order), Queue(group.order, group.patience_ns))
+        queue.subscriptions.append(item)
+    return list(queues.values())
+
+
+def turn_of(queue: Queue) -> int:
+    """Return when the next message of a queue is to have its turn."""
+    return queue.turn_ns
 
 
 def is_at_once(subscription: Any) -> bool:

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy.typing as npt
 from pneunet_ros.core.errors import RequestError
-from rclpy.serialization import serialize_message
+from pneunet_ros.messages.cdr_reader import read_message
+from rclpy.serialization import deserialize_message, serialize_message
 
 
 class RclpyTypes:
@@ -42,6 +43,12 @@ def message_class(type_name: str) -> Callable[..., Any]:
         ) from None
     found: Callable[..., Any] = getattr(module, name)
     return found
+
+
+def deserialize(raw: bytes, type_name: str) -> Any:
+    """Return the message of a type in serialized bytes; as ROS does where it is none."""
+    message = read_message(raw, type_name)
+    return deserialize_message(raw, message_class(type_name)) if message is None else message
 
 
 def serialize(message: Any, type_name: str) -> bytes:

@@ -16,6 +16,7 @@ NODES = {
     'estimator': 'EstimatorNode',
     'tracker': 'TrackerNode',
     'fusion': 'FusionNode',
+    'gripper': 'gripper_nodes',
 }
 
 

@@ -14,9 +14,11 @@ from typing import Any
 
 from pneunet_ros.core.arrivals import ArrivalOrder
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.messages.readings import arrival_order, END_WRENCH, Sensor
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.messages.readings import arrival_order, END_WRENCH, PRESSURE, Sensor, TARGETS
 from pneunet_ros.nodes.prompt_executor import AtOnce
-from pneunet_ros.nodes.ros_types import message_class
+from pneunet_ros.nodes.ros_types import deserialize, message_class
+from pneunet_ros.nodes.shedding import MOST_WAITING
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import ParameterException
 from rclpy.qos import (
@@ -33,7 +35,7 @@ POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILIT
 
 # 0.2 s of pressures at 100 Hz and of a force sensor at 1 kHz: nothing is lost while a node is busy
 # with a frame. A node slower than its pressures is late by as many of them.
-DEPTH = 20
+DEPTH = MOST_WAITING
 DEPTH_OF = {END_WRENCH: 10 * DEPTH}
 
 
@@ -83,21 +85,36 @@ def subscription(
     order of which messages; None: of this topic alone.
     """
     if group is None and len(inspect.signature(callback).parameters) == 2:
-        group = AtOnce(ArrivalOrder([topic]), topic, getattr(node, 'errors', None))
+        group = group_of(node, ArrivalOrder([topic]), topic)
     events = SubscriptionEventCallbacks(use_default_callbacks=False)
-    create = partial(node.create_subscription, event_callbacks=events, callback_group=group)
+    raw = group is not None and group.read is not None
+    create = partial(
+        node.create_subscription, event_callbacks=events, callback_group=group, raw=raw
+    )
     return _overridable(create, message_class(type_name), topic, callback, qos, policies=policies)
+
+
+def group_of(
+    node: Any, order: ArrivalOrder[Any], topic: str, read: Callable[[bytes], Any] | None = None
+) -> AtOnce:
+    """Return the group of a subscription of a node; read: of a raw one."""
+    patience_ns = round(getattr(node, 'PATIENCE', 0.0) * NANOSECONDS_PER_SECOND)
+    return AtOnce(order, topic, getattr(node, 'errors', None), patience_ns, read)
 
 
 def subscribe_in_order(node: Any, takes: Mapping[Sensor[Any], Callable[..., None]]) -> None:
     """Subscribe to the topics of sensors, whose messages are taken in one order.
 
     takes: what takes a message of a sensor and what rclpy knows of it, by sensors in the order of
-    ties.
+    ties. Frames are shed while the node is late, and readings never are.
     """
     order = arrival_order(takes)
+    node.shedding.waiting = partial(order.waiting, PRESSURE.name)
     for sensor, take in takes.items():
-        group = AtOnce(order, sensor.name, node.errors)
+        if sensor is TARGETS:
+            take = node.shedding.sheds(take)
+        read = partial(deserialize, type_name=sensor.type)
+        group = group_of(node, order, sensor.name, read)
         qos = input_qos(DEPTH_OF.get(sensor, DEPTH))
         subscription(node, sensor.type, sensor.name, take, qos, group=group)
 

@@ -45,6 +45,7 @@ NODES = (
     'pneunet-tracker',
     'pneunet-fusion',
     'pneunet-virtual-arm',
+    'pneunet-gripper',
     'pneunet-stack',
 )
 ANSWERS_NO = 'pneunet() { command pneunet "$@" || test $? = 1; }\n'

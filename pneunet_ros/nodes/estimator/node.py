@@ -32,6 +32,7 @@ from pneunet_ros.nodes.estimator.configuration import (
     share_arm_and_settings,
 )
 from pneunet_ros.nodes.estimator.warm_up import warm_up
+from pneunet_ros.nodes.place import ALONE, Place
 from pneunet_ros.nodes.publisher import EstimatePublisher
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
 from pneunet_ros.nodes.topics import subscribe_in_order
@@ -53,9 +54,9 @@ ZERO_READINGS = 1000  # of which it keeps no more than the last so many
 class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
     """Feeds readings to an `Estimator` and publishes what it gives in the same callback."""
 
-    def __init__(self) -> None:
+    def __init__(self, place: Place = ALONE) -> None:
         """Declare all parameters, get everything warm, and only then open the topics."""
-        super().__init__('estimator', PARAMETERS, configured_estimator)
+        super().__init__('estimator', PARAMETERS, configured_estimator, place)
         self.state = EstimatorState()
         self.consistency = ConsistencyState()
         self.recent: deque[PressureReading] = deque(maxlen=ZERO_READINGS)

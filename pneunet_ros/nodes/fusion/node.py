@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from functools import partial
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 from pneunet_ros.core.health import Level
 from pneunet_ros.core.outcome import Refusal
@@ -25,6 +25,7 @@ from pneunet_ros.nodes.fusion.configuration import (
     PARAMETERS,
 )
 from pneunet_ros.nodes.fusion.warm_up import warm_up
+from pneunet_ros.nodes.place import ALONE, Place
 from pneunet_ros.nodes.publisher import EstimatePublisher
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
 from pneunet_ros.nodes.topics import subscribe_in_order
@@ -43,9 +44,11 @@ parameters, as in
 class FusionNode(ConfiguredNode[FusionConfiguration]):
     """Feeds messages to a `Fusion` and publishes what it gives in the same callback."""
 
-    def __init__(self) -> None:
+    PATIENCE: ClassVar[float] = 0.01  # a frame takes longer than ten estimates of an estimator
+
+    def __init__(self, place: Place = ALONE) -> None:
         """Declare all parameters, get everything warm, and only then open the topics."""
-        super().__init__('fusion', PARAMETERS, configured_fusion)
+        super().__init__('fusion', PARAMETERS, configured_fusion, place)
         self.state = FusionState()
         node, fusion = self.configuration.node, self.configuration.fusion
         serializer = MessageSerializer(

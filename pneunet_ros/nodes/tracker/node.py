@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 from pneunet_ros.core.errors import CameraError, MessageError
 from pneunet_ros.core.image import Image
@@ -28,6 +28,7 @@ from pneunet_ros.messages.tracker import (
 )
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.following import FollowingSubscription
+from pneunet_ros.nodes.place import ALONE, Place
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
 from pneunet_ros.nodes.topics import output_qos, publisher
 from pneunet_ros.nodes.tracker.configuration import (
@@ -55,9 +56,11 @@ WRONG_CAMERA_INFO = 'wrong_camera_info'  # reason of a refusal, beside those of 
 class TrackerNode(ConfiguredNode[TrackerConfiguration]):
     """Feeds images to a `Tracker` and publishes what it gives in the same callback."""
 
-    def __init__(self) -> None:
+    PATIENCE: ClassVar[float] = 0.02  # an image takes longer than all else
+
+    def __init__(self, place: Place = ALONE) -> None:
         """Declare all parameters, get everything warm, and only then open the topics."""
-        super().__init__('tracker', PARAMETERS, configured_tracker)
+        super().__init__('tracker', PARAMETERS, configured_tracker, place)
         self.state = TrackerState()
         self.serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=self.configuration.node.frame_id

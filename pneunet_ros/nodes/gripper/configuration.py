@@ -1,0 +1,170 @@
+"""What the parameters of a gripper ask for: its arms, and a block of parameters for each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+import json
+from typing import Any
+
+from pneunet_ros import __version__
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.settings import check_settings, setting
+from pneunet_ros.nodes.estimator.configuration import configured_estimator
+from pneunet_ros.nodes.estimator.configuration import PARAMETERS as OF_ESTIMATOR
+from pneunet_ros.nodes.fusion.configuration import configured_fusion
+from pneunet_ros.nodes.fusion.configuration import PARAMETERS as OF_FUSION
+from pneunet_ros.nodes.parameters import ParameterTable, SHIPPED_MODEL
+from pneunet_ros.nodes.tracker.configuration import configured_tracker
+from pneunet_ros.nodes.tracker.configuration import PARAMETERS as OF_TRACKER
+
+TABLES = {'estimator': OF_ESTIMATOR, 'fusion': OF_FUSION, 'tracker': OF_TRACKER}
+CONFIGURED: dict[str, Callable[[Mapping[str, Any], Any], Any]] = {
+    'estimator': configured_estimator,
+    'fusion': configured_fusion,
+    'tracker': configured_tracker,
+}
+TOPICS = 'topics'  # key of a block
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GripperSettings:
+    """Which arms there are, and which nodes each of them has beside its estimator."""
+
+    arms: tuple[str, ...] = setting(
+        ('left', 'right'), 'names of the arms: each has a namespace, and may have a block'
+    )
+    fusion: bool = setting(True, 'whether every arm has a fusion')
+    tracker: bool = setting(False, 'whether every arm has a tracker')
+    model_file: str = setting(
+        '', f'model file of arms whose block names none; empty: the shipped {SHIPPED_MODEL}'
+    )
+    frame_id: str = setting(BASE_FRAME, 'frame of the gripper')
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their declaration."""
+        check_settings(self)
+        wrong = [name for name in self.arms if not name.isidentifier() or name in TABLES]
+        if wrong or len(set(self.arms)) < len(self.arms) or not self.arms:
+            raise RequestError(
+                f'arms must be different names of letters, digits and _, not {list(self.arms)}'
+            )
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """The nodes of every arm, those first that are to answer first."""
+        beside = {'fusion': self.fusion, 'tracker': self.tracker}
+        return ('estimator', *(name for name, wanted in beside.items() if wanted))
+
+
+PARAMETERS = ParameterTable(
+    owners=(GripperSettings,),
+    read_only=frozenset({'arms', 'fusion', 'tracker', 'model_file', 'frame_id'}),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GripperConfiguration:
+    """The settings of a gripper."""
+
+    node: GripperSettings
+
+    @property
+    def model(self) -> str:
+        """Which gripper this is."""
+        return f'gripper of {", ".join(self.node.arms)}'
+
+    def info(self) -> str:
+        """Return what the topic gripper_info says."""
+        return json.dumps(
+            {'arms': self.node.arms, 'nodes': self.node.nodes, 'version': __version__}
+        )
+
+
+def configured_gripper(
+    values: Mapping[str, Any], current: GripperConfiguration | None
+) -> GripperConfiguration:
+    """Return the configuration of the values of all parameters; RequestError for unfit ones."""
+    (node,) = PARAMETERS.settings(values)
+    return GripperConfiguration(node=node)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmBlock:
+    """What is given for one arm: topics by name, and parameters by node."""
+
+    topics: Mapping[str, str]
+    parameters: Mapping[str, Mapping[str, Any]]
+
+
+def parameters_of(settings: GripperSettings, block: ArmBlock, node: str) -> dict[str, Any]:
+    """Return the parameters of a node of an arm that are given, by its block or for all arms."""
+    given: dict[str, Any] = {'model_file': settings.model_file}
+    if node == 'estimator' and settings.fusion:
+        given['watch_targets'] = False  # the fusion beside it compares targets
+    return given | dict(block.parameters[node])
+
+
+def check_blocks(given: Mapping[str, Any]) -> None:
+    """Raise PneunetError where a node of an arm would refuse its parameters or files.
+
+    given: parameters of the gripper as a file has them, blocks as mappings.
+    """
+    values = PARAMETERS.completed(given)
+    settings = configured_gripper(values, None).node
+    flat = dict(flattened(given))
+    for arm in settings.arms:
+        block = block_of(arm, flat)
+        for node in settings.nodes:
+            completed = TABLES[node].completed(parameters_of(settings, block, node))
+            CONFIGURED[node](completed, None)
+
+
+def flattened(given: Mapping[str, Any], above: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield the values of nested mappings by their keys with dots between them."""
+    for key, value in given.items():
+        if isinstance(value, Mapping):
+            yield from flattened(value, f'{above}{key}.')
+        else:
+            yield f'{above}{key}', value
+
+
+def block_of(arm: str, given: Mapping[str, Any]) -> ArmBlock:
+    """Return the block of an arm.
+
+    given: parameters given to the gripper, those of a block as NAME.KEY. A key is `topics.`
+    and the name of a topic, a node and one of its parameters (`fusion.use_wrench`), or a parameter
+    of all nodes that have it. RequestError for any other key.
+    """
+    topics: dict[str, str] = {}
+    shared: dict[str, Any] = {}
+    own: dict[str, dict[str, Any]] = {node: {} for node in TABLES}
+    for name, value in given.items():
+        owner, _, key = name.partition('.')
+        if owner != arm:
+            continue
+        first, _, rest = key.partition('.')
+        if first == TOPICS and rest:
+            topics[rest.replace('.', '/')] = str(value)
+        elif first in TABLES and rest in names_of(first):
+            own[first][rest] = value
+        elif any(key in names_of(node) for node in TABLES):
+            shared[key] = value
+        else:
+            raise RequestError(
+                f'{name} is no parameter of {", ".join(TABLES)}: a block has their parameters, '
+                f'and {TOPICS} with the names of topics'
+            )
+    return ArmBlock(
+        topics=topics,
+        parameters={
+            node: {key: value for key, value in shared.items() if key in names_of(node)} | values
+            for node, values in own.items()
+        },
+    )
+
+
+def names_of(node: str) -> set[str]:
+    """Return the names of the parameters of a node of an arm."""
+    return {item.name for item in TABLES[node].fields}

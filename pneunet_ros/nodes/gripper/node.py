@@ -1,0 +1,109 @@
+"""The node `gripper`: the nodes of several arms in one process, in turns in one thread.
+
+Each arm has its estimator and, where asked, its fusion and its tracker, in a namespace of its
+name. They are the nodes that run alone elsewhere, with all their topics and services.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, ClassVar
+
+from pneunet_ros.core.health import Level, Report
+from pneunet_ros.nodes.configured_node import ConfiguredNode
+from pneunet_ros.nodes.estimator.node import EstimatorNode
+from pneunet_ros.nodes.fusion.node import FusionNode
+from pneunet_ros.nodes.gripper.configuration import (
+    block_of,
+    configured_gripper,
+    GripperConfiguration,
+    PARAMETERS,
+    parameters_of,
+)
+from pneunet_ros.nodes.parameters import overrides
+from pneunet_ros.nodes.place import Place
+from pneunet_ros.nodes.tracker.node import TrackerNode
+
+USAGE = """usage: pneunet-gripper [--ros-args ...]
+
+Estimates all arms of a gripper in one process. The parameter arms names them; what each of them
+needs is a block of its name, as in config/gripper.yaml:
+
+  pneunet-gripper --ros-args --params-file config/gripper.yaml
+  pneunet-gripper --ros-args -p arms:="[thumb, index]" -p thumb.model_file:=/path/to/thumb.yaml
+"""
+CLASSES: dict[str, Callable[[Place], Any]] = {
+    'estimator': EstimatorNode,
+    'fusion': FusionNode,
+    'tracker': TrackerNode,
+}
+
+
+class GripperNode(ConfiguredNode[GripperConfiguration]):
+    """Knows the arms, and says how all of them are doing."""
+
+    INFO_TOPIC: ClassVar[str] = 'gripper_info'
+
+    def __init__(self) -> None:
+        """Declare all parameters; the nodes of the arms come next, by `members_of`."""
+        super().__init__('gripper', PARAMETERS, configured_gripper)
+        self.members: list[Any] = []
+
+    def open(self) -> None:
+        """Open the services, now that all arms are there."""
+        self.open_services()
+        self.tell_ready()
+
+    def unknown_parameters(self) -> list[str]:
+        """Return the names given that neither a node nor the block of an arm has."""
+        arms = self.configuration.node.arms
+        return [
+            name
+            for name in super().unknown_parameters()
+            if name.partition('.')[0] not in arms
+            and not any(member.has_parameter(name) for member in self.members)
+        ]
+
+    def forget(self) -> str:
+        """Forget all readings of all arms."""
+        for member in self.members:
+            member.forget()
+        return 'all arms start anew'
+
+    def take_over(self, configuration: GripperConfiguration) -> None:
+        """Read the models of all arms again; nothing else can change."""
+
+    def diagnose(self) -> None:
+        """Publish how many frames were left out, of which arm."""
+        shed = {member.get_namespace(): member.shedding.total for member in self.members}
+        late = [f'{arm}: {count}' for arm, count in shed.items() if count]
+        message = f'{len(self.configuration.node.arms)} arms'
+        values = {'frames_shed_of': '; '.join(late), 'nodes': str(len(self.members))}
+        self.publish_report('arms', Report(level=Level.OK, message=message, values=values))
+
+
+def gripper_nodes() -> Iterator[Any]:
+    """Yield the nodes of a gripper: its own, then of all arms the estimators, the fusions ..."""
+    gripper = GripperNode()
+    settings = gripper.configuration.node
+    given = {name: parameter.value for name, parameter in overrides(gripper).items()}
+    blocks = {arm: block_of(arm, given) for arm in settings.arms}
+    namespace = gripper.get_namespace().rstrip('/')
+    clock = {'use_sim_time': gripper.get_parameter('use_sim_time').value}
+    yield gripper
+    for kind in settings.nodes:
+        models: dict[Any, Any] = {}
+        for arm, block in blocks.items():
+            parameters = parameters_of(settings, block, kind)
+            place = Place(
+                namespace=f'{namespace}/{arm}',
+                parameters=clock | parameters,
+                topics=block.topics,
+                like=models.get(parameters['model_file']),
+                meant=given,
+            )
+            member = CLASSES[kind](place)
+            models.setdefault(parameters['model_file'], member.configuration)
+            gripper.members.append(member)
+            yield member
+    gripper.open()

@@ -1,0 +1,42 @@
+"""Where a node stands that shares a process with others of its kind."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from rclpy.parameter import Parameter
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Namespace, parameters and topics of a node beside others.
+
+    namespace: full name; empty: that of the command line. parameters: take precedence over those
+    of the command line. topics: the names that topics of the node are remapped to. like: the
+    configuration of another node, whose model is shared where the files are the same. meant: names
+    of parameters on the command line that are those of other nodes.
+    """
+
+    namespace: str = ''
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    topics: Mapping[str, str] = field(default_factory=dict)
+    like: Any = None
+    meant: Collection[str] = ()
+
+    def arguments(self, name: str) -> dict[str, Any]:
+        """Return what rclpy takes to make a node of this name here."""
+        if not self.namespace:
+            return {}
+        rules = {'__ns': self.namespace, '__node': name, **self.topics}
+        words = [word for own, other in rules.items() for word in ('-r', f'{own}:={other}')]
+        return {
+            'cli_args': ['--ros-args', *words],
+            'parameter_overrides': [
+                Parameter(name, value=value) for name, value in self.parameters.items()
+            ],
+        }
+
+
+ALONE = Place()

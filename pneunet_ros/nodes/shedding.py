@@ -1,0 +1,49 @@
+"""Frames that a node leaves out while it is late, so that it never leaves out a reading."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import Any
+
+# Pressures. As many as the queue of a subscription holds: a node that is later than this, and is
+# busy as long once more, loses readings (0.2 s at 100 Hz).
+MOST_WAITING = 20
+
+
+class FrameShedding:
+    """Counts frames that are left out from when too many pressures wait until none does.
+
+    waiting: how many pressures have arrived and not had their turn.
+    """
+
+    def __init__(self) -> None:
+        self.waiting: Callable[[], int] = lambda: 0
+        self.total = 0
+        self._new = 0
+        self._late = False
+
+    def sheds(self, take: Callable[..., None]) -> Callable[..., None]:
+        """Return a callback for frames that leaves them out while the node is late."""
+
+        @wraps(take)
+        def call(*arguments: Any) -> None:
+            if self.is_late():
+                self.total += 1
+                self._new += 1
+            else:
+                take(*arguments)
+
+        return call
+
+    def is_late(self) -> bool:
+        """Whether frames are left out now."""
+        waiting = self.waiting()
+        self._late = waiting > 0 if self._late else waiting >= MOST_WAITING
+        return self._late
+
+    def sentence(self) -> str:
+        """Say how many were left out since this was last asked; empty where none was."""
+        new, self._new = self._new, 0
+        frames = f'{new} frame{"s" if new > 1 else ""} of targets'
+        return f'{frames} left out, as readings were waiting: the machine is too slow' * (new > 0)

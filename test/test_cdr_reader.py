@@ -1,0 +1,51 @@
+"""Messages of sensors from their bytes: the same readings as by the reader of ROS."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+from pneunet_ros.messages.cdr_reader import read_message
+from pneunet_ros.messages.point_cloud import cloud_points
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
+import pytest
+
+FRAMES = ['', 'b', 'pneunet_base', 'ünïcode', 'a' * 7, 'a' * 8]
+SENSORS = {
+    PRESSURE: np.array([31e3]),
+    END_WRENCH: np.array([0.1, -0.2, 1e-3]),
+    TARGETS: np.array([[0.0, 1e-3, np.nan], [0.0, 2e-3, np.nan]]),
+}
+
+
+def made(sensor, frame_id='base'):
+    """Give a message of a sensor and its bytes."""
+    message = sensor.message(1_700_000_000_123_456_789, SENSORS[sensor], frame_id, ROSBAGS_TYPES)
+    return message, bytes(serialize(message, sensor.type))
+
+
+@pytest.mark.parametrize('frame_id', FRAMES)
+@pytest.mark.parametrize('sensor', [PRESSURE, END_WRENCH], ids=lambda one: one.name)
+def test_a_reading_is_that_of_the_message(sensor, frame_id):
+    message, raw = made(sensor, frame_id)
+    assert sensor.decode(read_message(raw, sensor.type)) == sensor.decode(message)
+
+
+@pytest.mark.parametrize('frame_id', FRAMES)
+def test_points_are_those_of_the_message(frame_id):
+    message, raw = made(TARGETS, frame_id)
+    read = read_message(raw, TARGETS.type)
+    assert cloud_points(read).tobytes() == cloud_points(message).tobytes()
+    assert cloud_points(read).dtype == cloud_points(message).dtype
+    assert read.header.frame_id == frame_id
+    assert (read.height, read.width) == (message.height, message.width)
+
+
+@pytest.mark.parametrize('sensor', SENSORS, ids=lambda one: one.name)
+def test_what_is_cut_off_or_of_another_kind_is_left_to_ros(sensor):
+    _, raw = made(sensor)
+    last = len(raw) - 8  # is_dense and padding may follow what is read
+    assert all(read_message(raw[:end], sensor.type) is None for end in range(last))
+    assert read_message(b'\x00\x00' + raw[2:], sensor.type) is None
+    assert read_message(raw[:12] + struct.pack('<I', 2**31) + raw[16:], sensor.type) is None

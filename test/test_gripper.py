@@ -1,0 +1,168 @@
+"""Several arms in one process: blocks of parameters, topics, shedding, and live is replay."""
+
+from __future__ import annotations
+
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from multiprocessing import get_context
+import os
+import signal
+
+from pneunet_ros.core.errors import PneunetError, RequestError
+from pneunet_ros.core.share import share_path
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.fusion import FUSION_OUTPUTS
+import pytest
+from ruamel.yaml import YAML
+from support.bursts import has_answered, RATES, RELIABLE, REPLAYS, text, write_bursts
+
+pytestmark = pytest.mark.ros
+pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
+
+from pneunet_ros.nodes.gripper.configuration import (  # noqa: E402
+    block_of,
+    check_blocks,
+    GripperSettings,
+)
+from pneunet_ros.nodes.shedding import FrameShedding, MOST_WAITING  # noqa: E402
+from support.dds_peer import NodeProcess, running_node, SensorsPeer  # noqa: E402
+
+DOMAIN = int(os.environ['ROS_DOMAIN_ID'])
+ARMS = ('left', 'right')
+READINGS = 12
+KINDS = {'estimator': OUTPUTS, 'fusion': FUSION_OUTPUTS}
+OWN_TOPIC = 'valves/one'
+
+
+class ArmPeer(SensorsPeer):
+    """All sensors of one arm of a gripper."""
+
+    def __init__(self, arm: str, kind: str) -> None:
+        outputs = tuple(replace(one, name=f'{arm}/{one.name}') for one in KINDS[kind])
+        super().__init__(DOMAIN, f'{arm}/{kind}', outputs)
+        topics = {name: f'{arm}/{name}' for name in self.sensors}
+        topics['pressure'] = f'{arm}/{OWN_TOPIC}' if arm == 'left' else topics['pressure']
+        self.sensors = {
+            name: self.node.create_publisher(one.msg_type, topics[name], one.qos_profile)
+            for name, one in self.sensors.items()
+        }
+
+
+@pytest.fixture(scope='module')
+def gripper(tmp_path_factory):
+    """Run a gripper that publishes every estimate."""
+    reliable = [
+        word.replace('/pneunet/', f'/pneunet/{arm}/').replace(name, wanted)
+        for arm in ARMS
+        for name, wanted in (('left/pressure', f'left/{OWN_TOPIC}'),)
+        for word in RELIABLE
+    ]
+    rates = [word for arm in ARMS for word in ('-p', f'{arm}.centerline_rate:=0.0')]
+    settings = ['-p', f'left.topics.pressure:={OWN_TOPIC}', '-p', 'left.watch_targets:=true']
+    settings += ['-p', 'right.watch_targets:=true']
+    output = tmp_path_factory.mktemp('gripper') / 'output'
+    arguments = [*rates, *settings, *reliable]
+    with running_node(output, DOMAIN, *arguments, node='gripper') as process:
+        process.wait_for('ready: gripper')
+        yield process
+        assert process.end(signal.SIGTERM) == 0, process.text
+        assert 'Traceback' not in process.text
+        assert 'do not exist here' not in process.text
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_each_arm_of_a_busy_gripper_is_its_replay(gripper, kind, tmp_path):
+    path = tmp_path / 'bursts.mcap'
+    bursts = write_bursts(path, RATES['two frames'], READINGS)
+    with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as pool:
+        expected = pool.submit(REPLAYS[kind], path).result()
+    peers = [ArmPeer(arm, kind) for arm in ARMS]
+    for peer in peers:
+        peer.connect([message for burst in bursts[:1] for message in burst])
+    for number, burst in enumerate(bursts, 1):
+        wanted = sum(name == 'pressure' for one in bursts[:number] for name, _ in one)
+        for name, raw in burst:
+            for peer in peers:
+                peer.sensors[name].publish(raw)
+        assert all(peer.spin_until(partial(has_answered, peer, wanted)) for peer in peers)
+    names = [output.name for output in KINDS[kind]]
+    for peer in peers:
+        live = [
+            dict(zip(names, map(text, messages), strict=True))
+            for messages in zip(*peer.received.values(), strict=True)
+        ]
+        assert live == expected
+        peer.close()
+
+
+def test_a_block_goes_to_the_nodes_that_have_its_parameters():
+    block = block_of(
+        'left',
+        {
+            'arms': ['left'],
+            'left.wrench_sign': -1,
+            'left.fusion.use_wrench': False,
+            'left.camera_file': 'camera.yaml',
+            'left.topics.pressure': 'valves/1',
+            'right.wrench_sign': 1,
+        },
+    )
+    assert block.topics == {'pressure': 'valves/1'}
+    assert block.parameters == {
+        'estimator': {'wrench_sign': -1},
+        'fusion': {'wrench_sign': -1, 'use_wrench': False},
+        'tracker': {'camera_file': 'camera.yaml'},
+    }
+
+
+@pytest.mark.parametrize('key', ['wrench_sing', 'fusion.wrench_required', 'topics', 'pump.rate'])
+def test_a_key_that_nobody_knows_is_refused(key):
+    with pytest.raises(RequestError, match=rf'left\.{key}'):
+        block_of('left', {f'left.{key}': 1})
+
+
+@pytest.mark.parametrize('arms', [(), ('a', 'a'), ('a b',), ('fusion',), ('',)])
+def test_names_that_cannot_be_are_refused(arms):
+    with pytest.raises(RequestError):
+        GripperSettings(arms=arms)
+
+
+def test_what_a_node_of_an_arm_would_refuse_is_refused_before_it_starts():
+    check_blocks({'left': {'wrench_sign': -1}})
+    for wrong in ({'wrench_sign': 2}, {'model_file': 'none.yaml'}, {'fusion': {'free_tip': 1}}):
+        with pytest.raises(PneunetError):
+            check_blocks({'left': wrong})
+
+
+def test_the_shipped_parameters_are_the_defaults():
+    (content,) = YAML(typ='safe').load(share_path('config/gripper.yaml')).values()
+    given = content['ros__parameters']
+    check_blocks(given)
+    defaults = GripperSettings()
+    names = ('arms', 'fusion', 'tracker', 'model_file', 'frame_id')
+    assert {name: given[name] for name in names} == {
+        name: list(value) if isinstance(value := getattr(defaults, name), tuple) else value
+        for name in names
+    }
+
+
+def test_a_wrong_block_is_one_sentence(tmp_path):
+    process = NodeProcess(tmp_path / 'output', DOMAIN, '-p', 'left.wrench_sing:=1', node='gripper')
+    assert process.process.wait(120) == 2
+    assert 'left.wrench_sing' in process.text
+    assert 'Traceback' not in process.text
+
+
+def test_frames_are_left_out_from_when_a_node_is_late_until_no_reading_waits():
+    shedding, taken, waiting = FrameShedding(), [], [0]
+    shedding.waiting = lambda: waiting[0]
+    take = shedding.sheds(taken.append)
+    counts = [0, MOST_WAITING - 1, MOST_WAITING, MOST_WAITING - 1, 1, 0, 1]
+    for count in counts:
+        waiting[0] = count
+        take(count)
+    assert taken == [0, MOST_WAITING - 1, 0, 1]
+    assert shedding.total == 3
+    assert shedding.sentence().startswith('3 frames')
+    assert shedding.sentence() == ''
