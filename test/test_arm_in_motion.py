@@ -195,6 +195,31 @@ def test_a_gap_in_the_readings_is_followed_and_a_jump_back_starts_at_rest():
     assert again.shape.tip == pytest.approx(solve(arm, 3e4).tip, abs=1e-12)
 
 
+def test_after_a_long_gap_the_arm_may_swing_as_much_as_a_step_within_it_makes_it():
+    arm, gap, low, high = moving(), 60.0, 30e3, 33e3
+
+    def after(pressure: float) -> ShapeEstimate:
+        estimator, state = Estimator(arm=arm, settings=UNLOADED), EstimatorState()
+        for stamp, read in ((1.0, low), (1.01, low), (1.01 + gap, pressure)):
+            state, found = estimator.step(
+                state, PressureReading(stamp_ns=round(1e9 * stamp), pressure=read)
+            )
+        assert isinstance(found, ShapeEstimate)
+        return found
+
+    stepped, still = after(high), after(low)
+    assert stepped.shape.tip == pytest.approx(solve(arm, high).tip, abs=1e-12)
+    at_rest_there = estimates(arm, np.array([high]))[0]
+    assert np.trace(still.tip_covariance[:2, :2]) == pytest.approx(
+        np.trace(estimates(arm, np.array([low]))[0].tip_covariance[:2, :2]), rel=1e-9
+    )
+    more = np.trace((stepped.tip_covariance - at_rest_there.tip_covariance)[:2, :2])
+    rest = np.array(solve(arm, high).tip[:2])
+    swung = estimates(arm, np.array([low, low, *[high] * 1000]))[3:]
+    square = sum(float(np.sum((np.array(one.shape.tip[:2]) - rest) ** 2)) for one in swung)
+    assert more == pytest.approx(square * 1e-9 * PERIOD_NS / gap, rel=0.1)
+
+
 def test_targets_are_predicted_where_the_moving_arm_has_them():
     arm = moving()
     estimator = Estimator(arm=arm, settings=UNLOADED)

@@ -22,7 +22,14 @@ from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.model.vibration import LINKS, masses_of, vibration
 from pneunet_ros.solver.columns import LOAD_OFFSET
-from pneunet_ros.solver.links import Links, Masses, room_for_links
+from pneunet_ros.solver.links import (
+    bending_stiffness,
+    Links,
+    mass_matrix,
+    Masses,
+    room_for_links,
+    stiffness_matrix,
+)
 from pneunet_ros.solver.modes import Modes, modes_of
 from pneunet_ros.solver.swing import at_rest, follow_swing, room_for, Swing, widen
 
@@ -33,7 +40,7 @@ SHAPES = 2  # with 3 the tip is up to 0.06 mm nearer to MuJoCo, at three times t
 LEFT_OUT = 0.002
 WITHIN_95 = 1.96  # standard deviations, 95 % of a normal error
 STEP = 1.0  # of the integration, per shortest time of the motion; it is stable up to 2.8
-MOST_STEPS = 2000  # between two readings: after a longer gap the arm is taken to rest
+MOST_STEPS = 2000  # between two readings: after a longer gap nobody knows how the arm swings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -220,11 +227,12 @@ def follow_reading(
 ) -> tuple[MovingState, Moved]:
     """Let an arm go on to the stamp of a reading, whose equilibrium is solved.
 
-    solved: panels, ends and nodes; state: None, or too long ago: the arm rests. modes: their
-    moments are those of the shapes.
+    solved: panels, ends and nodes; state: None: the arm rests; too long ago: see `after_gap`.
+    modes: their moments are those of the shapes.
     """
     after, room = room_for_links(LINKS, float(solved[1][LOAD_OFFSET])), room_for(SHAPES, LINKS)
     swing, seconds, steps, before, turned = at_rest(SHAPES), 1.0, 0, after, np.zeros(LINKS)
+    gap = 0.0
     if state is not None:
         frequency = float(modes.frequency[-1])
         fastest = frequency * max(1.0, damping_time * frequency)
@@ -234,6 +242,8 @@ def follow_reading(
             seconds, steps, before, turned = elapsed, needed, state.links, state.turned.copy()
             old = state.swing
             swing = Swing(old.state.copy(), old.covariance.copy(), old.columns.copy())
+        elif needed > 0:
+            gap = elapsed
     at_nodes, at_joints = np.empty((3 + 3 * SHAPES, LINKS + 2)), np.empty((2 + SHAPES, LINKS + 1))
     tip = np.empty(5)
     follow_swing(
@@ -252,8 +262,42 @@ def follow_reading(
         at_joints,
         tip,
     )
+    if state is not None and gap > 0.0:
+        swing.covariance[:] = after_gap(state, gap, after, masses, damping_time, modes.moment)
     following = MovingState(stamp_ns=stamp_ns, links=after, swing=swing, turned=turned)
     return following, Moved(at_nodes, at_joints, tip[:3], tip[3:])
+
+
+def after_gap(
+    state: MovingState,
+    gap: float,
+    links: Links,
+    masses: Masses,
+    damping_time: float,
+    moment: Array,
+) -> Array:
+    """Return the covariance of q and p of a chain that nobody followed for so long (s).
+
+    links: the equilibrium now. It may have stepped there at any time of the gap, of which each is
+    as likely: swings that began long ago have died away, and the last ones have not. What swung
+    before the gap goes on, at a phase that is not known any more.
+    """
+    from scipy.linalg import expm, solve_continuous_lyapunov  # slow to import, and gaps are rare
+
+    bends = np.cumsum(moment * links.compliance, axis=1)  # turns of links per q
+    inertia = bends @ mass_matrix(links, masses)
+    gram = inertia @ bends.T
+    stepped = np.zeros(2 * SHAPES)
+    stepped[:SHAPES] = np.linalg.solve(gram, inertia @ (state.links.heading - links.heading))
+    slowed, none = np.linalg.inv(gram), np.zeros((SHAPES, SHAPES))
+    damped = damping_time * bends @ bending_stiffness(links) @ bends.T @ slowed
+    rates = np.block([[none, slowed], [-bends @ stiffness_matrix(links) @ bends.T, -damped]])
+    within = rates - np.eye(2 * SHAPES) / (2.0 * gap)  # not longer ago than the gap
+    old = state.swing.state.ravel()
+    left = expm(rates * gap)
+    before = left @ (state.swing.covariance + np.outer(old, old)) @ left.T
+    steps = solve_continuous_lyapunov(within, -np.outer(stepped, stepped) / gap)
+    return np.asarray(before + steps)
 
 
 def moved_shape(shape: Shape, along: Array, bent: Array) -> Shape:
