@@ -117,6 +117,18 @@ def test_a_known_end_load(lab):
         read('--first', 'bare.mcap', '--unloaded', 'bare.mcap', *once)
 
 
+def test_a_string_pulls_from_the_tip_of_every_frame(lab):
+    found = read('--first', 'bare.mcap', 'idle.mcap', '--string', 'bare.mcap', '10g', '0.4', '0.1')
+    bare = found.groups[0][0]
+    assert bare.loaded and bare.load_known
+    np.testing.assert_allclose(np.hypot(*bare.force.T), 0.01 * 9.80665)
+    both = ('--string', 'bare.mcap', '10g', '0.4', '0', '--end-load', 'bare.mcap', '0.1', '0')
+    with pytest.raises(RequestError, match=r'--end-load and after --string'):
+        read('--first', 'bare.mcap', *both)
+    with pytest.raises(RequestError, match=r'has readings of end_wrench'):
+        read('--first', 'loaded.mcap', '--string', 'loaded.mcap', '10g', '0.4', '0')
+
+
 def test_static_frames(lab):
     found = read('--first', 'bare.mcap', '--static')
     assert found.groups[0][0].static

@@ -58,7 +58,8 @@ BLOCKS = {
     'rated_single': 2 * 4 * len(HIDEABLE),
     'rated_pairs': 60,
 }  # trials by default; the rated ones go through all designs of `RATED`
-OUTSIDE = tuple(name for name in OUTSIDE_EFFECTS if name not in ('harmless_mismatch', 'push'))
+NO_TRIALS = ('harmless_mismatch', 'push', 'pulley')
+OUTSIDE = tuple(name for name in OUTSIDE_EFFECTS if name not in NO_TRIALS)
 RATED_PREFIX = 'rated_'
 MOST_TRIES = 20  # of effects that an arm can stand
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pneunet_ros.calibration.checks.preconditions import check_unloaded
 from pneunet_ros.calibration.settings import CalibrationSettings, judging
-from pneunet_ros.cli.quantity_option import quantity_of
+from pneunet_ros.cli.quantity_option import quantity_of, string_of
 from pneunet_ros.cli.verb import (
     add_settings,
     add_topics,
@@ -23,9 +23,11 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.paths import resolved
 from pneunet_ros.core.progress import heard
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.string_load import with_string
 from pneunet_ros.measurement.tip_frame import in_base_frame
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.string import String
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.recordings.dataset_reader import read_run
 from rich.progress import Progress
@@ -35,13 +37,18 @@ STATIC = (
     'from differences in time, and an arm with a memory had come to rest in every frame'
 )
 
+CONSTANT = (
+    '--end-load is a constant force, as of a weight that hangs straight down from the tip; a '
+    'thread over a pulley turns with the tip, which --string knows'
+)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiments:
     """Recordings, group by group as they were given, and what there is to say of them.
 
-    left_out: sentences on what could not be used; unloaded: which recordings are without a load,
-    and by which rule.
+    left_out: sentences on what could not be used, or how it was taken; unloaded: which recordings
+    are without a load, and by which rule.
     """
 
     groups: tuple[tuple[RecordingData, ...], ...]
@@ -74,8 +81,18 @@ def add_experiments(parser: ArgumentParser) -> None:
         action='append',
         default=[],
         metavar=('REC', 'FX', 'FY'),
-        help='a known constant end load (base frame; N, or with a unit, as 20g) in a recording '
-        'without `end_wrench`; its error is force_std of the model; may be repeated',
+        help='a known constant end load (base frame; N, or with a unit, as 20g), as of a weight '
+        'that hangs straight down from the tip, in a recording without `end_wrench`; its error '
+        'is force_std of the model; may be repeated',
+    )
+    parser.add_argument(
+        '--string',
+        nargs=4,
+        action='append',
+        default=[],
+        metavar=('REC', 'TENSION', 'X', 'Y'),
+        help='the same of a thread that is led over a fixed eye or pulley at X, Y (base frame; m, '
+        'or with a unit, as 300mm): TENSION pulls there from wherever the tip is; may be repeated',
     )
     add_topics(parser)
     add_settings(parser, SENSOR_SETTINGS)
@@ -97,10 +114,16 @@ def read_experiments(
     """
     paths = list(itertools.chain(*groups))
     loads = end_loads(arguments.end_load, paths)
+    threads = strings(arguments.string, paths)
+    if both := loads.keys() & threads.keys():
+        raise RequestError(f'{both.pop()} stands after --end-load and after --string')
+    loads = {**loads, **{place: (one.tension, 0.0) for place, one in threads.items()}}
     named = {resolved(path) for path in arguments.unloaded}
     check_given(named, paths, '--unloaded')
     if both := named & loads.keys():
-        raise RequestError(f'{both.pop()} stands after --unloaded and after --end-load')
+        raise RequestError(
+            f'{both.pop()} stands after --unloaded and after --end-load or --string'
+        )
     topics = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
     left_out: list[str] = []
     unloaded: list[str] = []
@@ -113,6 +136,8 @@ def read_experiments(
         run = replace(run, static=arguments.static)
         place = resolved(path)
         if place in loads:
+            if place not in threads:
+                left_out.append(f'{path.name}: {CONSTANT}')
             return with_known_load(run, loads[place])
         if place in named:
             check_unloaded(run, frame)
@@ -128,6 +153,13 @@ def read_experiments(
         runs = tuple(tuple(read(path) for path in group) for group in groups)
     flat, found = in_base_frame(list(itertools.chain(*runs)), frame)
     left_out += found
+    for index, path in enumerate(paths):
+        if thread := threads.get(resolved(path)):
+            flat[index], unseen = with_string(flat[index], frame, thread)
+            if unseen:
+                left_out.append(
+                    f'{path.name}: {unseen} frames left out, which do not show the tip'
+                )
     placed = iter(flat)
     runs = tuple(tuple(itertools.islice(placed, len(group))) for group in runs)
     return Experiments(
@@ -155,8 +187,8 @@ def with_known_load(run: RecordingData, load: tuple[float, float]) -> RecordingD
     """Return a run under its known load; RequestError where a sensor has read another."""
     if run.loaded:
         raise RequestError(
-            f'--end-load {run.name}: the recording has readings of end_wrench; the option is for '
-            'recordings without (--no-wrench-required takes no notice of the topic)'
+            f'--end-load or --string {run.name}: the recording has readings of end_wrench; the '
+            'option is for recordings without (--no-wrench-required takes no notice of the topic)'
         )
     return run.with_end_load(*load)
 
@@ -175,6 +207,18 @@ def end_loads(
             raise RequestError(f'--end-load {name} is given twice')
         loads[place] = force_x, force_y
     return loads
+
+
+def strings(given: Sequence[Sequence[str]], paths: Sequence[Path]) -> Mapping[Path, String]:
+    """Return the string by recording; RequestError where one is none of a recording."""
+    found: dict[Path, String] = {}
+    for name, *numbers in given:
+        place = resolved(name)
+        check_given({place}, paths, '--string')
+        if place in found:
+            raise RequestError(f'--string {name} is given twice: a tip has one string')
+        found[place] = string_of(f'--string {name}', numbers)
+    return found
 
 
 def check_given(places: set[Path], paths: Sequence[Path], option: str) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from argparse import ArgumentTypeError
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import math
 import re
 
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import SI_PER_UNIT
+from pneunet_ros.model.string import String
 
 _NUMBER_AND_UNIT = re.compile(r'\s*([-+0-9.eE]+?)\s*([A-Za-z][A-Za-z_ .*·]*)?\s*')
 _BETWEEN_UNITS = re.compile(r'[_ .*·]')
@@ -68,6 +69,16 @@ def quantity_of(option: str, text: str, kind: str) -> float:
     """Return the number of an option in SI; RequestError names the option."""
     try:
         return parse_quantity(text, kind)
+    except RequestError as error:
+        raise RequestError(f'{option}: {error}') from error
+
+
+def string_of(option: str, texts: Sequence[str]) -> String:
+    """Return the string of tension, X and Y of an option; RequestError names the option."""
+    kinds = ('force', 'length', 'length')
+    tension, x, y = (quantity_of(option, *pair) for pair in zip(texts, kinds, strict=True))
+    try:
+        return String(tension=tension, x=x, y=y)
     except RequestError as error:
         raise RequestError(f'{option}: {error}') from error
 

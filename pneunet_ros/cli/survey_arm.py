@@ -57,6 +57,7 @@ class SurveyRequest:
             topic=self.topic,
             unloaded=unloaded,
             end_load=[],
+            string=[],
             earlier=None,
             **self.sensors,
         )

@@ -8,14 +8,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pneunet_ros.cli.quantity_option import quantity_of
+from pneunet_ros.cli.quantity_option import quantity_of, string_of
 from pneunet_ros.cli.table_options import add_table_options, table_request
 from pneunet_ros.cli.verb import add_settings
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.estimation.clock_delay import ClockDelay
 from pneunet_ros.measurement.pressure_judge import ANY_ACTUATOR, expected_of
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.offline.film import check_readings, delay_of, FilmedRun, join, with_end_load
+from pneunet_ros.model.string import String
+from pneunet_ros.offline.film import (
+    check_no_forces,
+    check_readings,
+    delay_of,
+    FilmedRun,
+    join,
+    with_end_load,
+    with_string,
+)
 from pneunet_ros.offline.judge import table_doubts
 from pneunet_ros.recordings.image_stream import ImageStream
 from pneunet_ros.tables.reading_table import ReadingTable
@@ -46,8 +55,15 @@ def add_film_options(parser: ArgumentParser) -> None:
         '--end-load',
         nargs=2,
         metavar=('FX', 'FY'),
-        help='a known constant end load (base frame), where weights hung and no sensor read: N, '
-        'or with a unit, as 20g',
+        help='a known constant end load (base frame), where a weight hung straight down from the '
+        'tip and no sensor read: N, or with a unit, as 20g',
+    )
+    group.add_argument(
+        '--string',
+        nargs=3,
+        metavar=('TENSION', 'X', 'Y'),
+        help='the same of a thread that is led over a fixed eye or pulley at X, Y (base frame; m, '
+        'or with a unit, as 300mm): TENSION pulls there from wherever the tip is seen',
     )
     add_table_options(parser)
     add_settings(parser, ['judge_readings'])
@@ -55,18 +71,19 @@ def add_film_options(parser: ArgumentParser) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilmReadings:
-    """The table beside a film; delay (s), None where it is to be estimated."""
+    """The table beside a film; delay (s), None where it is to be estimated; string: at the tip."""
 
     path: Path
     table: ReadingTable
     sentences: tuple[str, ...]
     delay: float | None
+    string: String | None = None
 
 
 def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | None:
     """Return the table that was given; None without one; RequestError for what cannot be."""
     if arguments.readings is None:
-        for option in ('delay', 'end_load', 'select', 'rename', 'offset', 'ignore'):
+        for option in ('delay', 'end_load', 'string', 'select', 'rename', 'offset', 'ignore'):
             if getattr(arguments, option):
                 name = option.replace('_', '-')
                 raise RequestError(f'--{name} says something of --readings, which is not given')
@@ -80,6 +97,10 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
         raise RequestError('--readings needs --output OUT.mcap, where frames and readings go')
     table, sentences = read_table(arguments.readings, table_request(arguments))
     check_readings(table, arguments.readings)
+    if arguments.string is not None:
+        check_no_forces(table, '--string')
+        if arguments.end_load is not None:
+            raise RequestError('give --end-load or --string: a tip that has both is under neither')
     if arguments.end_load is not None:
         table = with_end_load(
             table, *(quantity_of('--end-load', text, 'force') for text in arguments.end_load)
@@ -90,6 +111,7 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
         table=table,
         sentences=sentences,
         delay=None if automatic else quantity_of('--delay', arguments.delay, 'time'),
+        string=None if arguments.string is None else string_of('--string', arguments.string),
     )
 
 
@@ -104,7 +126,7 @@ def reading_doubts(table: ReadingTable, arguments: Namespace, arm: Arm) -> tuple
 
 
 def joined(
-    readings: FilmReadings, trackings: Sequence[Tracking]
+    readings: FilmReadings, trackings: Sequence[Tracking], arm: Arm
 ) -> tuple[FilmedRun | None, dict[str, Any]]:
     """Return frames and readings on one clock, None where the delay is not known, and a summary.
 
@@ -122,6 +144,8 @@ def joined(
             return None, summary_of(readings, found, None, f'{found.trouble}; give --delay S')
         delay = found.delay
     run = join(trackings, readings.table, delay)
+    if readings.string is not None:
+        run = with_string(run, readings.string, arm)
     if not run.covered:
         raise RequestError(
             f'--delay {delay:g}: no frame of the film lies within the table of {readings.path}'

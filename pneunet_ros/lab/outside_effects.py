@@ -11,11 +11,15 @@ from typing import ClassVar
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import quantity
-from pneunet_ros.lab.chain import Chain, Peg, Push
+from pneunet_ros.lab.chain import Chain, equilibrium_shape, Peg, Push
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_effect import Course, LabEffect, Past
 from pneunet_ros.lab.lab_effects import LAB_EFFECTS
+
+MOST_TURNS = 200  # of a string after the tip
+TIP_RESTS = 1e-7  # of the length: it moves by less
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,6 +144,38 @@ class LabPush(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LabPulley(LabEffect):
+    """The end force of the protocol is the tension of a string that is led over a pulley.
+
+    It pulls from the tip in equilibrium to eye_x, eye_y (base frame), and what reads it takes it
+    for a force of the protocol's direction.
+    """
+
+    name: ClassVar[str] = 'pulley'
+    eye_x: float = quantity(math.inf, unit='m', meaning='inf: none', bounds=(-1e3, math.inf))
+    eye_y: float = quantity(0.0, unit='m', bounds=(-1e3, 1e3))
+
+    def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
+        """Turn the force to the pulley until the tip stays where it is."""
+        if math.isinf(self.eye_x):
+            return chain
+        tension = np.linalg.norm(chain.force, axis=1, keepdims=True)
+        tip = np.full((len(chain.force), 2), np.nan)
+        for _ in range(MOST_TURNS):
+            x, y, _ = equilibrium_shape(chain).points(np.array([arm.reach]))
+            found = np.column_stack([x[:, -1], y[:, -1]])
+            if np.abs(found - tip).max() < TIP_RESTS * arm.length:
+                return chain
+            tip, way = found, np.array([self.eye_x, self.eye_y]) - found
+            force = tension * way / np.linalg.norm(way, axis=1, keepdims=True)
+            chain = replace(chain, force=freeze(force))
+        raise RequestError(
+            f'the tip of the lab arm comes to no rest under its string to {self.eye_x:g}, '
+            f'{self.eye_y:g} m: put the pulley further away, or pull less'
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LabSlippingBase(LabEffect):
     """The whole arm jumps, when a share `moment` of the recording is over, and stays there."""
 
@@ -162,6 +198,7 @@ OUTSIDE_EFFECTS: dict[str, type[LabEffect]] = {
         LabPeriodicDisturbance,
         LabTouchingPeg,
         LabPush,
+        LabPulley,
         LabSlippingBase,
     )
 }

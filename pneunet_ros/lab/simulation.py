@@ -51,7 +51,7 @@ def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordin
         raise RequestError('protocol.duration must hold two frames or more')
     arm, weights = scenario.arm, sample(course, course.weights, times)
     chamber = sample(course, course.chamber[:, None], times)[:, 0]
-    shape, motion = shape_of(scenario, course, events, times)
+    shape, motion, force = shape_of(scenario, course, events, times)
     arclength = np.linspace(0.0, arm.reach, int(scenario.detail.stations))
     x, y, theta = shape.points(arclength)
     placement = draw_placement(random_stream('placement', arm.seed), arm.targets, scenario.noise)
@@ -64,7 +64,7 @@ def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordin
         time=times,
         pressure=events.pressure_at(times),
         chamber_pressure=freeze(chamber),
-        force=events.force_at(times),
+        force=force,
         moment=freeze(np.zeros(times.size)),
         target_x=target_x,
         target_y=target_y,
@@ -164,18 +164,22 @@ def apply_effects(
 
 def shape_of(
     scenario: Scenario, course: Course, events: Timeline, times: Array
-) -> tuple[ChainShape | MovingShape, MotionTruth | None]:
-    """Return the shapes of the arm at times (n,) s: in equilibrium, or moving as MuJoCo says."""
+) -> tuple[ChainShape | MovingShape, MotionTruth | None, Array]:
+    """Return the shapes of the arm at times (n,) s: in equilibrium, or moving as MuJoCo says.
+
+    And the end forces (n, 2) N, as effects turned them.
+    """
     motion = scenario.motion
     if motion is None:
         chain = chain_of(scenario, course, times, events.force_at(times))
-        return equilibrium_shape(chain), None
+        return equilibrium_shape(chain), None, chain.force
     fine = replace(scenario, detail=replace(scenario.detail, elements=2.0 * motion.links))
 
     def chain_at(at: Array) -> Chain:
         return chain_of(fine, course, at, events.force_at(at))
 
-    return moving_shape(scenario.arm, motion, chain_at, times, events.duration)
+    moving = moving_shape(scenario.arm, motion, chain_at, times, events.duration)
+    return *moving, chain_at(times).force
 
 
 def sample(course: Course, columns: Array, times: Array) -> Array:

@@ -18,9 +18,12 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.estimation.clock_delay import ClockDelay, estimate_delay
+from pneunet_ros.measurement.string_load import tips_of
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS, TIP_POSE
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.messages.tracker import outputs_of, TRACKER_OUTPUTS
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.string import radius_of, String
 from pneunet_ros.offline.table_conversion import NAMESPACE, table_messages, WrittenMessage
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recording_writer import RecordingWriter
@@ -57,10 +60,15 @@ def check_readings(table: ReadingTable, path: Path) -> None:
             )
 
 
+def check_no_forces(table: ReadingTable, option: str) -> None:
+    """Refuse an option that says what pulled, beside a sensor that read it."""
+    if table.counts()[END_WRENCH.name]:
+        raise RequestError(f'{option} is for tables without forces, and this one has them')
+
+
 def with_end_load(table: ReadingTable, force_x: float, force_y: float) -> ReadingTable:
     """Return the table under a known constant end load (N, base frame), without one of its own."""
-    if table.counts()[END_WRENCH.name]:
-        raise RequestError('--end-load is for tables without forces, and this one has them')
+    check_no_forces(table, '--end-load')
     load = np.tile([force_x, force_y, 0.0], (len(table.stamp_ns), 1))
     return replace(table, values={**table.values, END_WRENCH.name: load})
 
@@ -109,6 +117,28 @@ def _moved(tracking: Tracking, by_ns: int) -> Tracking:
         sightings=replace(sightings, stamp_ns=sightings.stamp_ns + by_ns),
         curve=None if curve is None else replace(curve, stamp_ns=curve.stamp_ns + by_ns),
     )
+
+
+def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
+    """Return a film in which a string pulled the tip: the load of every row goes with the tip.
+
+    Raises RequestError where no frame shows the tip, or the eye lies on the arm.
+    """
+    sightings = [frame.sightings for frame in run.trackings]
+    points = np.array([[frame.x, frame.y] for frame in sightings])
+    string.check_beside(points[:, 0], points[:, 1], radius_of(arm))
+    tips = tips_of(points, arm.target_arclength, arm.reach)
+    known = np.isfinite(tips).all(axis=1)
+    if not known.any():
+        raise RequestError('--string: no frame of the film shows the tip, from which it pulls')
+    start = run.table.stamp_ns[0]
+    seen = np.array([frame.stamp_ns for frame in sightings])[known] - start
+    along = np.column_stack(
+        [np.interp(run.table.stamp_ns - start, seen, part) for part in tips[known].T]
+    )
+    load = np.column_stack([string.pull(along), np.zeros(len(along))])
+    table = replace(run.table, values={**run.table.values, END_WRENCH.name: load})
+    return replace(run, table=table)
 
 
 def record_film(writer: RecordingWriter, run: FilmedRun) -> None:

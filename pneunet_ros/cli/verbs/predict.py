@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 from pneunet_ros.cli.fitted_table import print_table
-from pneunet_ros.cli.quantity_option import quantity_of, quantity_type
+from pneunet_ros.cli.quantity_option import quantity_of, quantity_type, string_of
 from pneunet_ros.cli.verb import (
     add_dimensionless,
     add_gravity,
@@ -49,6 +49,7 @@ from pneunet_ros.model.equilibrium import (
 from pneunet_ros.model.inverse import solve_tip
 from pneunet_ros.model.pressure_search import pressure_for_force, pressure_for_tip
 from pneunet_ros.model.shape import Shape
+from pneunet_ros.model.string import follows_tip, solve_string
 from pneunet_ros.model.uncertainty import error_left_out
 from rich.table import Table
 
@@ -88,6 +89,13 @@ def options(parser: ArgumentParser) -> None:
         'a weight (default: 0 0)',
     )
     parser.add_argument(
+        '--string',
+        nargs=3,
+        metavar=('TENSION', 'X', 'Y'),
+        help='a thread pulls the tip to a fixed eye or pulley at X, Y (base frame; m, or with a '
+        'unit, as 300mm), in addition to --force; TENSION: N, or with a unit, as 20g',
+    )
+    parser.add_argument(
         '--moment',
         type=quantity_type('moment'),
         default=0.0,
@@ -123,6 +131,8 @@ def run(arguments: Namespace) -> int:
     """Solve and print."""
     if arguments.tip and arguments.force:
         raise RequestError('give either --force or --tip: with --tip the force is the answer')
+    if arguments.string and (arguments.tip or arguments.pressure_for):
+        raise RequestError('--string goes with --pressure, and neither --tip nor --pressure-for')
     if arguments.tip_std is not None and not arguments.tip:
         raise RequestError('--tip-std says how sure --tip is: give both')
     if arguments.tip_std is not None and not 0.0 <= arguments.tip_std < math.inf:
@@ -148,7 +158,10 @@ def solved(arm: Arm, arguments: Namespace) -> Shape:
     if arguments.tip:
         tip = arguments.tip[0], arguments.tip[1]
         return solve_tip(arm, pressure, tip, moment, stations=stations)
-    force = arguments.force or (0.0, 0.0)
+    force = tuple(arguments.force or (0.0, 0.0))
+    if arguments.string:
+        thread = string_of('--string', arguments.string)
+        return solve_string(arm, pressure, thread, (force[0], force[1]), moment, stations)
     return solve(arm, pressure, (force[0], force[1]), moment, stations=stations)
 
 
@@ -188,6 +201,14 @@ def predict(arm: Arm, shape: Shape, arguments: Namespace) -> Prediction:
     settings = EstimatorSettings(stations=shape.arclength.size)
     estimator = Estimator(arm=arm, settings=settings)
     estimate = estimate_uncertainty(estimator, shape, arguments.pressure)
+    if arguments.string and estimate is not None:
+        thread = string_of('--string', arguments.string)
+        turned = follows_tip(thread, np.array(shape.tip), estimate.jacobian)
+        estimate = replace(
+            estimate,
+            jacobian=turned @ estimate.jacobian,
+            tip_covariance=turned @ estimate.tip_covariance @ turned.T,
+        )
     if not arguments.tip or estimate is None:
         return Prediction(shape=shape, estimate=estimate)
     std = arguments.tip_std

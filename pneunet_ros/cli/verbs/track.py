@@ -207,7 +207,7 @@ def run(arguments: Namespace) -> int:
         sentences = (*sentences, *tally.notes)
         if readings is not None:
             bar.update(task, description='matching film and table')
-            run_, found = joined(readings, trackings)
+            run_, found = joined(readings, trackings, arm)
             film.update(found)
             sentences = (*doubts, *sentences, *readings.sentences)
             if run_ is not None:

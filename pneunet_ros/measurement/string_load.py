@@ -1,0 +1,52 @@
+"""The end load of a string whose tip was seen: it pulls from there to its eye, frame by frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.string import radius_of, String
+
+CURVE = 3  # targets through which a curve goes on to a tip beyond the last one
+
+
+def with_string(run: RecordingData, arm: Arm, string: String) -> tuple[RecordingData, int]:
+    """Return a run whose end load is that of a string, and how many frames do not show its tip.
+
+    Those are left out. Raises RecordingError where none shows it, and RequestError where the eye
+    lies on the arm.
+    """
+    string.check_beside(run.x, run.y, radius_of(arm))
+    places, points = arm.target_arclength, run.points
+    tips = tips_of(points, places, arm.reach)
+    if run.tip_pose is not None:
+        measured = np.isfinite(run.tip_pose[:, :2]).all(axis=1)
+        tips[measured] = run.tip_pose[measured, :2]
+    known = np.flatnonzero(np.isfinite(tips).all(axis=1))
+    if not known.size:
+        raise RecordingError(
+            f'{run.name}: no frame shows the tip, from which the string pulls: the last target, '
+            'or the three before it where it is not at the tip'
+        )
+    kept = run.subset(known).with_end_load(0.0, 0.0)
+    return replace(kept, force=string.pull(tips[known])), len(run.stamp_ns) - known.size
+
+
+def tips_of(points: Array, places: Array, reach: float) -> Array:
+    """Return the tip (frames, 2) m of targets (frames, 2, targets) m, NaN where it is not known.
+
+    places (targets,) m of them; reach (m) of the arm. Where the last target is not at the tip, the
+    curve through the last three goes on to it.
+    """
+    last = places[-CURVE:] - reach
+    if places.size < CURVE or last[-1] == 0.0:
+        return np.array(points[:, :, -1])
+    others = [np.delete(last, k) for k in range(CURVE)]
+    weights = [
+        np.prod(-other) / np.prod(one - other) for one, other in zip(last, others, strict=True)
+    ]
+    return np.array(points[:, :, -CURVE:] @ np.array(weights))

@@ -1,0 +1,160 @@
+"""A thread from the tip to a fixed eye or pulley: its tension is known, its direction is found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import millimeters
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.equilibrium import DEFAULT_STATIONS, solve, tip_jacobian
+from pneunet_ros.model.shape import Shape
+
+MOST_STEPS = 30  # of Newton, in all
+LEAST_TENSION = 1.0 / 64.0  # by which it is increased, of all of it
+EXACT = 1e-9  # of the tension
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class String:
+    """A thread that pulls the tip towards an eye at x, y (m, base frame) with a tension (N)."""
+
+    tension: float
+    x: float
+    y: float
+
+    def __post_init__(self) -> None:
+        """Refuse a thread that does not pull, or leads nowhere."""
+        if not (math.isfinite(self.tension) and self.tension > 0.0):
+            raise RequestError(f'a string pulls: its tension must be positive, not {self.tension}')
+        if not (math.isfinite(self.x) and math.isfinite(self.y)):
+            raise RequestError(f'the eye of a string must be a place, not {self.x}, {self.y}')
+
+    def pull(self, tip: Array) -> Array:
+        """Return the force (..., 2) N on tips (..., 2) m; none on a tip in the eye."""
+        way = np.array([self.x, self.y]) - tip
+        length = np.linalg.norm(way, axis=-1, keepdims=True)
+        return np.asarray(self.tension * way / np.maximum(length, np.finfo(float).tiny))
+
+    def slope(self, tip: Array) -> Array:
+        """Return d pull / d tip, (2, 2) N/m."""
+        way = np.array([self.x, self.y]) - tip
+        length = float(np.hypot(*way))
+        along = way / length
+        return np.asarray(self.tension / length * (np.outer(along, along) - np.eye(2)))
+
+    def check_beside(self, x: Array, y: Array, radius: float) -> None:
+        """Refuse an eye on an arm: nearer than a radius (m) to the line through places (m).
+
+        x, y: (places,), or (shapes, places) of several shapes.
+        """
+        points = np.stack([np.atleast_2d(x), np.atleast_2d(y)], axis=-1)
+        start, way = points[:, :-1], np.diff(points, axis=1)
+        to_eye = np.array([self.x, self.y]) - start
+        square = np.sum(way**2, axis=-1)
+        share = np.clip(np.sum(to_eye * way, axis=-1) / np.where(square > 0.0, square, 1.0), 0, 1)
+        away = np.linalg.norm(to_eye - share[..., None] * way, axis=-1)
+        if np.isfinite(away).any() and float(np.nanmin(away)) < radius:
+            raise RequestError(
+                f'the eye of the string at {millimeters(self.x):.4g}, {millimeters(self.y):.4g} '
+                f'mm lies on the arm ({millimeters(float(np.nanmin(away))):.2g} mm beside it); '
+                'X and Y are where the thread leaves its eye or pulley, in the base frame at the '
+                'clamp'
+            )
+
+
+def solve_string(
+    arm: Arm,
+    pressure: float,
+    string: String,
+    force: tuple[float, float] = (0.0, 0.0),
+    moment: float = 0.0,
+    stations: int = DEFAULT_STATIONS,
+) -> Shape:
+    """Return the equilibrium of an arm whose tip a string pulls; its `force` is that of all loads.
+
+    Args:
+        arm: the calibrated arm.
+        pressure: what the sensor reads, held steady; Pa gauge.
+        string: the thread.
+        force: F1, F2 on the free end beside that of the string, N.
+        moment: on the free end, N m.
+        stations: how many places along the arm the shape has.
+
+    Returns:
+        The shape; where none was found its arrays are NaN and `status` says why.
+
+    Raises:
+        RequestError: the eye lies on the arm.
+
+    The direction follows the tip: Newton, with how the tip moves by the force, and the tension
+    grows by smaller steps where it does not settle.
+    """
+    beside = np.array(force)
+    shape = solve(arm, pressure, force, moment, stations=stations)
+    share, step, steps = 0.0, 1.0, 0
+    while shape.converged and share < 1.0 and steps < MOST_STEPS:
+        pulled = String(tension=min(share + step, 1.0) * string.tension, x=string.x, y=string.y)
+        found, used = settle(arm, pressure, pulled, beside, moment, shape, stations)
+        steps += used
+        if found is not None:
+            shape, share = found, share + step
+        elif step <= LEAST_TENSION:
+            break
+        else:
+            step *= 0.5
+    if shape.converged:
+        string.check_beside(shape.x, shape.y, radius_of(arm))
+    if shape.converged and share < 1.0:
+        near = math.hypot(string.x, string.y) <= arm.reach
+        raise RequestError(
+            f'a string of {string.tension:.3g} N finds no equilibrium beyond '
+            f'{share * string.tension:.3g} N'
+            + ': its eye is within reach of the tip, which is pulled into it; X and Y are in the '
+            'base frame at the clamp' * near
+        )
+    return shape
+
+
+def settle(
+    arm: Arm,
+    pressure: float,
+    string: String,
+    beside: Array,
+    moment: float,
+    start: Shape,
+    stations: int,
+) -> tuple[Shape | None, int]:
+    """Return the shape near another one in which the force is that of the string, and steps."""
+    shape = start
+    force = beside + string.pull(np.array(shape.tip[:2]))
+    for step in range(1, 1 + MOST_STEPS // 3):
+        shape = solve(arm, pressure, (force[0], force[1]), moment, shape, stations)
+        if not shape.converged:
+            return None, step
+        tip = np.array(shape.tip[:2])
+        off = beside + string.pull(tip) - force
+        if float(np.hypot(*off)) <= EXACT * string.tension:
+            return shape, step
+        per_force = tip_jacobian(arm, shape)[:2, 1:3]
+        force = force + np.linalg.solve(np.eye(2) - string.slope(tip) @ per_force, off)
+    return None, MOST_STEPS // 3
+
+
+def follows_tip(string: String, tip: Array, jacobian: Array) -> Array:
+    """Return by what changes of the tip (x, y, theta) grow as the string turns after it, (3, 3).
+
+    jacobian (3, 4): of the tip under a constant force. What it or a covariance says of that is
+    multiplied by this from the left.
+    """
+    turning = np.zeros((3, 3))
+    turning[:, :2] = jacobian[:, 1:3] @ string.slope(tip[:2])
+    return np.asarray(np.linalg.inv(np.eye(3) - turning))
+
+
+def radius_of(arm: Arm) -> float:
+    """Return how near (m) to the line of an arm nothing can stand: a hundredth of its length."""
+    return 0.01 * arm.length

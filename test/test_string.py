@@ -1,0 +1,161 @@
+"""A string pulls the tip to its eye: in one solve, in recordings, and by every verb."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+from pneunet_ros import load_model, solve
+from pneunet_ros.cli.experiments import strings
+from pneunet_ros.cli.main import main
+from pneunet_ros.core.errors import RecordingError, RequestError
+from pneunet_ros.core.share import share_path
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.lab.outside_effects import LabPulley
+from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.string_load import tips_of, with_string
+from pneunet_ros.model.equilibrium import tip_jacobian
+from pneunet_ros.model.string import follows_tip, solve_string, String
+import pytest
+from support.lab_run import true_model
+
+EYE = (0.412, 0.0)  # 0.3 m beyond the tip of the straight arm
+
+
+@pytest.fixture(scope='module')
+def arm():
+    """Return the paper's arm."""
+    return load_model(share_path('config/paper_arm.yaml'))
+
+
+@pytest.mark.parametrize('pressure', [0.0, 20e3, 60e3])
+@pytest.mark.parametrize('tension', [0.02, 0.2, 0.8])
+def test_the_force_points_from_the_tip_to_the_eye(arm, pressure, tension):
+    string = String(tension=tension, x=EYE[0], y=0.05)
+    shape = solve_string(arm, pressure, string)
+    assert shape.converged
+    way = np.array([string.x, string.y]) - shape.tip[:2]
+    assert np.array(shape.force) == pytest.approx(tension * way / np.hypot(*way), abs=1e-9)
+    again = solve(arm, pressure, shape.force, start=shape)
+    assert again.tip == pytest.approx(shape.tip, abs=1e-9)
+
+
+def test_far_away_it_is_a_constant_force(arm):
+    string = String(tension=0.1, x=1e6, y=0.0)
+    assert solve_string(arm, 40e3, string).tip == pytest.approx(
+        solve(arm, 40e3, (0.1, 0.0)).tip, abs=1e-6
+    )
+
+
+def test_its_jacobian_is_that_of_the_arm_with_its_string(arm):
+    string, pressure, step = String(tension=0.1, x=EYE[0], y=EYE[1]), 40e3, 10.0
+    shape = solve_string(arm, pressure, string)
+    jacobian = tip_jacobian(arm, shape)
+    found = follows_tip(string, np.array(shape.tip), jacobian) @ jacobian
+    sides = [solve_string(arm, pressure + sign * step, string).tip for sign in (-1.0, 1.0)]
+    assert found[:, 0] == pytest.approx((np.array(sides[1]) - sides[0]) / (2 * step), rel=1e-5)
+    force = 1e-4
+    sides = [solve_string(arm, pressure, string, (0.0, sign * force)).tip for sign in (-1.0, 1.0)]
+    assert found[:, 2] == pytest.approx((np.array(sides[1]) - sides[0]) / (2 * force), rel=1e-4)
+
+
+@pytest.mark.parametrize('numbers', [(0.0, 0.4, 0.0), (-0.1, 0.4, 0.0), (0.1, np.nan, 0.0)])
+def test_what_is_no_string_is_refused(numbers):
+    tension, x, y = numbers
+    with pytest.raises(RequestError):
+        String(tension=tension, x=x, y=y)
+
+
+def test_an_eye_on_the_arm_is_refused(arm):
+    with pytest.raises(RequestError, match=r'lies on the arm'):
+        solve_string(arm, 0.0, String(tension=0.05, x=0.056, y=0.0))
+    with pytest.raises(RequestError, match=r'within reach'):
+        solve_string(arm, 40e3, String(tension=0.1, x=0.09, y=0.06))
+
+
+def run_with(arm, shapes) -> RecordingData:
+    """Return a recording of shapes at their targets."""
+    x, y = (
+        np.array(
+            [np.interp(arm.target_arclength, one.arclength, getattr(one, name)) for one in shapes]
+        )
+        for name in 'xy'
+    )
+    stamps = np.arange(1, 1 + len(shapes)) * 10**8
+    zeros = np.zeros(len(shapes))
+    return RecordingData(
+        name='pulled', reading_stamp_ns=stamps, pressure=[one.pressure for one in shapes],
+        stamp_ns=stamps, reading=np.arange(len(shapes)), loaded=False,
+        force=np.zeros((len(shapes), 2)), moment=zeros, x=x, y=y,
+    )  # fmt: skip
+
+
+def test_frames_have_the_force_from_their_tip(arm):
+    string = String(tension=0.1, x=EYE[0], y=EYE[1])
+    shapes = [solve_string(arm, p, string) for p in (0.0, 20e3, 40e3, 60e3)]
+    run = run_with(arm, shapes)
+    found, unseen = with_string(run, arm, string)
+    assert unseen == 0 and found.load_known
+    assert found.force == pytest.approx(np.array([one.force for one in shapes]), abs=1e-5)
+    x, y = np.array(run.x), np.array(run.y)
+    x[1, -1] = y[1, -1] = np.nan
+    found, unseen = with_string(dataclasses.replace(run, x=x, y=y), arm, string)
+    assert unseen == 1 and len(found.stamp_ns) == 3
+    x[:, -1] = y[:, -1] = np.nan
+    with pytest.raises(RecordingError, match=r'no frame shows the tip'):
+        with_string(dataclasses.replace(run, x=x, y=y), arm, string)
+    with pytest.raises(RequestError, match=r'lies on the arm'):
+        with_string(run, arm, String(tension=0.1, x=float(x[2, 10]), y=float(y[2, 10])))
+
+
+def test_a_tip_beyond_the_last_target_is_on_the_curve(arm):
+    shape = solve(arm, 50e3, stations=113)
+    places = np.array([0.0, 0.03, 0.06, 0.09, 0.1])
+    points = np.array([[np.interp(places, shape.arclength, part) for part in (shape.x, shape.y)]])
+    assert tips_of(points, places, arm.reach)[0] == pytest.approx(shape.tip[:2], abs=5e-4)
+
+
+def test_predict_and_what_does_not_go_with_a_string(capsys):
+    assert main(['predict', '--pressure', '40kPa', '--string', '10g', '412mm', '0', '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert np.hypot(*found['force']) == pytest.approx(0.0980665, rel=1e-9)
+    assert found['force'][1] < 0.0
+    for options in (['--tip', '0.1', '0.02'], ['--string', '-10g', '412mm', '0']):
+        asked = ['predict', '--pressure', '40kPa', '--string', '10g', '412mm', '0', *options]
+        assert main(asked) != 0
+
+
+def test_the_lab_pulls_as_the_model_does():
+    scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
+    pulley = LabPulley(eye_x=scenario.arm.reach + 0.3, eye_y=0.02)
+    protocol = dataclasses.replace(
+        load_scenario(share_path('scenarios/dead_weights.yaml')).protocol, duration=20.0, angle=0.0
+    )
+    scenario = dataclasses.replace(scenario, protocol=protocol, effects=(pulley,))
+    truth = simulate(scenario).truth
+    arm = true_model(dataclasses.replace(scenario, effects=()))
+    for frame in (60, 120, 199):
+        tension = float(np.hypot(*truth.force[frame]))
+        string = String(tension=tension, x=pulley.eye_x, y=pulley.eye_y)
+        shape = solve_string(arm, float(truth.pressure[frame]), string)
+        assert np.array(shape.force) == pytest.approx(truth.force[frame], abs=1e-5)
+        tip = truth.x[frame, -1], truth.y[frame, -1]
+        assert shape.tip[:2] == pytest.approx(tip, abs=2e-5)
+
+
+def test_strings_of_recordings_are_read_and_wrong_ones_refused():
+    paths = [Path('a.mcap'), Path('b.mcap')]
+    found = strings([('a.mcap', '20g', '412mm', '0')], paths)
+    (one,) = found.values()
+    assert (one.tension, one.x, one.y) == pytest.approx((0.02 * 9.80665, 0.412, 0.0))
+    for given in (
+        [('c.mcap', '20g', '0.4', '0')],
+        [('a.mcap', '20g', '0.4', '0'), ('a.mcap', '20g', '0.4', '0')],
+        [('a.mcap', '20mm', '0.4', '0')],
+        [('a.mcap', '0', '0.4', '0')],
+    ):
+        with pytest.raises(RequestError):
+            strings(given, paths)
