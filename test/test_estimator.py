@@ -607,15 +607,22 @@ def at_rest(*values: float) -> tuple[PressureReading, ...]:
     return tuple(pressure(index + 1, value) for index, value in enumerate(values))
 
 
+def zero_of(estimator, readings):
+    """Give the zero of the sensor of an estimator."""
+    return pressure_zero(estimator.arm, estimator.settings.pressure, readings)
+
+
 def test_the_zero_is_what_cancels_the_mean():
-    offset, sentence = pressure_zero(PLAIN, at_rest(120, 130, 125, 124, 126))
+    offset, sentence = pressure_zero(
+        PLAIN.arm, PLAIN.settings.pressure, at_rest(120, 130, 125, 124, 126)
+    )
     assert offset == pytest.approx(-125.0)
     assert '5 readings' in sentence
 
 
 def test_the_zero_of_an_absolute_sensor_is_above_ambient():
     absolute = estimator_with(pressure_reference='absolute', ambient_pressure=95e3)
-    offset, _ = pressure_zero(absolute, at_rest(*5 * [95_200.0]))
+    offset, _ = zero_of(absolute, at_rest(*5 * [95_200.0]))
     assert offset == pytest.approx(-200.0)
 
 
@@ -630,14 +637,14 @@ def test_the_zero_of_an_absolute_sensor_is_above_ambient():
     ],
 )
 def test_there_is_no_zero_without_a_vented_arm_at_rest(values, sentence):
-    offset, why = pressure_zero(PLAIN, at_rest(*values))
+    offset, why = zero_of(PLAIN, at_rest(*values))
     assert offset is None
     assert sentence in why
 
 
 def test_an_absolute_sensor_far_from_zero_is_a_matter_of_the_air():
     absolute = estimator_with(pressure_reference='absolute', ambient_pressure=101_325.0)
-    offset, why = pressure_zero(absolute, at_rest(*5 * [95_200.0]))
+    offset, why = zero_of(absolute, at_rest(*5 * [95_200.0]))
     assert offset is None
     assert 'ambient_pressure to 95200' in why
 
@@ -646,8 +653,8 @@ def test_an_absolute_sensor_far_from_zero_is_a_matter_of_the_air():
 def test_the_largest_zero_is_the_smaller_of_the_two_priors(monkeypatch, reach, largest):
     expected = ExpectedPressure(low=0.0, high=reach)
     monkeypatch.setattr(pressure_tare, 'expected_of', lambda arm: expected)
-    assert pressure_zero(PLAIN, at_rest(*5 * [largest - 1.0]))[0] == 1.0 - largest
-    assert pressure_zero(PLAIN, at_rest(*5 * [largest + 1.0]))[0] is None
+    assert zero_of(PLAIN, at_rest(*5 * [largest - 1.0]))[0] == 1.0 - largest
+    assert zero_of(PLAIN, at_rest(*5 * [largest + 1.0]))[0] is None
 
 
 # How sure it is

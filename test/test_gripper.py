@@ -5,9 +5,11 @@ from __future__ import annotations
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
+import json
 from multiprocessing import get_context
 import os
 import signal
+import time
 
 from pneunet_ros.core.errors import PneunetError, RequestError
 from pneunet_ros.core.share import share_path
@@ -25,7 +27,9 @@ from pneunet_ros.nodes.gripper.configuration import (  # noqa: E402
     check_blocks,
     GripperSettings,
 )
+from pneunet_ros.nodes.sensor_description import OtherDescriptions  # noqa: E402
 from pneunet_ros.nodes.shedding import FrameShedding, MOST_WAITING  # noqa: E402
+from sensor_msgs.msg import FluidPressure  # noqa: E402
 from support.dds_peer import NodeProcess, running_node, SensorsPeer  # noqa: E402
 
 DOMAIN = int(os.environ['ROS_DOMAIN_ID'])
@@ -94,6 +98,69 @@ def test_each_arm_of_a_busy_gripper_is_its_replay(gripper, kind, tmp_path):
         ]
         assert live == expected
         peer.close()
+
+
+def test_nodes_of_one_arm_say_that_they_differ_until_both_are_zeroed(tmp_path):
+    unlike = ['-p', 'left.estimator.pressure_offset:=300.0', '-p', 'fusion:=true']
+    with running_node(tmp_path / 'output', DOMAIN, *unlike, node='gripper') as process:
+        process.wait_for('ready: gripper')
+        peer = SensorsPeer(DOMAIN, 'gripper', ())
+        sensors = {
+            arm: peer.node.create_publisher(FluidPressure, f'{arm}/pressure', 10) for arm in ARMS
+        }
+
+        def differing():
+            """Give what each node says of the others, once all have said something new."""
+            peer.statuses.clear()
+            names = {f'pneunet/{arm}/{kind}' for arm in ARMS for kind in KINDS}
+            said = {}
+
+            def is_complete():
+                for status in peer.statuses:
+                    values = {item.key: item.value for item in status.values}
+                    said[status.name.partition(':')[0]] = values.get('other_descriptions', '')
+                return names <= set(said)
+
+            assert peer.spin_until(is_complete)
+            return {name: words for name, words in said.items() if words}
+
+        assert peer.spin_until(lambda: len(differing()) == 2)
+        found = differing()
+        assert set(found) == {'pneunet/left/estimator', 'pneunet/left/fusion'}
+        assert all('pressure_offset' in words for words in found.values())
+
+        assert not peer.trigger('zero_pressure').success  # nothing was read
+        begin = time.monotonic()
+
+        def are_zeroed():
+            stamp = divmod(round(1e9 * (100.0 + time.monotonic() - begin)), 1_000_000_000)
+            message = FluidPressure(fluid_pressure=-125.0)
+            message.header.stamp.sec, message.header.stamp.nanosec = stamp
+            for sensor in sensors.values():
+                sensor.publish(message)
+            peer.spin_for(0.05)
+            return peer.trigger('zero_pressure').success
+
+        assert peer.spin_until(are_zeroed)
+        assert peer.spin_until(lambda: not differing())
+        peer.close()
+        assert process.end(signal.SIGTERM) == 0, process.text
+
+
+@pytest.mark.parametrize('words', ['', '[]', '1', '{"node": "/a"}', '{"node": [], "sensors": 1}'])
+def test_what_is_no_description_of_a_node_is_passed_over(words):
+    others = OtherDescriptions()
+    others.take(words)
+    assert list(others.differences('/p/fusion', {'wrench_sign': 1}, ['/a'])) == []
+
+
+def test_a_node_that_is_gone_differs_no_more():
+    others, own = OtherDescriptions(), {'wrench_sign': 1, 'pressure_offset': 0.0}
+    others.take(json.dumps({'node': '/p/estimator', 'sensors': {'wrench_sign': -1}}))
+    (sentence,) = others.differences('/p/fusion', own, ['/p/estimator'])
+    assert sentence.startswith('/p/estimator has wrench_sign -1 (here 1)')
+    assert list(others.differences('/p/fusion', own, [])) == []
+    assert list(others.differences('/p/estimator', own, ['/p/estimator'])) == []
 
 
 def test_a_block_goes_to_the_nodes_that_have_its_parameters():

@@ -104,6 +104,7 @@ def test_parameters_are_those_of_the_code(node, parameters):
 
 VALUES_OF_EVERY_NODE = (
     *('model', 'kernels', 'lost', 'rivals', 'mismatched', 'frames_shed'),
+    'other_descriptions',
     *('internal_errors', 'internal_errors/<kind>'),
 )
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.measurement.pressure_convention import ABSOLUTE
+from pneunet_ros.measurement.pressure_convention import ABSOLUTE, PressureConvention
 from pneunet_ros.measurement.pressure_judge import expected_of, JUDGE
+from pneunet_ros.model.arm import Arm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,11 +25,14 @@ DEFAULTS = TareSettings()
 
 
 def pressure_zero(
-    estimator: Estimator,
+    arm: Arm,
+    convention: PressureConvention,
     readings: tuple[PressureReading, ...],
     settings: TareSettings = DEFAULTS,
 ) -> tuple[float | None, str]:
     """Return the offset (Pa) that makes readings of the vented arm zero, and a sentence.
+
+    convention: what a number of the sensor means; its offset is not looked at.
 
     No offset where there are too few readings, where they move by more than the noise and a share
     of the range, or where the judge of pressures would not take it for a zero error: beyond the
@@ -38,14 +41,14 @@ def pressure_zero(
     fewest = settings.fewest_readings
     if len(readings) < fewest:
         return None, f'only {len(readings)} recent pressure readings; at least {fewest} are needed'
-    untared = replace(estimator.settings.pressure, offset=0.0)
+    untared = replace(convention, offset=0.0)
     values = np.array([untared.gauge(reading.pressure) for reading in readings])
-    low, high = estimator.arm.pressure_range
+    low, high = arm.pressure_range
     moved, mean = float(np.ptp(values)), float(values.mean())
-    noise = settings.noise_band * estimator.arm.sensors.pressure_std
+    noise = settings.noise_band * arm.sensors.pressure_std
     if not moved <= max(noise, settings.moved * (high - low)):
         return None, f'the pressure moves by {moved:.4g} Pa; hold the vented arm still'
-    largest = min(JUDGE.offset, JUDGE.zero_span * expected_of(estimator.arm).reach)
+    largest = min(JUDGE.offset, JUDGE.zero_span * expected_of(arm).reach)
     if abs(mean) > largest:
         name, value = 'pressure_offset', -mean
         if untared.reference == ABSOLUTE:

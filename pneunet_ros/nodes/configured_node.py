@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+import json
 import math
 import time
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -19,8 +20,9 @@ from pneunet_ros.nodes.log import Log
 from pneunet_ros.nodes.losses import Losses
 from pneunet_ros.nodes.parameters import ParameterTable, without_effect
 from pneunet_ros.nodes.place import ALONE, Place
+from pneunet_ros.nodes.sensor_description import all_latched_qos, OtherDescriptions
 from pneunet_ros.nodes.shedding import FrameShedding
-from pneunet_ros.nodes.topics import latched_qos, output_qos, publisher
+from pneunet_ros.nodes.topics import latched_qos, output_qos, publisher, subscription
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -72,6 +74,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.log = Log(self.get_logger())
         self.ready_at = math.inf  # s of a steady clock
         self.losses, self.shedding = Losses(), FrameShedding()
+        self.others = OtherDescriptions()
         self.open_diagnostics()
 
     def open_diagnostics(self) -> None:
@@ -90,6 +93,9 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.create_service(Trigger, '~/reload_model', self.reload_model)
         self.add_on_set_parameters_callback(self.validate)
         self.add_post_set_parameters_callback(self.apply_candidate)
+        if self.sensors is not None:
+            qos, kind = all_latched_qos(), 'std_msgs/msg/String'
+            subscription(self, kind, self.INFO_TOPIC, self.take_info, qos)
         self.tell_model()
         self.every(REPORT_PERIOD, self.diagnose)
 
@@ -192,7 +198,28 @@ class ConfiguredNode(Node, ABC, Generic[C]):
 
     def tell_model(self) -> None:
         """Publish which model is in use, for subscribers of now and of later."""
-        self.info.publish(String(data=self.configuration.info()))
+        about = {'node': self.get_fully_qualified_name()} | json.loads(self.configuration.info())
+        self.info.publish(String(data=json.dumps(about)))
+
+    @property
+    def sensors(self) -> dict[str, Any] | None:
+        """What the node takes its sensors for, by parameter; None where it has none."""
+        return getattr(self.configuration, 'sensors', None)
+
+    def take_info(self, message: String) -> None:
+        """Note what a node of the same arm says of itself."""
+        self.others.take(message.data)
+
+    def differing_sensors(self) -> str:
+        """Say in what other nodes of the arm take its sensors for something else."""
+        if self.sensors is None:
+            return ''
+        running = {
+            f'{namespace.rstrip("/")}/{name}'
+            for name, namespace in self.get_node_names_and_namespaces()
+        }
+        own = self.get_fully_qualified_name()
+        return '; '.join(self.others.differences(own, self.sensors, running))
 
     def log_refusal(self, refusal: Refusal) -> None:
         """Log a kind of refusal when it is new, and again when it goes on for long."""
@@ -208,10 +235,10 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         shared = map(self.resolve_topic_name, (self.INFO_TOPIC, *self.SHARED_INPUTS))
         rivals = '; '.join(rival_sentences(self, list(shared)))
         mismatched = '; '.join(mismatch_sentences(self))
+        differing = self.differing_sensors()
         level, message = report.level, report.message
-        for warning in filter(
-            None, (self.losses.sentence(), self.shedding.sentence(), rivals, mismatched)
-        ):
+        losses, shed = self.losses.sentence(), self.shedding.sentence()
+        for warning in filter(None, (losses, shed, rivals, mismatched, differing)):
             message = warning if level is Level.OK else f'{message}; {warning}'
             level = max(level, Level.WARN)
         internal = self.errors.sentence()
@@ -223,7 +250,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         lost = count_texts('lost', total) | {'frames_shed': str(self.shedding.total)}
         errors = count_texts('internal_errors', self.errors.total)
         values = {'kernels': kernels, **report.values, **lost, **errors, 'rivals': rivals}
-        values['mismatched'] = mismatched
+        values |= {'mismatched': mismatched, 'other_descriptions': differing}
         self.publish_status(what, level, message, values)
 
     def publish_status(

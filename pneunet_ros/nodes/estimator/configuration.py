@@ -28,6 +28,7 @@ from pneunet_ros.nodes.parameters import (
     ParameterTable,
     SHIPPED_MODEL,
 )
+from pneunet_ros.nodes.sensor_description import sensor_description
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,6 +106,11 @@ class EstimatorConfiguration:
         """Which error of the model its standard deviations leave out; empty where none is."""
         return error_left_out(self.estimator.arm.covariance, self.estimator.arm.sources)
 
+    @property
+    def sensors(self) -> dict[str, Any]:
+        """What the numbers of the sensors mean, by parameter."""
+        return sensor_description(self.estimator.settings)
+
     def info(self) -> str:
         """Return what the topic model_info says."""
         arm, settings = self.estimator.arm, self.estimator.settings
@@ -116,6 +122,7 @@ class EstimatorConfiguration:
             end_loads=None if arm.domain is None else arm.domain.end_load.tolist(),
             std_leaves_out=self.left_out,
             pressure_offset=settings.pressure_offset,
+            sensors=self.sensors,
             effects={
                 effect.name: {item.name: getattr(effect, item.name) for item in quantities(effect)}
                 for effect in arm.effects

@@ -6,24 +6,22 @@ parameters, services, diagnostics and the log.
 
 from __future__ import annotations
 
-from collections import deque
 import time
 from typing import Any
 
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.core.readings import PressureReading
-from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.consistency import ConsistencyState, take_estimate
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.health import EstimatorHealth
-from pneunet_ros.estimation.pressure_tare import pressure_zero
+from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.consistency import take_targets_message
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.readings import END_WRENCH, OF_ESTIMATOR, PRESSURE, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.model.arm import Arm
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.estimator.configuration import (
     configured_estimator,
@@ -33,11 +31,10 @@ from pneunet_ros.nodes.estimator.configuration import (
 )
 from pneunet_ros.nodes.estimator.warm_up import warm_up
 from pneunet_ros.nodes.place import ALONE, Place
+from pneunet_ros.nodes.pressure_zero import PressureZero
 from pneunet_ros.nodes.publisher import EstimatePublisher
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
 from pneunet_ros.nodes.topics import subscribe_in_order
-from rclpy.parameter import Parameter
-from std_srvs.srv import Trigger
 
 USAGE = """usage: pneunet-estimator [--ros-args ...]
 
@@ -47,8 +44,6 @@ ROS parameters, as in
   pneunet-estimator --ros-args -p model_file:=/path/to/model.yaml
   pneunet-estimator --ros-args --params-file config/estimator.yaml
 """
-ZERO_SPAN = 1.0  # s of pressure readings that ~/zero_pressure looks at
-ZERO_READINGS = 1000  # of which it keeps no more than the last so many
 
 
 class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
@@ -59,7 +54,6 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         super().__init__('estimator', PARAMETERS, configured_estimator, place)
         self.state = EstimatorState()
         self.consistency = ConsistencyState()
-        self.recent: deque[PressureReading] = deque(maxlen=ZERO_READINGS)
 
         settings = self.configuration.estimator.settings
         serializer = MessageSerializer(
@@ -75,7 +69,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
             self, serializer, node.centerline_rate, (*OUTPUTS, *markers)
         )
         self.open_services()
-        self.create_service(Trigger, '~/zero_pressure', self.zero_pressure)
+        self.zero = PressureZero(self, self.in_use)
 
         self.topics = {
             sensor.name: self.resolve_topic_name(sensor.name) for sensor in OF_ESTIMATOR
@@ -131,7 +125,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
             self.log_refusal(outcome)
             if not outcome.error:
                 return
-        self.recent.append(reading)
+        self.zero.take(reading)
 
     def take_targets(self, message: Any, info: dict[str, int]) -> None:
         """Take a frame of measured targets and compare it with the estimates."""
@@ -160,7 +154,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
     def note_reset(self, resets: int) -> None:
         """Say in the log when the estimator started anew because time jumped back."""
         if self.state.resets > resets:
-            self.recent.clear()
+            self.zero.forget()
             sentence = 'time jumped back: the estimator has started anew'
             self.log.warn('reset', sentence, time.monotonic())
 
@@ -177,29 +171,16 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         if self.health.silence(now) > settings.input_timeout:
             self.log.warn('silence', report.message, now)
 
+    def in_use(self) -> tuple[Arm, EstimatorSettings]:
+        """Return the arm, and what is known of its sensors."""
+        estimator = self.configuration.estimator
+        return estimator.arm, estimator.settings
+
     def forget(self) -> str:
         """Forget all readings."""
         self.state, self.consistency = self.state.fresh(), self.consistency.fresh()
-        self.recent.clear()
+        self.zero.forget()
         return 'the estimator starts anew'
-
-    def zero_pressure(self, request: Any, response: Any) -> Any:
-        """Serve ~/zero_pressure: the arm is vented, so what the sensor reads now is zero."""
-        estimator = self.configuration.estimator
-        readings: tuple[PressureReading, ...] = ()
-        if self.health.silence(time.monotonic()) <= estimator.settings.input_timeout:
-            last = self.recent[-1].stamp_ns if self.recent else 0
-            readings = tuple(
-                reading
-                for reading in self.recent
-                if seconds_between(reading.stamp_ns, last) <= ZERO_SPAN
-            )
-        offset, response.message = pressure_zero(estimator, readings)
-        if offset is not None:
-            (result,) = self.set_parameters([Parameter('pressure_offset', value=offset)])
-            response.success = result.successful
-            response.message = response.message if result.successful else result.reason
-        return response
 
     def take_over(self, configuration: EstimatorConfiguration) -> None:
         """Keep what remains valid of the state, and use the new rate."""

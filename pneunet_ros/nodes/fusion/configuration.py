@@ -23,6 +23,7 @@ from pneunet_ros.nodes.parameters import (
     ParameterTable,
     SHIPPED_MODEL,
 )
+from pneunet_ros.nodes.sensor_description import sensor_description
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,6 +110,11 @@ class FusionConfiguration:
         """Which error of the model its standard deviations leave out; empty where none is."""
         return error_left_out(self.fusion.arm.covariance, self.fusion.arm.sources)
 
+    @property
+    def sensors(self) -> dict[str, Any]:
+        """What the numbers of the sensors mean, by parameter."""
+        return sensor_description(self.fusion.sensors)
+
     def info(self) -> str:
         """Return what the topic model_info says."""
         arm, sensors = self.fusion.arm, self.fusion.sensors
@@ -120,6 +126,7 @@ class FusionConfiguration:
             end_loads=None if arm.domain is None else arm.domain.end_load.tolist(),
             std_leaves_out=self.left_out,
             pressure_offset=sensors.pressure_offset,
+            sensors=self.sensors,
             targets=len(arm.target_arclength),
             stations=sensors.stations,
             settings=settings_changed(self.fusion.settings),

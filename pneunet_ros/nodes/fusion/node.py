@@ -12,12 +12,14 @@ from typing import Any, ClassVar
 
 from pneunet_ros.core.health import Level
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.health import FusionHealth
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.messages.fusion import fuse_message, FUSION_OUTPUTS
 from pneunet_ros.messages.readings import END_WRENCH, OF_FUSION, PRESSURE, Sensor, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.model.arm import Arm
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.fusion.configuration import (
     configured_fusion,
@@ -26,6 +28,7 @@ from pneunet_ros.nodes.fusion.configuration import (
 )
 from pneunet_ros.nodes.fusion.warm_up import warm_up
 from pneunet_ros.nodes.place import ALONE, Place
+from pneunet_ros.nodes.pressure_zero import PressureZero
 from pneunet_ros.nodes.publisher import EstimatePublisher
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
 from pneunet_ros.nodes.topics import subscribe_in_order
@@ -59,6 +62,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
             self.get_logger().warning(f'the model gave no shape to begin with: {trouble}')
         self.outputs = EstimatePublisher(self, serializer, node.centerline_rate, FUSION_OUTPUTS)
         self.open_services()
+        self.zero = PressureZero(self, self.in_use)
 
         topics = {sensor.name: self.resolve_topic_name(sensor.name) for sensor in OF_FUSION}
         self.health = FusionHealth(topics[PRESSURE.name], topics[TARGETS.name], time.monotonic())
@@ -80,9 +84,12 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
             self.health.published(1e-9 * (time.time_ns() - info['received_timestamp']))
         elif isinstance(outcome, Refusal):
             self.log_refusal(outcome)
+        if sensor is PRESSURE and not (isinstance(outcome, Refusal) and not outcome.error):
+            self.zero.take(PRESSURE.decode(message))
         self.state = self.configuration.fusion.settle(self.state)
         self.health.took(sensor.name, outcome, end, end - begin)
         if self.state.readings.resets > resets:
+            self.zero.forget()
             sentence = 'time jumped back: the fusion has started anew'
             self.log.warn('reset', sentence, time.monotonic())
 
@@ -98,9 +105,15 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         elif report.level is Level.WARN:
             self.log.warn('limited', report.message, now)
 
+    def in_use(self) -> tuple[Arm, EstimatorSettings]:
+        """Return the arm, and what is known of its sensors."""
+        fusion = self.configuration.fusion
+        return fusion.arm, fusion.sensors
+
     def forget(self) -> str:
         """Forget all readings and frames."""
         self.state = self.state.restarted()
+        self.zero.forget()
         return 'the fusion starts anew'
 
     def take_over(self, configuration: FusionConfiguration) -> None:

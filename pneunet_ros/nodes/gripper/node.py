@@ -23,6 +23,7 @@ from pneunet_ros.nodes.gripper.configuration import (
 from pneunet_ros.nodes.parameters import overrides
 from pneunet_ros.nodes.place import Place
 from pneunet_ros.nodes.tracker.node import TrackerNode
+from std_srvs.srv import Trigger
 
 USAGE = """usage: pneunet-gripper [--ros-args ...]
 
@@ -52,6 +53,7 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
     def open(self) -> None:
         """Open the services, now that all arms are there."""
         self.open_services()
+        self.create_service(Trigger, '~/zero_pressure', self.zero_pressure)
         self.tell_ready()
 
     def unknown_parameters(self) -> list[str]:
@@ -69,6 +71,17 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
         for member in self.members:
             member.forget()
         return 'all arms start anew'
+
+    def zero_pressure(self, request: Any, response: Any) -> Any:
+        """Serve ~/zero_pressure: all arms are vented; each node sets what it can."""
+        response.success, said = True, []
+        for member in self.members:
+            if hasattr(member, 'zero'):
+                answer = member.zero.serve(request, Trigger.Response())
+                response.success = response.success and answer.success
+                said.append(f'{member.get_fully_qualified_name()}: {answer.message}')
+        response.message = '; '.join(said)
+        return response
 
     def take_over(self, configuration: GripperConfiguration) -> None:
         """Read the models of all arms again; nothing else can change."""
