@@ -592,6 +592,46 @@ def sensors_killed(one: Estimator) -> None:
     one.possible.clear()
 
 
+def rivals(one: Estimator) -> None:
+    """Add two more publishers of the pressure: they are named as long as they are there."""
+    from sensor_msgs.msg import FluidPressure
+
+    one.drain()
+    others = [one.peer.node.create_publisher(FluidPressure, 'pressure', 10) for _ in range(2)]
+    if not seen_in(one, 'rivals', '3 publishers on /pneunet/pressure'):
+        one.say('rivals were not named')
+    for other in others:
+        one.peer.node.destroy_publisher(other)
+    if not seen_in(one, 'rivals', ''):
+        one.say('rivals are still named')
+    one.settled()
+
+
+def mismatched(one: Estimator) -> None:
+    """Add a publisher that offers less than is wanted: it is named as long as it is there."""
+    from rclpy.qos import qos_profile_sensor_data
+    from sensor_msgs.msg import FluidPressure
+
+    one.drain()
+    other = one.peer.node.create_publisher(FluidPressure, 'pressure', qos_profile_sensor_data)
+    if not seen_in(one, 'mismatched', 'cannot be received'):
+        one.say('a publisher that cannot be heard was not named')
+    one.peer.node.destroy_publisher(other)
+    if not seen_in(one, 'mismatched', ''):
+        one.say('a publisher that is gone is still named')
+    one.settled()
+
+
+def seen_in(one: Estimator, key: str, words: str) -> bool:
+    """Wait until a value of the diagnostics has these words, or is empty for none."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        value = one.values()[key]
+        if words in value and bool(words) == bool(value):
+            return True
+    return False
+
+
 FAULTS: tuple[Callable[[Estimator], None], ...] = (
     not_a_number,
     bad_stamps,
@@ -604,6 +644,8 @@ FAULTS: tuple[Callable[[Estimator], None], ...] = (
     parameters,
     model_reload,
     reset,
+    rivals,
+    mismatched,
     publisher_restart,
 )
 RARE = (full_disk, sensors_killed)  # take long: not in every round

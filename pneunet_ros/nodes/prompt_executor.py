@@ -163,7 +163,8 @@ class PromptExecutor(SingleThreadedExecutor):
         late = self._due_ns is not None and self._due_ns <= begin_ns
         waiting = self.wait(begin_ns, whole=whole)
         looked_ns = begin_ns if late else time.time_ns()
-        if self.call_messages(set(waiting.get_ready_entities('subscription')), looked_ns):
+        arrived = set(waiting.get_ready_entities('subscription'))
+        if self.call_messages(arrived, looked_ns, whole=whole):
             self._prompt_until_ns = time.time_ns() + SERVICE_NS * len(self._services)
         ready = set(waiting.get_ready_entities('timer'))
         for timer in [item for item in self._timers if item.handle.pointer in ready]:
@@ -195,18 +196,20 @@ class PromptExecutor(SingleThreadedExecutor):
         waiting.wait(max(min(ends) - begin_ns, 0) if ends else FOREVER)
         return waiting
 
-    def call_messages(self, ready: Collection[int], begin_ns: int) -> bool:
+    def call_messages(self, ready: Collection[int], begin_ns: int, *, whole: bool) -> bool:
         """Call back messages that have arrived, for a while; whether there was any.
 
         begin_ns: when looking for them began. Looking takes long on a busy machine, and must not
-        take most of the time then.
+        take most of the time then. whole: services come next, so call back all that has arrived:
+        a request is served after the messages that were sent before it.
         """
         for queue in self._queues:
             if queue.is_ready(ready, begin_ns):
                 queue.fill()
         queues = [queue for queue in self._queues if queue.order.first_ns is not None]
         now_ns, any_called = time.time_ns(), False
-        end_ns = now_ns + max(LOOK_AGAIN_NS, LOOKS * (now_ns - begin_ns))
+        long_ns = max(LOOK_AGAIN_NS, LOOKS * (now_ns - begin_ns))
+        end_ns = NEVER if whole else now_ns + long_ns
         while queues and time.time_ns() < end_ns and not self._changed:
             first = min(queues, key=turn_of)
             if first.call_next():
@@ -214,7 +217,7 @@ class PromptExecutor(SingleThreadedExecutor):
             else:
                 queues.remove(first)
         if queues:  # there are more, and their turn is next
-            self._due_ns = end_ns
+            self._due_ns = now_ns
         else:
             dues = [queue.order.due_ns for queue in self._queues]
             self._due_ns = min((due for due in dues if due is not None), default=None)
