@@ -10,6 +10,7 @@ import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.calibration.checks.frames_in_motion import (
+    checked_at_rest,
     frames_in_motion,
     slowest_period,
     without_motion,
@@ -92,6 +93,17 @@ def test_recordings_that_only_swing_are_named_and_nothing_else_is():
     only = staircase.subset(np.flatnonzero(moving))
     with pytest.raises(RecordingError, match=r'show the arm in motion.*too little'):
         calibrate([only], [], truth, compare=False)
+
+
+def test_what_rests_before_its_load_is_there_is_no_loaded_recording():
+    runs, truth = swinging()
+    dead = runs['dead_weights']
+    cut = dataclasses.replace(dead.subset(np.arange(26)), name='cut off while it swings')
+    unloaded = [runs['unloaded_ramp'], runs['unloaded_staircase']]
+    assert not cut.is_idle(truth.sensors)
+    _, loaded, motion = checked_at_rest(unloaded, [cut, dead], truth)
+    assert motion is not None
+    assert [one.name for one in loaded] == [dead.name]
 
 
 def test_check_says_it_first_and_proposes_a_free_decay(tmp_path):

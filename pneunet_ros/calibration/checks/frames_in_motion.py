@@ -197,7 +197,8 @@ def checked_at_rest(
 ) -> tuple[list[RecordingData], list[RecordingData], FramesInMotion | None]:
     """Return recordings less the frames in motion, checked as by `check_runs`.
 
-    What these checks say of an arm that moves is not said of it.
+    What these checks say of an arm that moves is not said of it. A loaded recording that rests
+    without its load alone is left out as well.
     """
 
     def check(free: Sequence[RecordingData], pulled: Sequence[RecordingData]) -> None:
@@ -205,6 +206,9 @@ def checked_at_rest(
         check_runs(few[: len(free)], few[len(free) :], arm, first=first, settings=settings)
 
     kept, motion = without_motion(arm, unloaded, loaded)
+    if motion is not None:  # what rests before its load is there shows none
+        idle = {run.name for run in loaded if run.is_idle(arm.sensors)}
+        kept[1] = [one for one in kept[1] if one.name in idle or not one.is_idle(arm.sensors)]
     try:
         check(*kept)
     except PneunetError as error:
@@ -232,7 +236,8 @@ def course_of(run: RecordingData) -> Course | None:
     for frame in np.flatnonzero(~np.isfinite(beside).all(axis=1)):
         seen = np.isfinite(beside[frame])
         way[frame], *_ = np.linalg.lstsq(ways[:, seen].T, beside[frame, seen], rcond=None)
-    drives = [run.frame_pressure, *(run.load.T if run.loaded and not run.load_known else ())]
+    shown = run.at_instants(0.0)  # a step begins between two readings
+    drives = [shown.frame_pressure, *(shown.load.T if run.loaded and not run.load_known else ())]
     return Course(
         frame=np.flatnonzero(known),
         time=freeze((run.instants[known] - run.instants[0]) / NANOSECONDS_PER_SECOND),
