@@ -1,13 +1,13 @@
 """The node `tracker` behind a camera over DDS: whether it keeps up, and how long targets take.
 
-    python bench/tracker_live.py [--json] [--seconds N] [--rate N]
+    python bench/tracker_live.py [--json] [--seconds N] [--rate N] [--size W H] [--transport NAME]
 
 Two processes: the node, started here as a user would, and this one, which plays a camera (mono8,
-1280 x 720, with camera_info, reliable) and listens as a controller would. Images go raw, then as
-jpeg. Every stamp sent must come back on `targets` exactly once; `measured_curvature` has no stamp
-and is counted. The time is from the publication of an image to its targets received here: how
-much of it is not the node's is measured in the same way with one that takes the same images and
-answers with a constant message (`bare`).
+1280 x 720 by default, with camera_info, reliable) and listens as a controller would. Images go
+raw, then as jpeg. Every stamp sent must come back on `targets` exactly once; `measured_curvature`
+has no stamp and is counted. The time is from the publication of an image to its targets received
+here: how much of it is not the node's is measured in the same way with one that takes the same
+images and answers with a constant message (`bare`).
 """
 
 from __future__ import annotations
@@ -253,16 +253,20 @@ def main() -> int:
     parser = bench_options(__doc__.splitlines()[0], bare_node)
     parser.add_argument('--seconds', type=float, default=20.0, help='how long each (default: 20)')
     parser.add_argument('--rate', type=float, default=60.0, help='images per s (default: 60)')
+    parser.add_argument(
+        '--size', type=int, nargs=2, default=SIZE, help='of images, px (default: 1280 720)'
+    )
+    parser.add_argument('--transport', nargs='+', choices=TRANSPORTS, default=TRANSPORTS)
     options = parser.parse_args()
     arm = load_model(share_path('config/paper_arm.yaml'))
-    film = Film(View(arm, 3, FRAMES, size=SIZE, hidden=False))
+    film = Film(View(arm, 3, FRAMES, size=tuple(options.size), hidden=False))
     with own_domain():
         results = {
             transport: {
                 name: measure(what, film, transport, options.seconds, options.rate)
                 for name, what in (('bare', BARE_NODE), ('tracker', NODE))
             }
-            for transport in TRANSPORTS
+            for transport in options.transport
         }
     load = os.getloadavg()[0]
     if options.json:

@@ -30,6 +30,22 @@ def test_a_photograph_fills_the_picture(name):
     assert photograph(name).shape == (HEIGHT, WIDTH, 3)
 
 
+def test_few_dots_stand_out_of_the_rows_of_printed_text(arm):
+    """Letters stand in a hundred rows of seven at rest; no row of them is as regular."""
+    few = Composition(
+        photograph='page',
+        polarity='bright',
+        targets=7,
+        spacing=139.0,
+        radius=6.5,
+        overhang=1.6,
+        frames=9,
+    )
+    score = score_film(few, arm)
+    assert (score.reasons.total(), score.false, score.swapped) == (0, 0, 0)
+    assert score.found == score.visible == 7 * 5
+
+
 def test_dots_are_where_the_truth_says():
     frame = Composer(Composition(photograph='brick', polarity='bright', noise=0.0)).frame(20)
     grey = frame.picture.mean(axis=2)

@@ -621,7 +621,7 @@ def test_settings_of_following_rest_and_curve_reach_them(watching):
         ellipse=EllipseSettings(outward=2.0),
         smoother=SmootherSettings(least_std=1e-2),
         prior=PriorSettings(smoother=3.0),
-        rest_plane=RestPlaneSettings(seen=1.1),
+        rest_plane=RestPlaneSettings(upright=2.0),
     )
     tracker = Tracker(ARM, CameraSettings(), vision)
     usual = watching.tracker.step(watching.state, image)[1]
@@ -632,8 +632,10 @@ def test_settings_of_following_rest_and_curve_reach_them(watching):
     length = watching.tracker.smoother.priors[-1].length_scale
     longer = tracker.smoother.priors[-1].length_scale
     assert longer == pytest.approx(3.0 / PriorSettings().smoother * length)
-    _, resting = tracker.step(TrackerState(lens=watching.lens), image)
-    assert resting.reason == 'no_row'
+    _, resting = tracker.step(
+        TrackerState(lens=watching.lens), as_image(watching.picture()[0], stamp_ns=1)
+    )
+    assert resting.reason == 'upright'
 
 
 def test_what_the_settings_were_can_be_said():

@@ -43,6 +43,7 @@ class AssociationSettings:
 
 
 ASSOCIATION = AssociationSettings()
+ENOUGH = 64  # rows that are told apart: of a crowd of them, more say nothing new
 
 
 class TargetRow(NamedTuple):
@@ -76,7 +77,7 @@ def row_from_clamp(
     blobs = _columns(points, areas)
     chosen, cost = _grown_from_clamp(blobs, arclength, clamp_angle, search)
     truncate_row(blobs.x, blobs.y, arclength, clamp_angle, chosen, search)
-    if chosen[-1] >= 0 and continues_beyond(blobs, arclength, chosen, search):
+    if chosen[-1] >= 0 and continues_beyond(blobs, arclength, chosen, cost, search):
         chosen[:] = NOTHING  # the camera has moved, or these are other dots
     return TargetRow(chosen, cost)
 
@@ -135,20 +136,37 @@ def rows_anywhere(
     """Find all rows whose place and scale are not known; both ends of a row must be seen.
 
     points (blobs, 2) in any coordinates that are true to shape. A row that goes on beyond its ends
-    with more blobs alike is none. The best reading of each row comes first; the same blobs may be
-    read from either end.
+    with more blobs alike is none. The best reading of each row comes first, and of a crowd of rows
+    the best ones; the same blobs may be read from either end.
     """
     if len(points) < arclength.size:
         return []
-    chosen, costs = _grown_anywhere(_columns(points, areas), arclength, search)
+    blobs = _columns(points, areas)
+    chosen, costs = _grown_from_pairs(blobs, arclength, search)
     order = np.argsort(costs, kind='stable')
     rows: list[TargetRow] = []
     for place in order[np.isfinite(costs[order])].tolist():
         row = TargetRow(chosen[place], float(costs[place]))
+        if not _is_whole(row, blobs, arclength, search):
+            continue
         for reading in _readings(row, arclength):
             if not any(_same(reading, other, settings.alike) for other in rows):
                 rows.append(reading)
+        if len(rows) >= ENOUGH:
+            break
     return rows
+
+
+def _is_whole(
+    row: TargetRow, blobs: BlobColumns, arclength: Array, search: BeamSearchSettings
+) -> bool:
+    """Whether a row ends at its ends, and does not bite its tail."""
+    reverse = arclength[-1] - arclength[::-1]
+    return not (
+        np.unique(row.chosen[row.chosen >= 0]).size < row.seen
+        or continues_beyond(blobs, arclength, row.chosen, row.cost, search)
+        or continues_beyond(blobs, reverse, row.chosen[::-1], row.cost, search)
+    )
 
 
 def _grown_from_pairs(
@@ -172,24 +190,6 @@ def _grown_from_pairs(
     rows = np.full((len(first), targets), NOTHING)
     rows[:, 0], rows[:, 1] = first, second
     return grow_rows(blobs, arclength, starts, rows, True, search)
-
-
-def _grown_anywhere(
-    blobs: BlobColumns, arclength: Array, search: BeamSearchSettings
-) -> tuple[Indices, Array]:
-    """Grow rows that end at their ends; rows (seeds, targets) and costs, infinite of others."""
-    rows, costs = _grown_from_pairs(blobs, arclength, search)
-    seen = np.count_nonzero(rows >= 0, axis=1)
-    reverse = arclength[-1] - arclength[::-1]
-    for seed in np.flatnonzero(costs < math.inf).tolist():
-        row = rows[seed]
-        if (
-            np.unique(row[row >= 0]).size < seen[seed]  # a row that bites its tail
-            or continues_beyond(blobs, arclength, row, search)
-            or continues_beyond(blobs, reverse, row[::-1], search)
-        ):
-            costs[seed] = math.inf
-    return rows, costs
 
 
 def near_rows_anywhere(

@@ -53,7 +53,7 @@ class BeamSearchSettings:
     longest_gap: int = tuning(7, 'from one target that is seen to the next')
     first_gap: int = tuning(2, 'the same, where the scale is not known')
     kept: int = tuning(12, 'rows kept at each step')
-    neighbors: int = tuning(6, 'of a blob, one of which is the next target')
+    neighbors: int = tuning(24, 'of a blob, one of which is the next target')
     seen: float = tuning(0.8, 'share of the targets seen in a row found anywhere, at least')
 
 

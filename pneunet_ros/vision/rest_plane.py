@@ -97,18 +97,18 @@ class RestSearch:
         return RestSearch(places=(here.with_frame(points), *others))
 
     def recognize(
-        self, points: Array, arclength: Array, settings: RestPlaneSettings = VISION.rest_plane
+        self, points: Array, arclength: Array, vision: VisionSettings = VISION
     ) -> Array | None:
         """Return the targets (targets, 2) among points (n, 2) where the arm has rested before.
 
         NaN where a target is not there; None where too few are, in every place.
         """
         for place in sorted(self.places, key=lambda place: -place.frames):
-            reach = settings.still * spacing_of(place.points, arclength)
+            reach = vision.rest_plane.still * spacing_of(place.points, arclength)
             apart = np.hypot(*(place.points[:, None] - points).transpose(2, 0, 1))
             apart = np.where(np.isnan(apart), math.inf, apart)
             near = np.asarray(apart.min(axis=1) <= reach)
-            if np.count_nonzero(near) >= settings.seen * len(near):
+            if np.count_nonzero(near) >= vision.beam_search.seen * len(near):
                 found: Array = np.where(near[:, None], points[apart.argmin(axis=1)], np.nan)
                 return found
         return None
@@ -195,7 +195,7 @@ def row_at_rest(
                 sentence=f'no row of {count} targets begins at clamp_pixel {list(clamp_pixel)}',
             )
     best = rows[0]
-    rows = [row for row in rows if not _is_by_chance(row, best, vision)]
+    rows = _rivals(best, rows, vision)
     if any(share_of_blobs(row, best) < vision.association.alike for row in rows):
         return Failure(
             reason='several_rows',
@@ -269,16 +269,35 @@ def _is_regular(points: Array, arclength: Array, vision: VisionSettings) -> bool
     x, y = np.ascontiguousarray(points.T) * (np.diff(arclength).min() / spacing)
     gating = gating_numbers(vision.gating)
     seen = consistent_spacing(x, y, arclength, gating.farthest, gating)
-    least = vision.rest_plane.seen * arclength.size
+    least = vision.beam_search.seen * arclength.size
     return bool(seen[0] and seen[-1] and np.count_nonzero(seen) >= least)
 
 
-def _is_by_chance(row: TargetRow, best: TargetRow, vision: VisionSettings) -> bool:
-    """Whether the targets that are seen of a row fit so much worse than the best's: no arm."""
-    cost, least = (
-        it.cost - vision.beam_search.missing * (it.chosen.size - it.seen) for it in (row, best)
-    )
-    return cost > least + vision.rest_plane.chance
+def _rivals(best: TargetRow, rows: list[TargetRow], vision: VisionSettings) -> list[TargetRow]:
+    """Return the rows (the best first) that may be an arm as well: those not there by chance.
+
+    Those are there by chance whose targets fit so much worse than the best's, and all but the best
+    in a crowd of rows, as in printed text, that it stands out of. How many of a crowd cost less
+    than some cost is a power of it, which the crowd tells.
+    """
+    least, settings = _cost_of_seen(best, vision), vision.rest_plane
+    rivals = [row for row in rows if _cost_of_seen(row, vision) <= least + settings.chance]
+    others = [row for row in rivals if share_of_blobs(row, best) < vision.association.alike]
+    if len(others) < settings.crowd:
+        return rivals
+    costs = np.maximum([row.cost for row in others], 1e-9)
+    falling = np.log(costs.max() / costs).sum()
+    power = len(others) / falling if falling > 0.0 else math.inf
+    expected = len(others) * (np.append(best.cost, costs.min()) / costs.max()) ** power
+    if expected[0] < settings.odds <= expected[1]:
+        crowd = {id(row) for row in others}
+        return [row for row in rivals if id(row) not in crowd]
+    return rivals
+
+
+def _cost_of_seen(row: TargetRow, vision: VisionSettings) -> float:
+    """Return the cost of the targets that are seen of a row."""
+    return row.cost - vision.beam_search.missing * (row.chosen.size - row.seen)
 
 
 def _rows_from(

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.kernels.jit import kernel
 from pneunet_ros.vision.beam_search import (
     BeamSearchSettings,
     BlobColumns,
@@ -16,6 +17,7 @@ from pneunet_ros.vision.beam_search import (
     NOTHING,
     off_arc,
     SCALE,
+    search_numbers,
     size_difference,
     X,
     Y,
@@ -81,10 +83,14 @@ def _wrap_angle(angle: Array) -> Array:
 
 
 def continues_beyond(
-    blobs: BlobColumns, arclength: Array, chosen: Indices, search: BeamSearchSettings
+    blobs: BlobColumns, arclength: Array, chosen: Indices, cost: float, search: BeamSearchSettings
 ) -> bool:
-    """Whether another blob alike stands a spacing beyond the last target of a row."""
-    x, y, sizes = blobs
+    """Whether another blob alike stands a spacing beyond the last target of a row.
+
+    cost: of the row. A blob that fits far worse than those in the row is there by chance, as many
+    are in printed text.
+    """
+    x, y, _ = blobs
     seen = np.flatnonzero(chosen >= 0)
     if seen.size < 2:
         return False
@@ -95,13 +101,33 @@ def continues_beyond(
     row[SCALE] = math.hypot(step_x, step_y) / (arclength[-1] - arclength[seen[-2]])
     spacing = _spacing_at(arclength, arclength.size - 1)
     unit = float(row[SCALE]) * spacing
-    reach = 2.0 * (1.0 + search.along + search.across) * unit
-    for blob in np.flatnonzero(np.abs(x - x[b]) + np.abs(y - y[b]) <= reach).tolist():
-        along, across = off_arc(x[blob], y[blob], row, spacing)
-        differs = min(size_difference(sizes[blob], sizes[b], search), search.odd)
-        if blob != b and misfit(along / unit, across / unit, 0.0, search) + differs**2 < (
-            search.alike
-        ):
+    of_row = (cost - search.missing * (chosen.size - seen.size)) / seen.size
+    alike = min(search.alike, search.odd**2 * of_row)
+    numbers = search_numbers(search)
+    return bool(_any_alike(np.array(blobs), row, b, spacing, unit, alike, numbers))
+
+
+@kernel
+def _any_alike(
+    blobs: Array,
+    row: Array,
+    last: int,
+    spacing: float,
+    unit: float,
+    alike: float,
+    search: BeamSearchSettings,
+) -> bool:
+    """Whether a blob goes on a row at a cost below `alike`; last: the blob at its end.
+
+    blobs (3, blobs): x, y and size; row (LAST + 1,); spacing m; unit: the same in the picture.
+    """
+    for blob in range(blobs.shape[1]):
+        x, y = blobs[0, blob], blobs[1, blob]
+        if blob == last or abs(x - row[X]) > 2.0 * unit or abs(y - row[Y]) > 2.0 * unit:
+            continue
+        along, across = off_arc(x, y, row, spacing)
+        differs = min(size_difference(blobs[2, blob], blobs[2, last], search), search.odd)
+        if misfit(along / unit, across / unit, 0.0, search) + differs * differs < alike:
             return True
     return False
 

@@ -556,7 +556,7 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     if found.reason != 'no_row':
         return found
     seen = points[np.isfinite(points[:, 0])]
-    again = rest.recognize(seen, view.arclength, view.vision.rest_plane)
+    again = rest.recognize(seen, view.arclength, view.vision)
     return found if again is None else again
 
 
@@ -618,7 +618,7 @@ def _search_anew(view: View, blobs: Blobs, points: Array) -> Array | Failure:
         )
     again = view.lens.undistort(found.table[:, :2])
     same = np.count_nonzero((again[: len(at_rest)] == at_rest).all(axis=1))
-    if same < vision.rest_plane.seen * arclength.size:
+    if same < vision.beam_search.seen * arclength.size:
         return Failure(
             reason='no_row',
             seen=int(same),

@@ -44,7 +44,6 @@ class RestPlaneSettings:
 
     still: float = tuning(0.1, 'off the average so far, at most', unit='spacing')
     near_clamp: float = tuning(1.5, 'from clamp_pixel to the first target', unit='spacing')
-    seen: float = tuning(0.8, 'share of the targets, at least')
     upright: float = tuning(
         0.26,
         'from side to side, of the way between its ends: a row without a left end',
@@ -54,6 +53,12 @@ class RestPlaneSettings:
         20.0,
         'cost of what is seen of another row over that of the best, by which it is one by chance',
         source='invented: odds of exp(10); 0.1 on arms, 53 in grass',
+    )
+    crowd: int = tuning(
+        10, 'rows and more of other areas: there by chance', source='measured: 50 in printed text'
+    )
+    odds: float = tuning(
+        0.01, 'rows by chance that fit as well, of one that stands out', source='convention'
     )
     places: int = tuning(4, 'places in which it may rest that are remembered')
 
