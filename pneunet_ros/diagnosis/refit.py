@@ -163,12 +163,14 @@ class JointFit:
         ]
 
     def linearize(self, at: Iterate) -> GaussianModel | None:
-        """Return the linear problem at a point of the search."""
+        """Return the linear problem at a point of the search; None where there is none."""
         jacobian = self.jacobian(at)
         if jacobian is None:
             return None
         pairs = zip(self.fixed, jacobian, strict=True)
         columns = [np.concatenate([fixed, item * self.std], axis=1) for fixed, item in pairs]
+        if not all(np.isfinite(item).all() for item in columns):
+            return None  # beside a shape that only just exists
         return GaussianModel.of(
             columns,
             self.without_departures(at.base, at.residuals),

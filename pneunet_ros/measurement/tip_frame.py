@@ -147,7 +147,8 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
             start = np.zeros(3 + frames)
             start[:3] = *(middle - reach * np.array([np.cos(angle), np.sin(angle)])), angle
             start[3:] = np.where(known, 0.0, turn)
-            search = least_squares(residual, start, x_scale='jac', max_nfev=200)
+            with np.errstate(all='ignore'):  # of poses that show nothing; judged below
+                search = least_squares(residual, start, x_scale='jac', max_nfev=200)
             if best is None or search.cost < best.cost:
                 best = search
     assert best is not None
