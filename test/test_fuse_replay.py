@@ -10,8 +10,8 @@ import numpy as np
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.model_file import load_model
+from pneunet_ros.fusion.causes import ForceSensorCause
 from pneunet_ros.fusion.estimate import FusedEstimate
-from pneunet_ros.fusion.force_sensor import DISAGREES
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.messages.builders import POSE_TYPE
 from pneunet_ros.messages.fusion import FUSION_OUTPUTS
@@ -75,7 +75,7 @@ def test_a_force_sensor_of_the_wrong_sign_is_said_with_numbers(capsys):
     assert main([*words, '--json']) == 0
     summary = json.loads(capsys.readouterr().out)
     ((sentence, count),) = summary['of_the_bench'].items()
-    assert sentence == DISAGREES
+    assert sentence == ForceSensorCause.sentence
     assert 0 < count <= summary['estimates']
     read, said = summary['force_sensor']['reading'], summary['force_sensor']['targets']
     assert all(one * other < 0.0 for one, other in zip(read, said, strict=True))
@@ -83,7 +83,7 @@ def test_a_force_sensor_of_the_wrong_sign_is_said_with_numbers(capsys):
     shown = ' '.join(capsys.readouterr().out.split())
     assert 'give --wrench-sign 1' in shown
     assert 'not used: it reads (' in shown
-    assert f'{DISAGREES} (in {count} estimates)' in shown
+    assert f'{ForceSensorCause.sentence} (in {count} estimates)' in shown
 
 
 def test_the_point_and_the_wrench_say_the_same(replayed):

@@ -10,7 +10,7 @@ from pneunet_ros.core.readings import WrenchReading
 from pneunet_ros.fusion.contact import Contact
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
-from pneunet_ros.fusion.state import FusionState, RunningNis
+from pneunet_ros.fusion.state import ForceReadings, FusionState, RunningNis
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.model.domain import Domain
 import pytest
@@ -72,7 +72,7 @@ def test_a_sensor_that_is_worse_than_that_of_the_calibration_is_said():
     wrench = WrenchReading(
         stamp_ns=1, force_x=0.1, force_y=0.0, moment=0.0, frame_id='pneunet_base'
     )
-    noisy = FusionState(wrenches=(wrench,) * 8, force_noise=0.01)
+    noisy = FusionState(force=ForceReadings(kept=(wrench,) * 8, noise=0.01))
     said = report_of(fused(), noisy).values['other_sensors']
     assert said.startswith('the force is read with noise of 0.01 N')
 

@@ -90,10 +90,10 @@ def run_fusion(arguments: Namespace) -> int:
         'model': arm.name,
         'model_hash': model_hash(arm),
         'topics': {sensor.name: name for name, sensor in topics.items()},
-        'estimates': state.estimates,
+        'estimates': state.counts.estimates,
         'modes': tally.modes,
-        'frames_used': state.frames,
-        'frames_unused': dict(state.unused),
+        'frames_used': state.counts.frames,
+        'frames_unused': dict(state.counts.unused),
         'rejected': dict(state.readings.rejected),
         'force_determined': tally.determined,
         'ambiguous': tally.ambiguous,
@@ -118,7 +118,7 @@ def run_fusion(arguments: Namespace) -> int:
         print_json(summary)
     else:
         show(summary, tally)
-    return DONE if state.estimates else NEGATIVE
+    return DONE if state.counts.estimates else NEGATIVE
 
 
 def show(summary: dict[str, object], tally: FusionTally) -> None:
@@ -129,9 +129,9 @@ def show(summary: dict[str, object], tally: FusionTally) -> None:
     table.add_column()
     modes = ', '.join(f'{count} {mode}' for mode, count in tally.modes.items() if count)
     table.add_row('estimates', modes or 'none')
-    table.add_row('frames used', str(tally.state.frames))
+    table.add_row('frames used', str(tally.state.counts.frames))
     for what, counts in (
-        ('frames not used', tally.state.unused),
+        ('frames not used', tally.state.counts.unused),
         ('rejected readings', tally.state.readings.rejected),
     ):
         words = ', '.join(f'{count} {reason}' for reason, count in counts.items())

@@ -1,7 +1,8 @@
 """What is believed of all unknowns at the stamp of a frame, and how it moves.
 
-Without a contact its force and place are known to be zero; a camera that nobody moved and a force
-sensor in order are known to be right, to a hair.
+It rests on a hypothesis: some causes (`fusion.causes`) at work, and no others. Without a contact
+its force and place are known to be zero; a camera that nobody moved and a force sensor in order
+are known to be right, to a hair.
 """
 
 from __future__ import annotations
@@ -15,16 +16,16 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.measurement.blocks.block import Passage
-from pneunet_ros.measurement.blocks.camera import Camera
 from pneunet_ros.measurement.blocks.contact import Push
-from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
 from pneunet_ros.measurement.blocks.placement import Placement
-from pneunet_ros.measurement.blocks.target_row import TargetRow
 from pneunet_ros.measurement.blocks.tip_force import ForceChange, TipForce, Walk
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.inference.gaussian import forget, Gaussian
 from pneunet_ros.solver.solution import SolverNodes
+
+# Causes that change what the rod bears, or what is read: the others widen a prior, and no more.
+CONTACT, FORCE_SENSOR, PRESSURE = 'contact', 'force_sensor', 'pressure'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,9 +34,7 @@ class Belief(Gaussian):
 
     walk: of the forces; sizes (sizes,): log weights of the sizes of the model error; chamber: the
     pressure (Pa) as read, NaN where it was not; solution: the rod there, None before the first;
-    frames: how many have been used. same_targets: they are taken for those of the calibration,
-    which knows where they are painted; camera_moved: the camera is not where it was when the base
-    frame was found; touched: a contact is believed.
+    frames: how many have been used; causes: that are taken to be at work, by name.
     """
 
     stamp_ns: int
@@ -44,13 +43,23 @@ class Belief(Gaussian):
     chamber: float = math.nan
     solution: SolverNodes | None = None
     frames: int = 0
-    same_targets: bool = False
-    camera_moved: bool = False
-    touched: bool = False
+    causes: frozenset[str] = frozenset()
+
+    @property
+    def unpressed(self) -> bool:
+        """Whether no pressure was read at the last frame, and its error stands for all of it."""
+        return self.frames > 0 and math.isnan(self.chamber)
+
+    @property
+    def touched(self) -> bool:
+        """Whether something touches the arm."""
+        return CONTACT in self.causes
 
 
-def first_belief(unknowns: Unknowns, stamp_ns: int) -> Belief:
-    """Return what is believed before any frame."""
+def first_belief(
+    unknowns: Unknowns, stamp_ns: int, causes: frozenset[str] = frozenset()
+) -> Belief:
+    """Return what is believed before any frame, if these causes are at work."""
     grid = unknowns.block(ModelDiscrepancy).grid
     prior = unknowns.prior(grid.size_of(grid.first))
     return Belief(
@@ -59,13 +68,13 @@ def first_belief(unknowns: Unknowns, stamp_ns: int) -> Belief:
         root=prior.root,
         walk=unknowns.block(TipForce).first,
         sizes=grid.first,
-        same_targets=unknowns.block(Placement).known is not None,
+        causes=causes,
     )
 
 
-def without_lessons(unknowns: Unknowns, belief: Belief) -> Belief:
-    """Return what is believed before any frame, to be sought from where the arm is believed."""
-    first, force = first_belief(unknowns, belief.stamp_ns), unknowns.at(TipForce)
+def reset_to_prior(unknowns: Unknowns, belief: Belief) -> Belief:
+    """Forget what frames have told; the search begins where the arm is believed to be."""
+    first, force = first_belief(unknowns, belief.stamp_ns, belief.causes), unknowns.at(TipForce)
     mean = first.mean.copy()
     mean[force] = belief.mean[force]
     return replace(
@@ -75,36 +84,6 @@ def without_lessons(unknowns: Unknowns, belief: Belief) -> Belief:
         solution=belief.solution,
         frames=belief.frames,
     )
-
-
-def with_other_targets(unknowns: Unknowns, belief: Belief) -> Belief:
-    """Reset where dots are painted to the prior: targets were repainted."""
-    where = slice(unknowns.at(Placement).start, unknowns.at(TargetRow).stop)
-    return replace(forget(belief, where, unknowns.std[where]), same_targets=False)
-
-
-def with_moved_camera(unknowns: Unknowns, belief: Belief) -> Belief:
-    """Widen the prior of the camera's place and turn: it was moved.
-
-    What frames have said of the force sensor may have come from that.
-    """
-    camera, sensor = unknowns.at(Camera), unknowns.at(ForceSensor)
-    where = np.arange(camera.start + Camera.PLACE.start, sensor.stop)
-    std = np.concatenate([unknowns.block(Camera).moved_std, unknowns.std[sensor]])
-    return replace(forget(belief, where, std), camera_moved=True)
-
-
-def told_by_frames(unknowns: Unknowns, belief: Belief, which: int) -> tuple[float, float]:
-    """Return what frames say by themselves of an unknown that is known to a hair, and its std.
-
-    By the score of the narrow prior; infinite where they say nothing.
-    Source: Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948).
-    """
-    prior = float(unknowns.std[which])
-    share = 1.0 - (belief.std(which) / prior) ** 2 if prior > 0.0 else 0.0
-    if share <= 0.0:
-        return 0.0, math.inf
-    return float(belief.mean[which]) / share, prior / math.sqrt(share)
 
 
 def with_strange_targets(
@@ -145,9 +124,7 @@ def move_belief(
         chamber=belief.chamber,
         solution=belief.solution,
         frames=belief.frames,
-        same_targets=belief.same_targets,
-        camera_moved=belief.camera_moved,
-        touched=belief.touched,
+        causes=belief.causes,
     )
 
 

@@ -13,23 +13,21 @@ from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import estimate_of, ShapeEstimate
 from pneunet_ros.estimation.estimator import refuse
 from pneunet_ros.estimation.out_of_plane import out_of_plane
-from pneunet_ros.fusion.belief import Belief, first_belief
+from pneunet_ros.fusion.belief import Belief, first_belief, FORCE_SENSOR
 from pneunet_ros.fusion.bench import Bench
+from pneunet_ros.fusion.causes import CAMERA, CAUSES
 from pneunet_ros.fusion.contact import Contact, correlation_with_tip
-from pneunet_ros.fusion.estimate import FusedEstimate, Mode
-from pneunet_ros.fusion.force_sensor import DISAGREES, ForceSensorFault, Verdict
+from pneunet_ros.fusion.estimate import ForceSensorFault, FusedEstimate, Mode
 from pneunet_ros.fusion.frame_fit import (
     bend_arm,
     BentArm,
     causes_with_contact,
 )
-from pneunet_ros.fusion.judgement import confirmed
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.measurement.blocks.block import FrameInputs
 from pneunet_ros.measurement.blocks.camera import Camera
 from pneunet_ros.measurement.blocks.contact import Push
-from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.errors.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.errors.noise_model import target_std
@@ -38,35 +36,21 @@ from pneunet_ros.measurement.errors.propagated_errors import (
     propagate_errors,
     SeenShape,
 )
+from pneunet_ros.measurement.inference.bank import Hypothesis, odds_beside_first
 from pneunet_ros.measurement.inference.gaussian import compress
 from pneunet_ros.model.domain_position import DomainPosition, locate_load
 from pneunet_ros.model.equilibrium import jacobian_of, Sensitivity
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.solution import SolverNodes
 
-OTHER_TARGETS = (
-    'the targets are not painted where the calibration found them: what it knows of their places '
-    'is not used; calibrate anew, or take covariance.placement out of the model file'
-)
-CAMERA_MOVED = (
-    'the camera is not where it was when its place was found: the arm tells where it is, and the '
-    'errors hold both; find base_from_camera anew and reset; if it is right, run pneunet diagnose'
-)
-PRESSURE_OFF = (
-    'pressure and targets disagree, and the pressure is not used: check that its sensor does not '
-    'hang, its unit, its zero and the valve, then reset; if it is right, run pneunet diagnose'
-)
 STIFFNESS_UNKNOWN = (
     'the stiffness was not measured, the model was calibrated without a load: no force is told '
     'from the shape; calibrate with loads'
 )
 OF_THE_BENCH = (
-    OTHER_TARGETS,
-    CAMERA_MOVED,
-    PRESSURE_OFF,
-    DISAGREES,
+    *(one.sentence for one in CAUSES if one.sentence),
     STIFFNESS_UNKNOWN,
-)  # what somebody has to mend there
+)  # what to mend there
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,36 +83,36 @@ def estimate_at(
     read: the wrench nearest to it, used if the sensor is not off; notes: what to say beside it.
     """
     stamp_ns = instant.stamp_ns
-    used = None if state.sensor is Verdict.OFF else read
+    used = None if FORCE_SENSOR in state.causes else read
     if used is not None:
         beside = out_of_plane(bench.arm, bench.sensors, used.reading)
         if beside.stops:
-            refusal = refuse(stamp_ns, 'out_of_plane', beside.sentence)
-            return replace(state, answered=True), refusal
+            return state.answered(), refuse(stamp_ns, 'out_of_plane', beside.sentence)
         notes = [*notes, *([beside.note] if beside.warns else [])]
     start = state.solution if mode is Mode.PREDICTION else None
     arm = arm_at(bench, state, instant, used, start)
     if not arm.bent.shape.converged:
-        state = replace(state, answered=True, solution=None)
-        return state, refuse(stamp_ns, 'no_equilibrium', arm.bent.shape.status)
+        return replace(state.answered(), solution=None), refuse(
+            stamp_ns, 'no_equilibrium', arm.bent.shape.status
+        )
     if arm.position.reason:
         refusal = refuse(stamp_ns, arm.position.reason, arm.position.sentence)
-        return replace(state, answered=True), refusal
-    notes = [*notes, *said_of_bench(bench, state, arm.belief)]
+        return state.answered(), refusal
+    notes = [*notes, *said_of_bench(bench, state)]
     wrench_age = None if used is None else used.age
     estimate = shape_estimate(bench, arm, stamp_ns, mode, wrench_age, notes)
     if isinstance(estimate, Refusal):
-        return replace(state, answered=True), estimate
-    for other in others_likely(bench, state, arm, instant, mode):
-        estimate = holding(estimate, other)
+        return state.answered(), estimate
+    for odds, other in others_likely(bench, state, arm, instant, mode):
+        estimate = holding(estimate, other, odds)
     determinable = mode is not Mode.PREDICTION and not bench.stiffness_unknown
     contact = contact_at(bench, state, arm, used) if determinable else None
     ambiguous = state.search.ambiguous or (contact is not None and contact.ambiguous)
     unknown = ambiguous or bench.stiffness_unknown
     fault = None
-    if state.sensor is Verdict.OFF:
+    if FORCE_SENSOR in state.sure_causes:
         fault = sensor_fault(bench, arm.belief, instant, read, unknown=unknown)
-    force, covariance = known_force(bench, arm, fault, unknown=unknown)
+    force, covariance = known_force(bench, state, arm, fault, unknown=unknown)
     lacking = bench.unknowns.as_pressure(arm.inputs)
     lacking_root = lacking @ arm.belief.root
     fused = FusedEstimate(
@@ -145,10 +129,7 @@ def estimate_at(
         nis_limit=math.nan if state.nis is None else state.nis.limit,
         target_age=state.target_age(stamp_ns),
     )
-    after = replace(
-        state, answered=True, solution=arm.bent.solution, estimates=state.estimates + 1
-    )
-    return after, fused
+    return replace(state.answered().count_estimate(), solution=arm.bent.solution), fused
 
 
 def arm_at(
@@ -163,7 +144,7 @@ def arm_at(
     start: from where the rod is solved, None for where the last frame saw it.
     """
     stamp_ns = instant.stamp_ns
-    belief = state.belief or first_belief(bench.unknowns, stamp_ns)
+    belief = state.belief or first_belief(bench.unknowns, stamp_ns, state.lasting)
     inputs = bench.inputs_at(instant, wrench)
     unseen = np.zeros((belief.mean.size, 0))
     if belief.stamp_ns != stamp_ns or not belief.frames:
@@ -198,41 +179,44 @@ def arm_at(
 
 def others_likely(
     bench: Bench, state: FusionState, arm: BelievedArm, instant: PressureInstant, mode: Mode
-) -> list[Shape]:
-    """Return shapes that may be right as well, of which nobody can know."""
+) -> list[tuple[float, Shape]]:
+    """Return shapes that may be right as well, with their odds beside it."""
     if mode is Mode.PREDICTION:
         return []
     found = []
-    if state.otherwise is not None:
-        found.append(other_shape(bench, state.otherwise, instant))
-    if arm.belief.camera_moved:  # what the model lacks may look like that
-        found.append(shape_in_place(bench, arm.bent.shape, arm.belief))
-    return [shape for shape in found if shape is not None]
+    for odds, other in zip(odds_beside_first(state.bank), state.bank[1:], strict=True):
+        shape = other_shape(bench, other.belief, instant)
+        found += [] if shape is None else [(odds, shape)]
+    if CAMERA in arm.belief.causes:  # what the model lacks may look like that
+        found.append((1.0, shape_in_place(bench, arm.bent.shape, arm.belief)))
+    return found
 
 
-def said_of_bench(bench: Bench, state: FusionState, belief: Belief) -> list[str]:
+def said_of_bench(bench: Bench, state: FusionState) -> list[str]:
     """Return what somebody has to mend at the bench."""
-    other_targets = bench.unknowns.block(Placement).known is not None and not belief.same_targets
-    sensor_off = state.sensor is Verdict.OFF
-    unknown = bench.stiffness_unknown
-    found = (other_targets, belief.camera_moved, state.pressure_off, sensor_off, unknown)
-    return [sentence for sentence, true in zip(OF_THE_BENCH, found, strict=True) if true]
+    said = [one.sentence for one in CAUSES if one.name in state.sure_causes]
+    return [*said, STIFFNESS_UNKNOWN] if bench.stiffness_unknown else said
 
 
 def contact_at(
     bench: Bench, state: FusionState, arm: BelievedArm, wrench: NearWrench | None
 ) -> Contact | None:
-    """Return the contact that is seen, None without one."""
+    """Return the contact that is seen, None without one.
+
+    It is ambiguous where another hypothesis is as good, or the tip force is not read and looks
+    the same.
+    """
     belief, bent = arm.belief, arm.bent
-    if bent.contact is None or state.log_odds is None:
+    if bent.contact is None or not state.bank:
         return None
     force, place = bent.contact.force, bent.contact.place
     if abs(force) < bench.settings.contact_least * bench.force_scale:
         return None
     push = bench.unknowns.at(Push)
     shape, correlation = bent.shape, correlation_with_tip(bench.unknowns, belief)
-    unconfirmed = wrench is not None and state.sensor is Verdict.OPEN  # it may be the sensor
-    alike = unconfirmed or state.elsewhere or correlation > bench.settings.contact_alike
+    free = [one.log_weight for one in state.bank if not one.belief.touched]
+    alike = wrench is None and not bench.settings.free_tip
+    alike = alike and correlation > bench.settings.contact_alike
     return Contact(
         x=float(np.interp(place, shape.arclength, shape.x)),
         y=float(np.interp(place, shape.arclength, shape.y)),
@@ -240,10 +224,18 @@ def contact_at(
         std_arclength=belief.std(push.stop - 1),
         force=force,
         std_force=belief.std(push.start),
-        log_odds=state.log_odds,
+        log_odds=state.bank[0].log_weight - max(free, default=-bench.settings.bound),
         correlation=correlation,
-        ambiguous=alike and (wrench is None or not confirmed(bench, state)),
+        ambiguous=alike or not all(is_there(bench, place, one) for one in state.bank),
     )
+
+
+def is_there(bench: Bench, place: float, other: Hypothesis[Belief]) -> bool:
+    """Whether a hypothesis, if it is likely, has a contact at a place (m) too."""
+    belief = other.belief
+    apart = abs(float(belief.mean[bench.unknowns.at(Push).stop - 1]) - place)
+    at_place = apart <= bench.settings.contact_apart * bench.arm.length
+    return not other.is_alike or (belief.touched and at_place)
 
 
 def position_of(
@@ -313,8 +305,15 @@ def shape_estimate(
 def other_shape(bench: Bench, other: Belief, instant: PressureInstant) -> Shape | None:
     """Return the shape that another belief has at a pressure; None where there is none."""
     inputs = bench.inputs_at(instant, None)
-    changes = bench.unknowns.causes_at(inputs) @ other.mean
-    bent = bend_arm(bench.table, inputs, changes, other.solution, bench.arclength, quick=False)
+    bent = bend_arm(
+        bench.table,
+        inputs,
+        bench.unknowns.causes_at(inputs) @ other.mean,
+        other.solution,
+        bench.arclength,
+        quick=False,
+        contact=bench.held_contact(other),
+    )
     return bent.shape if bent.shape.converged else None
 
 
@@ -326,16 +325,20 @@ def shape_in_place(bench: Bench, shape: Shape, belief: Belief) -> Shape:
     return replace(shape, x=freeze(x), y=freeze(y), theta=freeze(shape.theta + turn))
 
 
-def holding(estimate: ShapeEstimate, there: Shape) -> ShapeEstimate:
-    """Return an estimate whose errors hold another shape too: nobody can know which is right."""
-    here = estimate.shape
-    tip = np.array(there.tip) - np.array(here.tip)
+def holding(estimate: ShapeEstimate, there: Shape, odds: float) -> ShapeEstimate:
+    """Return an estimate whose errors hold another shape too, by its odds.
+
+    The second moment of a mixture, about the shape that is published.
+    """
+    here, root = estimate.shape, math.sqrt(odds)
+    tip = root * (np.array(there.tip) - np.array(here.tip))
+    curvature = root * (there.curvature - here.curvature)
     return replace(
         estimate,
         tip_covariance=freeze(estimate.tip_covariance + np.outer(tip, tip)),
-        std_x=freeze(np.hypot(estimate.std_x, there.x - here.x)),
-        std_y=freeze(np.hypot(estimate.std_y, there.y - here.y)),
-        std_curvature=freeze(np.hypot(estimate.std_curvature, there.curvature - here.curvature)),
+        std_x=freeze(np.hypot(estimate.std_x, root * (there.x - here.x))),
+        std_y=freeze(np.hypot(estimate.std_y, root * (there.y - here.y))),
+        std_curvature=freeze(np.hypot(estimate.std_curvature, curvature)),
     )
 
 
@@ -380,17 +383,26 @@ def sensor_fault(
 
 
 def known_force(
-    bench: Bench, arm: BelievedArm, fault: ForceSensorFault | None, *, unknown: bool
+    bench: Bench,
+    state: FusionState,
+    arm: BelievedArm,
+    fault: ForceSensorFault | None,
+    *,
+    unknown: bool,
 ) -> tuple[Array, Array]:
     """Return force (2,) N and covariance (2, 2) N^2, NaN where not determined, or all unknown.
 
-    fault: of a force sensor that is off. It may be right, and the model wrong: while it reads,
-    the covariance holds both.
+    The covariance holds what other hypotheses say. fault: of a force sensor that is off. It may be
+    right, and the model wrong: while it reads, the covariance holds both.
     """
-    force = arm.belief.mean[bench.unknowns.at(TipForce)]
+    tip = bench.unknowns.at(TipForce)
+    force = arm.belief.mean[tip]
     covariance = bench.force_covariance(arm.belief)
     for axis, error in enumerate(arm.position.error[:2]):
         covariance[axis, axis] += error**2
+    for odds, other in zip(odds_beside_first(state.bank), state.bank[1:], strict=True):
+        apart = other.belief.mean[tip] - state.bank[0].belief.mean[tip]
+        covariance += odds * np.outer(apart, apart)
     if fault is not None and np.isfinite(fault.reading).all():
         apart = fault.reading - force
         covariance += np.outer(apart, apart)

@@ -12,19 +12,26 @@ from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.fusion.belief import Belief, move_belief
-from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
+from pneunet_ros.fusion.belief import Belief, FORCE_SENSOR, move_belief, PRESSURE
+from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant, ReadFrame
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.fusion.unknowns import unknowns_of
 from pneunet_ros.measurement.blocks.block import FrameInputs, WrenchSeen
 from pneunet_ros.measurement.blocks.contact import Push
+from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
-from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian, PRESSURE
+from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian
+from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE as PRESSURE_ROW
 from pneunet_ros.measurement.errors.propagated_errors import Indices
 from pneunet_ros.measurement.errors.rounding_error import rounding_std
-from pneunet_ros.measurement.inference.gaussian import forget, take_measurement, widen
+from pneunet_ros.measurement.inference.gaussian import (
+    forget,
+    take_measurement,
+    widen,
+    without_prior,
+)
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import station_arclength
 from pneunet_ros.model.part_load import PartLoad
@@ -96,7 +103,7 @@ class Bench:
         columns = self.unknowns.law_columns
         by_column = np.zeros(columns)
         if self.arm.sensing:
-            by_column = self.by_columns(Load(pressure=instant.gauge))[:, PRESSURE]
+            by_column = self.by_columns(Load(pressure=instant.gauge))[:, PRESSURE_ROW]
         return FrameInputs(
             chamber=instant.chamber,
             chamber_std=instant.std,
@@ -109,7 +116,7 @@ class Bench:
 
     def by_columns(self, reading: Load) -> Array:
         """Return what one sigma of each column changes of F1, F2, M, pressure: (columns, 4)."""
-        return noise_jacobian(self.table, reading, (0.0,) * 4)[LOADS + 1 :, : PRESSURE + 1]
+        return noise_jacobian(self.table, reading, (0.0,) * 4)[LOADS + 1 :, : PRESSURE_ROW + 1]
 
     def unread(self, stamp_ns: int) -> PressureInstant:
         """Return what stands for a pressure that nobody has read: the middle of the range."""
@@ -122,6 +129,14 @@ class Bench:
             history=self.arm.initial_history(middle),
             memory=self.discrepancy.remember((), middle, 0.0),
         )
+
+    def used(self, frame: ReadFrame, causes: frozenset[str]) -> ReadFrame:
+        """Return a frame with what is read of it if some causes are at work."""
+        if FORCE_SENSOR in causes:
+            frame = frame.without_wrench()
+        if PRESSURE in causes and not frame.alone:
+            frame = frame.without_pressure(self.unread(frame.stamp_ns))
+        return frame
 
     def with_wrench(self, belief: Belief, wrench: NearWrench, gauge: float) -> Belief:
         """Return the belief after an end wrench (base frame), a linear measurement of the force.
@@ -171,6 +186,26 @@ class Bench:
     def force_covariance(self, belief: Belief) -> Array:
         """Return the covariance (2, 2) N^2 of the tip force."""
         return belief.covariance_of(self.unknowns.at(TipForce))
+
+    def knows_force(self, belief: Belief) -> bool:
+        """Whether the tip force is determined."""
+        return bool(np.trace(self.force_covariance(belief)) <= self.largest_force_std**2)
+
+    def trusts_force(self, belief: Belief | None) -> bool:
+        """Whether frames have confirmed the force sensor: its offset and gain, to a tolerance."""
+        if belief is None or FORCE_SENSOR in belief.causes:
+            return False
+        where, sensor = self.unknowns.at(ForceSensor), self.unknowns.block(ForceSensor)
+        for which, before, limit in zip(
+            range(where.start, where.stop),
+            sensor.std.tolist(),
+            sensor.innocent_std.tolist(),
+            strict=True,
+        ):
+            value, std = without_prior(belief, which, before)
+            if std >= limit or abs(value) > limit:
+                return False  # a straight arm tells hardly anything, and that is not linear
+        return True
 
     @property
     def largest_force_std(self) -> float:

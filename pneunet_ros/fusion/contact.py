@@ -1,13 +1,11 @@
-"""Does something touch the arm: two hypotheses, none and contact, and which one a frame favors.
+"""Does something touch the arm, and where.
 
 A contact is a force along the normal of the arm at a place of it. Whether there may be one says a
-score test of every frame that none explains: what a push on each panel of the rod would gain, all
-other unknowns following. Only then it is sought, from the best places, as one more frame problem
-with two more unknowns. Both hypotheses run side by side, each with a belief of its own, while
-neither is surely right. A frame counts by the evidence of both, by Laplace.
+score test of every frame: what a push on each panel of the rod would gain, all other unknowns
+following. Only then it is sought, from the best places, as one more frame problem with two more
+unknowns.
 
-Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948); evidence: MacKay, Neural
-Computation 4 (1992).
+Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948).
 """
 
 from __future__ import annotations
@@ -17,16 +15,9 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.fusion.belief import Belief
+from pneunet_ros.fusion.belief import Belief, CONTACT
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem
-from pneunet_ros.fusion.frame_update import (
-    excess,
-    Fit,
-    FrameUpdate,
-    leave_out,
-    misfits,
-    with_fit,
-)
+from pneunet_ros.fusion.frame_update import evidence_cost, excess, Fit, leave_out, left_out_cost
 from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
@@ -56,25 +47,11 @@ class Contact:
     ambiguous: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class WeighedFrame:
-    """What became of a frame, by the hypothesis that is more likely after it.
-
-    rival: what is believed by the other one, None where it was dropped; log_odds: of a contact;
-    elsewhere: one at another place explained the frame as well when it was found.
-    """
-
-    update: FrameUpdate
-    rival: Belief | None
-    log_odds: float
-    elsewhere: bool
-
-
 def without_contact(unknowns: Unknowns, belief: Belief) -> Belief:
     """Switch the contact off: nothing touches the arm."""
     mean, root, where = belief.mean.copy(), belief.root.copy(), unknowns.at(Push)
     mean[where], root[where] = 0.0, 0.0
-    return replace(belief, mean=freeze(mean), root=freeze(root), touched=False)
+    return replace(belief, mean=freeze(mean), root=freeze(root), causes=belief.causes - {CONTACT})
 
 
 def with_any_contact(unknowns: Unknowns, belief: Belief) -> Belief:
@@ -84,7 +61,7 @@ def with_any_contact(unknowns: Unknowns, belief: Belief) -> Belief:
     more = np.zeros((mean.size, 2))
     more[where] = np.diag(std)
     root = freeze(np.hstack([belief.root, more]))
-    return replace(belief, mean=freeze(mean), root=root, touched=True)
+    return replace(belief, mean=freeze(mean), root=root, causes=belief.causes | {CONTACT})
 
 
 def correlation_with_tip(unknowns: Unknowns, belief: Belief) -> float:
@@ -96,100 +73,11 @@ def correlation_with_tip(unknowns: Unknowns, belief: Belief) -> float:
     return math.sqrt(min(max(float(explained / (contact @ contact)), 0.0), 1.0))
 
 
-def weigh_hypotheses(
-    update: FrameUpdate,
-    frame: FrameProblem,
-    rival: FrameProblem | None,
-    log_odds: float,
-    *,
-    elsewhere: bool,
-    force_read: bool,
-) -> WeighedFrame:
-    """Return what a frame says by the likelier hypothesis.
-
-    update: of the frame by the hypothesis that led; frame: its problem, with all targets that were
-    seen; rival: that of the other hypothesis, None where that had been dropped; log_odds and
-    elsewhere: before the frame, as in `WeighedFrame`; force_read: a sensor tells the tip force.
-    Without one a contact force far from zero is no proof: with another tip force there may be
-    none.
-    """
-    bound, touched = frame.settings.contact_bound, frame.prior.touched
-    alone = WeighedFrame(
-        update=update, rival=None, log_odds=bound if touched else -bound, elsewhere=elsewhere
-    )
-    led = update.fit
-    if led is None or (force_read and touched and rival is None and is_sure(led)):
-        return alone
-    none: Fit | None = led
-    contact: Fit | None = led
-    if touched:
-        none = fit_all(rival or replace(frame, prior=without_contact(frame.unknowns, frame.prior)))
-    else:
-        contact = None if rival is None else fit_all(rival)
-    log_odds = alone.log_odds if rival is None else log_odds
-    lost = contact is None or excess(contact) > 1.0
-    if lost and none is not None:  # nobody has looked for one, or it is not where it was
-        seen_again = frame if none[0].prior is frame.prior else replace(none[0], used=frame.used)
-        found = find_contact(seen_again, none[1], unexplained=misfits(none))
-        if found is not None and (contact is None or found.explains_better(contact)):
-            contact, elsewhere = found.fit, found.elsewhere
-    if none is None or contact is None:
-        return alone
-    seen = int(np.count_nonzero(frame.used))
-    gain = 0.5 * (evidence_cost(none, seen) - evidence_cost(contact, seen))
-    per_coordinate = contact[1].cost / contact[1].trial.residual.size
-    log_odds = min(max(log_odds + gain / max(per_coordinate, 1.0), -bound), bound)
-    leading, trailing = (contact, none) if log_odds > 0.0 else (none, contact)
-    if leading is not led:
-        led_to = with_fit(update, leading, leading, seen)
-        update = replace(led_to, ambiguous=False, unchecked=None)
-    dropped = abs(log_odds) >= bound or update.belief is None
-    return WeighedFrame(
-        update=update,
-        rival=None if dropped else trailing[0].posterior(trailing[1]),
-        log_odds=log_odds,
-        elsewhere=elsewhere,
-    )
-
-
-def is_sure(fit: Fit) -> bool:
-    """Whether a fit with a contact explains the frame, and its force is far from zero."""
-    return excess(fit) <= 1.0 and differs_from_zero(fit, fit[0].settings.contact_gone)
-
-
-def evidence_cost(fit: Fit, seen: int) -> float:
-    """Return minus twice the log of the evidence, where a target left out costs its gate."""
-    return fit[1].log_evidence_cost + left_out_cost(fit, seen)
-
-
-def left_out_cost(fit: Fit, seen: int) -> float:
-    """Return what the targets cost (chi squared) that were left out: each its gate."""
-    problem = fit[0]
-    return problem.settings.target_gate * (seen - int(np.count_nonzero(problem.used)))
-
-
-def gain_without(without: FrameUpdate | None, update: FrameUpdate, seen: int) -> float:
-    """Return by how much (chi squared) a frame fits better without force sensor and contact.
-
-    without: the frame taken so, None where it was not; seen: how many targets were.
-    """
-    if without is None or without.fit is None or update.fit is None:
-        return 0.0
-    with_, alone = (one[1].cost + left_out_cost(one, seen) for one in (update.fit, without.fit))
-    return with_ - alone
-
-
 def differs_from_zero(fit: Fit, limit: float) -> bool:
     """Whether the contact force of a fit is beyond a chi squared from zero."""
     belief, which = fit[0].posterior(fit[1]), fit[0].unknowns.at(Push).start
     force, std = belief.mean[which], belief.std(which)
     return bool(force**2 > limit * std**2)
-
-
-def fit_all(problem: FrameProblem) -> Fit | None:
-    """Return the fit of a hypothesis that is followed, without targets that do not fit it."""
-    fit = problem.search(np.zeros(problem.root.shape[1]), problem.prior.solution)
-    return None if fit is None else leave_out(problem, fit)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -254,51 +142,36 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FoundContact:
-    """The best fit with a contact; elsewhere: one at another place explains the frame as well."""
-
-    fit: Fit
-    elsewhere: bool
-
-    def explains_better(self, other: Fit) -> bool:
-        """Whether it has the larger evidence, of the same targets."""
-        seen = other[0].used.size
-        return evidence_cost(self.fit, seen) < evidence_cost(other, seen)
-
-
-def find_contact(
+def find_contacts(
     problem: FrameProblem, fit: FrameLinearization, *, unexplained: bool
-) -> FoundContact | None:
-    """Return the fit with a contact anywhere; None where nothing asks for one, or none is found.
+) -> list[Fit]:
+    """Return the fits with a contact, the best at each place, the best first.
 
-    fit: without a contact. Whether anything asks for one its linearization tells, but not of a
-    fit that leaves the frame unexplained: that is far from any other. The best places are those no
-    worse than their neighbors: weak contacts have several minima along the arm.
+    None where nothing asks for one. fit: without a contact. Whether anything asks for one its
+    linearization tells, but not of a fit that leaves the frame unexplained: that is far from any
+    other. The best places are those no worse than their neighbors: weak contacts have several
+    minima along the arm.
     """
     settings, length = problem.settings, problem.table.arm.length
     if fit.trial.residual.size != problem.std.size:  # of all targets, also of those left out
         trial = problem.try_at(fit.trial.solved, fit.trial.bent.solution)
         again = None if trial is None else problem.linearize(trial)
         if again is None:
-            return None
+            return []
         fit = again
     scores = score_pushes(problem, fit)
     likely = scores.gain >= settings.contact_score
     asked = likely.any() and np.any(likely & (scores.evidence() > 0.0))
     if not asked and not unexplained:
-        return None
+        return []
     padded = np.concatenate([[0.0], scores.gain, [0.0]])
     peaks = np.flatnonzero((scores.gain >= padded[:-2]) & (scores.gain >= padded[2:]))
     starts = peaks[np.argsort(-scores.gain[peaks])][: settings.contact_starts]
     prior = with_any_contact(problem.unknowns, problem.prior)
     touched = replace(problem, prior=prior)
     tried = [search_at(touched, fit, scores, int(panel)) for panel in starts]
-    fits = [item for item in tried if item is not None]
     seen = problem.used.size
-    foreseen = 2.0 * float(
-        scores.gain.max()
-    )  # beyond it nothing is linear, also no std of a force
+    foreseen = 2.0 * float(scores.gain.max())  # beyond it nothing is linear, nor is a force's std
 
     def is_needed(item: Fit) -> bool:
         left = item[1].cost + left_out_cost(item, seen)
@@ -306,18 +179,17 @@ def find_contact(
 
     # A contact of no force is another minimum without one, or a tip force.
     pressing = [
-        item for item in fits if differs_from_zero(item, settings.contact_score) or is_needed(item)
+        item
+        for item in tried
+        if item is not None
+        and (differs_from_zero(item, settings.contact_score) or is_needed(item))
     ]
-    if not pressing:
-        return None
-    best = min(pressing, key=lambda item: evidence_cost(item, seen))
-    most = evidence_cost(best, seen) + settings.rival
-    distance = settings.contact_apart * length
-    elsewhere = any(
-        evidence_cost(item, seen) < most and abs(place_of(item) - place_of(best)) > distance
-        for item in fits
-    )
-    return FoundContact(fit=best, elsewhere=elsewhere)
+    found: list[Fit] = []
+    for item in sorted(pressing, key=lambda one: evidence_cost(one, seen)):
+        apart = settings.contact_apart * length
+        if all(abs(place_of(item) - place_of(other)) > apart for other in found):
+            found.append(item)
+    return found
 
 
 def place_of(fit: Fit) -> float:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+import math
 
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.fusion.contact import Contact
-from pneunet_ros.fusion.force_sensor import ForceSensorFault
 
 
 class Mode(IntEnum):
@@ -30,6 +30,38 @@ MODE_SENTENCES = {
     Mode.CAMERA_ONLY: 'targets alone: the pressure is too old',
     Mode.PREDICTION: 'pressure alone: no frame of targets lately; the force is held',
 }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ForceSensorFault:
+    """What a force sensor that is off reads, beside what the targets say: (2,) N of F1 and F2.
+
+    reading: NaN while none is fresh; targets and targets_std: NaN where not determined.
+    """
+
+    reading: Array
+    targets: Array
+    targets_std: Array
+
+    @property
+    def words(self) -> str:
+        """Say it in numbers."""
+        read = ', '.join(f'{value:.4f}' for value in self.reading.tolist())
+        pairs = zip(self.targets.tolist(), self.targets_std.tolist(), strict=True)
+        said = ', '.join(f'{value:.4f} ± {std:.4f}' for value, std in pairs)
+        return f'not used: it reads ({read}) N, the targets say ({said}) N'
+
+    @property
+    def numbers(self) -> dict[str, list[float | None]]:
+        """Say it to a program, in N."""
+        return {
+            name: [value if math.isfinite(value) else None for value in values.tolist()]
+            for name, values in (
+                ('reading', self.reading),
+                ('targets', self.targets),
+                ('targets_std', self.targets_std),
+            )
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -325,7 +325,7 @@ class FrameProblem:
         clamp, turn = complex(clamp_x, clamp_y), cmath.rect(1.0, angle)
         seen_x, seen_y = arm.see(shape.x, shape.y)
         seen = turn * (seen_x + 1j * seen_y + heading * (along + 1j * across))
-        back = heading.conj() / turn if self.prior.camera_moved else heading.conj()
+        back = heading.conj() / turn
         residual = self.whiten((self.measured - clamp - seen) * back)
         cost = float(xi @ xi + residual @ residual)
         if not math.isfinite(cost):
@@ -354,9 +354,8 @@ class FrameProblem:
         moves = np.empty((len(by_cause) + 3, by_cause.shape[2]), dtype=np.complex128)
         of_arm, of_camera = moves[:-3], moves[-3:]
         of_arm.real, of_arm.imag = by_cause[:, 0], by_cause[:, 1]
-        if self.prior.camera_moved:
-            turn = self.unknowns.camera[2] @ self.mean + self.cause_root[-1] @ xi
-            of_arm *= cmath.exp(1j * float(turn))
+        turn = self.unknowns.camera[2] @ self.mean + self.cause_root[-1] @ xi
+        of_arm *= cmath.exp(1j * float(turn))
         of_camera[0], of_camera[1] = 1.0, 1j
         np.multiply(trial.seen, 1j, out=of_camera[2])
         moves *= trial.back

@@ -82,23 +82,26 @@ class FrameUpdate:
 
 
 def take_frame(
-    problem: FrameProblem, *, cold: bool, found_better: bool, force_read: bool
+    problem: FrameProblem,
+    *,
+    cold: bool,
+    found_better: bool = False,
+    force_read: bool,
+    widely: bool = True,
 ) -> FrameUpdate:
     """Take a frame.
 
     cold: nothing is known of the force; found_better: another one explained the last frame better;
-    with either the search begins everywhere. force_read: a sensor tells the force, and no other
-    one is looked for, unless no shape at it explains the frame.
+    with either the search begins everywhere, as it does where no shape near the last one explains
+    the frame. force_read: a sensor tells the force, and no other one is looked for, unless no
+    shape at it explains the frame. widely: False to look near the last shape alone.
     """
     if np.count_nonzero(problem.used) < problem.settings.fewest_targets:
         return FrameUpdate(belief=None, reason='too_few_targets')
-    tracked: Fit | None = None
-    if force_read or not cold:
-        followed = problem.search(np.zeros(problem.root.shape[1]), problem.prior.solution)
-        tracked = None if followed is None else leave_out(problem, followed)
+    tracked = None if cold and not force_read else follow(problem)
     fits = tracked is not None and not found_better and excess(tracked) <= 1.0
     read = tracked is not None and force_read and excess(tracked) <= problem.settings.frame_gate
-    if read or fits:
+    if read or fits or not widely:
         unchecked = None if force_read else tracked
         update = FrameUpdate(belief=None, unchecked=unchecked, settled=force_read)
     else:  # the force may have jumped; the shape of before may lead nowhere
@@ -107,6 +110,26 @@ def take_frame(
     if tracked is None:
         return FrameUpdate(belief=None, reason='no_equilibrium')
     return with_fit(update, tracked, hold_force(tracked), int(np.count_nonzero(problem.used)))
+
+
+def follow(problem: FrameProblem) -> Fit | None:
+    """Return the fit near the last shape, without targets that do not fit the others."""
+    found = problem.search(np.zeros(problem.root.shape[1]), problem.prior.solution)
+    return None if found is None else leave_out(problem, found)
+
+
+def evidence_cost(fit: Fit, seen: int) -> float:
+    """Return minus twice the log of the evidence, where a target left out costs its gate.
+
+    seen: how many targets were.
+    """
+    return fit[1].log_evidence_cost + left_out_cost(fit, seen)
+
+
+def left_out_cost(fit: Fit, seen: int) -> float:
+    """Return what the targets cost (chi squared) that were left out: each its gate."""
+    problem = fit[0]
+    return problem.settings.target_gate * (seen - int(np.count_nonzero(problem.used)))
 
 
 def search_everywhere(problem: FrameProblem, tracked: Fit | None) -> tuple[Fit | None, bool]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from bisect import bisect_left
 from dataclasses import dataclass, field, replace
 import math
-from typing import Any
 
 import numpy as np
 from pneunet_ros.core.outcome import Refusal
@@ -25,17 +24,17 @@ from pneunet_ros.estimation.state import admit
 from pneunet_ros.fusion.belief import (
     Belief,
     first_belief,
+    FORCE_SENSOR,
+    PRESSURE,
+    reset_to_prior,
     with_strange_targets,
     with_walk,
-    without_lessons,
 )
-from pneunet_ros.fusion.belief_estimate import estimate_at, PRESSURE_OFF
+from pneunet_ros.fusion.belief_estimate import estimate_at
 from pneunet_ros.fusion.bench import Bench
-from pneunet_ros.fusion.contact import without_contact
+from pneunet_ros.fusion.causes import PressureCause, TARGETS
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
-from pneunet_ros.fusion.force_sensor import Verdict
 from pneunet_ros.fusion.frame_update import ColdSearch
-from pneunet_ros.fusion.judgement import explains_all, is_copy, take, weigh_and_judge
 from pneunet_ros.fusion.readings import (
     followed_by,
     nearest_to,
@@ -46,13 +45,17 @@ from pneunet_ros.fusion.readings import (
     stamp_of,
 )
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
-from pneunet_ros.fusion.state import FusionState, RunningNis, TakenFrame
+from pneunet_ros.fusion.state import FusionState, PendingFrame, RunningNis
+from pneunet_ros.fusion.taken_frame import TakenFrame
+from pneunet_ros.fusion.weighing import explains_all, is_copy, take, weigh
 from pneunet_ros.measurement.between_readings import error_between
+from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.errors.rounding_error import smallest_change, with_rounding
 from pneunet_ros.measurement.errors.white_noise import white_std
 from pneunet_ros.measurement.inference.adequacy import chi_square_limit
+from pneunet_ros.measurement.inference.bank import Hypothesis
 from pneunet_ros.measurement.inference.gaussian import take_measurement
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load, OUT_OF_RANGE
@@ -116,12 +119,13 @@ class Fusion:
         return self.take_pressure(state, event, [note] if note else [])
 
     def settle(self, state: FusionState) -> FusionState:
-        """Do what no estimate has to wait for: doubt the last frame.
+        """Do what no estimate has to wait for: weigh the last frame.
 
         A node does it when an estimate is out; where nobody did, the next step does. What comes of
         all steps is the same.
         """
-        return self.doubt_frame(state) if state.answered else state
+        pending = state.pending
+        return self.weigh_pending(state) if pending and pending.answered else state
 
     def take_wrench(
         self, state: FusionState, reading: WrenchReading
@@ -134,20 +138,20 @@ class Fusion:
             )
             return state.count_rejected(refusal.reason), refusal
         wrench = base_wrench(self.sensors, reading)
-        step = state.force_step
-        if state.wrenches:
-            last = state.wrenches[-1]
+        step, before = state.force.step, state.force.kept
+        if before:
+            last = before[-1]
             change = math.hypot(wrench.force_x - last.force_x, wrench.force_y - last.force_y)
             step = smallest_change(step, change)
-        kept = followed_by(state.wrenches, wrench, self.settings.wrenches_kept)
-        readings = state.readings.with_wrench(wrench)
-        return replace(state, readings=readings, wrenches=kept, force_step=step), None
+        kept = followed_by(before, wrench, self.settings.wrenches_kept)
+        force = replace(state.force, kept=kept, step=step)
+        return replace(state, readings=state.readings.with_wrench(wrench), force=force), None
 
     def take_pressure(
         self, state: FusionState, reading: PressureReading, notes: list[str]
     ) -> tuple[FusionState, FusedEstimate | Refusal]:
         """Take the frames that have waited for a pressure reading, and estimate at its stamp."""
-        if state.pressure_off:
+        if PRESSURE in state.causes:
             return self.refuse_pressure(state, reading)
         readings = state.readings.watch_pressure(reading, self.arm, self.sensors)
         state = replace(state, readings=readings)
@@ -174,7 +178,7 @@ class Fusion:
         )
         for sightings in ready:
             state = self.use_frame(state, sightings)
-        if state.pressure_off:
+        if PRESSURE in state.causes:
             return self.refuse_pressure(state, reading)
         state = self.with_pressure(state)
         age = state.target_age(instant.stamp_ns)
@@ -192,7 +196,10 @@ class Fusion:
     ) -> tuple[FusionState, Refusal]:
         """Do not use the reading of a sensor that is off."""
         refusal = Refusal(
-            stamp_ns=reading.stamp_ns, reason='pressure_off', sentence=PRESSURE_OFF, error=False
+            stamp_ns=reading.stamp_ns,
+            reason='pressure_off',
+            sentence=PressureCause.sentence,
+            error=False,
         )
         state = replace(state, readings=state.readings.with_impossible(reading.stamp_ns))
         return state.count_rejected(refusal.reason), refusal
@@ -266,7 +273,7 @@ class Fusion:
             since_ns = state.pressures[-1].stamp_ns
         else:
             since_ns = self.bench.shown_ns(state.waiting[0] if state.waiting else sightings)
-        alone = state.pressure_lost and not state.pressures
+        alone = state.unpressed and not state.pressures
         gap = state.frame_stamps.before_ns is not None  # the next one says if this one is ahead
         if not alone and (not self.is_stale(since_ns, shown_ns) or (gap and not state.waiting)):
             if len(state.waiting) == self.settings.most_waiting:
@@ -337,9 +344,9 @@ class Fusion:
                 frame_id=self.sensors.frame_id,
             )
             return NearWrench(reading=nothing, age=0.0, std=self.arm.sensors.force_std)
-        if not state.wrenches or (with_targets and not self.knows_force_noise(state)):
+        if not state.force.kept or (with_targets and not self.knows_force_noise(state)):
             return None
-        wrench = nearest_to(state.wrenches, stamp_ns)
+        wrench = nearest_to(state.force.kept, stamp_ns)
         age = seconds_since(wrench.stamp_ns, stamp_ns)
         if abs(age) > self.sensors.wrench_timeout:
             return None
@@ -347,19 +354,19 @@ class Fusion:
 
     def reads_force_often(self, state: FusionState) -> bool:
         """Whether the force is read so often that what changes between readings is noise."""
-        stamps = [one.stamp_ns for one in state.wrenches[-self.settings.noise_readings :]]
+        stamps = [one.stamp_ns for one in state.force.kept[-self.settings.noise_readings :]]
         period = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
         return period <= self.settings.noise_period * NANOSECONDS_PER_SECOND
 
     def knows_force_noise(self, state: FusionState) -> bool:
         """Whether the readings of the force have told their noise, or are too rare to do so."""
-        enough = len(state.wrenches) >= self.settings.fewest_readings
+        enough = len(state.force.kept) >= self.settings.fewest_readings
         return enough or not self.reads_force_often(state)
 
     def force_std(self, state: FusionState) -> float:
         """Return one sigma (N) of the force sensor: of the model, or of a sensor that is worse."""
-        known, rounding = self.arm.sensors.force_std, self.bench.force_rounding(state.force_step)
-        return with_rounding(state.force_noise or known, rounding)
+        known, rounding = self.arm.sensors.force_std, self.bench.force_rounding(state.force.step)
+        return with_rounding(state.force.noise or known, rounding)
 
     def estimate_force_noise(self, state: FusionState) -> float:
         """Return the noise (N) of the force sensor's last readings, 0 where the model's is it.
@@ -369,30 +376,30 @@ class Fusion:
         """
         if not self.reads_force_often(state):
             return 0.0
-        wrenches = state.wrenches[-self.settings.noise_readings :]
+        wrenches = state.force.kept[-self.settings.noise_readings :]
         noise = white_std(np.reshape([(one.force_x, one.force_y) for one in wrenches], (-1, 2)))
         most = self.settings.noise_ratio * self.arm.sensors.force_std
-        return noise if noise > (0.5 * most if state.force_noise else most) else 0.0
+        return noise if noise > (0.5 * most if state.force.noise else most) else 0.0
 
     def with_force_noise(self, before: Belief, state: FusionState) -> tuple[Belief, FusionState]:
         """Return what is believed before a frame, and the state, with the noise of the force.
 
         What frames have told while it was taken for much less is forgotten.
         """
-        noise = self.estimate_force_noise(state)
-        known = max(state.largest_force_noise, self.arm.sensors.force_std)
-        if noise > self.settings.noise_ratio * known and state.sensor is not Verdict.OFF:
-            before = without_lessons(self.bench.unknowns, before)
-            state = replace(state.without_belief(), sensor=Verdict.OPEN, belief=before)
-        largest = max(state.largest_force_noise, noise)
-        return before, replace(state, force_noise=noise, largest_force_noise=largest)
+        noise, force = self.estimate_force_noise(state), state.force
+        known = max(force.largest_noise, self.arm.sensors.force_std)
+        if noise > self.settings.noise_ratio * known and FORCE_SENSOR not in state.causes:
+            before = reset_to_prior(self.bench.unknowns, before)
+            state = replace(state, bank=(Hypothesis(belief=before),))
+        force = replace(force, noise=noise, largest_noise=max(force.largest_noise, noise))
+        return before, replace(state, force=force)
 
     def other_sensors(self, state: FusionState) -> dict[str, str]:
         """Return a sentence by sensor that is worse than the one of the calibration."""
         sentences = self.coarse_sensors(state)
-        if state.force_noise:
+        if state.force.noise:
             sentences['force'] = (
-                f'the force is read with noise of {state.force_noise:.3g} N, and the model knows '
+                f'the force is read with noise of {state.force.noise:.3g} N, and the model knows '
                 f'of {self.arm.sensors.force_std:.3g} N: the former is used; calibrate with this '
                 'sensor'
             )
@@ -404,7 +411,7 @@ class Fusion:
         pressure_step = state.pressures[-1].step if state.pressures else math.inf
         for name, unit, step, std, rounding_of in (
             ('pressure', 'Pa', pressure_step, noise.pressure_std, bench.pressure_rounding),
-            ('force', 'N', state.force_step, noise.force_std, bench.force_rounding),
+            ('force', 'N', state.force.step, noise.force_std, bench.force_rounding),
         ):
             rounding = rounding_of(step)
             if rounding > std:
@@ -421,21 +428,26 @@ class Fusion:
         """Estimate shape and force; beside targets by a wrench that a frame has checked."""
         seen = mode is not Mode.PREDICTION and state.belief is not None and state.belief.frames > 0
         wrench = self.wrench_at(state, instant.stamp_ns, with_targets=seen)
-        checked = state.wrench_used_ns is not None or state.sensor is not Verdict.OPEN
+        checked = state.wrench_used_ns is not None or self.bench.trusts_force(state.belief)
         if seen and not checked and not self.settings.free_tip:
             wrench = None
         return estimate_at(self.bench, state, instant, wrench, mode, notes)
 
     def with_pressure(self, state: FusionState) -> FusionState:
         """Return the state where the pressure is read again."""
-        if not state.pressure_lost or state.belief is None:
+        if state.belief is None or not state.belief.unpressed:
             return state
-        state = self.doubt_frame(state)  # of a frame whose pressure nobody had read
-        if state.belief is None:
-            return state
-        belief = self.condition_on_pressure(state, state.belief)
+        state = self.weigh_pending(state)  # of a frame whose pressure nobody had read
+        bank = tuple(
+            replace(one, belief=self.with_pressure_read(state, one.belief)) for one in state.bank
+        )
+        return replace(state, bank=bank)
+
+    def with_pressure_read(self, state: FusionState, belief: Belief) -> Belief:
+        """Return what is believed at a frame that was taken without a pressure, now it is read."""
+        belief = self.condition_on_pressure(state, belief)
         belief = self.bench.without(belief, self.bench.unknowns.at(PressureError))
-        return replace(state, belief=belief, pressure_lost=False)
+        return replace(belief, chamber=self.pressure_at(state, belief.stamp_ns).chamber)
 
     def condition_on_pressure(self, state: FusionState, belief: Belief) -> Belief:
         """Return what is believed at a frame whose pressure is known by now, from both sides.
@@ -470,42 +482,37 @@ class Fusion:
         return conditioned if determined else belief
 
     def use_frame(self, state: FusionState, sightings: TargetSightings) -> FusionState:
-        """Take a frame into the belief."""
-        state = self.doubt_frame(state)
+        """Take a frame into the bank of hypotheses."""
+        state = self.weigh_pending(state)
         if not sightings.seen:
             return state.count_unused('not_seen')
-        shown_ns = self.bench.shown_ns(sightings)
-        if state.lost >= self.settings.most_lost:  # what is believed keeps all frames out
-            state = replace(state.without_belief(), lost=0)
-        before = state.belief or first_belief(self.bench.unknowns, shown_ns)
+        shown_ns, unknowns = self.bench.shown_ns(sightings), self.bench.unknowns
+        before = state.belief or first_belief(unknowns, shown_ns, state.lasting)
         if before.frames and shown_ns < before.stamp_ns:
             return state.count_unused('older')
-        lost = state.lost >= self.settings.frames_lost
         before, state = self.with_force_noise(before, state)
-        frame = self.read_frame(state, sightings, force_lost=lost)
+        frame = self.read_frame(state, sightings)
         seen = state.seen
         if seen is None or not seen.is_same(sightings):
             seen = SeenFrame(x=sightings.x, y=sightings.y, chamber=frame.instant.chamber)
         elif is_copy(self.bench, seen, frame):
             return state.count_unused('repeated')
-        if lost:
-            before = without_contact(self.bench.unknowns, before)
-            state = replace(state, rival=None, log_odds=None)
-        taken, unweighed = take(self.bench, state, frame, before), None
-        if explains_all(taken) and not lost:
-            unweighed = taken
-        else:
-            state, taken = weigh_and_judge(self.bench, state, taken)
-        return self.after_frame(
-            state, taken, seen=seen, unweighed=unweighed, pressure_lost=taken.frame.alone
-        )
+        state = replace(state, seen=seen)
+        taken = take(self.bench, state, frame, before)
+        if explains_all(taken):
+            rest = state.bank[1:]
+            weight = state.bank[0].log_weight if state.bank else 0.0
+            bank = (Hypothesis(belief=self.learned(taken), log_weight=weight), *rest)
+            return self.after_frame(replace(state, bank=bank), taken, pending=taken)
+        bank, taken = weigh(self.bench, state, taken)
+        if taken.update.belief is None:
+            return self.with_nis(state, taken).count_unused(taken.update.reason, lost=1)
+        return self.after_frame(self.with_learned(state, bank, taken), taken)
 
-    def read_frame(
-        self, state: FusionState, sightings: TargetSightings, *, force_lost: bool
-    ) -> ReadFrame:
+    def read_frame(self, state: FusionState, sightings: TargetSightings) -> ReadFrame:
         """Return a frame with what was read at the stamp of what it shows."""
         shown_ns = self.bench.shown_ns(sightings)
-        wrench = self.wrench_at(state, shown_ns, with_targets=True)
+        turn = not state.counts.frames % self.settings.still_frames
         return ReadFrame(
             stamp_ns=shown_ns,
             sightings=sightings,
@@ -513,10 +520,8 @@ class Fusion:
             alone=not state.pressures
             or state.pressures[-1].stamp_ns < shown_ns  # it has waited for one in vain
             or self.is_stale(nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns),
-            pressure_still=self.is_still(state) and not state.frames % self.settings.still_frames,
-            pressure_lost=state.pressure_lost,
-            force_lost=force_lost,
-            wrench=None if state.sensor is Verdict.OFF else wrench,
+            pressure_still=self.is_still(state) and turn,
+            wrench=self.wrench_at(state, shown_ns, with_targets=True),
         )
 
     def is_still(self, state: FusionState) -> bool:
@@ -529,61 +534,65 @@ class Fusion:
         last = {instant.gauge for instant in state.pressures[-self.settings.still_readings :]}
         return len(last) == 1 and len(state.pressures) >= self.settings.still_readings
 
-    def after_frame(self, state: FusionState, taken: TakenFrame, **seen: Any) -> FusionState:
-        """Remember what became of a frame, and count it; seen: what else of it is remembered."""
-        nis, update, shown_ns = state.nis, taken.update, taken.frame.stamp_ns
-        if update.coordinates:
-            limit = chi_square_limit(update.coordinates)
-            value = update.nis / update.coordinates
-            first = RunningNis(stamp_ns=shown_ns, weight=1.0, last=value, mean=value, limit=limit)
-            nis = (
-                first
-                if nis is None
-                else nis.followed_by(shown_ns, value, limit, self.settings.nis_time)
-            )
-        if update.belief is None:
-            lost = replace(state, nis=nis, lost=state.lost + 1, **seen)
-            return lost.count_unused(update.reason)
-        seen |= {'nis': nis, 'answered': False, 'lost': 0, 'frames': state.frames + 1}
-        return self.with_taken(state, taken, update.belief, **seen)
+    def with_nis(self, state: FusionState, taken: TakenFrame) -> FusionState:
+        """Return the state with the running NIS after a frame."""
+        update, shown_ns = taken.update, taken.frame.stamp_ns
+        if not update.coordinates:
+            return state
+        limit = chi_square_limit(update.coordinates)
+        value = update.nis / update.coordinates
+        if state.nis is None:
+            nis = RunningNis(stamp_ns=shown_ns, weight=1.0, last=value, mean=value, limit=limit)
+        else:
+            nis = state.nis.followed_by(shown_ns, value, limit, self.settings.nis_time)
+        return replace(state, nis=nis)
 
-    def with_taken(
-        self, state: FusionState, taken: TakenFrame, after: Belief, **seen: Any
+    def after_frame(
+        self, state: FusionState, taken: TakenFrame, pending: TakenFrame | None = None
     ) -> FusionState:
-        """Remember what is believed after a frame, and what of it is still to be looked at.
-
-        seen: what else of it is remembered.
-        """
-        frame, update, settings = taken.frame, taken.update, self.settings
-        belief = with_walk(self.bench.unknowns, taken.before, after)
-        if belief.same_targets and update.left_out and update.fit:
-            strange = np.flatnonzero(taken.problem.used & ~update.fit[0].used)
-            belief = with_strange_targets(self.bench.unknowns, settings, belief, strange)
+        """Count a frame that was used; pending: where it is still to be weighed."""
+        frame, update = taken.frame, taken.update
+        wrench_ns = None if frame.wrench is None else frame.wrench.reading.stamp_ns
         return replace(
-            state,
-            belief=belief,
-            wrench_used_ns=None if frame.wrench is None else frame.wrench.reading.stamp_ns,
-            unchecked=update.unchecked,
+            self.with_nis(state, taken).count_frame(),
+            wrench_used_ns=wrench_ns,
+            pending=PendingFrame(taken=pending, unchecked=update.unchecked),
             search=ColdSearch(ambiguous=update.ambiguous) if update.settled else state.search,
-            **seen,
         )
 
-    def doubt_frame(self, state: FusionState) -> FusionState:
+    def learned(self, taken: TakenFrame) -> Belief:
+        """Return what is believed after a frame, with the walk of the force, and odd targets."""
+        update, unknowns = taken.update, self.bench.unknowns
+        belief = with_walk(unknowns, taken.before, taken.after)
+        known = unknowns.block(Placement).known is not None and TARGETS not in belief.causes
+        if known and update.left_out and update.fit:
+            strange = np.flatnonzero(taken.problem.used & ~update.fit[0].used)
+            belief = with_strange_targets(unknowns, self.settings, belief, strange)
+        return belief
+
+    def with_learned(
+        self, state: FusionState, bank: tuple[Hypothesis[Belief], ...], best: TakenFrame
+    ) -> FusionState:
+        """Return the state with hypotheses that have taken a frame, the best of them as taken."""
+        first = replace(bank[0], belief=self.learned(best))
+        return state.with_bank((first, *bank[1:]))
+
+    def weigh_pending(self, state: FusionState) -> FusionState:
         """Weigh the last frame against all else that it may be, then look for another force.
 
         A force that explains it better leaves the force ambiguous, and the search in the next
         frame begins everywhere.
         """
-        if state.unweighed is not None:
-            state, taken = weigh_and_judge(
-                self.bench, replace(state, unweighed=None), state.unweighed
-            )
-            belief = taken.update.belief
-            if belief is None:
-                state = replace(state, belief=None, unchecked=None)
-            else:
-                state = self.with_taken(state, taken, belief)
-        if state.unchecked is not None:
-            search = state.search.looked(state.unchecked)
-            state = replace(state, unchecked=None, search=search)
+        pending = state.pending
+        if pending is None:
+            return state
+        unchecked = pending.unchecked
+        state = replace(state, pending=None)
+        if pending.taken is not None:
+            bank, taken = weigh(self.bench, state, pending.taken)
+            if taken is not pending.taken:
+                unchecked = taken.update.unchecked
+            state = self.with_learned(state, bank, taken)
+        if unchecked is not None:
+            state = replace(state, search=state.search.looked(unchecked))
         return state.compressed()

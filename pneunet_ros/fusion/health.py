@@ -101,9 +101,9 @@ class FusionHealth(InputHealth):
         values: dict[str, Any] = {
             'mode': 'none' if last is None else last.mode.name.lower(),
             'rate_hz': self.rate(now),
-            'estimates': state.estimates,
+            'estimates': state.counts.estimates,
             'resets': state.readings.resets,
-            'frames': state.frames,
+            'frames': state.counts.frames,
             'nis': None if nis is None else nis.last,
             'nis_mean': None if nis is None else nis.mean,
             'nis_limit': None if nis is None else nis.limit,
@@ -128,7 +128,7 @@ class FusionHealth(InputHealth):
         return (
             texts(values)
             | count_texts('rejected', state.readings.rejected)
-            | count_texts('frames_unused', state.unused)
+            | count_texts('frames_unused', state.counts.unused)
         )
 
 

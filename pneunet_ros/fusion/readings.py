@@ -62,9 +62,7 @@ class ReadFrame:
     """A frame with what was read at the stamp of what it shows.
 
     alone: no pressure is known there; pressure_still: the last readings of it are the same to the
-    last bit, and it is this frame's turn to be asked; pressure_lost: it was not known at the frame
-    before; force_lost: nothing is known of the force; wrench: None where none is near that may be
-    used.
+    last bit, and it is this frame's turn to be asked; wrench: None where none is near.
     """
 
     stamp_ns: int
@@ -72,8 +70,6 @@ class ReadFrame:
     instant: PressureInstant
     alone: bool
     pressure_still: bool
-    pressure_lost: bool
-    force_lost: bool
     wrench: NearWrench | None
 
     def without_wrench(self) -> ReadFrame:

@@ -19,26 +19,6 @@ class FusionSettings:
         'at which targets show that the force sensor is off, or the camera turned; invented',
         unit='sigma',
     )
-    sensor_tolerance: float = tuning(
-        0.015,
-        'offset below which a force sensor is never called off, and error of its gain; known so '
-        'exactly it is confirmed; invented',
-        unit='of the force scale',
-    )
-    sensor_misfit: float = tuning(
-        0.5,
-        'of a frame with a contact, above which it is tried without the force sensor; invented',
-        unit='limit of the NIS of noise',
-    )
-    sensor_gain: tuple[float, float] = tuning(
-        (3.0, 25.0),
-        'by which a frame must fit better without the sensor to count against it, and the most '
-        'that one counts; invented',
-        unit='chi squared',
-    )
-    sensor_doubt: float = tuning(
-        60.0, 'of all frames together, with which the sensor is off; invented', unit='chi squared'
-    )
     target_timeout: float = tuning(
         0.5, 'age of the last frame from which on there is a prediction only', unit='s'
     )
@@ -70,12 +50,6 @@ class FusionSettings:
         0.1, 'of a frame before its pressure, which is told beyond it', unit='s'
     )
     most_waiting: int = tuning(32, 'frames that wait for their pressure reading')
-    other_targets: float = tuning(
-        5.0,
-        'log odds that the targets are not those of the calibration, beyond which its placement '
-        'is forgotten; invented',
-        unit='natural log',
-    )
     frozen: float = tuning(
         7.0,
         'change of the pressure during which no target moved in the least, beyond which a frame '
@@ -84,17 +58,6 @@ class FusionSettings:
     )
     turn_tolerance: float = tuning(
         0.002, 'turn below which a camera is never taken for moved; invented', unit='rad'
-    )
-    camera_moved: float = tuning(
-        18.0,
-        'log odds that the camera is not where it was, beyond which its place is forgotten; '
-        'invented',
-        unit='natural log',
-    )
-    pressure_off: float = tuning(
-        5.0,
-        'log odds that the pressure is not what is read, beyond which it is not used; invented',
-        unit='natural log',
     )
     still_readings: int = tuning(
         5, 'of the pressure, the same to the last bit, with which frames are asked if it hangs'
@@ -126,8 +89,7 @@ class FusionSettings:
     frame_gate: float = tuning(
         4.0, 'of a frame, beyond which it is not used', unit='limit of the NIS of noise'
     )
-    frames_lost: int = tuning(3, 'frames not used in a row, after which the force is forgotten')
-    most_lost: int = tuning(9, 'frames not used in a row, after which all is forgotten')
+    frames_lost: int = tuning(3, 'frames not used in a row, after which a belief may begin anew')
     restart_frames: int = tuning(6, 'frames over which the cold starts are tried, once a round')
     start_forces: tuple[float, ...] = tuning(
         (0.3, 0.9), 'cold starts in all directions, beside no force', unit='of the force scale'
@@ -152,12 +114,20 @@ class FusionSettings:
     )
     largest_tip_std: float = tuning(3e-3, 'std of the tip at which nothing is published', unit='m')
     free_tip: bool = tuning(False, 'nothing ever pushes at the tip: no force sensor is needed')
-    contact_bound: float = tuning(
+    odds_against: float = tuning(
         5.0,
-        'log odds of no contact before a frame; where either side reaches it, the other is '
-        'dropped',
-        unit='natural log',
+        'log odds against a cause of error that a frame calls for',
+        unit='nats',
+        source='convention: one in 150',
     )
+    bound: float = tuning(
+        8.0,
+        'log odds against a hypothesis beside the best, beyond which it is dropped',
+        unit='nats',
+        source='convention: one in 3000; tried: with 5 a pressure that hangs is taken for a '
+        'contact, with 20 frames take ten times as long',
+    )
+    most_hypotheses: int = tuning(4, 'hypotheses that are followed side by side')
     contact_score: float = tuning(
         9.0, 'gain by a contact, linearized, from which on one is sought', unit='chi squared'
     )

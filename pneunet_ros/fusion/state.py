@@ -11,11 +11,11 @@ from pneunet_ros.core.readings import TargetSightings, WrenchReading
 from pneunet_ros.core.stamps import AHEAD, count_reason, StampGate
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.fusion.belief import Belief
-from pneunet_ros.fusion.force_sensor import Verdict
-from pneunet_ros.fusion.frame_fit import FrameProblem
-from pneunet_ros.fusion.frame_update import ColdSearch, Fit, FrameUpdate
-from pneunet_ros.fusion.readings import PressureInstant, ReadFrame, SeenFrame
+from pneunet_ros.fusion.belief import Belief, FORCE_SENSOR, PRESSURE
+from pneunet_ros.fusion.frame_update import ColdSearch, Fit
+from pneunet_ros.fusion.readings import PressureInstant, SeenFrame
+from pneunet_ros.fusion.taken_frame import TakenFrame
+from pneunet_ros.measurement.inference.bank import Hypothesis
 from pneunet_ros.measurement.inference.gaussian import compressed
 from pneunet_ros.solver.solution import SolverNodes
 
@@ -59,72 +59,93 @@ class RunningNis:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TakenFrame:
-    """A frame as it was taken.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceReadings:
+    """The last end wrenches, for frames that come late, and what they tell of their sensor.
 
-    before: what was believed before it; problem: of all targets that were seen; update: what came
-    of it.
+    step (N): the smallest change from wrench to wrench so far, see `rounding_error`; noise (N): of
+    the last ones, 0 where it is that of the model; largest_noise (N): with which the belief has
+    taken a frame.
     """
 
-    frame: ReadFrame
-    before: Belief
-    problem: FrameProblem
-    update: FrameUpdate
+    kept: tuple[WrenchReading, ...] = ()
+    step: float = math.inf
+    noise: float = 0.0
+    largest_noise: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PendingFrame:
+    """The last frame that was used, and what of it is still to be looked at.
+
+    taken: to be weighed against all else that it may be; unchecked: its fit, beside which other
+    forces are to be looked for; answered: an estimate since then is out.
+    """
+
+    taken: TakenFrame | None = None
+    unchecked: Fit | None = None
+    answered: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Counts:
+    """Estimates so far, frames used, others by reason; lost: frames in a row that were not."""
+
+    estimates: int = 0
+    frames: int = 0
+    lost: int = 0
+    unused: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FusionState:
     """All that a fusion remembers from one reading or frame to the next.
 
-    readings: as of an estimator, which admits pressures and wrenches; pressures, wrenches: the
-    last ones, for frames that come late; force_step (N): the smallest change from wrench to wrench
-    so far, see `rounding_error`; force_noise (N): of its last readings, 0 where it is that of the
-    model; largest_force_noise (N): with which the belief has taken a frame; waiting:
-    frames whose pressure has not come yet; seen: the last one that was no copy.
-    belief: at the last frame that was used, by the likelier of two hypotheses, no contact and
-    contact; rival: by the other one, None where that is as good as excluded; log_odds: of a
-    contact, None before the first frame; elsewhere: one at another place may be it.
-    wrench_used_ns: of the wrench in it; sensor: what frames have said of the force sensor;
-    doubt: by how much (chi squared) frames have lately fitted better without it; otherwise: what
-    would be believed without it and without the contact, where that may be so.
-    solution: of the last estimate. pressure_lost: the belief's bias stands for the whole pressure;
-    pressure_off: targets say that it is not what is read.
-    unweighed: the last frame, which is still to be weighed against all else that it may be;
-    unchecked: its fit, beside which other forces are still to be looked for; answered: an estimate
-    since then is out; search: for such forces; lost: frames in a row not used. frames: used so
-    far; unused: others by reason.
+    readings: as of an estimator, which admits pressures and wrenches; pressures: the last ones,
+    for frames that come late; force: the last wrenches. waiting: frames whose pressure has not
+    come yet; seen: the last one that was no copy.
+    bank: what may be true, each hypothesis with what is believed at the last frame, the most
+    likely first; lasting: causes that stay when a belief is begun anew: sensors that are off.
+    wrench_used_ns: of the wrench in the belief; solution: of the last estimate; pending: the last
+    frame; search: for other forces that explain it.
     """
 
     readings: EstimatorState = field(default_factory=EstimatorState)
     pressures: tuple[PressureInstant, ...] = ()
-    wrenches: tuple[WrenchReading, ...] = ()
-    force_step: float = math.inf
-    force_noise: float = 0.0
-    largest_force_noise: float = 0.0
+    force: ForceReadings = field(default_factory=ForceReadings)
     waiting: tuple[TargetSightings, ...] = ()
     frame_stamps: StampGate = field(default_factory=StampGate)
     seen: SeenFrame | None = None
-    belief: Belief | None = None
-    rival: Belief | None = None
-    log_odds: float | None = None
-    elsewhere: bool = False
+    bank: tuple[Hypothesis[Belief], ...] = ()
+    lasting: frozenset[str] = frozenset()
     wrench_used_ns: int | None = None
-    sensor: Verdict = Verdict.OPEN
-    doubt: float = 0.0
-    otherwise: Belief | None = None
     solution: SolverNodes | None = None
-    pressure_lost: bool = False
-    pressure_off: bool = False
-    unweighed: TakenFrame | None = None
-    unchecked: Fit | None = None
-    answered: bool = False
+    pending: PendingFrame | None = None
     search: ColdSearch = field(default_factory=ColdSearch)
-    lost: int = 0
     nis: RunningNis | None = None
-    estimates: int = 0
-    frames: int = 0
-    unused: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    counts: Counts = field(default_factory=Counts)
+
+    @property
+    def belief(self) -> Belief | None:
+        """What is believed by the most likely hypothesis; None before the first frame."""
+        return self.bank[0].belief if self.bank else None
+
+    @property
+    def causes(self) -> frozenset[str]:
+        """Causes that are taken to be at work."""
+        return self.bank[0].belief.causes if self.bank else self.lasting
+
+    @property
+    def sure_causes(self) -> frozenset[str]:
+        """Causes of every hypothesis that is likely: what may be said of the bench."""
+        alike = [one.belief.causes for one in self.bank if one.is_alike]
+        return frozenset.intersection(*alike) if alike else self.lasting
+
+    @property
+    def unpressed(self) -> bool:
+        """Whether the last frame was taken without a pressure."""
+        belief = self.belief
+        return PRESSURE in self.causes or (belief is not None and belief.unpressed)
 
     def target_age(self, stamp_ns: int) -> float | None:
         """Return the age (s) of the last frame that was used; None before the first."""
@@ -134,73 +155,67 @@ class FusionState:
 
     def fresh(self) -> FusionState:
         """Forget all readings and frames; only the counts go on."""
-        return FusionState(
-            readings=self.readings,
-            estimates=self.estimates,
-            frames=self.frames,
-            unused=self.unused,
-        )
+        return FusionState(readings=self.readings, counts=replace(self.counts, lost=0))
 
     def restarted(self) -> FusionState:
         """Forget also that there were readings, and with them the history of the arm."""
         return replace(self.fresh(), readings=self.readings.fresh())
 
-    def without_belief(self) -> FusionState:
-        """Forget what frames have told, but for the verdict on the force sensor."""
+    def without_frames(self) -> FusionState:
+        """Forget the frames; readings, sensors that are off and counts go on."""
         return replace(
-            self,
-            belief=None,
-            rival=None,
-            log_odds=None,
-            elsewhere=False,
-            doubt=0.0,
-            otherwise=None,
-            largest_force_noise=0.0,
+            self.fresh(),
+            pressures=self.pressures,
+            force=self.force,
+            solution=self.solution,
+            lasting=self.lasting,
         )
-
-    def without_pressure(self) -> FusionState:
-        """Forget the pressure, which is not what is read, and what frames have told beside it."""
-        return replace(
-            self.without_belief(),
-            pressures=(),
-            pressure_lost=True,
-            pressure_off=True,
-            sensor=Verdict.OPEN,
-        )
-
-    def compressed(self) -> FusionState:
-        """Return it with square roots of what is believed, which grow with every frame."""
-        belief = None if self.belief is None else compressed(self.belief)
-        rival = None if self.rival is None else compressed(self.rival)
-        if belief is self.belief and rival is self.rival:
-            return self
-        return replace(self, belief=belief, rival=rival)
 
     def without_frames_after(self, stamp_ns: int) -> FusionState:
         """Forget the frame whose stamp was ahead of its time, or that stamp where it was used."""
         waiting = tuple(one for one in self.waiting if one.stamp_ns <= stamp_ns)
-        belief = self.belief
-        if belief is not None and belief.stamp_ns > stamp_ns:
-            belief = replace(belief, stamp_ns=stamp_ns)
-        return replace(self, waiting=waiting, belief=belief).count_unused(AHEAD)
-
-    def without_frames(self) -> FusionState:
-        """Forget the frames; readings and counts go on."""
-        return replace(
-            self.fresh(),
-            pressures=self.pressures,
-            wrenches=self.wrenches,
-            force_step=self.force_step,
-            force_noise=self.force_noise,
-            solution=self.solution,
-            sensor=self.sensor,
-            pressure_lost=self.pressure_off,
-            pressure_off=self.pressure_off,
+        bank = tuple(
+            replace(one, belief=replace(one.belief, stamp_ns=min(one.belief.stamp_ns, stamp_ns)))
+            for one in self.bank
         )
+        return replace(self, waiting=waiting, bank=bank).count_unused(AHEAD)
 
-    def count_unused(self, reason: str) -> FusionState:
-        """Count one more frame that was not used."""
-        return replace(self, unused=count_reason(self.unused, reason))
+    def with_belief(self, belief: Belief) -> FusionState:
+        """Return it with another belief of the most likely hypothesis."""
+        first = Hypothesis(belief=belief)
+        return replace(self, bank=(first, *self.bank[1:]))
+
+    def with_bank(self, bank: tuple[Hypothesis[Belief], ...]) -> FusionState:
+        """Return it with other hypotheses; without a pressure that is not what is read."""
+        lasting = bank[0].belief.causes & {FORCE_SENSOR, PRESSURE}
+        pressures = () if PRESSURE in lasting else self.pressures
+        return replace(self, bank=bank, lasting=lasting, pressures=pressures)
+
+    def compressed(self) -> FusionState:
+        """Return it with square roots of what is believed, which grow with every frame."""
+        bank = tuple(replace(one, belief=compressed(one.belief)) for one in self.bank)
+        return replace(self, bank=bank)
+
+    def answered(self) -> FusionState:
+        """Return it after an estimate is out: what waited for that can be done."""
+        if self.pending is None:
+            return self
+        return replace(self, pending=replace(self.pending, answered=True))
+
+    def count_estimate(self) -> FusionState:
+        """Count one more estimate."""
+        return replace(self, counts=replace(self.counts, estimates=self.counts.estimates + 1))
+
+    def count_unused(self, reason: str, *, lost: int = 0) -> FusionState:
+        """Count one more frame that was not used; lost: 1 where nothing explains it."""
+        counts = self.counts
+        unused = count_reason(counts.unused, reason)
+        return replace(self, counts=replace(counts, unused=unused, lost=counts.lost + lost))
+
+    def count_frame(self) -> FusionState:
+        """Count one more frame that was used."""
+        counts = self.counts
+        return replace(self, counts=replace(counts, frames=counts.frames + 1, lost=0))
 
     def count_rejected(self, reason: str) -> FusionState:
         """Count one more rejected reading."""

@@ -24,10 +24,27 @@ class ForceSensor(Block):
     )
     gain_std: float = tuning(0.0003, 'std of the error of its gain')
 
+    tolerance: float = tuning(
+        0.015,
+        'offset, and error of the gain, that call for nothing; known so exactly a sensor is '
+        'confirmed',
+        unit='of the force scale',
+    )
+
     @property
     def std(self) -> Array:
         """Of a sensor in order."""
         return np.array([*[self.offset_std * self.scale] * 2, self.gain_std])
+
+    @property
+    def innocent_std(self) -> Array:
+        """Errors of a sensor that is none the worse for them."""
+        return self.tolerance * np.array([self.scale, self.scale, 1.0])
+
+    @property
+    def off_std(self) -> Array:
+        """Of a sensor that is off."""
+        return np.array([self.scale, self.scale, 1.0])
 
     def on_wrench(self, seen: WrenchSeen) -> Array | None:
         """Add the offset, and a share of the force."""

@@ -17,6 +17,7 @@ from pneunet_ros.core.arrays import Array, freeze
 from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtrs
 
 BLOCK = 32  # columns that LAPACK reflects at once
+TINY = 1e-12  # share of a variance that rounding leaves
 Where = slice | npt.NDArray[np.intp]
 
 
@@ -61,6 +62,82 @@ def widen(known: Known, where: Where, std: Array) -> Known:
     root = with_columns(known.root, std.size)
     root[where, before:] = np.diag(std)
     return replace(known, root=freeze(root))
+
+
+def without_prior(known: Gaussian, which: int, before: float) -> tuple[float, float]:
+    """Return what measurements alone say of an unknown, and one sigma of that.
+
+    before: one sigma of the prior of mean zero that it came from. Infinite where they say nothing.
+    Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948).
+    """
+    share = 1.0 - (known.std(which) / before) ** 2 if before > 0.0 else 0.0
+    if share <= 0.0:
+        return 0.0, math.inf
+    return float(known.mean[which]) / share, before / math.sqrt(share)
+
+
+def prior_log_odds(known: Gaussian, where: Where, before: Array, after: Array) -> float:
+    """Return the log odds (nats) by which all measurements so far favor another prior.
+
+    Of some constant unknowns, of mean zero; before, after: one sigma (k,) of the prior that what
+    is known came from, and of the other one. -inf where an unknown was known exactly.
+    """
+    return -math.inf if not before.all() else _other_prior(known, where, before, after)[2]
+
+
+def with_prior(known: Known, where: Where, before: Array, after: Array) -> tuple[Known, float]:
+    """Replace the prior of some constant unknowns by another one, after all measurements.
+
+    What measurements have said of them since is kept, and what they said of all others follows.
+
+    Args:
+        known: mean and root, that came from a prior of mean zero on these unknowns.
+        where: which unknowns; they must not have moved.
+        before, after: one sigma (k,) of the prior that it came from, and of a wider one.
+
+    Returns:
+        What would be known by the other prior, and its `prior_log_odds`.
+
+    Source: evidence of a linear model, MacKay, Neural Computation 4 (1992).
+
+    """
+    if not before.all():
+        return known, -math.inf
+    moved, covariance, log_odds, spectrum = _other_prior(known, where, before, after)
+    variance, axes = spectrum
+    rows, mean = known.root[where] / before[:, None], known.mean[where] / before
+    gain = known.root @ rows.T @ (axes / variance) @ axes.T
+    grown, wider = np.linalg.eigh(covariance - (axes * variance) @ axes.T)
+    more = gain @ (wider * np.sqrt(np.clip(grown, 0.0, None)))
+    changed = replace(
+        known,
+        mean=freeze(known.mean + gain @ (moved - mean)),
+        root=freeze(np.hstack([known.root, more])),
+    )
+    return changed, log_odds
+
+
+def _other_prior(
+    known: Gaussian, where: Where, before: Array, after: Array
+) -> tuple[Array, Array, float, tuple[Array, Array]]:
+    """Return mean, covariance and log odds with another prior, and the spectrum of before.
+
+    All in sigmas of the prior that it came from.
+    """
+    root, mean = known.root[where] / before[:, None], known.mean[where] / before
+    variance, axes = np.linalg.eigh(root @ root.T)
+    variance = np.clip(variance, TINY, 1.0)  # measurements take nothing away
+    told = (axes / variance) @ (axes.T @ mean)
+    precision = (axes * (1.0 / variance - 1.0)) @ axes.T + np.diag((before / after) ** 2)
+    covariance = np.linalg.inv(precision)
+    moved = covariance @ told
+    log_odds = 0.5 * (
+        float(moved @ told - mean @ told)
+        - float(np.linalg.slogdet(precision)[1])
+        - float(np.log(variance).sum())
+        - 2.0 * float(np.log(after / before).sum())
+    )
+    return moved, covariance, log_odds, (variance, axes)
 
 
 def take_measurement(known: Known, response: Array, value: Array, std: Array) -> Known:

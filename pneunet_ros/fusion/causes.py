@@ -1,0 +1,299 @@
+"""What else may be at work at a bench: one row for each cause. A new cause is one more row.
+
+A cause competes with all others by its evidence (`fusion.weighing`): the odds against it before
+any frame, a belief that allows for it, and what frames say of that.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+import math
+from typing import ClassVar
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.fusion.belief import (
+    Belief,
+    CONTACT,
+    FORCE_SENSOR,
+    PRESSURE,
+    reset_to_prior,
+)
+from pneunet_ros.fusion.bench import Bench
+from pneunet_ros.fusion.contact import differs_from_zero, find_contacts, without_contact
+from pneunet_ros.fusion.frame_update import excess, misfits, take_frame, with_fit
+from pneunet_ros.fusion.taken_frame import problem_of, TakenFrame
+from pneunet_ros.measurement.blocks.camera import Camera
+from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
+from pneunet_ros.measurement.blocks.placement import Placement
+from pneunet_ros.measurement.blocks.target_row import TargetRow
+from pneunet_ros.measurement.inference.gaussian import (
+    forget,
+    prior_log_odds,
+    widen,
+    with_prior,
+    without_prior,
+)
+
+CAMERA, TARGETS = 'camera', 'targets'
+ANEW = 2.0  # times as unlikely as one cause it is that all is wrong that frames have told
+Alternative = tuple[TakenFrame, float]  # and its log odds, but for the evidence of the frame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cause(abc.ABC):
+    """A cause of error that a hypothesis may hold.
+
+    sentence: what somebody has to mend at the bench.
+    """
+
+    name: ClassVar[str]
+    sentence: ClassVar[str]
+
+    def is_told(self, bench: Bench, belief: Belief) -> float:
+        """Return the log odds for it by all frames so far, without a look at the last one."""
+        return -math.inf
+
+    @abc.abstractmethod
+    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+        """Whether a frame that nothing else explains, or only a contact, may be due to it."""
+
+    @abc.abstractmethod
+    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+        """Yield a frame as it would be taken if this were at work as well.
+
+        Beside it the log odds (nats) by which earlier frames favor that, in itself no less likely
+        than any other cause. taken: the same frame without this cause.
+        """
+
+
+def retaken(bench: Bench, taken: TakenFrame, before: Belief) -> TakenFrame:
+    """Return a frame taken by another belief, near the last shape where there is one."""
+    frame, problem = taken.frame, problem_of(bench, taken.frame, before)
+    cold = not before.frames
+    read = bench.used(frame, before.causes).wrench is not None
+    update = take_frame(problem, cold=cold, force_read=read, widely=cold)
+    return TakenFrame(frame=frame, before=before, problem=problem, update=update)
+
+
+def relearned(taken: TakenFrame, after: Belief) -> TakenFrame:
+    """Return a frame with what would be believed after it by another prior from the start on."""
+    return replace(taken, update=replace(taken.update, belief=after))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactCause(Cause):
+    """Something touches the arm. It comes and goes: a hypothesis with it asks if it has gone."""
+
+    name: ClassVar = CONTACT
+    sentence: ClassVar = ''
+
+    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+        """Say yes where there is a fit to start from; the score test asks further."""
+        return taken.update.fit is not None
+
+    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+        """Seek a push along the arm; without the one that is believed, if there is one."""
+        fit, frame, before = taken.update.fit, taken.frame, taken.before
+        if fit is None:
+            return
+        if before.touched:
+            free = retaken(bench, taken, without_contact(bench.unknowns, before))
+            yield free, 0.0
+            if free.update.fit is None or excess(fit) <= 1.0:
+                return
+            taken, fit, before = free, free.update.fit, free.before
+        seen = int(np.count_nonzero(taken.problem.used))
+        for found in find_contacts(taken.problem, fit[1], unexplained=misfits(fit)):
+            update = with_fit(taken.update, found, found, seen)
+            there = TakenFrame(frame=frame, before=before, problem=taken.problem, update=update)
+            yield there, 0.0
+
+    def is_sure(self, bench: Bench, taken: TakenFrame) -> bool:
+        """Whether a contact that explains a frame beside a force that is read has not gone.
+
+        Without a force sensor a contact force far from zero is no proof: with another tip force
+        there may be none.
+        """
+        fit = taken.update.fit
+        read = bench.settings.free_tip or taken.frame.wrench is not None
+        return (
+            read
+            and fit is not None
+            and excess(fit) <= 1.0
+            and differs_from_zero(fit, bench.settings.contact_gone)
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraCause(Cause):
+    """The camera was moved or turned."""
+
+    name: ClassVar = CAMERA
+    sentence: ClassVar = (
+        'the camera is not where it was when its place was found: the arm tells where it is, and '
+        'the errors hold both; find base_from_camera anew and reset; if it is right, run pneunet '
+        'diagnose'
+    )
+
+    def stds(self, bench: Bench) -> tuple[slice, Array, Array]:
+        """Return where its unknowns are, and one sigma of them of a camera that stays, or not."""
+        unknowns = bench.unknowns
+        where = slice(unknowns.at(Camera, Camera.PLACE).start, unknowns.at(Camera).stop)
+        return where, unknowns.std[where], unknowns.block(Camera).moved_std
+
+    def is_told(self, bench: Bench, belief: Belief) -> float:
+        """Weigh a turn too small to leave a misfit: a tip force moves the arm much like that."""
+        if not bench.tells_camera or not bench.knows_force(belief):
+            return -math.inf  # what holds a force that is not determined tells of the rest too
+        where, before, after = self.stds(bench)
+        turn = slice(where.stop - 1, where.stop)
+        innocent = np.array([bench.settings.turn_tolerance])
+        return told_beyond(belief, turn, before[-1:], innocent, after[-1:])
+
+    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+        """Say yes where the error of the model is known, which looks much like it."""
+        return bench.tells_camera
+
+    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+        """Let it have moved since the last frame, or have been elsewhere all along."""
+        where, _, moved = self.stds(bench)
+        now = replace_causes(widen(taken.before, where, moved), CAMERA)
+        yield retaken(bench, taken, now), 0.0
+        if self.is_told(bench, taken.after) > 0.0:
+            always, told = with_prior(taken.after, *self.stds(bench))
+            yield (
+                relearned(taken, replace_causes(always, CAMERA)),
+                told,
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetsCause(Cause):
+    """Other targets are painted than those of the calibration."""
+
+    name: ClassVar = TARGETS
+    sentence: ClassVar = (
+        'the targets are not painted where the calibration found them: what it knows of their '
+        'places is not used; calibrate anew, or take covariance.placement out of the model file'
+    )
+
+    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+        """Say yes where the calibration knows the targets."""
+        return bench.unknowns.block(Placement).known is not None
+
+    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+        """Let them be painted anywhere."""
+        unknowns = bench.unknowns
+        where = slice(unknowns.at(Placement).start, unknowns.at(TargetRow).stop)
+        other = replace_causes(forget(taken.before, where, unknowns.std[where]), TARGETS)
+        yield retaken(bench, taken, other), 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceSensorCause(Cause):
+    """The force sensor is off: not tared, another gain, a swapped axis, a dead cable.
+
+    There are many ways to be off, so it is not used.
+    """
+
+    name: ClassVar = FORCE_SENSOR
+    sentence: ClassVar = (
+        'force sensor and targets disagree, and the sensor is not used: check its sign, axes and '
+        'cable, the pressure, and that the camera was not turned; tare it with nothing at the arm '
+        'and reset, or run pneunet diagnose'
+    )
+
+    def is_told(self, bench: Bench, belief: Belief) -> float:
+        """Weigh an error that is small in each frame."""
+        sensor, where = bench.unknowns.block(ForceSensor), bench.unknowns.at(ForceSensor)
+        if FORCE_SENSOR in belief.causes:
+            return -math.inf
+        return told_beyond(belief, where, sensor.std, sensor.innocent_std, sensor.off_std)
+
+    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+        """Say yes where one is used."""
+        return taken.frame.wrench is not None and not bench.settings.free_tip
+
+    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+        """Let it have broken since the last frame, or have been off all along."""
+        sensor, where = bench.unknowns.block(ForceSensor), bench.unknowns.at(ForceSensor)
+        if not sensor.std.all():
+            return
+        now = replace_causes(taken.before, FORCE_SENSOR)
+        yield retaken(bench, taken, now), 0.0
+        if self.is_told(bench, taken.after) > 0.0:
+            always, told = with_prior(taken.after, where, sensor.std, sensor.off_std)
+            always = replace_causes(always, FORCE_SENSOR)
+            yield relearned(taken, always), told
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressureCause(Cause):
+    """The pressure is not what is read: its sensor hangs, or its zero or unit is another."""
+
+    name: ClassVar = PRESSURE
+    sentence: ClassVar = (
+        'pressure and targets disagree, and the pressure is not used: check that its sensor does '
+        'not hang, its unit, its zero and the valve, then reset; if it is right, run pneunet '
+        'diagnose'
+    )
+
+    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+        """Say no between readings that do not tell how the pressure went."""
+        frame = taken.frame
+        missed = frame.instant.missed > bench.arm.sensors.pressure_std
+        return bench.tells_camera and not frame.alone and not missed
+
+    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+        """Do without it from now on, or begin anew: much may have been learned from it.
+
+        Beside it a belief begun anew with it: what was learned may be wrong in itself.
+        """
+        frame, before = taken.frame, taken.before
+        now = replace_causes(before, PRESSURE)
+        yield retaken(bench, taken, now), 0.0
+        if not before.frames:
+            return
+        anew = reset_to_prior(bench.unknowns, taken.after)
+        lost = -ANEW * bench.settings.odds_against
+        yield retaken(bench, taken, replace_causes(anew, PRESSURE)), lost
+        if math.isinf(frame.instant.step):  # it may be coarse, and not off
+            frame = frame.with_pressure_std(bench.coarsest_pressure)
+        again = TakenFrame(frame=frame, before=anew, problem=taken.problem, update=taken.update)
+        yield retaken(bench, again, anew), lost + bench.settings.odds_against
+
+
+def told_beyond(
+    belief: Belief, where: slice, before: Array, innocent: Array, after: Array
+) -> float:
+    """Return the log odds by all frames so far for a wide prior, where an error is not innocent.
+
+    before, after: one sigma (k,) of the prior that the belief came from, and of the wide one;
+    innocent (k,): errors that call for nothing. -inf where all are smaller, or frames do not tell
+    errors so small: along a straight arm, say, the force is held, and what seems to be learned
+    then is not.
+    """
+    large = False
+    for which, std, limit in zip(range(where.start, where.stop), before, innocent, strict=True):
+        value, known = without_prior(belief, which, float(std))
+        if known >= limit:
+            return -math.inf
+        large |= abs(value) > limit
+    return prior_log_odds(belief, where, before, after) if large else -math.inf
+
+
+def replace_causes(belief: Belief, *more: str) -> Belief:
+    """Return a belief that holds more causes."""
+    return replace(belief, causes=belief.causes | set(more))
+
+
+CONTACTS = ContactCause()
+CAUSES: tuple[Cause, ...] = (
+    CameraCause(),
+    TargetsCause(),
+    ForceSensorCause(),
+    PressureCause(),
+)

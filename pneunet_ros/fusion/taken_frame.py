@@ -1,0 +1,112 @@
+"""One frame of targets beside one hypothesis: its problem, its fit, and how likely it makes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.fusion.belief import Belief
+from pneunet_ros.fusion.bench import Bench
+from pneunet_ros.fusion.frame_fit import FrameProblem
+from pneunet_ros.fusion.frame_update import (
+    evidence_cost,
+    FrameUpdate,
+    left_out_cost,
+    misfits,
+)
+from pneunet_ros.fusion.readings import ReadFrame
+from pneunet_ros.measurement.blocks.pressure_error import PressureError
+from pneunet_ros.measurement.blocks.tip_force import TipForce
+from pneunet_ros.measurement.inference.gaussian import widen
+from pneunet_ros.measurement.inference.variance_component import ErrorGrowth
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TakenFrame:
+    """A frame as a hypothesis takes it.
+
+    frame: with all that was read at its stamp; before: what was believed before it; problem: of
+    all targets that were seen; update: what came of it.
+    """
+
+    frame: ReadFrame
+    before: Belief
+    problem: FrameProblem
+    update: FrameUpdate
+
+    @property
+    def after(self) -> Belief:
+        """What is believed after it: as before where it was not used."""
+        return self.before if self.update.belief is None else self.update.belief
+
+    @property
+    def misfits(self) -> bool:
+        """Whether noise does not explain it."""
+        fit = self.update.fit
+        return fit is None or misfits(fit)
+
+    @property
+    def log_evidence(self) -> float:
+        """Log of the likelihood of the frame, but for a constant; -inf where nothing fits."""
+        fit, seen = self.update.fit, int(np.count_nonzero(self.problem.used))
+        return -math.inf if fit is None else -0.5 * evidence_cost(fit, seen)
+
+    @property
+    def cost(self) -> float:
+        """Its least cost, in chi squared, where a target left out costs its gate."""
+        fit, seen = self.update.fit, int(np.count_nonzero(self.problem.used))
+        return math.inf if fit is None else fit[1].cost + left_out_cost(fit, seen)
+
+    @property
+    def cost_per_coordinate(self) -> float:
+        """What is left of its targets, in chi squared per coordinate; infinite without a fit."""
+        fit = self.update.fit
+        return math.inf if fit is None else fit[1].cost / fit[1].trial.residual.size
+
+
+def problem_of(bench: Bench, frame: ReadFrame, belief: Belief) -> FrameProblem:
+    """Return a frame beside what was believed before it.
+
+    From frame to frame the force is free: a frame must not inherit what the last one erred.
+    But it is not drawn to zero either, frame after frame, which the unknowns that stay would
+    take for evidence.
+    """
+    frame = bench.used(frame, belief.causes)
+    instant = replace(frame.instant, std=0.0) if frame.alone else frame.instant
+    inputs = bench.inputs_at(instant, frame.wrench)
+    pressed = abs(instant.chamber - belief.chamber)
+    pressed = 0.0 if frame.alone or not math.isfinite(pressed) else pressed
+    unknowns, size = bench.unknowns, bench.size_of(belief)
+    prior = bench.move(
+        belief,
+        frame.stamp_ns,
+        pressed,
+        noise=(inputs.moment_std, inputs.chamber_std),
+        size=size,
+        walk=unknowns.block(TipForce).free_walk,
+    )
+    growth = None
+    if frame.alone:
+        pressure = unknowns.block(PressureError)
+        std = np.array([pressure.unread * pressure.range])
+        prior = widen(prior, unknowns.at(PressureError), std)
+    else:
+        seconds = seconds_between(belief.stamp_ns, frame.stamp_ns) if belief.frames else math.inf
+        growth = ErrorGrowth(size=size, grown=unknowns.growth(seconds, pressed), seconds=seconds)
+        if belief.unpressed:
+            prior = bench.without(prior, unknowns.at(PressureError))
+    if frame.wrench is not None:
+        prior = bench.with_wrench(prior, frame.wrench, instant.gauge)
+    sightings = frame.sightings
+    return FrameProblem(
+        table=bench.table,
+        unknowns=unknowns,
+        settings=bench.settings,
+        prior=prior,
+        growth=growth,
+        inputs=inputs,
+        sightings=sightings,
+        used=np.isfinite(sightings.x) & np.isfinite(sightings.y),
+    )

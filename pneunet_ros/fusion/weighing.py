@@ -1,0 +1,242 @@
+"""The one loop in which causes compete: every hypothesis takes a frame, and may be joined by more.
+
+A frame is taken by the hypothesis that leads. If noise explains it, the others can wait until the
+estimate is out. Then they take it as well; where the leading one leaves the frame unexplained, or
+only a contact explains it, or all frames together speak for a cause, every cause that may be at
+work is tried once beside it. All are weighed by the evidence of the same frame, and what is far
+less likely than the best is dropped.
+"""
+
+from __future__ import annotations
+
+import math
+
+from pneunet_ros.fusion.belief import Belief, CONTACT, first_belief, FORCE_SENSOR, PRESSURE
+from pneunet_ros.fusion.bench import Bench
+from pneunet_ros.fusion.causes import Alternative, ANEW, Cause, CAUSES, CONTACTS, retaken
+from pneunet_ros.fusion.frame_update import excess, take_frame
+from pneunet_ros.fusion.readings import ReadFrame, SeenFrame
+from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.fusion.taken_frame import problem_of, TakenFrame
+from pneunet_ros.measurement.blocks.contact import Push
+from pneunet_ros.measurement.inference.bank import Hypothesis, ranked
+
+FREE = 2.0  # chi squared by which a frame fits better, on average, with a force that is free
+
+
+def is_copy(bench: Bench, seen: SeenFrame, frame: ReadFrame) -> bool:
+    """Whether a frame, the same as one before to the last bit, should have been another."""
+    pressed = abs(frame.instant.chamber - seen.chamber)
+    return not frame.alone and pressed > bench.settings.frozen * frame.instant.std
+
+
+def take(bench: Bench, state: FusionState, frame: ReadFrame, before: Belief) -> TakenFrame:
+    """Return a frame as the hypothesis that leads takes it.
+
+    Where frames in a row were not used, the search goes everywhere in a few of them alone.
+    """
+    problem = problem_of(bench, frame, before)
+    update = take_frame(
+        problem,
+        cold=not before.frames,
+        found_better=state.search.found_better,
+        force_read=bench.used(frame, before.causes).wrench is not None,
+        widely=is_due(state) or not before.frames,
+    )
+    return TakenFrame(frame=frame, before=before, problem=problem, update=update)
+
+
+def is_due(state: FusionState) -> bool:
+    """Whether a frame is looked at with all that there is: the 1st, 2nd, 4th, 8th .. in a row.
+
+    Frames that nothing explains must not take the time of those to come.
+    """
+    return not state.counts.lost & (state.counts.lost + 1)
+
+
+def explains_all(taken: TakenFrame) -> bool:
+    """Whether noise explains every target of a frame that was taken, so that doubts can wait."""
+    fit = taken.update.fit
+    return (
+        taken.update.belief is not None
+        and fit is not None
+        and not taken.update.left_out
+        and excess(fit) <= 1.0
+    )
+
+
+def weigh(
+    bench: Bench, state: FusionState, taken: TakenFrame
+) -> tuple[tuple[Hypothesis[Belief], ...], TakenFrame]:
+    """Return the hypotheses that are likely after a frame, and the frame as the best takes it.
+
+    taken: the frame as the hypothesis that led has taken it.
+    """
+    leading, *others = state.bank or (Hypothesis(belief=taken.before),)
+    weighed = [(taken, leading.log_weight)]
+    weighed += [(retaken(bench, taken, one.belief), one.log_weight) for one in others]
+    best = best_of(weighed)
+    if best[0].update.fit is not None or is_due(state):
+        touches = contacts_beside(bench, weighed, best)
+        weighed += touches
+        if is_asked(bench, best[0], touches):
+            weighed += causes_beside(bench, state, weighed, best)
+    likeliest, _ = best_of(weighed)
+    if likeliest.update.belief is None:  # nothing explains it: it says nothing
+        return state.bank or (leading,), taken
+    weights = log_weights(bench, weighed, max(likeliest.cost_per_coordinate, 1.0))
+    candidates = [
+        Hypothesis(belief=one.after, log_weight=weight)
+        for (one, _), weight in zip(weighed, weights, strict=True)
+    ]
+    settings = bench.settings
+    bank = ranked(
+        candidates,
+        settings.bound,
+        settings.most_hypotheses,
+        lambda one, other: is_same(bench, one, other),
+    )
+    bank = with_pressure_first(bank)
+    (chosen,) = [one for one, _ in weighed if one.after is bank[0].belief][:1]
+    return bank, chosen
+
+
+def with_pressure_first(bank: tuple[Hypothesis[Belief], ...]) -> tuple[Hypothesis[Belief], ...]:
+    """Return the hypotheses with one first that uses the pressure, while one is as likely.
+
+    Without its readings no other can go on: they are given up once they are clearly less likely.
+    """
+    if PRESSURE not in bank[0].belief.causes:
+        return bank
+    if any(one.is_alike and PRESSURE not in one.belief.causes for one in bank):
+        return tuple(sorted(bank, key=lambda one: PRESSURE in one.belief.causes))
+    return tuple(one for one in bank if PRESSURE in one.belief.causes)
+
+
+def best_of(weighed: list[Alternative]) -> Alternative:
+    """Return the likeliest hypothesis after a frame; one that uses it, if there is one."""
+    used = [one for one in weighed if one[0].update.belief is not None]
+    return max(used or weighed, key=lambda one: one[1] + one[0].log_evidence)
+
+
+def log_weights(bench: Bench, weighed: list[Alternative], temper: float) -> list[float]:
+    """Return the log weights after a frame.
+
+    temper: by which it counts less, as nothing explains it well.
+    """
+    weights = [
+        weight + one.log_evidence / temper if one.update.belief is not None else -math.inf
+        for one, weight in weighed
+    ]
+    used = [one.update.belief is not None for one, _ in weighed]
+    rests = [
+        which for which, (one, _) in enumerate(weighed) if used[which] and is_open(bench, one)
+    ]
+    if not rests:
+        return weights
+    contact = max(rests, key=lambda which: weights[which])
+    for which, (one, weight) in enumerate(weighed):
+        if used[which] and FORCE_SENSOR in one.after.causes:
+            gain = 0.5 * (weighed[contact][0].cost - one.cost - FREE)
+            level = weights[contact] - weighed[contact][1]
+            weights[which] = weight + level + gain / temper
+            if not one.after.touched and gain > -bench.settings.bound:
+                weights[which] = max(weights[which], weights[contact])
+    return weights
+
+
+def is_open(bench: Bench, taken: TakenFrame) -> bool:
+    """Whether a contact rests on a force sensor that no frame has confirmed.
+
+    The error of such a sensor may follow any law. So what it reads is no evidence for a contact:
+    a hypothesis without the sensor does not pay for predicting less, and stays as likely as the
+    contact while it explains the frames nearly as well.
+    """
+    belief = taken.after
+    read = bench.used(taken.frame, belief.causes).wrench is not None
+    return (
+        belief.touched
+        and read
+        and not bench.settings.free_tip
+        and not bench.trusts_force(taken.before)
+    )
+
+
+def contacts_beside(
+    bench: Bench, weighed: list[Alternative], best: Alternative
+) -> list[Alternative]:
+    """Return the frame with a contact, and without one that may have gone."""
+    taken = best[0]
+    if not CONTACTS.is_possible(bench, taken):
+        return []
+    if taken.before.touched:
+        rest = taken.before.causes - {CONTACT}
+        known = any(one.before.causes == rest for one, _ in weighed)
+        if known or CONTACTS.is_sure(bench, taken):
+            return []
+    elif any(one.before.touched and not one.misfits for one, _ in weighed):
+        return []  # it is where it was
+    return beside(bench, CONTACTS, best)
+
+
+def beside(bench: Bench, cause: Cause, base: Alternative) -> list[Alternative]:
+    """Return a frame as it would be taken if a cause were at work beside a hypothesis."""
+    taken, weight = base
+    against = weight - bench.settings.odds_against
+    return [(one, against + told) for one, told in cause.alternatives(bench, taken)]
+
+
+def is_asked(bench: Bench, taken: TakenFrame, touches: list[Alternative]) -> bool:
+    """Whether other causes are asked for.
+
+    Where nothing explains a frame, or a contact would explain it better, which is what any other
+    cause is most easily taken for; also where all frames together tell of one.
+    """
+    touched = any(one.after.touched for one, _ in touches)
+    if touched or taken.misfits or taken.frame.pressure_still or is_open(bench, taken):
+        return True
+    if bench.size_of(taken.after) > bench.settings.most_lacking:
+        return True
+    return any(is_told(bench, cause, taken.after) for cause in CAUSES)
+
+
+def is_told(bench: Bench, cause: Cause, belief: Belief) -> bool:
+    """Whether all frames together make a cause more likely than not."""
+    if cause.name in belief.causes:
+        return False
+    return cause.is_told(bench, belief) > bench.settings.odds_against
+
+
+def causes_beside(
+    bench: Bench, state: FusionState, weighed: list[Alternative], best: Alternative
+) -> list[Alternative]:
+    """Return the frame with each cause that may be at work, and begun anew if frames are lost."""
+    base = without_touch(weighed, best)
+    taken, weight = base
+    found = []
+    for cause in CAUSES:
+        if cause.name in taken.before.causes or not cause.is_possible(bench, taken):
+            continue
+        found += beside(bench, cause, base)
+    if state.counts.lost >= bench.settings.frames_lost and best_of([*weighed, *found])[0].misfits:
+        anew = first_belief(bench.unknowns, taken.frame.stamp_ns, state.lasting)
+        found.append((retaken(bench, taken, anew), weight - ANEW * bench.settings.odds_against))
+    return found
+
+
+def without_touch(weighed: list[Alternative], best: Alternative) -> Alternative:
+    """Return the best hypothesis as it is without its contact, where that was tried.
+
+    A contact is what a cause is most easily taken for: it must not stand before others are asked.
+    """
+    causes = best[0].after.causes - {CONTACT}
+    return next((one for one in weighed if one[0].after.causes == causes), best)
+
+
+def is_same(bench: Bench, one: Belief, other: Belief) -> bool:
+    """Whether two hypotheses are one: the same causes, and a contact at the same place."""
+    if one.causes != other.causes:
+        return False
+    place = bench.unknowns.at(Push).stop - 1
+    apart = abs(float(one.mean[place] - other.mean[place]))
+    return apart <= bench.settings.contact_apart * bench.arm.length

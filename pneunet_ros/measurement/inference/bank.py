@@ -1,0 +1,74 @@
+"""A bank of hypotheses: what else may be true, each with a belief of its own.
+
+A hypothesis is a set of causes and what is believed if these, and no others, are at work. All
+take the same frames; what a frame says of each, its evidence, adds to its weight. One that is far
+less likely than the best is dropped, and its belief with it: nothing else has to be forgotten.
+
+Source: multiple models with common measurements: Magill, IEEE Trans. Automatic Control 10 (1965);
+evidence: MacKay, Neural Computation 4 (1992).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+import math
+from typing import Generic, TypeVar
+
+from pneunet_ros.measurement.inference.gaussian import Gaussian
+
+Believed = TypeVar('Believed', bound=Gaussian)
+ALIKE = 4.0  # nats within which hypotheses are told together: odds of 50 to 1, by convention
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Hypothesis(Generic[Believed]):
+    """What is believed if some causes are at work.
+
+    log_weight: log odds against the most likely hypothesis of its bank, which has 0.
+    """
+
+    belief: Believed
+    log_weight: float = 0.0
+
+    @property
+    def is_alike(self) -> bool:
+        """Whether it is not clearly less likely than the best."""
+        return self.log_weight > -ALIKE
+
+
+def ranked(
+    hypotheses: Iterable[Hypothesis[Believed]],
+    bound: float,
+    most: int,
+    is_same: Callable[[Believed, Believed], bool],
+) -> tuple[Hypothesis[Believed], ...]:
+    """Return the likely hypotheses, the best first.
+
+    Args:
+        hypotheses: in any order, their weights with any common constant.
+        bound: log odds against the best, beyond which one is dropped.
+        most: that are kept.
+        is_same: whether two beliefs say the same; the less likely of them is dropped.
+
+    """
+    kept: list[Hypothesis[Believed]] = []
+    for one in sorted(hypotheses, key=lambda item: -item.log_weight):
+        if len(kept) == most or not one.log_weight > -math.inf:
+            break
+        if kept and one.log_weight < kept[0].log_weight - bound:
+            break
+        if not any(is_same(one.belief, other.belief) for other in kept):
+            kept.append(one)
+    return tuple(replace(one, log_weight=one.log_weight - kept[0].log_weight) for one in kept)
+
+
+def odds_beside_first(hypotheses: tuple[Hypothesis[Believed], ...]) -> list[float]:
+    """Return the odds of each hypothesis but the first against that one, at most 1.
+
+    By these their distance from the first one widens its errors: the second moment of a mixture,
+    and never less than that, as evidence is known no better than the models behind it.
+    """
+    return [
+        math.exp(min(one.log_weight - hypotheses[0].log_weight, 0.0)) for one in hypotheses[1:]
+    ]
