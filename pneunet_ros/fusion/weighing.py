@@ -79,7 +79,7 @@ def weigh(
     if best[0].update.fit is not None or is_due(state):
         touches = contacts_beside(bench, weighed, best)
         weighed += touches
-        if is_asked(bench, best[0], touches):
+        if is_asked(bench, best[0], weighed, touches):
             weighed += causes_beside(bench, state, weighed, best)
     likeliest, _ = best_of(weighed)
     if likeliest.update.belief is None:  # nothing explains it: it says nothing
@@ -186,14 +186,18 @@ def beside(bench: Bench, cause: Cause, base: Alternative) -> list[Alternative]:
     return [(one, against + told) for one, told in cause.alternatives(bench, taken)]
 
 
-def is_asked(bench: Bench, taken: TakenFrame, touches: list[Alternative]) -> bool:
+def is_asked(
+    bench: Bench, taken: TakenFrame, weighed: list[Alternative], touches: list[Alternative]
+) -> bool:
     """Whether other causes are asked for.
 
     Where nothing explains a frame, or a contact would explain it better, which is what any other
     cause is most easily taken for; also where all frames together tell of one.
     """
     touched = any(one.after.touched for one, _ in touches)
-    if touched or taken.misfits or taken.frame.pressure_still or is_open(bench, taken):
+    if touched or taken.misfits or taken.frame.pressure_still:
+        return True
+    if is_open(bench, taken) and not any(FORCE_SENSOR in one.after.causes for one, _ in weighed):
         return True
     if bench.size_of(taken.after) > bench.settings.most_lacking:
         return True
