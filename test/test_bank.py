@@ -54,7 +54,7 @@ def test_measurements_alone_say_of_an_unknown_what_a_flat_prior_would():
     response, value, noise = np.array([[1.0]]), np.array([0.2]), np.array([0.05])
     prior = Gaussian(mean=np.zeros(1), root=np.array([[0.01]]))
     known = take_measurement(prior, response, value, noise)
-    assert without_prior(known, 0, 0.01) == pytest.approx((0.2, 0.05))
+    assert without_prior(known, 0, 0.01) == pytest.approx((0.2, math.hypot(0.05, 0.01)))
     assert without_prior(prior, 0, 0.01) == (0.0, math.inf)
 
 
