@@ -13,6 +13,7 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.fusion.belief import Belief, FORCE_SENSOR, move_belief, PRESSURE
+from pneunet_ros.fusion.frame_update import EXACT
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant, ReadFrame
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.fusion.unknowns import unknowns_of
@@ -38,7 +39,7 @@ from pneunet_ros.model.part_load import PartLoad
 from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.solver.columns import LOADS
 
-EXACT = 1e-6  # of the force scale: std of a force that is known
+FAR = 1e3  # force scales: what reads more says no more
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -154,7 +155,8 @@ class Bench:
         response = self.unknowns.wrench_response(seen)
         walked = belief.walk.recent * math.sqrt(abs(wrench.age))
         std = math.hypot(wrench.std, walked, EXACT * self.force_scale)
-        value = np.array([true.force_x, true.force_y])
+        most = FAR * self.force_scale
+        value = np.clip([true.force_x, true.force_y], -most, most)
         innovation = value - response @ belief.mean
         spread = response @ belief.root
         covariance = spread @ spread.T + std**2 * np.eye(2)

@@ -18,6 +18,7 @@ from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.inference.adequacy import chi_square_limit
 
 Fit = tuple[FrameProblem, FrameLinearization]
+EXACT = 1e-6  # of the force scale: std of a force that is known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -320,7 +321,9 @@ def force_at(problem: FrameProblem, trial: Trial) -> Array:
 
 def are_apart(first: Fit, second: Fit) -> bool:
     """Whether two fits are two solutions, and not two ends of one search."""
-    between = force_at(first[0], first[1].trial) - force_at(second[0], second[1].trial)
-    covariance = first[1].force
-    distance = float(between @ np.linalg.solve(covariance, between))
-    return distance > first[0].settings.apart
+    problem, fit = first
+    between = force_at(problem, fit.trial) - force_at(second[0], second[1].trial)
+    variances, axes = np.linalg.eigh(fit.force)
+    least = (EXACT * problem.unknowns.block(TipForce).scale) ** 2  # a force may be known exactly
+    distance = float(((between @ axes) ** 2 / np.fmax(variances, least)).sum())
+    return distance > problem.settings.apart
