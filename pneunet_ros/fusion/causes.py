@@ -46,11 +46,13 @@ Alternative = tuple[TakenFrame, float]  # and its log odds, but for the evidence
 class Cause(abc.ABC):
     """A cause of error that a hypothesis may hold.
 
-    sentence: what somebody has to mend at the bench.
+    sentence: what somebody has to mend at the bench. rarity: times `odds_against`, in nats, that
+    it is unlikely before any frame: more than 1 where the error of a model looks much like it.
     """
 
     name: ClassVar[str]
     sentence: ClassVar[str]
+    rarity: ClassVar[float] = 1.0
 
     def is_told(self, bench: Bench, belief: Belief) -> float:
         """Return the log odds for it by all frames so far, without a look at the last one."""
@@ -132,6 +134,7 @@ class CameraCause(Cause):
     """The camera was moved or turned."""
 
     name: ClassVar = CAMERA
+    rarity: ClassVar = 3.0
     sentence: ClassVar = (
         'the camera is not where it was when its place was found: the arm tells where it is, and '
         'the errors hold both; find base_from_camera anew and reset; if it is right, run pneunet '
@@ -235,6 +238,7 @@ class PressureCause(Cause):
     """The pressure is not what is read: its sensor hangs, or its zero or unit is another."""
 
     name: ClassVar = PRESSURE
+    rarity: ClassVar = 2.0
     sentence: ClassVar = (
         'pressure and targets disagree, and the pressure is not used: check that its sensor does '
         'not hang, its unit, its zero and the valve, then reset; if it is right, run pneunet '
@@ -263,7 +267,7 @@ class PressureCause(Cause):
         if math.isinf(frame.instant.step):  # it may be coarse, and not off
             frame = frame.with_pressure_std(bench.coarsest_pressure)
         again = TakenFrame(frame=frame, before=anew, problem=taken.problem, update=taken.update)
-        yield retaken(bench, again, anew), lost + bench.settings.odds_against
+        yield retaken(bench, again, anew), lost + self.rarity * bench.settings.odds_against
 
 
 def told_beyond(

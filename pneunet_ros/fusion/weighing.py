@@ -182,7 +182,7 @@ def contacts_beside(
 def beside(bench: Bench, cause: Cause, base: Alternative) -> list[Alternative]:
     """Return a frame as it would be taken if a cause were at work beside a hypothesis."""
     taken, weight = base
-    against = weight - bench.settings.odds_against
+    against = weight - cause.rarity * bench.settings.odds_against
     return [(one, against + told) for one, told in cause.alternatives(bench, taken)]
 
 
@@ -208,7 +208,7 @@ def is_told(bench: Bench, cause: Cause, belief: Belief) -> bool:
     """Whether all frames together make a cause more likely than not."""
     if cause.name in belief.causes:
         return False
-    return cause.is_told(bench, belief) > bench.settings.odds_against
+    return cause.is_told(bench, belief) > cause.rarity * bench.settings.odds_against
 
 
 def causes_beside(
