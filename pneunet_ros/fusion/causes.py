@@ -29,6 +29,7 @@ from pneunet_ros.measurement.blocks.camera import Camera
 from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.target_row import TargetRow
+from pneunet_ros.measurement.blocks.tilt import Tilt
 from pneunet_ros.measurement.inference.gaussian import (
     forget,
     prior_log_odds,
@@ -37,7 +38,7 @@ from pneunet_ros.measurement.inference.gaussian import (
     without_prior,
 )
 
-CAMERA, TARGETS = 'camera', 'targets'
+CAMERA, TARGETS, TILT = 'camera', 'targets', 'tilt'
 ANEW = 2.0  # times as unlikely as one cause it is that all is wrong that frames have told
 Alternative = tuple[TakenFrame, float]  # and its log odds, but for the evidence of the frame
 
@@ -196,6 +197,27 @@ class TargetsCause(Cause):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class TiltCause(Cause):
+    """The base is tilted, and the arm's own weight bends it."""
+
+    name: ClassVar = TILT
+    sentence: ClassVar = (
+        'the weight of the arm pulls from another side than the model has it: level the base, or '
+        'say where gravity points (parameter gravity, --gravity), and reset'
+    )
+
+    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+        """Say yes where the error of the model is known, which looks much like it."""
+        return bench.tells_camera
+
+    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+        """Let gravity point elsewhere."""
+        where, tilt = bench.unknowns.at(Tilt), bench.unknowns.block(Tilt)
+        other = replace_causes(widen(taken.before, where, tilt.tilted_std), TILT)
+        yield retaken(bench, taken, other), 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ForceSensorCause(Cause):
     """The force sensor is off: not tared, another gain, a swapped axis, a dead cable.
 
@@ -298,6 +320,7 @@ CONTACTS = ContactCause()
 CAUSES: tuple[Cause, ...] = (
     CameraCause(),
     TargetsCause(),
+    TiltCause(),
     ForceSensorCause(),
     PressureCause(),
 )

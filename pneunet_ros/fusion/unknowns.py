@@ -16,6 +16,7 @@ from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
 from pneunet_ros.measurement.blocks.reading_noise import ReadingNoise
 from pneunet_ros.measurement.blocks.target_row import TargetRow
+from pneunet_ros.measurement.blocks.tilt import Tilt
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.model.arm import Arm
@@ -56,5 +57,6 @@ def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:
             offset_std=noise.row_offset_std,
         ),
         Push(scale=scale, length=arm.length),
+        Tilt(),
         ReadingNoise(),
     )

@@ -1,0 +1,38 @@
+"""Where gravity points, beside where the model has it: the base is tilted, or the arm hangs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.measurement.blocks.block import Block
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tilt(Block):
+    """Parts of the unit vector along gravity in the plane of bending, x and y."""
+
+    any_tilt: float = tuning(
+        0.17,
+        'std of a base that somebody has tilted',
+        unit='rad',
+        source='convention: 10 degrees, as a table leans that is not level',
+    )
+
+    @property
+    def std(self) -> Array:
+        """Zero: the base stands as it did."""
+        return np.zeros(2)
+
+    @property
+    def tilted_std(self) -> Array:
+        """Of a base that is tilted."""
+        return np.full(2, self.any_tilt)
+
+    @property
+    def law_errors(self) -> tuple[Mapping[str, float], ...]:
+        """All of the weight along x, then along y."""
+        return {'gravity.x': 1.0}, {'gravity.y': 1.0}
