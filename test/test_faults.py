@@ -190,12 +190,14 @@ def test_absolute_pressure_is_refused_with_the_setting_that_helps(replay, output
     readings = good_readings()
     for _, _, message in readings[1::2]:
         message.fluid_pressure += 101_325.0
-    run = replay(readings)
+    model = ('--model', str(share_path('config/paper_arm.yaml')))
+    run = replay(readings, *model)
     assert run.code == 1
-    assert run.summary['rejected'] == {'out_of_range': COUNT}
-    assert 'set pressure_reference to absolute' in run.summary['last_refusal']
-    assert estimates_in(output) == {0}
-    helped = replay(readings_file(output), '--pressure-reference', 'absolute', '--overwrite')
+    assert run.summary['estimates'] == 0
+    settings = run.summary['verdicts']['pressure']['settings']
+    assert settings == {'pressure_reference': 'absolute'}
+    source = readings_file(output)
+    helped = replay(source, *model, '--pressure-reference', 'absolute', '--overwrite')
     assert (helped.code, helped.summary['estimates']) == (0, COUNT)
 
 

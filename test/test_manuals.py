@@ -13,7 +13,7 @@ from pneunet_ros.estimation.consistency import ConsistencyState
 from pneunet_ros.estimation.pressure_watch import OTHER_PRESSURE
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.fusion.fusion import Fusion
-from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.fusion.state import Counts, FusionState
 from pneunet_ros.messages.builders import IMAGE_TYPE, UNREADABLE
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.fusion import FUSION_OUTPUTS
@@ -126,7 +126,7 @@ def test_diagnostics_of_the_tracker_are_those_of_the_code():
 
 def test_diagnostics_of_the_fusion_are_those_of_the_code():
     health, fusion = FusionHealth('/pressure', '/targets', 0.0), Fusion(arm=paper_arm())
-    state = FusionState(unused=COUNTS, readings=EstimatorState(rejected=COUNTS))
+    state = FusionState(counts=Counts(unused=COUNTS), readings=EstimatorState(rejected=COUNTS))
     report = health.report(state, fusion, 0.1)
     assert sorted(values('fusion')) == sorted([*VALUES_OF_EVERY_NODE, *report.values])
 

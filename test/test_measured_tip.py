@@ -30,7 +30,7 @@ STD = 1e-4  # m
 
 def predicted(arm, tip=TIP, std=STD, pressure=PRESSURE):
     shape = solve_tip(arm, pressure, tip)
-    return predict(arm, shape, Namespace(tip=tip, tip_std=std, pressure=pressure))
+    return predict(arm, shape, Namespace(tip=tip, tip_std=std, pressure=pressure, string=None))
 
 
 def force(arm=ARM, tip=TIP, pressure=PRESSURE):
