@@ -189,11 +189,12 @@ class TargetsCause(Cause):
         return bench.unknowns.block(Placement).known is not None
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Let them be painted anywhere."""
+        """Let the whole row be painted elsewhere, or each target."""
         unknowns = bench.unknowns
-        where = slice(unknowns.at(Placement).start, unknowns.at(TargetRow).stop)
-        other = replace_causes(forget(taken.before, where, unknowns.std[where]), TARGETS)
-        yield retaken(bench, taken, other), 0.0
+        row = unknowns.at(TargetRow)
+        for where in (row, slice(unknowns.at(Placement).start, row.stop)):
+            other = forget(taken.before, where, unknowns.std[where])
+            yield retaken(bench, taken, replace_causes(other, TARGETS)), 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -216,16 +216,24 @@ def causes_beside(
 ) -> list[Alternative]:
     """Return the frame with each cause that may be at work, and begun anew if frames are lost."""
     base = without_touch(weighed, best)
-    taken, weight = base
-    found = []
-    for cause in CAUSES:
-        if cause.name in taken.before.causes or not cause.is_possible(bench, taken):
-            continue
-        found += beside(bench, cause, base)
+    found = all_beside(bench, base)
     if state.counts.lost >= bench.settings.frames_lost and best_of([*weighed, *found])[0].misfits:
-        anew = first_belief(bench.unknowns, taken.frame.stamp_ns, state.lasting)
-        found.append((retaken(bench, taken, anew), weight - ANEW * bench.settings.odds_against))
+        taken, weight = base
+        first = first_belief(bench.unknowns, taken.frame.stamp_ns, state.lasting)
+        anew = retaken(bench, taken, first), weight - ANEW * bench.settings.odds_against
+        found += [anew, *all_beside(bench, anew)]
     return found
+
+
+def all_beside(bench: Bench, base: Alternative) -> list[Alternative]:
+    """Return a frame as it would be taken if one more cause were at work beside a hypothesis."""
+    taken = base[0]
+    return [
+        one
+        for cause in CAUSES
+        if cause.name not in taken.before.causes and cause.is_possible(bench, taken)
+        for one in beside(bench, cause, base)
+    ]
 
 
 def without_touch(weighed: list[Alternative], best: Alternative) -> Alternative:
