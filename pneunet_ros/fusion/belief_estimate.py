@@ -203,8 +203,8 @@ def contact_at(
 ) -> Contact | None:
     """Return the contact that is seen, None without one.
 
-    It is ambiguous where another hypothesis is as good, or the tip force is not read and looks
-    the same.
+    It is ambiguous where another hypothesis is as good, and where nobody reads the tip force,
+    which looks much the same.
     """
     belief, bent = arm.belief, arm.bent
     if bent.contact is None or not state.bank:
@@ -216,7 +216,6 @@ def contact_at(
     shape, correlation = bent.shape, correlation_with_tip(bench.unknowns, belief)
     free = [one.log_weight for one in state.bank if not one.belief.touched]
     alike = wrench is None and not bench.settings.free_tip
-    alike = alike and correlation > bench.settings.contact_alike
     return Contact(
         x=float(np.interp(place, shape.arclength, shape.x)),
         y=float(np.interp(place, shape.arclength, shape.y)),

@@ -202,6 +202,7 @@ class TiltCause(Cause):
     """The base is tilted, and the arm's own weight bends it."""
 
     name: ClassVar = TILT
+    rarity: ClassVar = 3.0
     sentence: ClassVar = (
         'the weight of the arm pulls from another side than the model has it: level the base, or '
         'say where gravity points (parameter gravity, --gravity), and reset'

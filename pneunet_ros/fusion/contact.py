@@ -173,9 +173,12 @@ def find_contacts(
     seen = problem.used.size
     foreseen = 2.0 * float(scores.gain.max())  # beyond it nothing is linear, nor is a force's std
 
+    free = evidence_cost((problem, fit), seen) - 2.0 * settings.odds_against
+
     def is_needed(item: Fit) -> bool:
         left = item[1].cost + left_out_cost(item, seen)
-        return unexplained and excess(item) <= 1.0 and fit.cost - left > foreseen
+        beyond = unexplained and excess(item) <= 1.0 and fit.cost - left > foreseen
+        return beyond or evidence_cost(item, seen) < free
 
     # A contact of no force is another minimum without one, or a tip force.
     pressing = [

@@ -143,9 +143,6 @@ class FusionSettings:
         'smallest contact force that is published: what a model lacks looks like less',
         unit='of the force scale',
     )
-    contact_alike: float = tuning(
-        0.95, 'correlation from which on contact and tip force cannot be distinguished'
-    )
     nis_time: float = tuning(2.0, 'time over which the NIS is averaged', unit='s')
 
 
