@@ -65,10 +65,10 @@ class Cause(abc.ABC):
 
     @abc.abstractmethod
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Yield a frame as it would be taken if this were at work as well.
+        """Yield the frame as it would be taken if this cause were at work as well.
 
-        Beside it the log odds (nats) by which earlier frames favor that, in itself no less likely
-        than any other cause. taken: the same frame without this cause.
+        Each comes with the log odds (nats) by which earlier frames favor it; 0 where they say
+        nothing. taken: the same frame without this cause.
         """
 
 
@@ -168,10 +168,7 @@ class CameraCause(Cause):
         yield retaken(bench, taken, now), 0.0
         if self.is_told(bench, taken.after) > 0.0:
             always, told = with_prior(taken.after, *self.stds(bench))
-            yield (
-                relearned(taken, replace_causes(always, CAMERA)),
-                told,
-            )
+            yield relearned(taken, replace_causes(always, CAMERA)), told
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

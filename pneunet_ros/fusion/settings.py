@@ -125,7 +125,7 @@ class FusionSettings:
         'log odds against a hypothesis beside the best, beyond which it is dropped',
         unit='nats',
         source='convention: one in 3000; tried: with 5 a pressure that hangs is taken for a '
-        'contact, with 20 frames take ten times as long',
+        'contact, with 20 the tests of the fusion take several times as long',
     )
     most_hypotheses: int = tuning(4, 'hypotheses that are followed side by side')
     contact_score: float = tuning(

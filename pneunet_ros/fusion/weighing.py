@@ -97,8 +97,7 @@ def weigh(
         lambda one, other: is_same(bench, one, other),
     )
     bank = with_pressure_first(bank)
-    (chosen,) = [one for one, _ in weighed if one.after is bank[0].belief][:1]
-    return bank, chosen
+    return bank, next(one for one, _ in weighed if one.after is bank[0].belief)
 
 
 def with_pressure_first(bank: tuple[Hypothesis[Belief], ...]) -> tuple[Hypothesis[Belief], ...]:
