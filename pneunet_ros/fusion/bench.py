@@ -12,7 +12,7 @@ from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.fusion.belief import Belief, FORCE_SENSOR, move_belief, PRESSURE
+from pneunet_ros.fusion.belief import Belief, FORCE_SENSOR, MIRRORED, move_belief, PRESSURE
 from pneunet_ros.fusion.frame_update import EXACT
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant, ReadFrame
 from pneunet_ros.fusion.settings import FusionSettings
@@ -137,6 +137,8 @@ class Bench:
             frame = frame.without_wrench()
         if PRESSURE in causes and not frame.alone:
             frame = frame.without_pressure(self.unread(frame.stamp_ns))
+        if MIRRORED in causes:
+            frame = frame.mirrored()
         return frame
 
     def with_wrench(self, belief: Belief, wrench: NearWrench, gauge: float) -> Belief:

@@ -18,6 +18,7 @@ from pneunet_ros.fusion.belief import (
     Belief,
     CONTACT,
     FORCE_SENSOR,
+    MIRRORED,
     PRESSURE,
     reset_to_prior,
 )
@@ -291,6 +292,27 @@ class PressureCause(Cause):
         yield retaken(bench, again, anew), lost + self.rarity * bench.settings.odds_against
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MirroredCause(Cause):
+    """The image is mirrored, as by a mirror in front of the camera or by its driver."""
+
+    name: ClassVar = MIRRORED
+    sentence: ClassVar = (
+        'the image is mirrored: the targets are taken from the other side of the clamp; flip the '
+        'image in the camera driver, or find base_from_camera anew, and reset'
+    )
+
+    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+        """Say yes: an arm that is not straight tells it."""
+        return True
+
+    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+        """Begin anew: it is so from the first frame on, and what was learned before is wrong."""
+        anew = reset_to_prior(bench.unknowns, taken.before) if taken.before.frames else taken.before
+        lost = -ANEW * bench.settings.odds_against if taken.before.frames else 0.0
+        yield retaken(bench, taken, replace_causes(anew, MIRRORED)), lost
+
+
 def told_beyond(
     belief: Belief, where: slice, before: Array, innocent: Array, after: Array
 ) -> float:
@@ -322,4 +344,5 @@ CAUSES: tuple[Cause, ...] = (
     TiltCause(),
     ForceSensorCause(),
     PressureCause(),
+    MirroredCause(),
 )

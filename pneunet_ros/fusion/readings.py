@@ -80,6 +80,10 @@ class ReadFrame:
         """Return it as if the pressure had been read with this noise (Pa)."""
         return replace(self, instant=replace(self.instant, std=std))
 
+    def mirrored(self) -> ReadFrame:
+        """Return it with its targets on the other side of the clamp's tangent."""
+        return replace(self, sightings=replace(self.sightings, y=-self.sightings.y))
+
     def without_pressure(self, instant: PressureInstant) -> ReadFrame:
         """Return it as if nobody had read the pressure; instant: what stands for it."""
         return replace(self, instant=instant, alone=True)

@@ -11,7 +11,7 @@ from pneunet_ros.core.readings import TargetSightings, WrenchReading
 from pneunet_ros.core.stamps import AHEAD, count_reason, StampGate
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.fusion.belief import Belief, FORCE_SENSOR, PRESSURE
+from pneunet_ros.fusion.belief import Belief, LASTING, PRESSURE
 from pneunet_ros.fusion.frame_update import ColdSearch, Fit
 from pneunet_ros.fusion.readings import PressureInstant, SeenFrame
 from pneunet_ros.fusion.taken_frame import TakenFrame
@@ -105,7 +105,7 @@ class FusionState:
     for frames that come late; force: the last wrenches. waiting: frames whose pressure has not
     come yet; seen: the last one that was no copy.
     bank: what may be true, each hypothesis with what is believed at the last frame, the most
-    likely first; lasting: causes that stay when a belief is begun anew: sensors that are off.
+    likely first; lasting: causes that stay when a belief is begun anew: sensors that are off, a mirror.
     wrench_used_ns: of the wrench in the belief; solution: of the last estimate; pending: the last
     frame; search: for other forces that explain it.
     """
@@ -187,7 +187,7 @@ class FusionState:
 
     def with_bank(self, bank: tuple[Hypothesis[Belief], ...]) -> FusionState:
         """Return it with other hypotheses; without a pressure that is not what is read."""
-        lasting = bank[0].belief.causes & {FORCE_SENSOR, PRESSURE}
+        lasting = bank[0].belief.causes & LASTING
         pressures = () if PRESSURE in lasting else self.pressures
         return replace(self, bank=bank, lasting=lasting, pressures=pressures)
 
