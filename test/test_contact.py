@@ -141,7 +141,7 @@ def test_begun_in_contact_it_is_found_where_it_is_and_the_sensor_is_confirmed():
     assert np.mean([one is not None and not one.ambiguous for one in contacts]) > 0.9
     force = np.array([one.force for one in contacts]) - FORCE
     place = np.array([one.arclength for one in contacts]) - PLACE * arm().length
-    assert np.median(np.abs(force)) < 0.06 * abs(FORCE)
+    assert np.median(np.abs(force)) < 0.15 * abs(FORCE)
     assert np.median(np.abs(place)) < 5e-3
     assert not any(one.force_sensor for one in found)
     assert Fusion(arm=arm()).bench.trusts_force(state.belief)

@@ -206,15 +206,25 @@ class TiltCause(Cause):
         'say where gravity points (parameter gravity, --gravity), and reset'
     )
 
+    def is_told(self, bench: Bench, belief: Belief) -> float:
+        """Weigh a tilt that a tip force all but hides in each frame."""
+        tilt, where = bench.unknowns.block(Tilt), bench.unknowns.at(Tilt)
+        if not bench.tells_camera or self.name in belief.causes:
+            return -math.inf
+        return told_beyond(belief, where, tilt.std, 2.0 * tilt.std, tilt.tilted_std)
+
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
         """Say yes where the error of the model is known, which looks much like it."""
         return bench.tells_camera
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Let gravity point elsewhere."""
+        """Let gravity point elsewhere since the last frame, or all along."""
         where, tilt = bench.unknowns.at(Tilt), bench.unknowns.block(Tilt)
-        other = replace_causes(widen(taken.before, where, tilt.tilted_std), TILT)
-        yield retaken(bench, taken, other), 0.0
+        now = replace_causes(widen(taken.before, where, tilt.tilted_std), TILT)
+        yield retaken(bench, taken, now), 0.0
+        if self.is_told(bench, taken.after) > 0.0:
+            always, told = with_prior(taken.after, where, tilt.std, tilt.tilted_std)
+            yield relearned(taken, replace_causes(always, TILT)), told
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -307,10 +317,8 @@ class MirroredCause(Cause):
         return True
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Begin anew: it is so from the first frame on, and what was learned before is wrong."""
-        anew = reset_to_prior(bench.unknowns, taken.before) if taken.before.frames else taken.before
-        lost = -ANEW * bench.settings.odds_against if taken.before.frames else 0.0
-        yield retaken(bench, taken, replace_causes(anew, MIRRORED)), lost
+        """Take the targets from the other side."""
+        yield retaken(bench, taken, replace_causes(taken.before, MIRRORED)), 0.0
 
 
 def told_beyond(

@@ -15,6 +15,12 @@ from pneunet_ros.measurement.blocks.block import Block
 class Tilt(Block):
     """Parts of the unit vector along gravity in the plane of bending, x and y."""
 
+    level_std: float = tuning(
+        0.012,
+        'std of a base that stands as the model file says',
+        unit='rad',
+        source='convention: 0.7 degree, as of a table put up with a level',
+    )
     any_tilt: float = tuning(
         0.17,
         'std of a base that somebody has tilted',
@@ -24,8 +30,8 @@ class Tilt(Block):
 
     @property
     def std(self) -> Array:
-        """Zero: the base stands as it did."""
-        return np.zeros(2)
+        """Of a base that stands as it did."""
+        return np.full(2, self.level_std)
 
     @property
     def tilted_std(self) -> Array:
