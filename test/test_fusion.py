@@ -805,11 +805,11 @@ def test_what_comes_late_or_twice_changes_nothing():
 
 
 def test_steps_are_pure():
-    state = fuse(frames=range(60, 70)).state
-    first = fusion().step(state, sightings(70))
-    again = fusion().step(state, sightings(70))
-    one = fusion().step(first[0], pressure(70))[1]
-    two = fusion().step(again[0], pressure(70))[1]
+    state = fuse(frames=range(60, 80)).state
+    first = fusion().step(state, sightings(80))
+    again = fusion().step(state, sightings(80))
+    one = fusion().step(first[0], pressure(80))[1]
+    two = fusion().step(again[0], pressure(80))[1]
     assert one.estimate.shape.tip == two.estimate.shape.tip
     assert np.array_equal(one.force, two.force)
 
@@ -978,3 +978,12 @@ def test_a_frame_between_rare_readings_is_known_by_both_once_they_are_there():
     assert np.isfinite(found.force_error[read][2:]).all(axis=1).mean() > 0.8
     covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in rows])
     assert covered(found.tip_error[read], covariance) > 0.8
+
+
+def test_a_mirrored_image_is_told_and_the_shape_is_right():
+    def mirrored(frame, seen):
+        return replace(seen, y=-seen.y)
+
+    found = fuse(change=mirrored, frames=range(40, 80))
+    assert found.state.sure_causes == {'mirrored'}
+    assert found.tip_covered() > 0.9
