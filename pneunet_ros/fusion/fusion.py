@@ -473,7 +473,7 @@ class Fusion:
         lacking = float(self.bench.unknowns.scaled_std(size)[bias])
         std = math.hypot(instant.std, lacking)
         innovation = float(value[0] - belief.mean[bias]) / math.hypot(std, belief.std(bias))
-        if abs(innovation) > self.settings.sure:
+        if innovation**2 > self.settings.target_gate:
             return belief
         conditioned = take_measurement(belief, response, value, np.array([std]))
         determined = (

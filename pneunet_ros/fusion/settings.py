@@ -14,11 +14,6 @@ class FusionSettings:
     force_gate: float = tuning(
         6.0, 'of a wrench, beyond which the last frame tells no force', unit='chi squared'
     )
-    sure: float = tuning(
-        5.0,
-        'at which targets show that the force sensor is off, or the camera turned; invented',
-        unit='sigma',
-    )
     target_timeout: float = tuning(
         0.5, 'age of the last frame from which on there is a prediction only', unit='s'
     )
