@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from pneunet_ros.calibration.calibration import calibrate
+from pneunet_ros.calibration.checks.left_out_levels import LeftOutLevels
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.result import Diagnosis
@@ -40,23 +41,27 @@ def diagnosed_error(actuator: Actuator, noise: float) -> float:
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else float('nan')
 
 
+def row_of(found: LeftOutLevels | None, scale: float) -> dict:
+    """Return the errors at pressures left out, times a scale, and whether that is an answer."""
+    if found is None:
+        return {}
+    return {
+        'model': scale * found.model,
+        'arc': scale * found.arc,
+        'interpolation': scale * found.interpolation,
+        'says': found.better,
+        'answered': bool(found.better)
+        or found.model <= AS_WELL * min(found.arc, found.interpolation),
+    }
+
+
 def measured(actuators: Iterable[Actuator], noise: float, *, diagnosed: bool) -> list[dict]:
     """Return a row per actuator; errors are rms, % of the length."""
     rows = []
     for actuator in actuators:
         run = replace(recorded(actuator, np.arange(actuator.pressure.size)), static=True)
-        found = calibrate([run], [], model(actuator, noise)).left_out
         row = {'actuator': actuator.name, 'pressures': int(actuator.pressure.size)}
-        if found is not None:
-            row |= {
-                'model': 100.0 * found.model / LENGTH,
-                'arc': 100.0 * found.arc / LENGTH,
-                'interpolation': 100.0 * found.interpolation / LENGTH,
-                'says': found.better,
-            }
-            row['answered'] = bool(found.better) or found.model <= AS_WELL * min(
-                found.arc, found.interpolation
-            )
+        row |= row_of(calibrate([run], [], model(actuator, noise)).left_out, 100.0 / LENGTH)
         if diagnosed:
             row['diagnosed'] = diagnosed_error(actuator, noise)
         rows.append(row)

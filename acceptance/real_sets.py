@@ -8,12 +8,15 @@ FOLDER holds tables that are not part of this project; those that are not there 
 - `vertAutoTest.csv`, `noGsTest.csv` and `1D Pressure vs Pos.csv` (the sheet of that name, saved
   as CSV): one chamber of a hanging arm, its tip by an electromagnetic tracker, at 21 to 35
   pressures, of the repository christopher-gonzalez-millan/Medtronic-Soft-Robotics-, folder
-  `Data_Storage/Pressure vs Position Curves`.
+  `Data_Storage/Pressure vs Position Curves`;
+- `New_Step_dataset_0_60_10.csv` and others of `ANGLES`: pressure and the angle of the tip of a
+  pneu-net at 20 Hz, of the repository Jonasjcmh/PneuNet_Controller, folder `Dataset`. The unit of
+  the pressure is not stated; kPa is inferred.
 
 The tracker's frame is turned anyhow: the tip counts from where it was first, in the plane of its
 motion, across the arm in the direction in which it began to move, and along it towards the base.
-Errors are rms of the tip in % of the length, beside a constant curvature interpolated over
-pressure and plain interpolation.
+Errors are rms of the tip in % of the length, of an angle in degrees, beside a constant curvature
+interpolated over pressure and plain interpolation.
 """
 
 from __future__ import annotations
@@ -22,12 +25,16 @@ import argparse
 import csv
 from dataclasses import dataclass
 import json
+import math
 from pathlib import Path
 
-from left_out_real import AS_WELL, measured
+from left_out_real import AS_WELL, measured, row_of
 import numpy as np
+from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.units import SI_PER_UNIT
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.model.starting_arm import starting_arm
 from real_data_diagnosis import NOISE
 from real_data_fit import Actuator, LENGTH, read_actuators
 from rich.console import Console
@@ -60,6 +67,57 @@ SETS = (
         place=('x (mm)', 'y (mm)'),
     ),
 )
+
+
+ANGLES = (
+    'New_Step_dataset_0_60_10.csv',
+    'New_Step_dataset_0_60_11.csv',
+    'New_Step_dataset_0_60_13.csv',
+    'New_Ramp_dataset_10_17.csv',
+)
+
+
+def read_angles(path: Path) -> RecordingData:
+    """Return a table of time (s), angle (degrees) and pressure (kPa) as a recording."""
+    with path.open(newline=None, encoding='utf-8-sig') as lines:
+        rows = list(csv.DictReader(lines, delimiter=';'))
+    time, angle, pressure = (
+        np.array([float(row[name]) for row in rows]) for name in ('time', 'angle', 'pressure')
+    )
+    stamps = (1e9 * (1.0 + time)).astype(np.int64)
+    nothing = np.full((time.size, 2), np.nan)
+    return RecordingData(
+        name=path.stem,
+        reading_stamp_ns=stamps,
+        pressure=1e3 * pressure,
+        stamp_ns=stamps,
+        reading=np.arange(time.size),
+        loaded=False,
+        force=np.zeros((time.size, 2)),
+        moment=np.zeros(time.size),
+        x=nothing,
+        y=nothing,
+        tip_pose=np.column_stack([nothing, np.radians(angle)]),
+    )
+
+
+def measured_angles(runs: list[RecordingData]) -> list[dict]:
+    """Return a row per recording of angles; errors are rms, degrees."""
+    rows = []
+    for run in runs:
+        # Of an angle alone neither length nor weight matters.
+        arm = starting_arm(
+            name=run.name,
+            length=LENGTH,
+            weight=0.3,
+            largest_pressure=float(run.pressure.max()),
+            places=np.array([0.0, 0.5 * LENGTH]),
+        )
+        found = calibrate([run], [], arm).left_out
+        levels = 0 if found is None else found.levels + 2
+        rows.append({'actuator': run.name, 'pressures': levels, 'unit': 'degrees'})
+        rows[-1] |= row_of(found, math.degrees(1.0))
+    return rows
 
 
 def read_set(path: Path, real: RealSet) -> Actuator:
@@ -107,10 +165,12 @@ def main() -> int:
     arguments = command.parse_args()
     try:
         actuators = actuators_in(arguments.folder)
+        paths = [arguments.folder / name for name in ANGLES]
+        angles = [read_angles(path) for path in paths if path.exists()]
     except (PneunetError, OSError, KeyError, ValueError) as error:
         command.exit(2, f'{error}\n')
     shown = track(actuators, 'fitting', console=Console(stderr=True), transient=True)
-    rows = measured(shown, arguments.noise, diagnosed=False)
+    rows = measured(shown, arguments.noise, diagnosed=False) + measured_angles(angles)
     if arguments.json:
         print(json.dumps({'bench': 'real_sets', 'as_well': AS_WELL, 'rows': rows}))
     else:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pneunet_ros.calibration import elongation
 from pneunet_ros.calibration.checks.consistency import (
     describe_misfit,
     describe_pressure_noise,
@@ -48,6 +49,7 @@ from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.progress import OnProgress, say_nothing
+from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData, thinned
 from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.model.arm import Arm
@@ -121,6 +123,7 @@ def calibrate(
         allowed = ', '.join(MOMENT_LAW_PARAMETERS)
         raise RequestError(f'the moment law must be one of {allowed}, not {kind}')
     painted = frame.target_arclength
+    frame = elongation.without_fitted(frame)
     frame, runs = with_tip_target(
         frame, [*unloaded, *loaded], always=earlier is not None and earlier.has_tip(painted.size)
     )
@@ -197,6 +200,7 @@ def calibrate(
             *describe_thinning(runs, every),
             *describe_clamp(runs, frame),
             *resolution.notes,
+            *describe_structure(joint, resolution),
             *(() if left_out is None else (left_out.sentence,)),
             *(resolution.law_notes if kind is None else ()),
             *describe_nonuniformity(joint, settings),
@@ -245,6 +249,29 @@ def describe_thinning(
         f'{frames} of {all_frames} frames are fitted, evenly spread over the recordings, to stay '
         'within 2 GB of memory; the noise is estimated from all of them',
     )
+
+
+def describe_structure(fit: Fit, resolution: Resolution) -> list[str]:
+    """Say what the evidence has chosen: numbers along the arm, and an elongation."""
+    notes, parameters = [], fit.parameters
+    if parameters.shapes is not None and parameters.shapes < resolution.shapes:
+        fewer = f'{parameters.shapes} number{"s" * (parameters.shapes > 1)}'
+        notes.append(
+            f'{fewer} of the curvature along the arm explain the recordings as well as '
+            f'{resolution.shapes}: the model has {parameters.shapes}'
+        )
+    if parameters.elongates:
+        own = slice(parameters.cells, parameters.before_law)
+        top = elongation.slopes(parameters.pressure[-1:])[0]
+        strain = 100.0 * float(top @ fit.values[own])
+        std = 100.0 * float(np.sqrt(top @ fit.covariance[own, own] @ top))
+        notes.append(
+            f'the arm {"lengthens" if strain > 0.0 else "shortens"} under pressure, by '
+            f'{abs(strain):.2g} ± {std:.1g} % at {kilopascals(parameters.pressure[-1]):.3g} kPa: '
+            'the recordings are more probable with it, so the model has the effect '
+            'pressure_elongation'
+        )
+    return notes
 
 
 def domain_of(joint: Fit, earlier: Domain | None = None) -> Domain:

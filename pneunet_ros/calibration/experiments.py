@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pneunet_ros.calibration import elongation
 from pneunet_ros.calibration.checks.held_out import Score, score
 from pneunet_ros.calibration.checks.resolution import Resolution
 from pneunet_ros.calibration.first_curvature import first_curvature
-from pneunet_ros.calibration.hyperparameters import most_likely_hyperparameters
+from pneunet_ros.calibration.hyperparameters import most_likely_parameters, structures
 from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.moment_law_parameters import (
     MOMENT_LAW_PARAMETERS,
@@ -52,6 +53,8 @@ class FitSequence:
     planned, done: how many fits there will be, 0 where that is not known, and were.
     low, high (Pa): what the recordings span. uniform: kappa_p0 is the same all along the arm; that
     is part of the model. resolution: what the recordings can resolve; None: all that is fitted.
+    shapes, elongates: as of `Parameters`, the most that is tried until the first experiment has
+    chosen them.
     """
 
     def __init__(
@@ -71,6 +74,8 @@ class FitSequence:
         self.settings, experiments = settings, settings.experiments
         self.shapes = resolution.free_shapes if resolution is not None else None
         self.uniform = uniform or self.shapes == 1
+        self.elongates: bool | None = None
+        self.chosen = False
         pressures = np.concatenate([inputs.pressure for inputs in inputs_of(frame, runs)])
         self.knots = np.linspace(0.0, 1.0, 2 if uniform else settings.resolution.knots)
         if resolution is not None and resolution.constant_pressure:
@@ -78,6 +83,10 @@ class FitSequence:
             self.rows = np.array([self.low])
             return
         ends = [experiments.outliers, 1.0 - experiments.outliers]
+        # Many targets show an elongation beside whatever looks alike: `diagnose` tells them apart.
+        shown = any(run.seen[:, frame.target_arclength > 0.0].any() for run in runs)
+        if self.shapes is not None and shown and not elongation.is_given(frame):
+            self.elongates = True
         self.low, self.high = np.quantile(pressures, ends, method='nearest').tolist()
         self.rows = np.linspace(self.low, self.high, experiments.rows)
 
@@ -153,6 +162,7 @@ class FitSequence:
             law=law,
             earlier=earlier,
             shapes=self.shapes if earlier is None else earlier.shapes or None,
+            elongates=self.elongates if earlier is None else earlier.elongates,
         )
         found = fit(
             parameters,
@@ -169,15 +179,25 @@ class FitSequence:
         return found
 
     def first_experiment(self, unloaded: Sequence[RecordingData]) -> Fit:
-        """Fit kappa_p0 to the unloaded recordings, as smooth as the data say."""
-        choices, frames = self.settings.hyperparameters, self.settings.experiments.first_frames
+        """Fit kappa_p0 to the unloaded recordings, as smooth as the data say.
+
+        The first time, they also say how many numbers it has along the arm, and whether the arm
+        lengthens.
+        """
+        settings, frames = self.settings, self.settings.experiments.first_frames
         if self.uniform:
-            choices = replace(choices, length_scales=(self.settings.experiments.uniform,))
+            smooth = replace(settings.hyperparameters, length_scales=(self.wide.length_scale,))
+            settings = replace(settings, hyperparameters=smooth)
         rows = first_curvature(unloaded, self.frame, self.rows)
         start = np.repeat(rows, self.knots.size)
+        if self.elongates is not None:
+            start = np.append(start, np.zeros(elongation.SIZE))
         first = self.fit('kappa_p0, search', unloaded, self.wide, start=start, most=frames)
-        best, _ = most_likely_hyperparameters(first, choices)
-        return self.fit('kappa_p0', unloaded, best, start=first.values)
+        tried = [first.parameters] if self.chosen else structures(first.parameters)
+        best = most_likely_parameters(first, tried, settings)
+        self.shapes, self.elongates, self.chosen = best.shapes, best.elongates, True
+        start = best.nearest(first.values)
+        return self.fit('kappa_p0', unloaded, best.hyperparameters, start=start)
 
     def stiffness(self, runs: Sequence[RecordingData], free: Fit) -> float:
         """Return the one stiffness EI (N m^2) that explains the loads best, to begin with."""
@@ -312,6 +332,8 @@ class FitSequence:
             stiffness = earlier.stiffness or self.first_stiffness
             law = self.law(kind, stiffness, (earlier.low, earlier.high))
         numbers = earlier.pressure.size * earlier.arclength.size
+        if earlier.elongates is not None:
+            numbers += elongation.SIZE
         if earlier.kind and law is not None:
             numbers += law.mean.size
         if earlier.values.size != numbers:

@@ -1,39 +1,83 @@
-"""How smooth kappa_p0 is, chosen by the evidence of a first, linearized fit."""
+"""How smooth kappa_p0 is, how many numbers it has along the arm, and whether the arm lengthens.
+
+All of it is chosen by one evidence, that of a first, linearized fit which has everything.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 import itertools
 
 import numpy as np
-from pneunet_ros.calibration.parameters import Hyperparameters
+from pneunet_ros.calibration.checks.nonuniformity import departure_prior
+from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import HYPERPARAMETERS, HyperparameterSettings
+from pneunet_ros.calibration.settings import (
+    CALIBRATION,
+    CalibrationSettings,
+    HyperparameterSettings,
+)
 from pneunet_ros.core.arrays import Array
 
 
-def most_likely_hyperparameters(
-    first: Fit, choices: HyperparameterSettings = HYPERPARAMETERS
-) -> tuple[Hyperparameters, float]:
-    """Return the smoothness under which the data of a fit are most probable, and its log evidence.
+def most_likely_parameters(
+    first: Fit,
+    tried: Iterable[Parameters],
+    settings: CalibrationSettings = CALIBRATION,
+) -> Parameters:
+    """Return those of the tried parameters, as smooth, that make the data of a fit most probable.
 
-    The data enter through the fit's information and its vector, so nothing is solved again; the
-    size of kappa_p0 is taken from the fit.
+    The data enter through the fit's information and its vector, so nothing is solved again. An arm
+    of which few targets show the shape may bend unevenly, which looks much like an elongation:
+    that competes (`nonuniformity`).
     """
-    parameters, cells = first.parameters, first.parameters.cells
-    largest = float(np.max(np.abs(first.values[:cells])))
-    information, vector = first.information[:cells, :cells], first.information_vector[:cells]
-    trials = []
+    parameters = first.parameters
+    known, cells = parameters.before_law, parameters.cells
+    information, vector = first.information[:known, :known], first.information_vector[:known]
+
+    def evidence(trial: Parameters, further: Array | float = 0.0) -> float:
+        return log_evidence(trial.prior[:known, :known] + further, information, vector)
+
+    smooth = [
+        max(smoothnesses(first, one, settings.hyperparameters), key=evidence) for one in tried
+    ]
+    if len(smooth) == 1:
+        return smooth[0]
+    uneven = np.zeros((known, known))
+    uneven[:cells, :cells] = departure_prior(parameters, first.values, settings.resolution)
+    return max(smooth, key=lambda trial: evidence(trial, uneven))
+
+
+def smoothnesses(
+    first: Fit, parameters: Parameters, choices: HyperparameterSettings
+) -> Iterator[Parameters]:
+    """Yield parameters of every smoothness; the size of kappa_p0 is taken from a fit."""
+    largest = float(np.max(np.abs(first.values[: parameters.cells])))
     for length_scale, std, size in itertools.product(
         choices.length_scales, choices.stds, choices.amplitudes
     ):
         amplitude = size * largest
-        trial = Hyperparameters(
-            amplitude=amplitude, std=std * amplitude, length_scale=length_scale
+        yield replace(
+            parameters,
+            hyperparameters=Hyperparameters(
+                amplitude=amplitude, std=std * amplitude, length_scale=length_scale
+            ),
         )
-        prior = replace(parameters, hyperparameters=trial).prior[:cells, :cells]
-        trials.append((trial, log_evidence(prior, information, vector)))
-    return max(trials, key=lambda item: item[1])
+
+
+def structures(most: Parameters) -> Iterator[Parameters]:
+    """Yield parameters with fewer numbers along the arm, halved each time, lengthening or not.
+
+    Where targets show all of the arm, kappa_p0 keeps its knots: their prior is smooth.
+    """
+    shapes = most.shapes
+    while shapes is None or shapes:
+        for elongates in (None,) if most.elongates is None else (False, True):
+            yield replace(most, shapes=shapes, elongates=elongates)
+        if shapes is None:
+            return
+        shapes //= 2
 
 
 def log_evidence(prior: Array, information: Array, information_vector: Array) -> float:

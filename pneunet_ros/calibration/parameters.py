@@ -1,16 +1,18 @@
-"""What is fitted, as one vector: the table of kappa_p0 and the constants of the moment law."""
+"""What is fitted, as one vector: the table of kappa_p0, an elongation, and the moment law."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from pneunet_ros.calibration import elongation
 from pneunet_ros.calibration.moment_law_parameters import MomentLawParameters
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.measurement.forward_model import Columns
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
+from pneunet_ros.solver.columns import REST_STRAIN
 import scipy
 
 NUGGET = 3e-9  # of the variance of the prior, so that it can be inverted
@@ -45,13 +47,14 @@ class PriorState:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Parameters:
-    """Curvature at `pressure` (rows,) Pa x `arclength` (knots,) s / l, then those of the law.
+    """Curvature at `pressure` (rows,) Pa x `arclength` (knots,) s / l, elongation, moment law.
 
     `frame` is an arm that has everything else; without `law` the arm keeps its own. earlier: mean
     and covariance of the first parameters from an earlier fit, in place of what is believed
     before. shapes: how many numbers describe kappa_p0 along the arm at one pressure, 1 for a
     curvature that is constant; the prior holds the knots to them. None: as many as there are
-    knots.
+    knots. elongates: whether the arm lengthens under pressure; where it does not, the prior holds
+    the numbers of that at zero. None: there are no such numbers.
     """
 
     frame: Arm
@@ -61,6 +64,7 @@ class Parameters:
     law: MomentLawParameters | None
     earlier: PriorState | None = None
     shapes: int | None = None
+    elongates: bool | None = None
     mean: Array = field(init=False)
     prior: Array = field(init=False)
 
@@ -68,7 +72,8 @@ class Parameters:
         """Put the prior together."""
         field_prior = np.kron(self.over_pressure, self.along_arm)
         field_prior += NUGGET * self.hyperparameters.amplitude**2 * np.eye(field_prior.shape[0])
-        mean, prior = np.zeros(field_prior.shape[0]), field_prior
+        prior = scipy.linalg.block_diag(field_prior, np.diag(self.over_elongation))
+        mean = np.zeros(len(prior))
         if self.law is not None:
             mean = np.concatenate([mean, self.law.mean])
             prior = scipy.linalg.block_diag(prior, self.law.prior)
@@ -99,40 +104,80 @@ class Parameters:
         return basis @ correlation(places, self.hyperparameters.length_scale) @ basis.T
 
     @property
+    def over_elongation(self) -> Array:
+        """Prior variances of the numbers of the elongation; none where there are none."""
+        if self.elongates is None:
+            return np.zeros(0)
+        return elongation.prior_std() ** 2 * (1.0 if self.elongates else NUGGET)
+
+    @property
     def cells(self) -> int:
         """How many parameters are cells of the curvature's table."""
         return self.pressure.size * self.arclength.size
 
     @property
+    def before_law(self) -> int:
+        """How many parameters stand before those of the law."""
+        return self.cells + (0 if self.elongates is None else elongation.SIZE)
+
+    @property
     def limits(self) -> tuple[Array, Array]:
         """Lowest and highest values of the parameters, (n,) each."""
         low, high = np.full(self.cells, -np.inf), np.full(self.cells, np.inf)
+        if self.elongates is not None:
+            shortest, longest = elongation.limits()
+            low, high = np.append(low, shortest), np.append(high, longest)
         if self.law is None:
             return low, high
         return np.append(low, self.law.limits[0]), np.append(high, self.law.limits[1])
 
+    def nearest(self, values: Array) -> Array:
+        """Return the numbers before the law that the prior allows, nearest to these (n,)."""
+        if self.shapes is None:
+            return values
+        _, basis = shape_basis(self.arclength, self.shapes)
+        table = values[: self.cells].reshape(self.pressure.size, -1)
+        table = np.linalg.lstsq(basis, table.T)[0].T @ basis.T
+        lengthening = values[self.cells : self.before_law] * bool(self.elongates)
+        return np.append(table.ravel(), lengthening)
+
     def arm(self, values: Array) -> Arm:
         """Return the arm with these values; ModelError where there is none."""
-        table = values[: self.cells].reshape(self.pressure.size, self.arclength.size)
-        if self.shapes is not None:  # the prior holds it to them but for its nugget
-            _, basis = shape_basis(self.arclength, self.shapes)
-            table = np.linalg.lstsq(basis, table.T)[0].T @ basis.T
+        table = self.nearest(values)[: self.cells]  # the prior allows others by its nugget
+        table = table.reshape(self.pressure.size, self.arclength.size)
         curvature = IntrinsicCurvature(
             pressure=self.pressure, arclength=self.arclength, curvature=table
         )
-        law = self.frame.moment_law if self.law is None else self.law.law(values[self.cells :])
-        return replace(self.frame, intrinsic_curvature=curvature, moment_law=law, covariance=None)
+        law = (
+            self.frame.moment_law if self.law is None else self.law.law(values[self.before_law :])
+        )
+        arm = replace(self.frame, intrinsic_curvature=curvature, moment_law=law, covariance=None)
+        if not self.elongates:
+            return arm
+        return elongation.lengthened(arm, values[self.cells : self.before_law])
 
     @property
     def columns(self) -> Columns:
-        """Columns of the sections that the law moves, (k, 2)."""
-        columns = () if self.law is None else self.law.columns
+        """Columns of the sections that the law moves, then those that lengthen, (k, 2)."""
+        columns = [] if self.law is None else list(self.law.columns)
+        if self.elongates:
+            columns += [(section, REST_STRAIN) for section in range(self.sections)]
         return np.array(columns, dtype=np.int64).reshape(-1, 2)
+
+    @property
+    def sections(self) -> int:
+        """How many sections the moment law cuts the arm into."""
+        if self.law is not None:
+            return self.law.sections
+        frame = self.frame
+        return int(
+            frame.moment_law.sections(self.pressure[:1], frame.length, frame.weight).shape[1]
+        )
 
     def input_jacobian(self, values: Array, inputs: Inputs) -> Array:
         """Return how inputs of the rod move per parameter, (frames, inputs, parameters).
 
-        Inputs: F1, F2, M, knots, then the columns of the law; see `ForwardModel.jacobian`.
+        Inputs: F1, F2, M, knots, then the columns; see `ForwardModel.jacobian`.
         """
         frames, knots = inputs.pressure.size, self.arclength.size
         columns = self.columns.tolist()
@@ -141,11 +186,14 @@ class Parameters:
         weights = inputs.row_weights(arm)
         for knot in range(knots):
             out[:, 3 + knot, knot : self.cells : knots] = weights
-        if self.law is None:
-            return out
-        pressure = np.clip(inputs.pressure, *arm.moment_law.pressure_range)
-        slope = self.law.slopes(pressure)
-        out[:, 3 + knots :, self.cells :] = slope
+        lengthening = 3 + knots
+        if self.law is not None:
+            pressure = np.clip(inputs.pressure, *arm.moment_law.pressure_range)
+            lengthening += len(self.law.columns)
+            out[:, 3 + knots : lengthening, self.before_law :] = self.law.slopes(pressure)
+        if self.elongates:
+            slopes = elongation.slopes(inputs.pressure)
+            out[:, lengthening:, self.cells : self.before_law] = slopes[:, None]
         return out
 
     def quantities(self) -> tuple[tuple[str, ...], Array]:
@@ -155,10 +203,15 @@ class Parameters:
             for row in range(self.pressure.size)
             for knot in range(self.arclength.size)
         ]
-        if self.law is None:
-            return tuple(names), np.eye(self.cells)
-        more, change = self.law.quantities()
-        return (*names, *more), scipy.linalg.block_diag(np.eye(self.cells), change)
+        changes = [np.eye(self.cells)]
+        if self.elongates is not None:
+            names += elongation.NAMES if self.elongates else ()
+            changes.append(np.eye(elongation.SIZE)[: elongation.SIZE * self.elongates])
+        if self.law is not None:
+            more, change = self.law.quantities()
+            names += more
+            changes.append(change)
+        return tuple(names), scipy.linalg.block_diag(*changes)
 
 
 def correlation(places: Array, length_scale: float) -> Array:

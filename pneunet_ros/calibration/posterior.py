@@ -16,8 +16,8 @@ class PosteriorState(PriorState):
 
     pressure (rows,) Pa and arclength (knots,) s / l of the table of kappa_p0; kind and stiffness
     (N m^2) of the moment law's parameters over low to high (Pa), kind '' where none was fitted.
-    shapes: as of `Parameters`, 0 for as many as there are knots. information (n, n): that of all
-    recordings so far on the values, without what was believed before.
+    shapes, elongates: as of `Parameters`, 0 for as many as there are knots. information (n, n):
+    that of all recordings so far on the values, without what was believed before.
     """
 
     pressure: Array
@@ -28,6 +28,7 @@ class PosteriorState(PriorState):
     high: float
     information: Array
     shapes: int = 0
+    elongates: bool | None = None
 
     def __post_init__(self) -> None:
         """Check that the arrays belong together."""
@@ -64,6 +65,7 @@ def posterior_of(fit: Fit, low: float, high: float) -> PosteriorState:
         low=low,
         high=high,
         shapes=fit.parameters.shapes or 0,
+        elongates=fit.parameters.elongates,
         values=fit.values,
         placement=fit.placement.ravel(),
         covariance=fit.shared_covariance,

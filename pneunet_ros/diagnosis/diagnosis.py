@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pneunet_ros.calibration.checks.frames_in_motion import without_motion
+from pneunet_ros.calibration.elongation import without_fitted
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.progress import OnProgress, part_of, say_nothing
 from pneunet_ros.core.units import millimeters
@@ -165,6 +166,7 @@ def investigate(
     settings: DiagnosisSettings = DEFAULTS,
 ) -> Investigation:
     """Diagnose as `diagnose` does; return the diagnosis with all fits it rests on."""
+    model = without_fitted(model)  # what a calibration found is a hypothesis as others are
     model, training, held_out, notes = with_tips(model, training, held_out)
     training, held_out, notes = at_rest(model, training, held_out, notes)
     base = fit_base(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pneunet_ros.calibration import elongation
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.moment_law_parameters import (
     MajidiParameters,
@@ -39,9 +40,10 @@ KNOWLEDGE = {
     'values': Declared(axes=('values',)),
     'placement': Declared(axes=('placement',)),
     'covariance': Declared(axes=('all', 'all'), definite='positive'),
-    # Files of older versions have neither.
+    # Files of older versions have none of these.
     'information': Declared(axes=('values', 'values'), definite='semi', required=False),
     'shapes': Declared(kind='integer', required=False),
+    'elongates': Declared(kind='integer', required=False),
 }
 
 
@@ -82,6 +84,8 @@ def described_arm(
     sources = {key: text for key, text in frame.sources.items() if key.startswith('arm.')}
     fitted = f'fitted to {len(joint.runs)} recordings'
     sources['intrinsic_curvature'] = fitted
+    if elongation.KEY in arm.sources:
+        sources[elongation.KEY] = arm.sources[elongation.KEY]
     law = joint.parameters.law
     if isinstance(law, MajidiParameters):
         sources['moment_law.modulus'] = fitted
@@ -111,8 +115,12 @@ def save_knowledge(knowledge: PosteriorState, model: Path, *, overwrite: bool) -
     """Write the knowledge beside its model file."""
     with atomic_output(knowledge_file(model), overwrite=overwrite) as temporary:
         arrays = {
-            item.name: np.asarray(getattr(knowledge, item.name)) for item in fields(knowledge)
+            item.name: np.asarray(getattr(knowledge, item.name))
+            for item in fields(knowledge)
+            if item.name != 'elongates'
         }
+        if knowledge.elongates is not None:
+            arrays['elongates'] = np.asarray(int(knowledge.elongates))
         np.savez_compressed(temporary, allow_pickle=False, **arrays)
 
 
@@ -125,6 +133,8 @@ def load_knowledge(model: Path) -> PosteriorState:
             allowed = ', '.join(MOMENT_LAW_PARAMETERS)
             raise ArchiveError(f'the kind of its moment law is none of {allowed}')
         values.setdefault('information', np.zeros((values['values'].size,) * 2))
+        if 'elongates' in values:
+            values['elongates'] = bool(values['elongates'])
         return PosteriorState(**values)
     except FileNotFoundError:
         raise ModelError(

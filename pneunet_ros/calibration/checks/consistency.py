@@ -108,9 +108,13 @@ def describe_misfit(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[s
     if few:
         return [few]
     residual = np.concatenate([run.residual[run.solved].ravel() for run in fit.runs])
-    rms = float(np.sqrt(np.nanmean(residual**2)))
+    seen = residual[np.isfinite(residual)]
+    missed = 'the heading of the tip by'
+    if seen.size:
+        rms = float(np.sqrt(np.mean(seen**2)))
+        missed = f'the targets by {millimeters(rms):.3g} mm rms per coordinate,'
     return [
-        f'the model misses the targets by {millimeters(rms):.3g} mm rms per coordinate, '
+        f'the model misses {missed} '
         f'{np.sqrt(chi_squared):.2g} times what noise explains: something is missing in it (see '
         '`pneunet diagnose`), and its standard errors are too small'
     ]

@@ -176,7 +176,8 @@ def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
     settings, tips, law = variation.settings, variation.tips, fit.parameters.law
     assert law is not None
     scalings = np.zeros((fit.values.size, law.sections))
-    scalings[fit.parameters.cells :] = law.scalings(fit.values[fit.parameters.cells :])
+    own = slice(fit.parameters.before_law, None)
+    scalings[own] = law.scalings(fit.values[own])
     by_section = tips.jacobian @ scalings
     moved = np.mean(by_section.transpose(0, 2, 1) @ by_section, axis=0)
     sizes, axes = np.linalg.eigh(moved)

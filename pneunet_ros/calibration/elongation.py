@@ -1,0 +1,63 @@
+"""How an arm lengthens under pressure, fitted beside kappa_p0: the library's effect as numbers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import quantities
+from pneunet_ros.effects.pressure_elongation import PressureElongation
+from pneunet_ros.model.arm import Arm
+
+FITTED = 'fitted by calibrate beside kappa_p0: the recordings are more probable with it'
+KEY = f'effects.{PressureElongation.name}'
+PARAMETERS = quantities(PressureElongation)
+NAMES = tuple(f'{KEY}.{item.name}' for item in PARAMETERS)
+SIZE = len(NAMES)
+
+
+def prior_std() -> Array:
+    """Return one sigma of the parameters (SIZE,), SI: half of the range that the effect states."""
+    return np.array([0.5 * max(map(abs, item.metadata['prior'])) for item in PARAMETERS])
+
+
+def limits() -> tuple[Array, Array]:
+    """Return the lowest and the highest parameters (SIZE,), SI."""
+    bounds = np.array([item.metadata['bounds'] for item in PARAMETERS])
+    return bounds[:, 0], bounds[:, 1]
+
+
+def slopes(pressure: Array) -> Array:
+    """Return the rest strain per parameter at pressures (n,) Pa, (n, SIZE)."""
+    return np.column_stack([pressure, pressure**2])
+
+
+def lengthened(arm: Arm, values: Array) -> Arm:
+    """Return the arm with this elongation (SIZE,), SI."""
+    numbers = {item.name: float(value) for item, value in zip(PARAMETERS, values, strict=True)}
+    return replace(
+        arm,
+        effects=(*arm.effects, PressureElongation(**numbers)),
+        sources={**arm.sources, KEY: FITTED},
+    )
+
+
+def is_given(arm: Arm) -> bool:
+    """Whether the arm has an elongation of its own, which no calibration fits."""
+    return any(isinstance(effect, PressureElongation) for effect in arm.effects)
+
+
+def without_fitted(arm: Arm) -> Arm:
+    """Return the arm without the elongation that a calibration has fitted; the same without one.
+
+    Its covariance goes with it: it is that of the arm which lengthens.
+    """
+    if arm.sources.get(KEY) != FITTED:
+        return arm
+    return replace(
+        arm,
+        effects=tuple(one for one in arm.effects if not isinstance(one, PressureElongation)),
+        sources={key: text for key, text in arm.sources.items() if key != KEY},
+        covariance=None,
+    )
