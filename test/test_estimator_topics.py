@@ -67,6 +67,7 @@ def test_topics_are_those_of_the_contract():
         ('end_wrench', 'geometry_msgs/msg/WrenchStamped', 'in'),
         ('targets', 'sensor_msgs/msg/PointCloud2', 'in'),
         ('tip_pose', 'geometry_msgs/msg/PoseStamped', 'in'),
+        ('base_imu', 'sensor_msgs/msg/Imu', 'in'),
         ('state', 'sensor_msgs/msg/PointCloud2', 'out'),
         ('centerline', 'nav_msgs/msg/Path', 'out'),
         ('curvature', 'std_msgs/msg/Float64MultiArray', 'out'),

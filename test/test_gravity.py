@@ -164,7 +164,8 @@ def test_a_model_file_keeps_weight_and_direction(tmp_path):
 
 
 @pytest.mark.parametrize(
-    'direction', ['down', [0.0, -9.81], [0.0], [float('nan'), 1.0], [True, 0.0], 1.0, {'x': 1}]
+    'direction',
+    ['0, down', 'nan', [0.0, -9.81], [0.0], [float('nan'), 1.0], [True, 0.0], 1.0, {'x': 1}],
 )
 def test_what_is_no_direction_is_refused(direction):
     with pytest.raises(ModelError, match=r'gravity\.direction'):
@@ -173,4 +174,6 @@ def test_what_is_no_direction_is_refused(direction):
 
 def test_a_direction_may_be_written_as_text():
     assert gravity_of('[0.6, -0.8]') == gravity_of((0.6, -0.8)) == gravity_of('0.6 -0.8')
-    assert gravity_of('out_of_plane').is_neutral
+    assert gravity_of('out_of_plane').direction == 'out_of_plane'
+    assert gravity_of('imu').direction == 'imu'
+    assert gravity_of('/world').source == 'world'

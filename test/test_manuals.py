@@ -19,7 +19,14 @@ from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.fusion import FUSION_OUTPUTS
 from pneunet_ros.messages.link_chain import JOINT_STATES
 from pneunet_ros.messages.markers import markers_output, transform_output
-from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, SENSORS, TARGETS
+from pneunet_ros.messages.readings import (
+    BASE_IMU,
+    END_WRENCH,
+    FIXED_FRAMES,
+    PRESSURE,
+    SENSORS,
+    TARGETS,
+)
 from pneunet_ros.messages.tracker import TRACKER_INPUTS, TRACKER_OUTPUTS
 from pneunet_ros.model.domain_position import LOAD_OUT_OF_DOMAIN, OUT_OF_RANGE
 from pneunet_ros.vision.rest_plane import RESTING, UPRIGHT
@@ -50,6 +57,7 @@ OF_EVERY_NODE = {
     '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
 }
 ESTIMATED = [sensor for sensor in SENSORS if sensor.needed(EstimatorSettings())]
+OF_GRAVITY = {one.topic: one.type for one in (BASE_IMU, FIXED_FRAMES)}
 TYPES = {
     'estimator': {
         topic.name: topic.type
@@ -57,12 +65,14 @@ TYPES = {
             *(*ESTIMATED, *OUTPUTS),
             *(markers_output(lambda: None), transform_output('tip'), JOINT_STATES),
         )
-    },
+    }
+    | OF_GRAVITY,
     'tracker': {topic.name: topic.type for topic in (*TRACKER_INPUTS, *TRACKER_OUTPUTS)}
     | {'image_annotated': IMAGE_TYPE},
     'fusion': {
         topic.name: topic.type for topic in (PRESSURE, TARGETS, END_WRENCH, *FUSION_OUTPUTS)
-    },
+    }
+    | OF_GRAVITY,
 }
 COUNTS = MappingProxyType({'<reason>': 1})
 
@@ -83,12 +93,13 @@ def test_topics_are_those_of_the_code(node):
 
 @pytest.mark.parametrize('node', NODES)
 def test_quality_of_service_is_that_of_the_code(node):
-    depths = {sensor.name: depth for sensor, depth in DEPTH_OF.items()}
+    depths = {sensor.topic: depth for sensor, depth in DEPTH_OF.items()}
     for name, (_, direction, quality) in topics(node).items():
         if direction.startswith('in'):
             # The tracker's depends on who publishes: test_following.
             depth = depths.get(name, DEPTH)
-            expected = in_words(input_qos(depth)) if node != 'tracker' else 'as its publisher'
+            qos = latched_qos(depth) if name == FIXED_FRAMES.topic else input_qos(depth)
+            expected = in_words(qos) if node != 'tracker' else 'as its publisher'
         else:
             expected = in_words(latched_qos() if 'latched' in direction else output_qos())
         assert quality.startswith(expected), name
@@ -131,6 +142,7 @@ def test_diagnostics_of_the_fusion_are_those_of_the_code():
     assert sorted(values('fusion')) == sorted([*VALUES_OF_EVERY_NODE, *report.values])
 
 
+GRAVITY = ('estimation/base_gravity',)
 REASONS = {
     'estimator': [
         UNREADABLE,
@@ -138,7 +150,7 @@ REASONS = {
         OTHER_PRESSURE,
         OUT_OF_RANGE,
         LOAD_OUT_OF_DOMAIN,
-        *(reasons_in(m) for m in ('estimation/estimator', 'estimation/state')),
+        *(reasons_in(m) for m in (*GRAVITY, 'estimation/estimator', 'estimation/state')),
     ],
     'tracker': [
         UNREADABLE,
@@ -157,6 +169,7 @@ REASONS = {
         *(
             reasons_in(m)
             for m in (
+                *GRAVITY,
                 'fusion/fusion',
                 'fusion/belief_estimate',
                 'fusion/frame_update',

@@ -217,6 +217,6 @@ def test_the_verb_writes_the_same_recording_and_the_motion_beside_it(tmp_path, c
         assert truth['tip_velocity'].shape == (truth['x'].shape[0], 3)
         assert np.abs(truth['tip_velocity']).max() > 0.05
     command = ['simulate', str(file), '--output', str(output), '--overwrite']
-    assert main([*command, '--engine', 'chain']) == 2
+    assert main([*command, '--engine', 'chain', '--overwrite']) == 0
     file.write_text(content + 'motion: {mass: 1.0}\n', encoding='utf-8')
     assert main(command) == 2

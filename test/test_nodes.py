@@ -425,7 +425,7 @@ def test_diagnostics_hold_all_numbers(peer):
 
 
 def test_topics_and_services_are_those_of_the_page(peer):
-    same_as_running(peer.node, 'estimator', left_out={'/tf', 'joint_states'})
+    same_as_running(peer.node, 'estimator', left_out={'/tf', '/tf_static', 'joint_states'})
 
 
 def test_markers_are_drawn_where_the_centerline_is(peer):

@@ -45,7 +45,13 @@ def test_all_columns_at_once(tmp_path):
     assert math.isnan(table.values['targets'][1, 0, 2])
     assert table.present()['targets'].tolist() == [True, True, False]
     # A wrench with a hole is none.
-    assert table.counts() == {'pressure': 2, 'end_wrench': 1, 'targets': 2, 'tip_pose': 0}
+    assert table.counts() == {
+        'pressure': 2,
+        'end_wrench': 1,
+        'targets': 2,
+        'tip_pose': 0,
+        'base_imu': 0,
+    }
 
 
 def test_the_pose_of_the_tip_may_be_known_in_part(tmp_path):
@@ -684,7 +690,13 @@ def test_numbers_that_seem_to_stand_for_nothing_are_asked_about(tmp_path, pair, 
 def test_numbers_that_stand_for_nothing_are_no_readings(tmp_path):
     text = UNSEEN.format(pair='0,0', pose='9999,9999,9999')
     table = read(tmp_path, text, missing=(0.0, -1.0, 9999.0))
-    assert table.counts() == {'pressure': 2, 'end_wrench': 0, 'targets': 4, 'tip_pose': 3}
+    assert table.counts() == {
+        'pressure': 2,
+        'end_wrench': 0,
+        'targets': 4,
+        'tip_pose': 3,
+        'base_imu': 0,
+    }
     assert np.isnan(table.values['targets'][1, :, 1]).all()
     assert table.values['targets'][1, :, 0].tolist() == [0.0, 0.0]  # the clamp, which is there
 

@@ -130,6 +130,7 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
         x=unseen,
         y=unseen,
         tip_pose=None,
+        gravity=run.gravity_at(stamps),
         wrench_stamp_ns=None,
         wrench=None,
     )
@@ -141,7 +142,7 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
             f'{run.name}: at some readings the arm has no equilibrium; cut the recording to '
             'pressures and loads of the calibrated domain'
         )
-    rods = arm.rods(inputs.pressure, inputs.histories, inputs.loads)
+    rods = inputs.rods(arm)
     ends = join_ends(rods.clamp, inputs.loads)
     solved = []
     for index in range(count):

@@ -6,8 +6,10 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import itertools
+import math
 from pathlib import Path
 
+import numpy as np
 from pneunet_ros.calibration.checks.preconditions import check_unloaded
 from pneunet_ros.calibration.settings import CalibrationSettings, judging
 from pneunet_ros.cli.quantity_option import quantity_of, string_of
@@ -130,7 +132,7 @@ def read_experiments(
 
     def read(path: Path) -> RecordingData:
         run, sentences = read_run(
-            path, frame.target_arclength.size, topics, settings_of(arguments)
+            path, frame.target_arclength.size, topics, settings_of(arguments), frame.gravity
         )
         left_out.extend(f'{path.name}: {sentence}' for sentence in sentences)
         run = replace(run, static=arguments.static)
@@ -168,6 +170,16 @@ def read_experiments(
         unloaded=f'without a load: {", ".join(unloaded) or "none"}',
         static=arguments.static,
     )
+
+
+def as_measured(frame: Arm, runs: Sequence[RecordingData]) -> Arm:
+    """Return an arm with gravity where it pointed on average, if that was measured."""
+    measured = [run.gravity for run in runs if run.gravity is not None]
+    if not measured:
+        return frame
+    x, y = np.mean(np.concatenate(measured), axis=0).tolist()
+    longer = max(math.hypot(x, y), 1.0)
+    return replace(frame, gravity=replace(frame.gravity, x=x / longer, y=y / longer))
 
 
 def reason_unloaded(run: RecordingData, noise: SensorNoise) -> str:

@@ -48,7 +48,7 @@ def run_fusion(arguments: Namespace) -> int:
     overrides = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
     recording = open_recording(arguments.recording)
     wrench = not (arguments.no_wrench or arguments.free_tip)
-    topics = fusion_topics(recording, overrides, wrench=wrench)
+    topics = fusion_topics(recording, overrides, wrench=wrench, gravity=fusion.gravity)
     with reading_bar(shown=not arguments.json):
         verdicts = judge_recording(
             recording,

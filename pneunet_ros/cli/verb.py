@@ -49,6 +49,8 @@ SENSOR_SETTINGS = (
     'force_offset_x',
     'force_offset_y',
     'wrench_frame',
+    'imu_from_base',
+    'gravity_frame',
     'judge_readings',
 )
 
@@ -139,14 +141,15 @@ def add_gravity(parser: ArgumentParser, of: str = 'model file') -> None:
         type=gravity_option,
         metavar='GX,GY',
         help='where gravity points: x and y of the unit vector that points down, in the base '
-        f'frame, as --gravity=0,-1, or {OUT_OF_PLANE} (default: as in the {of})',
+        f'frame, as --gravity=0,-1, or {OUT_OF_PLANE} (default: by base_imu where it is recorded, '
+        f'else as in the {of})',
     )
 
 
 def gravity_option(text: str) -> Gravity:
     """Return the gravity that an option asks for."""
     try:
-        return gravity_of(text)
+        return gravity_of(text, fixed=True)
     except ModelError as error:
         raise ArgumentTypeError(f'{error}') from None
 

@@ -18,3 +18,19 @@ class Refusal:
     sentence: str
     error: bool
     awaits_others: bool = False
+
+
+def refuse(stamp_ns: int, reason: str, sentence: str, *, awaits_others: bool = False) -> Refusal:
+    """Return a refusal that stops the estimates."""
+    return Refusal(
+        stamp_ns=stamp_ns,
+        reason=reason,
+        sentence=sentence,
+        error=True,
+        awaits_others=awaits_others,
+    )
+
+
+def drop(stamp_ns: int, reason: str, sentence: str) -> Refusal:
+    """Return a refusal of one reading."""
+    return Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=False)

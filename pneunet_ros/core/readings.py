@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
+from pneunet_ros.core.frames import Quaternion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +48,32 @@ class TipPoseReading:
     y: float
     heading: float
     frame_id: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImuReading:
+    """What an accelerometer at the base reads: the specific force (m/s^2) in its `frame_id`.
+
+    At rest that is 9.81 m/s^2 upwards. known: False where the sensor says that it measures none.
+    """
+
+    stamp_ns: int
+    x: float
+    y: float
+    z: float
+    frame_id: str
+    known: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameReading:
+    """How a frame is turned in its parent, by the unit quaternion x, y, z, w; fixed: for ever."""
+
+    stamp_ns: int
+    frame_id: str
+    parent: str
+    quaternion: Quaternion
+    fixed: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,3 +119,4 @@ def unseen_targets(stamp_ns: int, count: int) -> TargetSightings:
 
 
 Reading = PressureReading | WrenchReading
+BaseReading = ImuReading | tuple[FrameReading, ...]  # says where gravity points

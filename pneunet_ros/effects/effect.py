@@ -65,12 +65,16 @@ NOTHING, UNITY = 0.0, 1.0  # what a term is that was not given
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """Gauge pressure (Pa), force (N) and moment (N m) at the free end, in the base frame."""
+    """Gauge pressure (Pa), force (N) and moment (N m) at the free end, in the base frame.
+
+    gravity: along x and y, as the base feels it, in g; None: as the model of the arm has it.
+    """
 
     pressure: float
     force_x: float = 0.0
     force_y: float = 0.0
     moment: float = 0.0
+    gravity: tuple[float, float] | None = None
 
     @property
     def row(self) -> Array:

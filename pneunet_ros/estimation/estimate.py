@@ -22,7 +22,8 @@ class ShapeEstimate:
     tip) / d(pressure in the chamber, F1, F2, M); tip_covariance (3, 3) of (x, y, theta); std_x,
     std_y (m) and std_curvature (1/m): per station, arrays (stations,); wrench_age: s, None where
     no wrench is needed; warnings: sentences about what limits the estimate. position: where its
-    load stands to the domain of the model.
+    load stands to the domain of the model. gravity: as it was measured, along x and y, in g; None:
+    as the model has it.
 
     noise (sources, causes), the noise input matrix, and curved, to second order, with the
     linearization in it: from these covariance and standard deviations come, so that nobody has to
@@ -42,6 +43,7 @@ class ShapeEstimate:
     wrench_age: float | None
     warnings: tuple[str, ...]
     position: DomainPosition | None = None
+    gravity: tuple[float, float] | None = None
     noise: Array | None = None
     curved: SecondOrder | None = None
     motion: MotionEstimate | None = None
@@ -72,6 +74,7 @@ def estimate_of(
     wrench_age: float | None,
     notes: Sequence[str],
     motion: MotionEstimate | None = None,
+    gravity: tuple[float, float] | None = None,
 ) -> ShapeEstimate:
     """Return a solved shape with its propagated errors; notes: what is to be said beside it."""
     warnings = [*notes, *position.notes]
@@ -95,6 +98,7 @@ def estimate_of(
         wrench_age=wrench_age,
         warnings=tuple(warnings),
         position=position,
+        gravity=gravity,
         noise=noise,
         curved=curved,
         motion=motion,

@@ -7,14 +7,15 @@ Stamps are those of the message headers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
+from pneunet_ros.core.outcome import Refusal, refuse
+from pneunet_ros.core.readings import BaseReading, PressureReading, Reading, WrenchReading
 from pneunet_ros.core.units import seconds_between, seconds_since
 from pneunet_ros.effects.effect import Load
+from pneunet_ros.estimation.base_gravity import GravitySource
 from pneunet_ros.estimation.estimate import estimate_of, Outcome, ShapeEstimate
 from pneunet_ros.estimation.out_of_plane import out_of_plane, OutOfPlane
 from pneunet_ros.estimation.sensor_mapping import base_wrench, wrong_frame
@@ -43,8 +44,8 @@ class Estimator:
     arm: with the noise of its sensors and the covariance of its model; settings: what the sensors
     report and when a reading is too old. Then follow arclength (stations,) m of the stations, and
     the table of how the record of the rod changes with pressure and model, the moving arm with
-    stations and targets on it, None where the model has no `motion`. Raises ModelError where a
-    column of the model's covariance leads out of bounds.
+    stations and targets on it, None where the model has no `motion`, and who says where gravity
+    points. Raises ModelError where a column of the model's covariance leads out of bounds.
     """
 
     arm: Arm
@@ -54,12 +55,15 @@ class Estimator:
     moving: MovingArm | None = field(init=False, repr=False)
     places: Places | None = field(init=False, repr=False)
     target_places: Places | None = field(init=False, repr=False)
+    gravity: GravitySource = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Prepare stations and the table."""
         stations = station_arclength(self.arm.reach, self.settings.stations)
         object.__setattr__(self, 'arclength', stations)
         object.__setattr__(self, 'table', PerturbationTable(arm=self.arm))
+        source = GravitySource(settings=self.settings, gravity=self.arm.gravity)
+        object.__setattr__(self, 'gravity', source)
         moving = places = targets = None
         if self.arm.motion is not None:
             moving = MovingArm(arm=self.arm, table=self.table)
@@ -69,19 +73,26 @@ class Estimator:
         object.__setattr__(self, 'places', places)
         object.__setattr__(self, 'target_places', targets)
 
-    def step(self, state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Outcome]:
+    def step(
+        self, state: EstimatorState, reading: Reading | BaseReading
+    ) -> tuple[EstimatorState, Outcome]:
         """Take one reading: Eq 4 gives the shape, its linearization the covariance.
 
         Args:
             state: what is remembered of earlier readings; it is not changed.
-            reading: a pressure (Pa) or an end wrench (N, N m), stamped by its message's header.
+            reading: a pressure (Pa) or an end wrench (N, N m), stamped by its message's header; or
+                of an accelerometer on the base, or of frames.
 
         Returns:
             The state for the next reading, and what came of this one: of a pressure a
-            ShapeEstimate or a Refusal, of a wrench None or a Refusal. Nothing is raised for what
+            ShapeEstimate or a Refusal, of any other None or a Refusal. Nothing is raised for what
             a reading holds.
 
         """
+        if not isinstance(reading, PressureReading | WrenchReading):
+            gravity, refusal = self.gravity.take(state.gravity, reading)
+            state = replace(state, gravity=gravity)
+            return (state if refusal is None else state.count_rejected(refusal.reason)), refusal
         state, refusal, note = admit(state, reading)
         if refusal is None:
             if isinstance(reading, WrenchReading):
@@ -117,11 +128,13 @@ class Estimator:
             notes.append(f'first pressure after {elapsed:.3g} s')
         gauge = self.settings.pressure.gauge(reading.pressure)
         wrench, age, refusal = self.wrench_at(state, reading.stamp_ns)
+        gravity, unknown = self.gravity.at(state.gravity, reading.stamp_ns)
         sensed = Load(
             pressure=gauge,
             force_x=wrench.force_x,
             force_y=wrench.force_y,
             moment=wrench.moment,
+            gravity=gravity,
         )
         load = self.arm.sense(sensed)
         history = state.history
@@ -131,7 +144,8 @@ class Estimator:
         position = locate_load(self.arm, load, chamber, self.reading_std(reading))
         beside = out_of_plane(self.arm, self.settings, wrench)
         other = state.watch.refusal(reading.stamp_ns)
-        refusal = other or refusal or self.forbidden(state, reading, position, beside)
+        refusal = other or refusal or unknown
+        refusal = refusal or self.forbidden(state, reading, position, beside)
         if refusal is not None and (other or position.reason == OUT_OF_RANGE):
             return state.with_impossible(reading.stamp_ns), refusal
         if refusal is not None:
@@ -169,6 +183,7 @@ class Estimator:
             motion=motion,
             position=position,
             wrench_age=age,
+            gravity=gravity,
             notes=[*notes, *([beside.note] if beside.warns else [])],
         )
         return state.with_estimate(reading.stamp_ns, history, solution, moving), estimate
@@ -232,14 +247,3 @@ class Estimator:
             f'wrench_timeout = {self.settings.wrench_timeout:.3g} s'
         )
         return state.wrench, age, refuse(stamp_ns, 'stale_wrench', sentence)
-
-
-def refuse(stamp_ns: int, reason: str, sentence: str, *, awaits_others: bool = False) -> Refusal:
-    """Return a refusal that stops the estimates."""
-    return Refusal(
-        stamp_ns=stamp_ns,
-        reason=reason,
-        sentence=sentence,
-        error=True,
-        awaits_others=awaits_others,
-    )

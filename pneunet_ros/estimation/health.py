@@ -118,6 +118,7 @@ class EstimatorHealth(InputHealth):
     def _values(self, state: EstimatorState, now: float) -> dict[str, str]:
         estimate, wrench = self._estimate, state.wrench
         position = estimate.position if estimate else None
+        gravity = estimate.gravity if estimate else None
         values: dict[str, Any] = {
             'rate_hz': self.rate(now),
             'estimates': state.estimates,
@@ -131,6 +132,8 @@ class EstimatorHealth(InputHealth):
             'extrapolated': estimate.shape.extrapolated if estimate else None,
             'pressure_beyond': position.pressure_beyond if position else None,
             'load_beyond': position.load_beyond if position else None,
+            'gravity_x_g': gravity[0] if gravity else None,
+            'gravity_y_g': gravity[1] if gravity else None,
             'force_z_n': wrench.force_z if wrench else None,
             'moment_x_n_m': wrench.moment_x if wrench else None,
             'moment_y_n_m': wrench.moment_y if wrench else None,

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
+import re
 
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.frames import BASE_FRAME, is_rotation, Quaternion, quaternion_of_angles
 from pneunet_ros.core.settings import check_settings, setting
 from pneunet_ros.core.units import quantity, STANDARD_ATMOSPHERE
 from pneunet_ros.measurement.pressure_convention import (
@@ -64,6 +66,20 @@ class EstimatorSettings:
         0.0, unit='N', meaning='added to every end force along y', bounds=(-1e3, 1e3)
     )
     wrench_frame: str = setting('', 'frame id, beside frame_id, that wrench messages may carry')
+    imu_from_base: str = setting(
+        '',
+        'how the Imu of base_imu is turned in the base frame: roll, pitch and yaw (rad), as '
+        '"0, 0, 1.57", or x, y, z, w of a quaternion; empty: by its frame_id, as /tf_static says',
+    )
+    gravity_frame: str = setting(
+        '', 'tf frame whose z points up, by which gravity is followed instead of by base_imu'
+    )
+    gravity_timeout: float = quantity(
+        0.5,
+        unit='s',
+        meaning='largest age of base_imu, or of the transform to gravity_frame, that is used',
+        bounds=(1e-3, 3600.0),
+    )
     out_of_plane_limit: float = quantity(
         0.1,
         unit='-',
@@ -91,6 +107,7 @@ class EstimatorSettings:
         check_settings(self)
         if not self.frame_id:
             raise RequestError('frame_id must not be empty')
+        turn_of(self.imu_from_base)
 
     @property
     def wrench(self) -> WrenchConvention:
@@ -114,3 +131,27 @@ class EstimatorSettings:
             ambient=self.ambient_pressure,
             offset=self.pressure_offset,
         )
+
+
+def turn_of(text: str) -> Quaternion | None:
+    """Return the quaternion of a turn that is written as text; None where nothing is.
+
+    Raises RequestError for anything but three angles (rad) or a unit quaternion.
+    """
+    words = [word for word in re.split(r'[,\s]+', text.strip('[] ')) if word]
+    if not words:
+        return None
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        numbers = []
+    if len(numbers) == 3 and all(map(math.isfinite, numbers)):
+        return quaternion_of_angles(*numbers)
+    if len(numbers) == 4:
+        x, y, z, w = numbers
+        if is_rotation((x, y, z, w)):
+            return x, y, z, w
+    raise RequestError(
+        'imu_from_base must be roll, pitch and yaw in rad, as "0, 0, 1.57", or x, y, z, w of a '
+        f'unit quaternion, not {text!r}'
+    )

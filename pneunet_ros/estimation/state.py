@@ -18,6 +18,7 @@ from pneunet_ros.core.stamps import (
 )
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.effects.effect import History
+from pneunet_ros.estimation.base_gravity import BaseGravity
 from pneunet_ros.estimation.pressure_watch import PressureWatch
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.moving_arm import MovingState
@@ -33,7 +34,7 @@ class EstimatorState:
     one but for readings that no arm can have; moving: how the arm moves, where the model has
     `motion`; before: the state before a pressure reading that came after a gap of more than a
     second, until the next one says whether time has gone on from there or that stamp was wrong;
-    watch: whether the pressure is what it is declared to be.
+    watch: whether the pressure is what it is declared to be; gravity: where it points.
     """
 
     pressure_stamp_ns: int | None = None
@@ -47,6 +48,7 @@ class EstimatorState:
     rejected: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     before: EstimatorState | None = None
     watch: PressureWatch = field(default_factory=PressureWatch)
+    gravity: BaseGravity = field(default_factory=BaseGravity)
 
     def with_wrench(self, wrench: WrenchReading) -> EstimatorState:
         """After an end wrench, in the base frame."""
@@ -62,6 +64,7 @@ class EstimatorState:
             rejected=self.rejected,
             before=self.before,
             watch=self.watch,
+            gravity=self.gravity,
         )
 
     def with_reading(self, stamp_ns: int, history: tuple[History, ...]) -> EstimatorState:
@@ -77,6 +80,7 @@ class EstimatorState:
             rejected=self.rejected,
             before=self.before,
             watch=self.watch,
+            gravity=self.gravity,
         )
 
     def watch_pressure(
@@ -109,12 +113,16 @@ class EstimatorState:
             rejected=self.rejected,
             before=self.before,
             watch=self.watch,
+            gravity=self.gravity,
         )
 
     def fresh(self) -> EstimatorState:
         """Forget all readings and start anew; only the counts go on."""
         return EstimatorState(
-            estimates=self.estimates, resets=self.resets + 1, rejected=self.rejected
+            estimates=self.estimates,
+            resets=self.resets + 1,
+            rejected=self.rejected,
+            gravity=self.gravity.fresh(),
         )
 
     def count_rejected(self, reason: str) -> EstimatorState:

@@ -20,7 +20,7 @@ from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.yaml_file import or_default, YamlFile
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import Domain
-from pneunet_ros.model.gravity import Gravity, gravity_of
+from pneunet_ros.model.gravity import Gravity, gravity_of, OUT_OF_PLANE
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import law_fields, MOMENT_LAWS, MomentLaw
 from pneunet_ros.model.motion import Motion
@@ -135,7 +135,7 @@ def arm_from_mapping(content: Any) -> Arm:
 
 def mapping_from_arm(arm: Arm) -> dict[str, Any]:
     """Return the content of a model file, in the order of its documentation."""
-    law = arm.moment_law
+    law, down = arm.moment_law, arm.gravity.direction
     return {
         'schema_version': SCHEMA_VERSION,
         'name': arm.name,
@@ -168,7 +168,7 @@ def mapping_from_arm(arm: Arm) -> dict[str, Any]:
         'domain': None
         if arm.domain is None
         else {'pressure': list(arm.domain.pressure), 'end_load': arm.domain.end_load.tolist()},
-        **({} if arm.gravity.is_neutral else {'gravity': {'direction': arm.gravity.direction}}),
+        **({} if down == OUT_OF_PLANE else {'gravity': {'direction': down}}),
         **({} if arm.motion is None else {'motion': asdict(arm.motion)}),
         'sources': dict(arm.sources),
         'provenance': dict(arm.provenance),

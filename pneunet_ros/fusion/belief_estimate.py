@@ -8,10 +8,9 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.frames import rotate
-from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.outcome import Refusal, refuse
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import estimate_of, ShapeEstimate
-from pneunet_ros.estimation.estimator import refuse
 from pneunet_ros.estimation.out_of_plane import out_of_plane
 from pneunet_ros.fusion.belief import Belief, first_belief, FORCE_SENSOR
 from pneunet_ros.fusion.bench import Bench

@@ -113,6 +113,7 @@ class Bench:
             moment_std=std,
             by_column=by_column,
             late=np.array(instant.memory) - instant.chamber,
+            gravity=instant.gravity,
         )
 
     def by_columns(self, reading: Load) -> Array:

@@ -98,7 +98,13 @@ def bend_arm(
     """
     force_x, force_y, moment, error = changes[: PRESSURE + 1].tolist()
     pressure = inputs.chamber + error
-    load = Load(pressure=pressure, force_x=force_x, force_y=force_y, moment=inputs.moment + moment)
+    load = Load(
+        pressure=pressure,
+        force_x=force_x,
+        force_y=force_y,
+        moment=inputs.moment + moment,
+        gravity=inputs.gravity,
+    )
     rods, beside = table.at(pressure, inputs.history, load)
     amounts = changes[PRESSURE:].copy()
     amounts[0] = 0.0  # the pressure stands in the record already

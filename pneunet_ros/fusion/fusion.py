@@ -12,12 +12,18 @@ from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
-from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.core.readings import PressureReading, Reading, TargetSightings, WrenchReading
+from pneunet_ros.core.outcome import Refusal, refuse
+from pneunet_ros.core.readings import (
+    BaseReading,
+    PressureReading,
+    Reading,
+    TargetSightings,
+    WrenchReading,
+)
 from pneunet_ros.core.stamps import AHEAD, STARTS_ANEW
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between, seconds_since
 from pneunet_ros.effects.effect import Load
-from pneunet_ros.estimation.estimator import refuse
+from pneunet_ros.estimation.base_gravity import GravitySource
 from pneunet_ros.estimation.sensor_mapping import base_wrench, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit
@@ -60,7 +66,7 @@ from pneunet_ros.measurement.inference.gaussian import take_measurement
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load, OUT_OF_RANGE
 
-Event = Reading | TargetSightings
+Event = Reading | BaseReading | TargetSightings
 NEAR = 3  # readings on either side that tell how the pressure went between two
 
 
@@ -80,9 +86,12 @@ class Fusion:
     settings: FusionSettings = FUSION
     unknowns: Unknowns | None = None
     bench: Bench = field(init=False, repr=False)
+    gravity: GravitySource = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Prepare the bench."""
+        source = GravitySource(settings=self.sensors, gravity=self.arm.gravity)
+        object.__setattr__(self, 'gravity', source)
         bench = Bench(
             arm=self.arm, sensors=self.sensors, settings=self.settings, given=self.unknowns
         )
@@ -94,7 +103,7 @@ class Fusion:
         Args:
             state: what is remembered of earlier ones; it is not changed.
             event: a pressure (Pa), an end wrench (N, N m) or the targets seen in a frame (m, base
-                frame), stamped by its message's header.
+                frame), stamped by its message's header; or what says where gravity points.
 
         Returns:
             The state for the next one, and what came of this one: of a pressure a FusedEstimate or
@@ -106,6 +115,10 @@ class Fusion:
         state = self.settle(state)
         if isinstance(event, TargetSightings):
             return self.take_targets(state, event)
+        if not isinstance(event, PressureReading | WrenchReading):
+            gravity, refusal = self.gravity.take(state.readings.gravity, event)
+            state = replace(state, readings=replace(state.readings, gravity=gravity))
+            return (state if refusal is None else state.count_rejected(refusal.reason)), refusal
         resets = state.readings.resets
         readings, refusal, note = admit(state.readings, event)
         if readings is not state.readings:
@@ -155,11 +168,12 @@ class Fusion:
             return self.refuse_pressure(state, reading)
         readings = state.readings.watch_pressure(reading, self.arm, self.sensors)
         state = replace(state, readings=readings)
-        refusal = readings.watch.refusal(reading.stamp_ns)
+        gravity, unknown = self.gravity.at(readings.gravity, reading.stamp_ns)
+        refusal = readings.watch.refusal(reading.stamp_ns) or unknown
         if refusal is not None:
             readings = readings.with_impossible(reading.stamp_ns)
             return replace(state, readings=readings).count_rejected(refusal.reason), refusal
-        instant = self.instant_at(state, reading)
+        instant = replace(self.instant_at(state, reading), gravity=gravity)
         position = locate_load(self.arm, Load(pressure=instant.gauge), instant.chamber)
         if position.reason == OUT_OF_RANGE:
             # It is not kept: without a pressure that can be, the camera is alone.

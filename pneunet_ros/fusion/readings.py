@@ -18,7 +18,8 @@ class PressureInstant:
 
     memory: the pressures (Pa) that lag behind the chamber, and that behind a play; step (Pa): the
     smallest change from reading to reading so far, see `rounding_error`; missed (Pa): how far the
-    line between two readings may be off there, which is in std.
+    line between two readings may be off there, which is in std. gravity: along x and y, in g;
+    None: as the model has it.
     """
 
     stamp_ns: int
@@ -29,6 +30,7 @@ class PressureInstant:
     memory: tuple[float, ...]
     step: float = math.inf
     missed: float = 0.0
+    gravity: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -106,8 +106,8 @@ class FusionState:
     come yet; seen: the last one that was no copy.
     bank: what may be true, each hypothesis with what is believed at the last frame, the most
     likely first; lasting: causes that stay when a belief is begun anew: sensors that are off, a
-    mirror. wrench_used_ns: of the wrench in the belief; solution: of the last estimate; pending: the last
-    frame; search: for other forces that explain it.
+    mirror. wrench_used_ns: of the wrench in the belief; solution: of the last estimate; pending:
+    the last frame; search: for other forces that explain it.
     """
 
     readings: EstimatorState = field(default_factory=EstimatorState)

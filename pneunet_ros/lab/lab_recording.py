@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -63,7 +63,8 @@ class LabRecording:
     arm all the time (`loaded` False); stamp_ns (frames,), x, y (frames, targets): frames, NaN
     where a target was not seen. reading (frames,) is the pressure reading nearest to each frame,
     force (frames, 2) and moment (frames,) the nearest wrench reading, exactly zero where nothing
-    hangs on the arm. motion: what an arm with mass does beside `truth`.
+    hangs on the arm. motion: what an arm with mass does beside `truth`. imu_stamp_ns, imu (n, 3)
+    m/s^2: what an accelerometer at the clamp reads, in the base frame.
     """
 
     scenario: Scenario
@@ -82,3 +83,5 @@ class LabRecording:
     truth: LabTruth
     memory: LabMemory
     motion: MotionTruth | None = None
+    imu_stamp_ns: Stamps = field(default_factory=lambda: np.zeros(0, np.int64))
+    imu: Array = field(default_factory=lambda: np.zeros((0, 3)))

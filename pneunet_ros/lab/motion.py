@@ -11,7 +11,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.units import check_quantities, quantity
+from pneunet_ros.core.units import check_quantities, quantity, STANDARD_GRAVITY
 
 Row = tuple[float, ...]
 
@@ -21,9 +21,11 @@ class LabMotion:
     """The mass of the arm is `arm.weight` / 9.80665 m/s^2; all else that moves it is here.
 
     gravity_x, gravity_y: the unit vector that points down, in the base frame while the base rests;
-    zero: out of the plane. The base turns about the clamp through `turn_angle` (rad) at
-    `turn_share` of the recording, with minimum jerk between them. A peg without a radius is not
-    there; it is fixed to the base and has friction `peg_friction`.
+    zero: out of the plane. The base turns about the clamp through `turn_angle` (rad), and moves by
+    `shift_x` and `shift_y` (m, along axes that do not turn), at `turn_share` of the recording,
+    with minimum jerk between them. A peg without a radius is not there; it is fixed to the base
+    and has friction `peg_friction`. Without inertia the arm is in equilibrium all the time, by the
+    chain.
     """
 
     damping_time: float = quantity(
@@ -34,6 +36,11 @@ class LabMotion:
     gravity_y: float = quantity(0.0, unit='-', meaning='share of gravity', bounds=(-1.0, 1.0))
     turn_share: Row = (0.0, 1.0)
     turn_angle: Row = (0.0, 0.0)
+    shift_x: Row = (0.0, 0.0)
+    shift_y: Row = (0.0, 0.0)
+    inertia: float = quantity(
+        1.0, unit='-', meaning='0: the arm is in equilibrium all the time', bounds=(0.0, 1.0)
+    )
     peg_x: float = quantity(0.0, unit='m', meaning='axis of the peg', bounds=(-10.0, 10.0))
     peg_y: float = quantity(0.0, unit='m', meaning='axis of the peg', bounds=(-10.0, 10.0))
     peg_radius: float = quantity(0.0, unit='m', meaning='0: no peg', bounds=(0.0, 10.0))
@@ -51,14 +58,20 @@ class LabMotion:
             raise RequestError(f'motion.links = {self.links} is no whole number')
         if math.hypot(self.gravity_x, self.gravity_y) > 1.0 + 1e-9:
             raise RequestError('motion.gravity_x and gravity_y are those of a unit vector')
-        share, angle = np.array(self.turn_share), np.array(self.turn_angle)
+        if self.inertia not in (0.0, 1.0):
+            raise RequestError('motion.inertia is 1, or 0 for an arm in equilibrium')
+        if not self.inertia and self.peg_radius > 0.0:
+            raise RequestError('the peg of MuJoCo needs motion.inertia: 1')
+        share = np.array(self.turn_share)
         ends = share.size >= 2 and share[0] == 0.0 and share[-1] == 1.0
-        if not ends or share.size != angle.size or np.any(np.diff(share) <= 0.0):
-            raise RequestError(
-                'motion.turn_share must rise from 0 to 1, with an angle in turn_angle for each'
-            )
-        if not np.all(np.isfinite(angle)):
-            raise RequestError('motion.turn_angle must hold numbers')
+        if not ends or np.any(np.diff(share) <= 0.0):
+            raise RequestError('motion.turn_share must rise from 0 to 1')
+        for name in ('turn_angle', 'shift_x', 'shift_y'):
+            row = np.array(getattr(self, name))
+            if row.size != share.size and row.any():
+                raise RequestError(f'motion.{name} must hold a number for each turn_share')
+            if not np.all(np.isfinite(row)):
+                raise RequestError(f'motion.{name} must hold numbers')
 
     @classmethod
     def lists(cls) -> tuple[str, ...]:
@@ -67,13 +80,42 @@ class LabMotion:
 
     def turn(self, share: Array) -> tuple[Array, Array, Array]:
         """Return angle (rad) of the base and its derivatives by the share of time (n,)."""
-        knots, angles = np.array(self.turn_share), np.array(self.turn_angle)
+        return self.follow(self.turn_angle, share)
+
+    def follow(self, row: Row, share: Array) -> tuple[Array, Array, Array]:
+        """Return a row at shares of time (n,), with minimum jerk, and its derivatives by them."""
+        if not any(row):
+            nothing = freeze(np.zeros(share.size))
+            return nothing, nothing, nothing
+        knots, values = np.array(self.turn_share), np.array(row)
         part = np.clip(np.searchsorted(knots, share, side='right') - 1, 0, knots.size - 2)
         span = np.diff(knots)[part]
         u = np.clip((share - knots[part]) / span, 0.0, 1.0)
-        by = np.diff(angles)[part]
+        by = np.diff(values)[part]
         return (
-            freeze(angles[part] + by * u**3 * (10.0 + u * (6.0 * u - 15.0))),
+            freeze(values[part] + by * u**3 * (10.0 + u * (6.0 * u - 15.0))),
             freeze(by / span * 30.0 * u**2 * (1.0 - u) ** 2),
             freeze(by / span**2 * 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)),
         )
+
+    def pull(self, times: Array, duration: float) -> Array:
+        """Return what pulls at the arm in the frame of a base that moves and does not turn.
+
+        times (n,) s of a recording so long (s). (n, 3) m/s^2: gravity less its acceleration.
+        """
+        down = np.array([self.gravity_x, self.gravity_y])
+        beyond = -math.sqrt(max(1.0 - float(down @ down), 0.0))
+        pulls = np.tile(STANDARD_GRAVITY * np.append(down, beyond), (times.size, 1))
+        share = freeze(times / duration)
+        for axis, row in enumerate((self.shift_x, self.shift_y)):
+            pulls[:, axis] -= self.follow(row, share)[2] / duration**2
+        return freeze(pulls)
+
+    def felt(self, times: Array, duration: float) -> Array:
+        """Return the same in the frame of the base, which turns, too."""
+        pulls = self.pull(times, duration).copy()
+        angle = self.turn(freeze(times / duration))[0]
+        cosine, sine = np.cos(angle), np.sin(angle)
+        x, y = pulls[:, 0].copy(), pulls[:, 1].copy()
+        pulls[:, 0], pulls[:, 1] = cosine * x + sine * y, cosine * y - sine * x
+        return freeze(pulls)

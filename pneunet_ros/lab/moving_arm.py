@@ -132,14 +132,13 @@ def moving_shape(
         heading=freeze(arm.clamp_angle + np.cumsum(angles, axis=1)),
     )
     turned, rate, _ = run.base_at(times)
-    down = STANDARD_GRAVITY * np.array([motion.gravity_x, motion.gravity_y])
     return shape, MotionTruth(
         tip_velocity=tip_velocity(shape, np.cumsum(rates, axis=1), arm.tip_cap),
         contact_force=freeze(np.array([frame.contact_force for frame in frames])),
         contact_place=freeze(np.array([frame.contact_place for frame in frames])),
         base_angle=turned,
         base_rate=rate,
-        specific_force=rotated(-down, -turned),
+        specific_force=freeze(-motion.felt(times, duration)[:, :2]),
     )
 
 
@@ -376,9 +375,10 @@ class Run:
             begins = step * np.arange(first, min(first + BLOCK, count), dtype=np.float64)
             chain = self.chain_at(freeze(begins + 0.5 * step))
             self.hinges = Hinges(chain, self.links)
-            base = self.base_at(begins)
+            base, pulls = self.base_at(begins), self.motion.pull(begins, self.duration)
             for row in range(begins.size):
                 before = self.state()
+                self.model.opt.gravity[:2] = pulls[row, :2]
                 self.step(chain, row, base)
                 contact = self.contact()
                 after, begun = self.state(), float(begins[row])

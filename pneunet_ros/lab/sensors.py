@@ -45,6 +45,9 @@ class LabNoise:
     drift_std: float = quantity(
         5e-5, unit='m', meaning='of the camera, at the end of a recording', bounds=_SIZE
     )
+    imu_std: float = quantity(
+        0.02, unit='m/s^2', meaning='white, a component of the accelerometer', bounds=_SIZE
+    )
     jitter_std: float = quantity(5e-4, unit='s', meaning='of stamps', bounds=(0.0, 1.0))
     dropout: float = quantity(
         0.003, unit='-', meaning='share of sightings that fail', bounds=(0.0, 0.9)
@@ -70,6 +73,7 @@ class Rates:
     pressure: float = quantity(50.0, unit='Hz', bounds=(0.1, 1e4))
     wrench: float = quantity(50.0, unit='Hz', bounds=(0.1, 1e4))
     frames: float = quantity(10.0, unit='Hz', bounds=(0.1, 1e4))
+    imu: float = quantity(0.0, unit='Hz', meaning='0: there is none', bounds=(0.0, 1e4))
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -84,6 +88,8 @@ def random_stream(name: str, *seeds: int) -> np.random.Generator:
 def regular_times(rate: float, duration: float, offset: float = 0.0) -> Array:
     """Return the times (s) at which a sensor speaks, the first after `offset` of a period."""
     count = int(np.floor(rate * duration + 1e-9))
+    if not count:
+        return freeze(np.zeros(0))
     return freeze((np.arange(count, dtype=np.float64) + offset) / rate)
 
 

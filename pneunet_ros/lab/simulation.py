@@ -13,9 +13,12 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import STANDARD_GRAVITY
 from pneunet_ros.lab.chain import Chain, ChainShape, equilibrium_shape, middle_joints
+from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_effect import Course, Past
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording, LabTruth, Stamps
+from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.moving_arm import MotionTruth, moving_shape, MovingShape
 from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.lab.sensors import (
@@ -87,7 +90,7 @@ def check_size(scenario: Scenario) -> None:
     frames = rates.frames * seconds
     moving = (
         ()
-        if scenario.motion is None
+        if scenario.motion is None or not scenario.motion.inertia
         else (('steps of MuJoCo', seconds / scenario.motion.timestep, MOST_STEPS),)
     )
     for what, count, most in (
@@ -95,7 +98,7 @@ def check_size(scenario: Scenario) -> None:
         ('frames by elements of the chain', frames * scenario.detail.elements, MOST_NODES),
         ('frames by stations', frames * scenario.detail.stations, MOST_NODES),
         ('frames by targets', frames * scenario.arm.targets.size, MOST_NODES),
-        ('readings', max(rates.pressure, rates.wrench) * seconds, MOST_READINGS),
+        ('readings', max(rates.pressure, rates.wrench, rates.imu) * seconds, MOST_READINGS),
         ('steps of time', seconds / STEP, MOST_STEPS),
     ):
         if count > most:
@@ -170,9 +173,10 @@ def shape_of(
     And the end forces (n, 2) N, as effects turned them.
     """
     motion = scenario.motion
-    if motion is None:
+    if motion is None or not motion.inertia:
         chain = chain_of(scenario, course, times, events.force_at(times))
-        return equilibrium_shape(chain), None, chain.force
+        hung = chain if motion is None else with_weight(scenario.arm, motion, chain, events)
+        return equilibrium_shape(hung), None, chain.force
     fine = replace(scenario, detail=replace(scenario.detail, elements=2.0 * motion.links))
 
     def chain_at(at: Array) -> Chain:
@@ -180,6 +184,17 @@ def shape_of(
 
     moving = moving_shape(scenario.arm, motion, chain_at, times, events.duration)
     return *moving, chain_at(times).force
+
+
+def with_weight(arm: LabArm, motion: LabMotion, chain: Chain, events: Timeline) -> Chain:
+    """Return a chain that its own weight pulls at, as its base moves and turns."""
+    pulls = motion.felt(chain.time, events.duration)[:, :2]
+    beyond = arm.weight / STANDARD_GRAVITY * (1.0 - chain.middles / chain.length)
+    return replace(
+        chain,
+        line=freeze(chain.line + beyond[:, None] * pulls[:, None]),
+        force=freeze(chain.force + motion.tip_mass * pulls),
+    )
 
 
 def sample(course: Course, columns: Array, times: Array) -> Array:
@@ -238,11 +253,14 @@ def measure(
         regular_times(rates.pressure, duration),
         regular_times(rates.wrench, duration),
         freeze(truth.time + late),
+        regular_times(rates.imu, duration),
     )
     stamp = [
         draw_stamps(random_of(scenario, f'stamps of {name}'), time, start, noise)
-        for name, time in zip(('pressure', 'wrench', 'frames'), times, strict=True)
+        for name, time in zip(('pressure', 'wrench', 'frames', 'imu'), times, strict=True)
     ]
+    pulls = (scenario.motion or LabMotion()).felt(times[3], duration)
+    shaken = noise.imu_std * random_of(scenario, 'imu').standard_normal(pulls.shape)
     pressure, _ = read_sensors(scenario, events.pressure_at(times[0]), events.force_at(times[0]))
     white = random_of(scenario, 'pressure').standard_normal(pressure.size)
     _, force = read_sensors(scenario, events.pressure_at(times[1]), events.force_at(times[1]))
@@ -279,6 +297,8 @@ def measure(
         truth=truth,
         memory=memory,
         motion=motion,
+        imu_stamp_ns=stamp[3],
+        imu=freeze(shaken - pulls),
     )
 
 

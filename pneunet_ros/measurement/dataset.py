@@ -68,8 +68,9 @@ class RecordingData:
     are steady states in any order, their stamps mean nothing. pressurized: False where no pressure
     was recorded; it is then zero. load_known: the load is a known constant, which no sensor has
     read. wrench_stamp_ns (wrenches,) and wrench (wrenches, 3) N, N m are all readings of the
-    end load; None where only those at the frames are known. Raises RecordingError where these
-    do not fit together.
+    end load; None where only those at the frames are known. gravity (frames, 2): along x and y as
+    the base felt it, in g; None: as the arm has it; gravity_stamp_ns (n,) and gravity_read (n, 2):
+    all readings of it. Raises RecordingError where these do not fit together.
     """
 
     name: str
@@ -89,6 +90,9 @@ class RecordingData:
     load_known: bool = False
     wrench_stamp_ns: Stamps | None = None
     wrench: Array | None = None
+    gravity: Array | None = None
+    gravity_stamp_ns: Stamps | None = None
+    gravity_read: Array | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes and the order of the stamps."""
@@ -109,6 +113,8 @@ class RecordingData:
         }
         if self.tip_pose is not None:
             shapes['tip_pose'] = (frames, 3)
+        if self.gravity is not None:
+            shapes['gravity'] = (frames, 2)
         for name, shape in shapes.items():
             object.__setattr__(self, name, frozen_array(getattr(self, name), shape))
         for name in ('reading_stamp_ns', 'stamp_ns'):
@@ -172,8 +178,9 @@ class RecordingData:
             name: getattr(self, name)[kept]
             for name in ('stamp_ns', 'reading', 'force', 'moment', 'x', 'y')
         }
-        if self.tip_pose is not None:
-            cut['tip_pose'] = self.tip_pose[kept]
+        for name in ('tip_pose', 'gravity'):
+            if getattr(self, name) is not None:
+                cut[name] = getattr(self, name)[kept]
         return replace(self, **cut)
 
     def at_instants(self, delay: float) -> RecordingData:
@@ -199,7 +206,15 @@ class RecordingData:
             reading=np.searchsorted(stamps, shown),
             force=load[:, :2],
             moment=load[:, 2],
+            gravity=self.gravity_at(shown),
         )
+
+    def gravity_at(self, shown: Stamps) -> Array | None:
+        """Return gravity (frames, 2) at stamps (ns): on straight lines between its readings."""
+        if self.gravity_stamp_ns is None or self.gravity_read is None:
+            return self.gravity
+        columns = self.gravity_read.T
+        return np.column_stack([interpolate(shown, self.gravity_stamp_ns, one) for one in columns])
 
     def load_changes(self, late: int) -> Array:
         """Return how the load (frames, 3) changes from its reading to what a frame shows.

@@ -99,7 +99,7 @@ class ForwardModel:
         Fills `fields` (frames, 6, stations) and `points` (frames, 2, stations), where the stations
         are measured by a camera of which only the effects of the arm are known.
         """
-        rods = arm.rods(inputs.pressure, inputs.histories, inputs.loads)
+        rods = inputs.rods(arm)
         counts = mesh_counts(rods, inputs.loads)
         if not np.array_equal(rods.push_place, self.push_place):
             self.push_place = rods.push_place
@@ -255,7 +255,7 @@ class ForwardModel:
 
     def rod_jacobian(self, arm: Arm, inputs: Inputs, columns: Columns, rotation: Array) -> Array:
         """Return `jacobian` with knots of this rotation (knots, pieces, 5)."""
-        rods = arm.rods(inputs.pressure, inputs.histories, inputs.loads)
+        rods = inputs.rods(arm)
         pieces = pieces_of(arm, rods, columns)
         out = self.single_jacobian(rods, inputs.loads, pieces.columns, rotation)
         out = pieces.joined(out, LOADS + rotation.shape[0])

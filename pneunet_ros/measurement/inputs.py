@@ -12,6 +12,7 @@ from pneunet_ros.core.units import seconds_since
 from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.solver.rod import Rods
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -19,12 +20,14 @@ class Inputs:
     """What really acted on the arm at the frames of a run.
 
     pressure (frames,) Pa in the chamber; loads (frames, 3): F1, F2 (N), M (N m); histories: per
-    acting effect one row per frame, None where there is no effect with a history.
+    acting effect one row per frame, None where there is no effect with a history. gravity (frames,
+    2): along x and y, in g; None: as the arm has it.
     """
 
     pressure: Array
     loads: Array
     histories: tuple[Array, ...] | None = None
+    gravity: Array | None = None
 
     def __post_init__(self) -> None:
         """Make the loads read-only: kernels are compiled again for what may be written."""
@@ -37,7 +40,12 @@ class Inputs:
             pressure=self.pressure[frames],
             loads=self.loads[frames],
             histories=None if past is None else tuple(one[frames] for one in past),
+            gravity=None if self.gravity is None else self.gravity[frames],
         )
+
+    def rods(self, arm: Arm) -> Rods:
+        """Return the record of the rod of an arm in every frame."""
+        return arm.rods(self.pressure, self.histories, self.loads, self.gravity)
 
     def with_loads(self, loads: Array) -> Inputs:
         """Return the same under other loads."""
@@ -91,6 +99,7 @@ def inputs_of(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
                 np.array([histories[reading][place] for reading in run.reading.tolist()])
                 for place in range(len(arm.acting))
             ),
+            gravity=steady.gravity,
         )
     return tuple(all_inputs[which] for which in range(len(runs)))
 
@@ -114,7 +123,7 @@ def steady_inputs(arm: Arm, run: RecordingData) -> Inputs:
     """Return what acted by the readings alone, without history."""
     loads = run.load
     if not arm.sensing:
-        return Inputs(pressure=run.frame_pressure, loads=loads)
+        return Inputs(pressure=run.frame_pressure, loads=loads, gravity=run.gravity)
     true = [
         arm.sense(Load(pressure=p, force_x=f1, force_y=f2, moment=m))
         for p, (f1, f2, m) in zip(run.frame_pressure.tolist(), loads.tolist(), strict=True)
@@ -122,4 +131,5 @@ def steady_inputs(arm: Arm, run: RecordingData) -> Inputs:
     return Inputs(
         pressure=np.array([load.pressure for load in true]),
         loads=np.array([[load.force_x, load.force_y, load.moment] for load in true]),
+        gravity=run.gravity,
     )

@@ -61,12 +61,21 @@ class MessageTypes(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Input(Generic[ReadingType]):
-    """A topic that is read: its last name, its type, and how a message becomes a reading."""
+    """A topic that is read: its last name, its type, and how a message becomes a reading.
+
+    shared: all of a robot share the topic.
+    """
 
     direction: ClassVar[Literal['in', 'out']] = 'in'
     name: str
     type: str
     decode: Callable[[Any], ReadingType]
+    shared: bool = False
+
+    @property
+    def topic(self) -> str:
+        """The topic as a node names it: relative, unless all of a robot share it."""
+        return f'/{self.name}' if self.shared else self.name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,6 +19,7 @@ from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.fusion import Event, Fusion
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.messages.builders import (
+    Input,
     MessageTypes,
     Output,
     point_cloud,
@@ -30,7 +31,6 @@ from pneunet_ros.messages.readings import (
     decode_targets,
     FUSED,
     PRESSURE_TYPE,
-    Sensor,
     TARGETS,
     WRENCH_TYPE,
 )
@@ -146,7 +146,7 @@ FUSION_OUTPUTS: tuple[Output[FusedEstimate], ...] = (
 
 
 def fuse_message(
-    fusion: Fusion, state: FusionState, sensor: Sensor[Any], message: Any
+    fusion: Fusion, state: FusionState, sensor: Input[Any], message: Any
 ) -> tuple[FusionState, FusionOutcome]:
     """Take a message of pressure, end wrench or targets: the same lines live and in a replay.
 

@@ -15,11 +15,11 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.frames import heading_quaternion
 from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.messages.base_frames import TRANSFORM_TYPE
 from pneunet_ros.messages.builders import MessageTypes, Output
 from pneunet_ros.model.arm import Arm
 
 MARKERS_TYPE = 'visualization_msgs/msg/MarkerArray'
-TRANSFORM_TYPE = 'tf2_msgs/msg/TFMessage'
 TIP_FRAME = 'pneunet_tip'
 
 # Of visualization_msgs/Marker.

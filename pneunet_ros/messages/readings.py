@@ -18,15 +18,28 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.arrivals import ArrivalOrder
 from pneunet_ros.core.errors import MessageError
-from pneunet_ros.core.frames import BASE_FRAME, heading_quaternion, planar_heading
+from pneunet_ros.core.frames import (
+    BASE_FRAME,
+    heading_quaternion,
+    planar_heading,
+    rotation_matrix,
+)
 from pneunet_ros.core.readings import (
     PressureReading,
     TargetSightings,
     TipPoseReading,
     WrenchReading,
 )
+from pneunet_ros.estimation.base_gravity import GravitySource
 from pneunet_ros.estimation.sensor_mapping import base_wrench, wrong_frame
-from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.settings import EstimatorSettings, turn_of
+from pneunet_ros.messages.base_frames import (
+    decode_frames,
+    decode_imu,
+    imu_message,
+    IMU_TYPE,
+    TRANSFORM_TYPE,
+)
 from pneunet_ros.messages.builders import (
     header,
     Input,
@@ -303,6 +316,20 @@ def tip_pose_row(message: Any, settings: EstimatorSettings, _: int | None) -> tu
     return reading.stamp_ns, np.array([reading.x, reading.y, reading.heading])
 
 
+def imu_row(message: Any, settings: EstimatorSettings, _: int | None) -> tuple[int, Array]:
+    """Return stamp and specific force (3,) m/s^2 in the base frame; UnusableTopic: wrong frame."""
+    reading = decode_imu(message)
+    force, turn = np.array([reading.x, reading.y, reading.z]), turn_of(settings.imu_from_base)
+    if turn is not None:
+        return reading.stamp_ns, rotation_matrix(turn) @ force
+    if reading.frame_id != settings.frame_id:
+        raise UnusableTopic(
+            f'base_imu in frame {reading.frame_id!r}, and no transform on /tf_static joins it to '
+            f'{settings.frame_id!r}: set imu_from_base (--imu-from-base)'
+        )
+    return reading.stamp_ns, force
+
+
 PRESSURE = Sensor(
     name='pressure',
     type=PRESSURE_TYPE,
@@ -356,19 +383,61 @@ TIP_POSE = Sensor(
     message=tip_pose_message,
     partial=True,
 )
+BASE_IMU = Sensor(
+    name='base_imu',
+    type=IMU_TYPE,
+    label='base_imu reading',
+    components=tuple(
+        Component(name=f'imu_a{axis}', kind='acceleration', shown_unit='m/s^2') for axis in 'xyz'
+    ),
+    decode=decode_imu,
+    row=imu_row,
+    message=imu_message,
+)
 SENSORS: tuple[Sensor[Any], ...] = (
     PRESSURE,
     END_WRENCH,
     TARGETS,
     TIP_POSE,
+    BASE_IMU,
+)
+FIXED_FRAMES, FRAMES = (
+    Input(
+        name=name,
+        type=TRANSFORM_TYPE,
+        decode=partial(decode_frames, fixed=name == 'tf_static'),
+        shared=True,
+    )
+    for name in ('tf_static', 'tf')
 )
 # In the order of ties. What the pressure makes an estimate of stands before it.
-OF_ESTIMATOR: tuple[Sensor[Any], ...] = (END_WRENCH, PRESSURE, TARGETS)
-OF_FUSION: tuple[Sensor[Any], ...] = (END_WRENCH, TARGETS, PRESSURE)
+OF_ESTIMATOR: tuple[Input[Any], ...] = (
+    FIXED_FRAMES,
+    FRAMES,
+    BASE_IMU,
+    END_WRENCH,
+    PRESSURE,
+    TARGETS,
+)
+OF_FUSION: tuple[Input[Any], ...] = (
+    FIXED_FRAMES,
+    FRAMES,
+    BASE_IMU,
+    END_WRENCH,
+    TARGETS,
+    PRESSURE,
+)
 FUSED = 'fused'  # namespace of what the fusion estimates
 
 
-def arrival_order(sensors: Iterable[Sensor[Any]]) -> ArrivalOrder[Any]:
+def gravity_inputs(source: GravitySource) -> tuple[Input[Any], ...]:
+    """Return the topics by which somebody is asked where gravity points."""
+    if source.frame:
+        return FIXED_FRAMES, FRAMES
+    return (FIXED_FRAMES, BASE_IMU) if source.uses_imu else ()
+
+
+def arrival_order(sensors: Iterable[Input[Any]]) -> ArrivalOrder[Any]:
     """Return the order in which messages of these sensors are taken, given in that of ties."""
     return ArrivalOrder([sensor.name for sensor in sensors], PRESSURE.name)
 

@@ -252,6 +252,17 @@ class Arm:
         knots = self.length * self.intrinsic_curvature.arclength
         return np.append(knots, self.reach) if self.tip_cap else knots
 
+    def add_gravity(self, sections: Array, clamp: Array, beside: Array) -> None:
+        """Add to records of the rod the weight along what gravity has beside the arm's own.
+
+        beside (n, 2): in g.
+        """
+        soft = sections[:, : sections.shape[1] - 1] if self.tip_cap else sections
+        for part, column, end in ((0, LOAD_X, END_X), (1, LOAD_Y, END_Y)):
+            soft[:, :, column] += self.weight / self.length * beside[:, part, None]
+            if self.motion is not None:
+                clamp[:, end] += self.motion.tip_mass * STANDARD_GRAVITY * beside[:, part]
+
     def on_knots(self, rotation: Array) -> Array:
         """Return rotation (..., pieces, 5) of the soft part on all knots; the cap is straight."""
         knots = self.own_knots
@@ -434,16 +445,20 @@ class Arm:
         pressure: Array,
         history: tuple[History, ...] | tuple[Array, ...] | None = None,
         loads: Array | None = None,
+        gravity: Array | None = None,
     ) -> Rods:
         """Return the record of the rod at each of these chamber pressures (n,) Pa.
 
         history: that of `actuate`, the same at all of the pressures; or per acting effect an array
         (n, numbers), one history per pressure. None: an arm that has rested for ever at each.
         loads (n, 3): true F1, F2 (N), M (N m), for effects that go with them; None: no load.
+        gravity (n, 2): along x and y, in g; None: as the arm has it.
         """
         pressure = frozen_array(pressure)  # kernels are compiled again for what may be written
         sections, rotation = self.table.at(pressure)
         clamp = np.tile(self.clamp_record, (pressure.size, 1))
+        if gravity is not None:
+            self.add_gravity(sections, clamp, self.gravity.beside(gravity))
         record = Record.without_pushes(sections, clamp, rotation)
 
         def mixed(weights: Array) -> Array:

@@ -8,14 +8,20 @@ import math
 import re
 from typing import Any
 
+import numpy as np
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.units import check_quantities, quantity
 
 OUT_OF_PLANE = 'out_of_plane'
+IMU = 'imu'
+FIXED = '='  # no name of a frame
 ROUNDING = 1e-3  # a unit vector written with three digits may be longer than 1 by this much
+FRAME_NAME = re.compile(r'/?[A-Za-z_][\w/.-]*')
 ALLOWED = (
     f'must be {OUT_OF_PLANE}, or x and y of the unit vector that points down, in the base frame, '
-    'as [0, -1]; a plane that is tilted has a shorter one'
+    'as [0, -1]; a plane that is tilted has a shorter one. A base that turns is followed by '
+    f'{IMU}, or by the name of a tf frame whose z points up'
 )
 
 
@@ -23,33 +29,43 @@ ALLOWED = (
 class Gravity:
     """Part of the unit vector along gravity that lies in the plane of bending.
 
-    Both are zero where gravity is normal to the plane: then the weight bends nothing.
+    Both are zero where gravity is normal to the plane: then the weight bends nothing. source: who
+    knows better. Empty: `base_imu`, where there is one; `FIXED`: nobody; `IMU`: only `base_imu`;
+    else the name of a tf frame whose z points up.
     """
 
     x: float = quantity(0.0, unit='-', meaning='share of gravity along E1', bounds=(-1.0, 1.0))
     y: float = quantity(0.0, unit='-', meaning='share of gravity along E2', bounds=(-1.0, 1.0))
+    source: str = ''
 
     def __post_init__(self) -> None:
         """Check the numbers."""
         check_quantities(self, 'gravity')
 
     @property
-    def is_neutral(self) -> bool:
-        """Whether gravity is normal to the plane of bending."""
-        return self.x == 0.0 and self.y == 0.0
+    def is_measured(self) -> bool:
+        """Whether only a sensor or a frame says where gravity points."""
+        return self.source not in ('', FIXED)
+
+    def beside(self, measured: Array) -> Array:
+        """Return how far gravity (..., 2), in g, is from here."""
+        return np.asarray(measured - np.array([self.x, self.y]))
 
     @property
     def direction(self) -> str | list[float]:
         """The direction as a model file has it."""
-        return OUT_OF_PLANE if self.is_neutral else [self.x, self.y]
+        if self.is_measured:
+            return self.source
+        return OUT_OF_PLANE if self.x == self.y == 0.0 else [self.x, self.y]
 
 
-def gravity_of(direction: Any) -> Gravity:
+def gravity_of(direction: Any, *, fixed: bool = False) -> Gravity:
     """Return the gravity of a direction.
 
     Args:
-        direction: `out_of_plane`, or x and y of the unit vector that points down in the base
-            frame, as two numbers or as a text such as `0, -1`.
+        direction: `out_of_plane`; x and y of the unit vector that points down in the base frame,
+            as two numbers or as a text such as `0, -1`; `imu`; or the name of a tf frame.
+        fixed: numbers hold whatever `base_imu` says.
 
     Returns:
         The gravity.
@@ -58,10 +74,12 @@ def gravity_of(direction: Any) -> Gravity:
         ModelError: anything else.
 
     """
-    values = direction
+    source, values = FIXED if fixed else '', direction
     if isinstance(direction, str):
         if direction == OUT_OF_PLANE:
-            return Gravity()
+            return Gravity(source=source)
+        if FRAME_NAME.fullmatch(direction) and direction not in ('nan', 'inf'):
+            return Gravity(source=direction.lstrip('/'))
         values = re.split(r'[,\s]+', direction.strip('[] '))
     if not isinstance(values, Sequence) or len(values) != 2:
         raise ModelError(f'gravity.direction {ALLOWED}, not {direction!r}')
@@ -74,4 +92,4 @@ def gravity_of(direction: Any) -> Gravity:
         hint = f': divide by {length:.4g}' if math.isfinite(length) else ''
         raise ModelError(f'gravity.direction {ALLOWED}, not {direction!r}{hint}')
     longer = max(length, 1.0)
-    return Gravity(x=x / longer, y=y / longer)
+    return Gravity(x=x / longer, y=y / longer, source=source)

@@ -267,9 +267,20 @@ class PerturbationTable:
         at = freeze(np.array([pressure]))
         sections, rotation = self.table.at(at)
         causes, count = self.distance.size, arm.table.sections.shape[1]
+        sections, clamp = sections.reshape(2 * causes, count, -1), self.clamp
+        gravity = gravity_of(load, 1)
+        if gravity is not None:
+            # Of the arm itself also for its neighbors: their error is one of what was measured.
+            gravity, clamp = arm.gravity.beside(gravity), clamp.copy()
+            for side, one in enumerate(self.sides):
+                own = slice(side, side + 1)
+                one.add_gravity(sections[own], clamp[own], gravity)
+            clamp = freeze(clamp)
         if not self.alike:
             near = freeze(np.array([pressure, pressure - step, pressure + step]))
             own_sections, own_rotation = self.own.at(near)
+            if gravity is not None:
+                arm.add_gravity(own_sections, clamp[:1].copy(), gravity)
             sections = sections.reshape(2, causes, *own_sections.shape[1:])
             rotation = rotation.reshape(2, causes, *own_rotation.shape[1:])
             sections[:, 0], rotation[:, 0] = own_sections[1:], own_rotation[1:]
@@ -277,7 +288,7 @@ class PerturbationTable:
                 length=arm.reach,
                 pressure=at,
                 sections=own_sections[:1],
-                clamp=self.clamp[:1],
+                clamp=clamp[:1],
                 knots=arm.knots,
                 rotation=own_rotation[:1],
                 push=np.empty((1, 0, count)),
@@ -286,7 +297,7 @@ class PerturbationTable:
             return rods, Perturbation(
                 length=self.length,
                 sections=sections,
-                clamp=self.clamp.reshape(2, causes, CLAMP_WIDTH),
+                clamp=clamp.reshape(2, causes, CLAMP_WIDTH),
                 knots=self.knots,
                 rotation=rotation,
                 push=np.empty((2, causes, 0, count)),
@@ -297,8 +308,8 @@ class PerturbationTable:
         every = near_records(arm, pressure, step, history, load)
         loads = None if load is None else load.row
         record = Record.without_pushes(
-            sections.reshape(2 * causes, count, -1),
-            self.clamp.copy(),
+            sections,
+            clamp.copy(),
             rotation.reshape(2 * causes, *arm.table.rotation.shape[1:]),
         )
         record = join_records(
@@ -321,6 +332,17 @@ class PerturbationTable:
         if arm.by_load:
             change = change.followed_by(load_change(arm, pressure, history, load, self.settings))
         return every.record(0), change
+
+    @property
+    def sides(self) -> tuple[Arm, ...]:
+        """The arms of the table, in its order."""
+        columns = self.distance.size - 1
+        return (
+            self.arm,
+            *self.neighbors[:columns],
+            self.arm,
+            *self.neighbors[columns:],
+        )
 
     def with_terms(
         self,
@@ -468,7 +490,15 @@ def near_records(
 ) -> Rods:
     """Return three records of the rod: at a pressure (Pa), a step before and a step after it."""
     loads = None if load is None or not arm.by_load else np.repeat(load.row, 3, axis=0)
-    return arm.rods(np.array([pressure, pressure - step, pressure + step]), history, loads)
+    near = np.array([pressure, pressure - step, pressure + step])
+    return arm.rods(near, history, loads, gravity_of(load, 3))
+
+
+def gravity_of(load: Load | None, count: int) -> Array | None:
+    """Return where gravity points under a load, so many times (count, 2); None: as the arm."""
+    if load is None or load.gravity is None:
+        return None
+    return np.tile(load.gravity, (count, 1))
 
 
 def load_change(
@@ -482,5 +512,8 @@ def load_change(
     step = settings.load_step * arm.weight * np.array([1.0, 1.0, arm.length])
     known = np.zeros((1, LOADS)) if load is None else load.row
     at = np.full(LOADS, pressure)
-    before, after = (arm.rods(at, history, known + sign * np.diag(step)) for sign in (-1.0, 1.0))
+    before, after = (
+        arm.rods(at, history, known + sign * np.diag(step), gravity_of(load, LOADS))
+        for sign in (-1.0, 1.0)
+    )
     return Perturbation.between(before, after, 2.0 * step, by_load=True)

@@ -14,6 +14,7 @@ from typing import Any
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.effects.user_effects import add_effects
+from pneunet_ros.estimation.base_gravity import GravitySource
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.gravity import gravity_of
@@ -140,8 +141,9 @@ EFFECTS_PATH = (
 
 
 GRAVITY = (
-    'where gravity points: out_of_plane, or x and y of the unit vector that points down, in the '
-    'base frame, as "0, -1"; empty: as in the model file'
+    'where gravity points: out_of_plane; x and y of the unit vector that points down, in the base '
+    'frame, as "0, -1"; or imu, by base_imu alone; empty: by base_imu, if it comes, or else as in '
+    'the model file'
 )
 
 
@@ -150,7 +152,18 @@ def known_model(model_file: str, effects_path: str, gravity: str = '') -> Arm:
     if effects_path:
         add_effects(effects_path)
     arm = load_model(model_path(model_file))
-    return arm if not gravity else dataclasses.replace(arm, gravity=gravity_of(gravity))
+    return (
+        arm if not gravity else dataclasses.replace(arm, gravity=gravity_of(gravity, fixed=True))
+    )
+
+
+def check_source(new: GravitySource, old: GravitySource) -> None:
+    """Refuse another source of gravity, whose topics the node does not read."""
+    if new.frame != old.frame or new.uses_imu > old.uses_imu:
+        raise RequestError(
+            'the node was started without the topics that say where gravity points by '
+            f'{new.frame or "base_imu"}: start it with that model or parameter'
+        )
 
 
 def model_path(model_file: str) -> Path:

@@ -45,6 +45,15 @@ def message_class(type_name: str) -> Callable[..., Any]:
     return found
 
 
+def has_message(type_name: str) -> bool:
+    """Whether this ROS has a type."""
+    try:
+        message_class(type_name)
+    except RequestError:
+        return False
+    return True
+
+
 def deserialize(raw: bytes, type_name: str) -> Any:
     """Return the message of a type in serialized bytes; as ROS does where it is none."""
     message = read_message(raw, type_name)

@@ -10,7 +10,7 @@ from typing import Any
 from pneunet_ros.estimation.settings import EstimatorSettings
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-PREFIXES = ('pressure_', 'ambient_', 'wrench_', 'force_offset')
+PREFIXES = ('pressure_', 'ambient_', 'wrench_', 'force_offset', 'imu_')
 NOT_OF_SENSORS = ('wrench_required', 'wrench_timeout')
 # The nodes of an arm. What is latched comes from all of them at once, and a queue of one would
 # hold that of the last alone.

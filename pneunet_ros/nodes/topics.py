@@ -15,7 +15,16 @@ from typing import Any
 from pneunet_ros.core.arrivals import ArrivalOrder
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.messages.readings import arrival_order, END_WRENCH, PRESSURE, Sensor, TARGETS
+from pneunet_ros.messages.builders import Input
+from pneunet_ros.messages.readings import (
+    arrival_order,
+    BASE_IMU,
+    END_WRENCH,
+    FIXED_FRAMES,
+    FRAMES,
+    PRESSURE,
+    TARGETS,
+)
 from pneunet_ros.nodes.prompt_executor import AtOnce
 from pneunet_ros.nodes.ros_types import deserialize, message_class
 from pneunet_ros.nodes.shedding import MOST_WAITING
@@ -36,7 +45,9 @@ POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILIT
 # 0.2 s of pressures at 100 Hz and of a force sensor at 1 kHz: nothing is lost while a node is busy
 # with a frame. A node slower than its pressures is late by as many of them.
 DEPTH = MOST_WAITING
-DEPTH_OF = {END_WRENCH: 10 * DEPTH}
+DEPTH_OF: Mapping[Input[Any], int] = dict.fromkeys(
+    (END_WRENCH, BASE_IMU, FRAMES, FIXED_FRAMES), 10 * DEPTH
+)
 
 
 def input_qos(depth: int = DEPTH) -> QoSProfile:
@@ -53,11 +64,11 @@ def output_qos() -> QoSProfile:
     )
 
 
-def latched_qos() -> QoSProfile:
+def latched_qos(depth: int = 1) -> QoSProfile:
     """Return the quality of service of what late subscribers get as well."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=1,
+        depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
     )
@@ -102,7 +113,7 @@ def group_of(
     return AtOnce(order, topic, getattr(node, 'errors', None), patience_ns, read)
 
 
-def subscribe_in_order(node: Any, takes: Mapping[Sensor[Any], Callable[..., None]]) -> None:
+def subscribe_in_order(node: Any, takes: Mapping[Input[Any], Callable[..., None]]) -> None:
     """Subscribe to the topics of sensors, whose messages are taken in one order.
 
     takes: what takes a message of a sensor and what rclpy knows of it, by sensors in the order of
@@ -116,7 +127,9 @@ def subscribe_in_order(node: Any, takes: Mapping[Sensor[Any], Callable[..., None
         read = partial(deserialize, type_name=sensor.type)
         group = group_of(node, order, sensor.name, read)
         qos = input_qos(DEPTH_OF.get(sensor, DEPTH))
-        subscription(node, sensor.type, sensor.name, take, qos, group=group)
+        if sensor is FIXED_FRAMES:
+            qos = latched_qos(qos.depth)
+        subscription(node, sensor.type, sensor.topic, take, qos, group=group)
 
 
 def _overridable(

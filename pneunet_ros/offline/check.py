@@ -18,6 +18,7 @@ from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, SENSORS
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.offline.judge import judge_recording, NO_VERDICTS, Verdicts
 from pneunet_ros.offline.uses import run_reader, UseRequest, uses
+from pneunet_ros.recordings.recorded_gravity import mounted, read_gravity
 from pneunet_ros.recordings.recorded_series import (
     find_series,
     nearest,
@@ -40,15 +41,21 @@ def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
     recording = open_recording(path)
     sentences = [*recording.sentences]
     series: dict[str, ReadingSeries] = {}
+    settings = mounted(recording, request.overrides, request.settings)
     for sensor in SENSORS:
         try:
             topic = find_series(recording, sensor, request.overrides, required=False)
             if topic is not None:
-                series |= read_series(recording, {sensor.name: topic}, request.settings)
+                series |= read_series(recording, {sensor.name: topic}, settings)
         except RecordingError as error:
             sentences.append(str(error))
     for item in series.values():
         sentences += item.sentences()
+    try:
+        gravity = read_gravity(recording, request.overrides, settings, request.arm.gravity)
+        sentences += [] if gravity is None else gravity.sentences
+    except RecordingError as error:
+        sentences.append(str(error))
     series = {name: item for name, item in series.items() if len(item.stamp_ns)}
     try:
         verdicts = judge_recording(

@@ -8,13 +8,15 @@ import math
 from typing import Any
 
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.estimation.base_gravity import GravitySource
 from pneunet_ros.fusion.belief_estimate import OF_THE_BENCH
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.health import FusionHealth
 from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.messages.builders import Input
 from pneunet_ros.messages.fusion import fuse_message, FUSION_OUTPUTS
-from pneunet_ros.messages.readings import END_WRENCH, OF_FUSION, PRESSURE, Sensor, TARGETS
+from pneunet_ros.messages.readings import END_WRENCH, gravity_inputs, OF_FUSION, PRESSURE, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.offline.diagnostics import Diagnostics, namespace_of
 from pneunet_ros.offline.replay import estimate_topic, messages_in_order
@@ -34,15 +36,22 @@ class FusionStep:
 
 
 def fusion_topics(
-    recording: Recording, overrides: Mapping[str, str], *, wrench: bool
-) -> dict[str, Sensor[Any]]:
+    recording: Recording,
+    overrides: Mapping[str, str],
+    *,
+    wrench: bool,
+    gravity: GravitySource | None = None,
+) -> dict[str, Input[Any]]:
     """Return the topics of a recording to fuse: targets and pressure, and a wrench if wanted.
 
     The pressure is last: of what is read at one time, it makes the estimate. overrides: full topic
     name by last name. Raises RecordingError where pressure or targets are
-    missing, or there are two candidates.
+    missing, or there are two candidates. gravity: who says where it points, None: nobody.
     """
-    topics: dict[str, Sensor[Any]] = {}
+    topics: dict[str, Input[Any]] = {}
+    for one in () if gravity is None else gravity_inputs(gravity):
+        name = find_series(recording, one, overrides, required=False)
+        topics |= {} if name is None else {name: one}
     if wrench:
         name = find_series(recording, END_WRENCH, overrides, required=False)
         topics |= {} if name is None else {name: END_WRENCH}
@@ -53,7 +62,7 @@ def fusion_topics(
 
 
 def fusion_steps(
-    recording: Recording, fusion: Fusion, topics: Mapping[str, Sensor[Any]]
+    recording: Recording, fusion: Fusion, topics: Mapping[str, Input[Any]]
 ) -> Iterator[FusionStep]:
     """Feed the recorded readings and frames to the fusion in the order in which its node does."""
     state = FusionState()
@@ -66,7 +75,7 @@ class FusionDiagnostics:
     """What the node `fusion` would report of the steps of a replay."""
 
     def __init__(
-        self, writer: RecordingWriter, fusion: Fusion, topics: Mapping[str, Sensor[Any]]
+        self, writer: RecordingWriter, fusion: Fusion, topics: Mapping[str, Input[Any]]
     ) -> None:
         """Begin; topics: sensors by the names of their topics."""
         names = {sensor.name: name for name, sensor in topics.items()}
@@ -98,7 +107,7 @@ def record_fusion(
     writer: RecordingWriter,
     recording: Recording,
     fusion: Fusion,
-    topics: Mapping[str, Sensor[Any]],
+    topics: Mapping[str, Input[Any]],
     on_progress: Callable[[FusionStep], None],
 ) -> None:
     """Write the inputs, unchanged, and all outputs of the fusion; `on_progress` sees each step.

@@ -23,15 +23,15 @@ from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.health import EstimatorHealth
 from pneunet_ros.estimation.persistent_errors import KeptFrames, persistent_errors
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.messages.builders import header_stamp, Output, UNREADABLE
+from pneunet_ros.messages.builders import header_stamp, Input, Output, UNREADABLE
 from pneunet_ros.messages.consistency import take_targets_message
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.readings import (
     arrival_order,
     END_WRENCH,
+    gravity_inputs,
     OF_ESTIMATOR,
     PRESSURE,
-    Sensor,
     TARGETS,
 )
 from pneunet_ros.messages.serializer import MessageSerializer
@@ -58,18 +58,18 @@ class Step:
 
 def input_topics(
     recording: Recording, estimator: Estimator, overrides: Mapping[str, str]
-) -> dict[str, Sensor[Any]]:
+) -> dict[str, Input[Any]]:
     """Return the topics of a recording that the estimator reads, the pressure last.
 
     overrides: full topic name by last name, as `--topic pressure=/my/name` gives them. Raises
     RecordingError where a topic is missing or there are two candidates.
     """
-    needed = [
-        sensor
-        for sensor in OF_ESTIMATOR
-        if sensor is not TARGETS and sensor.needed(estimator.settings)
-    ]
-    found = ((find_series(recording, sensor, overrides), sensor) for sensor in needed)
+    beside = gravity_inputs(estimator.gravity)
+    needed = [one for one in (END_WRENCH, PRESSURE) if one.needed(estimator.settings)]
+    found = (
+        (find_series(recording, one, overrides, required=one not in beside), one)
+        for one in (*beside, *needed)
+    )
     return {topic: sensor for topic, sensor in found if topic is not None}
 
 
@@ -86,7 +86,7 @@ def targets_topic(
 
 
 def messages_in_order(
-    recording: Recording, topics: Mapping[str, Sensor[Any]], ties: Iterable[Sensor[Any]]
+    recording: Recording, topics: Mapping[str, Input[Any]], ties: Iterable[Input[Any]]
 ) -> Iterator[RecordedMessage]:
     """Yield the messages of these topics as a node takes them, the log time being their arrival.
 
@@ -107,7 +107,7 @@ def messages_in_order(
 def steps(
     recording: Recording,
     estimator: Estimator,
-    topics: Mapping[str, Sensor[Any]],
+    topics: Mapping[str, Input[Any]],
     targets: str | None = None,
 ) -> Iterator[Step]:
     """Feed the recorded readings to the estimator in the order in which its node takes them.
@@ -147,7 +147,7 @@ class EstimatorDiagnostics:
     """What the node `estimator` would report of the steps of a replay."""
 
     def __init__(
-        self, writer: RecordingWriter, estimator: Estimator, topics: Mapping[str, Sensor[Any]]
+        self, writer: RecordingWriter, estimator: Estimator, topics: Mapping[str, Input[Any]]
     ) -> None:
         """Begin; topics: sensors by the names of their topics."""
         pressure = next(name for name, sensor in topics.items() if sensor is PRESSURE)
@@ -196,7 +196,7 @@ def record_steps(
     writer: RecordingWriter,
     recording: Recording,
     estimator: Estimator,
-    topics: Mapping[str, Sensor[Any]],
+    topics: Mapping[str, Input[Any]],
     on_progress: Callable[[Step], None],
     markers: Sequence[Output[ShapeEstimate]] = (),
     targets: str | None = None,

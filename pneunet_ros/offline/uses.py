@@ -67,7 +67,9 @@ def run_reader(recording: Recording, request: UseRequest) -> Callable[[], Record
         if find_series(recording, TIP_POSE, request.overrides, required=False) is None:
             find_series(recording, TARGETS, request.overrides)
         targets = request.arm.target_arclength.size
-        return read_run(recording.path, targets, request.overrides, request.settings)[0]
+        return read_run(
+            recording.path, targets, request.overrides, request.settings, request.arm.gravity
+        )[0]
 
     return read
 

@@ -20,10 +20,12 @@ from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.dataset import frame_instants, frames_in_jumps, RecordingData
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS, TIP_POSE
+from pneunet_ros.model.gravity import Gravity
+from pneunet_ros.recordings.recorded_gravity import read_gravity
 from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series, ReadingSeries
 from pneunet_ros.recordings.recording import open_recording, Recording
 
-_AS_SHIPPED = EstimatorSettings()
+_AS_SHIPPED, _AS_MODEL = EstimatorSettings(), Gravity()
 _NO_OVERRIDES: Mapping[str, str] = MappingProxyType({})
 
 
@@ -32,6 +34,7 @@ def read_run(
     targets: int,
     overrides: Mapping[str, str] = _NO_OVERRIDES,
     settings: EstimatorSettings = _AS_SHIPPED,
+    gravity: Gravity = _AS_MODEL,
 ) -> tuple[RecordingData, tuple[str, ...]]:
     """Read pressure, end wrench and targets of a recording, as calibration and diagnosis take it.
 
@@ -47,6 +50,7 @@ def read_run(
         targets: how many the arm has.
         overrides: full topic name by last name.
         settings: what readings mean: sign and yaw of the wrench, gauge or absolute pressure.
+        gravity: where the model has it, and whether a sensor knows better.
 
     Returns:
         The recording (Pa gauge; N, N m, m in the base frame), and sentences on what is left out.
@@ -98,6 +102,12 @@ def read_run(
         if is_constant(wrench.values):
             known = True
             sentences.append(f'{wrench.topic} never changes: a known load, which no sensor read')
+    measured = read_gravity(recording, overrides, settings, gravity)
+    if measured is not None:
+        sentences += measured.sentences
+        unknown = keep & ~measured.near(frames.stamp_ns)
+        _say_left_out(sentences, frames, unknown, 'nobody says where gravity pointed')
+        keep &= ~unknown
     if not keep.any():
         raise RecordingError(f'{path}: no frame is left: {"; ".join(sentences)}')
     run = RecordingData(
@@ -117,6 +127,9 @@ def read_run(
         y=points[keep, 1],
         tip_pose=None if pose is None else pose[keep],
         tip_frame=tip_frame(recording, topics.get(TIP_POSE.name), settings),
+        gravity=None if measured is None else measured.at(frames.stamp_ns[keep]),
+        gravity_stamp_ns=None if measured is None else measured.stamp_ns,
+        gravity_read=None if measured is None else measured.direction,
     )
     return run, tuple(sentences)
 

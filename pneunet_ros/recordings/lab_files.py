@@ -18,7 +18,13 @@ from pneunet_ros.files.npz import ArchiveError, Declared, read_arrays
 from pneunet_ros.files.yaml_file import one_line
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
 from pneunet_ros.lab.scenario import describe
-from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS, targets_message
+from pneunet_ros.messages.readings import (
+    BASE_IMU,
+    END_WRENCH,
+    PRESSURE,
+    TARGETS,
+    targets_message,
+)
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording
 
@@ -70,8 +76,13 @@ def write_lab(
         np.savez_compressed(temporary, allow_pickle=False, **truth_arrays(recording))
         topics = {
             sensor.name: writer.add(f'{NAMESPACE}/{sensor.name}', sensor.type)
-            for sensor in (PRESSURE, END_WRENCH, TARGETS)
-            if sensor is not END_WRENCH or recording.loaded
+            for sensor, count in (
+                (PRESSURE, 1),
+                (END_WRENCH, recording.loaded),
+                (TARGETS, 1),
+                (BASE_IMU, recording.imu_stamp_ns.size),
+            )
+            if count
         }
         for log_time, name, message in messages(recording):
             writer.write(topics[name], log_time, message)
@@ -81,7 +92,12 @@ def write_lab(
 
 def message_count(recording: LabRecording) -> int:
     """Count the messages of a recording."""
-    stamps = recording.reading_stamp_ns, recording.wrench_stamp_ns, recording.stamp_ns
+    stamps = (
+        recording.reading_stamp_ns,
+        recording.wrench_stamp_ns,
+        recording.stamp_ns,
+        recording.imu_stamp_ns,
+    )
     return sum(item.size for item in stamps)
 
 
@@ -101,7 +117,11 @@ def messages(recording: LabRecording) -> Iterator[Message]:
         # The tracker knows the white part of its noise.
         return targets_message(stamp_ns, x, y, BASE_FRAME, ROSBAGS_TYPES, std)
 
+    def imu(stamp_ns: int, index: int) -> Any:
+        return BASE_IMU.message(stamp_ns, recording.imu[index], BASE_FRAME, ROSBAGS_TYPES)
+
     sources = (
+        (BASE_IMU, recording.imu_stamp_ns, TRANSPORT_NS, imu),
         (END_WRENCH, recording.wrench_stamp_ns, TRANSPORT_NS, wrench),
         (PRESSURE, recording.reading_stamp_ns, TRANSPORT_NS, pressure),
         (TARGETS, recording.stamp_ns, TRACKING_NS, targets),

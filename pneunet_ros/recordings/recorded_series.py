@@ -15,7 +15,7 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.stamps import AHEAD, match_stamps, StampGate, Stamps, STARTS_ANEW
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.messages.builders import IMAGE_TYPE, UNREADABLE
+from pneunet_ros.messages.builders import IMAGE_TYPE, Input, UNREADABLE
 from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
 from pneunet_ros.messages.readings import (
     END_WRENCH,
@@ -72,7 +72,7 @@ class ReadingSeries:
 
 def find_series(
     recording: Recording,
-    sensor: Sensor[Any],
+    sensor: Input[Any],
     overrides: Mapping[str, str],
     *,
     required: bool = True,
@@ -89,7 +89,7 @@ def find_series(
     return recording.find(name, sensor.type, override)
 
 
-def without_topic(recording: Recording, sensor: Sensor[Any]) -> str:
+def without_topic(recording: Recording, sensor: Input[Any]) -> str:
     """Say that a recording has no topic of a sensor, and what to type."""
     types = {topic.type for topic in recording.topics}
     others = [topic.name for topic in recording.topics if topic.type == sensor.type]

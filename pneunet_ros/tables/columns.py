@@ -53,6 +53,7 @@ _UNIT_SPELLINGS = {
     'hours': 'h',
     'days': 'd',
 }
+_LETTERS = {ord('µ'): 'u', ord('μ'): 'u', ord('°'): 'deg', ord('²'): '2', ord('^'): ''}
 _UNITS = {'ns', *(unit for units in SI_PER_UNIT.values() for unit in units)}
 # How names end that tables of ROS messages have, in any folder of topics.
 _OF_MESSAGES = {
@@ -140,7 +141,7 @@ def names_no_unit(name: str) -> bool:
 
 
 def _plain(name: str) -> str:
-    text = name.strip().lower().translate({ord('µ'): 'u', ord('μ'): 'u', ord('°'): 'deg'})
+    text = name.strip().lower().translate(_LETTERS)
     text = _UNIT_IN_BRACKETS.sub(r' \1', text)
     plain = _BETWEEN_WORDS.sub('_', text).strip('_')
     head, _, unit = plain.rpartition('_')

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 
 import numpy as np
-from pneunet_ros.core.units import quantities
+from pneunet_ros.core.units import quantities, STANDARD_GRAVITY
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.scenario import Scenario
@@ -40,7 +40,19 @@ def run_of(recording: LabRecording) -> RecordingData:
         wrench=np.column_stack([recording.wrench_force, recording.wrench_moment])
         if recording.loaded
         else None,
+        **({} if not recording.imu.size else gravity_of(recording, recording.stamp_ns[kept])),
     )
+
+
+def gravity_of(recording: LabRecording, stamp_ns: np.ndarray) -> dict[str, np.ndarray]:
+    """Return gravity as the accelerometer of a recording tells it, at frames and at its own."""
+    read = -recording.imu[:, :2] / STANDARD_GRAVITY
+    at_frames = [np.interp(stamp_ns, recording.imu_stamp_ns, column) for column in read.T]
+    return {
+        'gravity': np.column_stack(at_frames),
+        'gravity_stamp_ns': recording.imu_stamp_ns,
+        'gravity_read': read,
+    }
 
 
 def true_model(scenario: Scenario) -> Arm:

@@ -56,7 +56,7 @@ def _places(tree: ast.AST) -> Iterator[ast.expr]:
         if isinstance(node, ast.keyword) and node.arg == 'reason':
             yield node.value
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            if node.func.id == 'refuse' and len(node.args) > 1:
+            if node.func.id in ('refuse', 'drop') and len(node.args) > 1:
                 yield node.args[1]
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             if node.func.attr == 'count_unused':

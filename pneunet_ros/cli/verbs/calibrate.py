@@ -14,6 +14,7 @@ from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.motion_fit import fit_motion, MotionFit
 from pneunet_ros.cli.experiments import (
     add_experiments,
+    as_measured,
     calibration_settings,
     read_experiments,
 )
@@ -132,6 +133,7 @@ def run(arguments: Namespace) -> int:
             (arguments.unloaded, arguments.loaded, arguments.motion), frame, arguments, bar
         )
         unloaded, loaded, swinging = read.groups
+        frame = as_measured(frame, (*unloaded, *loaded))
         if not unloaded:
             unloaded = tuple(run for run in loaded if not run.loaded)
             loaded = tuple(run for run in loaded if run.loaded)

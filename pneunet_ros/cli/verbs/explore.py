@@ -164,7 +164,7 @@ def run(arguments: Namespace) -> int:
     def record(experiment: Experiment, limits: SafeSet, number: int) -> RecordingData:
         path = folder / f'recording_{number + 1:02d}.mcap'
         write(experiment, limits, path)
-        data, sentences = read_run(path, model.target_arclength.size)
+        data, sentences = read_run(path, model.target_arclength.size, gravity=model.gravity)
         notes.extend(f'{path.name}: {sentence}' for sentence in sentences)
         for sentence in sentences:
             console.print(f'note: {path.name}: {sentence}')

@@ -32,6 +32,7 @@ from pneunet_ros.estimation.shape_error import Tips
 from pneunet_ros.messages.builders import POSE_TYPE
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.offline.table_conversion import tabulate
+from pneunet_ros.recordings.recorded_gravity import mounted
 from pneunet_ros.recordings.recorded_series import find_all_series, read_series
 from pneunet_ros.recordings.recorded_shapes import read_tips, TIP
 from pneunet_ros.recordings.recording import open_recording
@@ -81,7 +82,8 @@ def run(arguments: Namespace) -> int:
     sentences = [*recording.sentences]
     tips = None
     with reading_bar(shown=not arguments.json):
-        series = read_series(recording, topics, settings_of(arguments))
+        settings = mounted(recording, topics, settings_of(arguments))
+        series = read_series(recording, topics, settings)
         for item in series.values():
             sentences += item.sentences()
         if tip_topic is not None and recording.count([tip_topic]):

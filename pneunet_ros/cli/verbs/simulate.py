@@ -78,7 +78,8 @@ def options(parser: ArgumentParser) -> None:
         '--engine',
         choices=('chain', 'mujoco'),
         help='chain: the arm is in equilibrium all the time; mujoco: it has mass and is moved by '
-        'MuJoCo, as the block `motion` of the scenario says (default: mujoco where there is one)',
+        'MuJoCo; in both its base moves as the block `motion` of the scenario says (default: '
+        'mujoco where there is one)',
     )
     add_json(parser)
 
@@ -91,13 +92,10 @@ def run(arguments: Namespace) -> int:
     if arguments.seed is not None:
         scenario = dataclasses.replace(scenario, seed=arguments.seed)
     scenario = scenario.with_effects(changes_of(arguments.effect))
-    if arguments.engine == 'mujoco' and scenario.motion is None:
-        scenario = dataclasses.replace(scenario, motion=LabMotion())
-    elif arguments.engine == 'chain' and scenario.motion is not None:
-        raise RequestError(
-            f'{scenario.name} has a block motion, which a chain in equilibrium cannot carry: '
-            'leave --engine out, or the block'
-        )
+    if arguments.engine == 'mujoco' or (arguments.engine and scenario.motion is not None):
+        inertia = float(arguments.engine == 'mujoco')
+        motion = dataclasses.replace(scenario.motion or LabMotion(), inertia=inertia)
+        scenario = dataclasses.replace(scenario, motion=motion)
     memory = memory_after(arguments.after) if arguments.after is not None else None
     started = time.perf_counter()
     recording = simulate(scenario, memory)

@@ -43,7 +43,8 @@ class FrameInputs:
     chamber, chamber_std: pressure in it, and of its white noise (Pa); history: of the effects;
     moment, moment_std (N m): at the tip; by_column (columns,): what one sigma of each column of
     the law changes of the pressure, by effects of sensing; late (memory,) Pa: how far the
-    pressures that lag, and the one behind a play, are from the chamber.
+    pressures that lag, and the one behind a play, are from the chamber; gravity: along x and y, in
+    g, None: as the model has it.
     """
 
     chamber: float
@@ -53,6 +54,7 @@ class FrameInputs:
     moment_std: float
     by_column: Array
     late: Array
+    gravity: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

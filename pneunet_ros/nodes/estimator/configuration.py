@@ -21,6 +21,7 @@ from pneunet_ros.messages.markers import ArmInUse, markers_output, TIP_FRAME, tr
 from pneunet_ros.model.uncertainty import error_left_out
 from pneunet_ros.nodes.model_info import model_info
 from pneunet_ros.nodes.parameters import (
+    check_source,
     EFFECTS_PATH,
     GRAVITY,
     known_model,
@@ -77,6 +78,7 @@ PARAMETERS = ParameterTable(
         {
             'effects_path',
             'frame_id',
+            'gravity_frame',
             'publish_joint_states',
             'publish_markers',
             'publish_tf',
@@ -161,7 +163,10 @@ def configured_estimator(
         arm = current.estimator.arm
     else:
         arm = known_model(node.model_file, node.effects_path, node.gravity)
-    return EstimatorConfiguration(node=node, estimator=Estimator(arm=arm, settings=settings))
+    found = EstimatorConfiguration(node=node, estimator=Estimator(arm=arm, settings=settings))
+    if current is not None:
+        check_source(found.estimator.gravity, current.estimator.gravity)
+    return found
 
 
 def select_wrench_settings(settings: EstimatorSettings) -> WrenchConvention:

@@ -6,6 +6,8 @@ parameters, services, diagnostics and the log.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 import time
 from typing import Any
 
@@ -16,10 +18,16 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.health import EstimatorHealth
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.messages.builders import UNREADABLE
+from pneunet_ros.messages.builders import Input, UNREADABLE
 from pneunet_ros.messages.consistency import take_targets_message
 from pneunet_ros.messages.estimate import OUTPUTS
-from pneunet_ros.messages.readings import END_WRENCH, OF_ESTIMATOR, PRESSURE, TARGETS
+from pneunet_ros.messages.readings import (
+    END_WRENCH,
+    gravity_inputs,
+    OF_ESTIMATOR,
+    PRESSURE,
+    TARGETS,
+)
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.nodes.configured_node import ConfiguredNode
@@ -33,7 +41,7 @@ from pneunet_ros.nodes.estimator.warm_up import warm_up
 from pneunet_ros.nodes.place import ALONE, Place
 from pneunet_ros.nodes.pressure_zero import PressureZero
 from pneunet_ros.nodes.publisher import EstimatePublisher
-from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
+from pneunet_ros.nodes.ros_types import has_message, RCLPY_TYPES, serialize
 from pneunet_ros.nodes.topics import subscribe_in_order
 
 USAGE = """usage: pneunet-estimator [--ros-args ...]
@@ -72,17 +80,38 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         self.zero = PressureZero(self, self.in_use)
 
         self.topics = {
-            sensor.name: self.resolve_topic_name(sensor.name) for sensor in OF_ESTIMATOR
+            sensor.name: self.resolve_topic_name(sensor.topic) for sensor in OF_ESTIMATOR
         }
         self.health = EstimatorHealth(self.topics[PRESSURE.name], time.monotonic())
-        takes = {
-            END_WRENCH: self.take_wrench,
-            PRESSURE: self.take_pressure,
-            TARGETS: self.take_targets,
+        source = self.configuration.estimator.gravity
+        takes: dict[Input[Any], Callable[..., None]] = {
+            one: partial(self.take_gravity, one)
+            for one in gravity_inputs(source)
+            # An Imu whose frame is known needs no frames, which not every ROS has.
+            if source.frame or has_message(one.type)
         }
-        needed = [sensor for sensor in OF_ESTIMATOR if sensor.needed(settings)]
-        subscribe_in_order(self, {sensor: takes[sensor] for sensor in needed})
+        for sensor, take in (
+            (END_WRENCH, self.take_wrench),
+            (PRESSURE, self.take_pressure),
+            (TARGETS, self.take_targets),
+        ):
+            if sensor.needed(settings):
+                takes[sensor] = take
+        subscribe_in_order(self, takes)
         self.tell_ready()
+
+    def take_gravity(self, sensor: Input[Any], message: Any, info: dict[str, int]) -> None:
+        """Take a message that says where gravity points."""
+        self.note_message(self.topics[sensor.name], info)
+        try:
+            reading = sensor.decode(message)
+        except MessageError as error:
+            self.refuse_message(error)
+            return
+        self.state, refusal = self.configuration.estimator.step(self.state, reading)
+        if isinstance(refusal, Refusal):
+            self.health.note_refusal(refusal)
+            self.log_refusal(refusal)
 
     def take_wrench(self, message: Any, info: dict[str, int]) -> None:
         """Take a wrench message."""

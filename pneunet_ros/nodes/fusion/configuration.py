@@ -16,6 +16,7 @@ from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.model.uncertainty import error_left_out
 from pneunet_ros.nodes.model_info import model_info
 from pneunet_ros.nodes.parameters import (
+    check_source,
     EFFECTS_PATH,
     GRAVITY,
     known_model,
@@ -87,7 +88,9 @@ class NodeSettings:
 
 PARAMETERS = ParameterTable(
     owners=(NodeSettings, EstimatorSettings),
-    read_only=frozenset({'effects_path', 'frame_id', 'free_tip', 'stations', 'use_wrench'}),
+    read_only=frozenset(
+        {'effects_path', 'frame_id', 'free_tip', 'gravity_frame', 'stations', 'use_wrench'}
+    ),
     # A wrench is used where there is a fresh one, and targets are what it lives on.
     left_out=frozenset({'wrench_required', 'watch_targets', 'watch_time'}),
 )
@@ -157,4 +160,6 @@ def configured_fusion(
     else:
         arm = known_model(node.model_file, node.effects_path, node.gravity)
     fusion = Fusion(arm=arm, sensors=sensors, settings=node.fusion)
+    if current is not None:
+        check_source(fusion.gravity, current.fusion.gravity)
     return FusionConfiguration(node=node, fusion=fusion)

@@ -16,8 +16,9 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.health import FusionHealth
 from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.messages.builders import Input
 from pneunet_ros.messages.fusion import fuse_message, FUSION_OUTPUTS
-from pneunet_ros.messages.readings import END_WRENCH, OF_FUSION, PRESSURE, Sensor, TARGETS
+from pneunet_ros.messages.readings import END_WRENCH, gravity_inputs, OF_FUSION, PRESSURE, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.nodes.configured_node import ConfiguredNode
@@ -30,7 +31,7 @@ from pneunet_ros.nodes.fusion.warm_up import warm_up
 from pneunet_ros.nodes.place import ALONE, Place
 from pneunet_ros.nodes.pressure_zero import PressureZero
 from pneunet_ros.nodes.publisher import EstimatePublisher
-from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
+from pneunet_ros.nodes.ros_types import has_message, RCLPY_TYPES, serialize
 from pneunet_ros.nodes.topics import subscribe_in_order
 
 USAGE = """usage: pneunet-fusion [--ros-args ...]
@@ -64,16 +65,21 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         self.open_services()
         self.zero = PressureZero(self, self.in_use)
 
-        topics = {sensor.name: self.resolve_topic_name(sensor.name) for sensor in OF_FUSION}
+        topics = {sensor.name: self.resolve_topic_name(sensor.topic) for sensor in OF_FUSION}
         self.health = FusionHealth(topics[PRESSURE.name], topics[TARGETS.name], time.monotonic())
         wrench = node.use_wrench and not node.free_tip
-        read = [sensor for sensor in OF_FUSION if wrench or sensor is not END_WRENCH]
+        beside = [
+            one
+            for one in gravity_inputs(fusion.gravity)
+            if fusion.gravity.frame or has_message(one.type)
+        ]
+        read = [*beside, *([END_WRENCH] if wrench else []), TARGETS, PRESSURE]
         subscribe_in_order(
             self, {sensor: partial(self.take, sensor, topics[sensor.name]) for sensor in read}
         )
         self.tell_ready()
 
-    def take(self, sensor: Sensor[Any], topic: str, message: Any, info: dict[str, int]) -> None:
+    def take(self, sensor: Input[Any], topic: str, message: Any, info: dict[str, int]) -> None:
         """Take a message, and publish the estimate that it gives."""
         self.note_message(topic, info)
         resets, begin = self.state.readings.resets, time.monotonic()

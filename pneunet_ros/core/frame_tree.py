@@ -1,0 +1,62 @@
+"""Frames that are turned in one another, as the topics /tf and /tf_static say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import reduce
+from types import MappingProxyType
+
+from pneunet_ros.core.frames import one_after_another, Quaternion, turned_back, UNTURNED
+from pneunet_ros.core.readings import FrameReading
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameTree:
+    """The last reading of every frame, by its name; places are not kept, only directions."""
+
+    frames: Mapping[str, FrameReading] = field(default_factory=lambda: MappingProxyType({}))
+
+    def after(self, readings: Iterable[FrameReading]) -> FrameTree:
+        """Return the tree after readings of frames, of which the later one counts."""
+        found = dict(self.frames)
+        for reading in readings:
+            known = found.get(reading.frame_id)
+            if known is None or known.fixed or known.stamp_ns <= reading.stamp_ns:
+                found[reading.frame_id] = reading
+        return FrameTree(frames=MappingProxyType(found))
+
+    def only_fixed(self) -> FrameTree:
+        """Return what of the tree holds for ever."""
+        fixed = {name: one for name, one in self.frames.items() if one.fixed}
+        return FrameTree(frames=MappingProxyType(fixed))
+
+    def between(self, frame: str, other: str) -> tuple[Quaternion, int | None] | None:
+        """Return the turn that takes vectors of one frame into another.
+
+        And the stamp (ns) of the oldest reading in it that is not fixed, None where all are. None
+        where no chain of readings joins the two.
+        """
+        ups = self._upwards(frame), self._upwards(other)
+        places = [{reading.parent: place for place, reading in enumerate(up, 1)} for up in ups]
+        of_frame, of_other = {frame: 0} | places[0], {other: 0} | places[1]
+        shared = [name for name in of_frame if name in of_other]
+        if not shared:
+            return None
+        chains = ups[0][: of_frame[shared[0]]], ups[1][: of_other[shared[0]]]
+        up, down = (
+            reduce(one_after_another, (one.quaternion for one in chain), UNTURNED)
+            for chain in chains
+        )
+        moving = [one.stamp_ns for chain in chains for one in chain if not one.fixed]
+        return one_after_another(up, turned_back(down)), min(moving, default=None)
+
+    def _upwards(self, frame: str) -> list[FrameReading]:
+        """Return the readings from a frame up to the root; a circle ends where it closes."""
+        found: list[FrameReading] = []
+        seen = {frame}
+        while (reading := self.frames.get(frame)) is not None and reading.parent not in seen:
+            found.append(reading)
+            frame = reading.parent
+            seen.add(frame)
+        return found

@@ -1,0 +1,215 @@
+"""Gravity as the base of an arm feels it: by an accelerometer on it, or by a frame of tf.
+
+The specific force that an accelerometer reads is that against gravity and against the acceleration
+of the base: what pulls at the arm in the frame of its base is its opposite. A frame knows where
+gravity points, and nothing of accelerations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+import math
+
+import numpy as np
+from pneunet_ros.core.frame_tree import FrameTree
+from pneunet_ros.core.frames import is_rotation, Quaternion, rotation_matrix, UNTURNED
+from pneunet_ros.core.outcome import drop, Refusal, refuse
+from pneunet_ros.core.readings import BaseReading, FrameReading, ImuReading
+from pneunet_ros.core.stamps import stamp_fault, STARTS_ANEW
+from pneunet_ros.core.units import seconds_between, STANDARD_GRAVITY
+from pneunet_ros.estimation.settings import EstimatorSettings, turn_of
+from pneunet_ros.model.gravity import FIXED, Gravity, IMU
+
+WHAT = 'base_imu reading'
+LEFT_OUT = 'the parameter gravity (--gravity) leaves base_imu out'
+# Half way, as ratios go, from what rests and is read in g to what is read in m/s^2; and from
+# there to mg.
+SMALLEST = math.sqrt(STANDARD_GRAVITY)
+LARGEST = math.sqrt(STANDARD_GRAVITY * 1000.0)
+Direction = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GravityReading:
+    """Gravity in the base frame: along x and y, in g."""
+
+    stamp_ns: int
+    direction: Direction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaseGravity:
+    """What is remembered of base and gravity: frames, the last good reading, and the last bad one.
+
+    trouble: why the last reading of base_imu could not be used; None: it could.
+    """
+
+    frames: FrameTree = field(default_factory=FrameTree)
+    reading: GravityReading | None = None
+    trouble: Refusal | None = None
+
+    def fresh(self) -> BaseGravity:
+        """Forget all but frames that never move, which are said once."""
+        return BaseGravity(frames=self.frames.only_fixed())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GravitySource:
+    """Who says where gravity points; settings: what readings mean; gravity: that of the arm.
+
+    frame: a tf frame whose z points up; empty: none. Without a frame it is `base_imu`, which must
+    come where the arm has no direction of its own, and which nobody asks where that is fixed.
+    """
+
+    settings: EstimatorSettings
+    gravity: Gravity
+    frame: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Find the frame."""
+        named = self.gravity.source if self.gravity.is_measured else ''
+        frame = '' if self.gravity.source == FIXED else self.settings.gravity_frame or named
+        object.__setattr__(self, 'frame', '' if frame == IMU else frame.lstrip('/'))
+
+    @property
+    def uses_imu(self) -> bool:
+        """Whether `base_imu` is asked."""
+        return not self.frame and self.gravity.source != FIXED
+
+    def take(self, known: BaseGravity, reading: BaseReading) -> tuple[BaseGravity, Refusal | None]:
+        """Take a reading of an accelerometer or of frames; it stops no estimate by itself."""
+        if not isinstance(reading, ImuReading):
+            return self.take_frames(known, reading)
+        if not self.uses_imu:
+            return known, None
+        refusal, direction = self.unfit(known, reading), None
+        if refusal is None:
+            direction, refusal = self.direction_of(known.frames, reading)
+        if direction is None:
+            ends = refusal is not None and refusal.error
+            return replace(known, trouble=refusal if ends else known.trouble), refusal
+        found = GravityReading(stamp_ns=reading.stamp_ns, direction=direction)
+        return replace(known, reading=found, trouble=None), None
+
+    def take_frames(
+        self, known: BaseGravity, readings: tuple[FrameReading, ...]
+    ) -> tuple[BaseGravity, Refusal | None]:
+        """Take frames; those that are not turned at all are left out."""
+        good = [one for one in readings if is_rotation(one.quaternion)]
+        if not self.frame and not any(one.fixed for one in good):
+            good = []  # what moves tells nothing of an accelerometer on the base
+        found = replace(known, frames=known.frames.after(good)) if good else known
+        bad = next((one for one in readings if not is_rotation(one.quaternion)), None)
+        if bad is None:
+            return found, None
+        sentence = f'the transform to {bad.frame_id!r} is no rotation: {bad.quaternion}'
+        return found, drop(bad.stamp_ns, 'no_rotation', sentence)
+
+    def unfit(self, known: BaseGravity, reading: ImuReading) -> Refusal | None:
+        """Return why a reading of the accelerometer is none, by itself; None where it is one."""
+        stamp_ns, force = reading.stamp_ns, (reading.x, reading.y, reading.z)
+        if not all(map(math.isfinite, force)):
+            return drop(stamp_ns, 'not_finite', f'{WHAT} holds NaN or infinity')
+        last = None if known.reading is None else known.reading.stamp_ns
+        reason, sentence = stamp_fault(WHAT, last, stamp_ns)
+        if reason and reason != STARTS_ANEW:
+            return drop(stamp_ns, reason, sentence)
+        size = math.hypot(*force)
+        if not reading.known:
+            sentence = (
+                f'{WHAT}: the sensor says that it measures no acceleration (first number of '
+                'linear_acceleration_covariance is -1)'
+            )
+            return refuse(stamp_ns, 'imu_without_acceleration', sentence)
+        if SMALLEST < size < LARGEST:
+            return None
+        likely = 'is it in g' if 0.5 < size < 1.5 else 'was gravity taken off'
+        likely = likely if size <= SMALLEST else 'is it in mg or in counts'
+        sentence = (
+            f'{WHAT} of {size:.3g} m/s^2: an accelerometer at rest reads '
+            f'{STANDARD_GRAVITY:.2f}; {likely}? Let the driver publish the specific '
+            f'force in m/s^2; {LEFT_OUT}'
+        )
+        return refuse(stamp_ns, 'imu_unit', sentence)
+
+    def direction_of(
+        self, frames: FrameTree, reading: ImuReading
+    ) -> tuple[Direction | None, Refusal | None]:
+        """Return gravity in the base frame, in g, or why it is not known."""
+        turn = self.turn_of_imu(frames, reading.frame_id)
+        if turn is None:
+            base = self.settings.frame_id
+            sentence = (
+                f'{WHAT} in frame {reading.frame_id!r}, and no transform on /tf_static joins it '
+                f'to {base!r}: publish it, or set imu_from_base; {LEFT_OUT}'
+            )
+            return None, refuse(reading.stamp_ns, 'imu_frame', sentence)
+        read = np.array([reading.x, reading.y, reading.z])
+        force = rotation_matrix(turn) @ read / STANDARD_GRAVITY
+        return (-float(force[0]), -float(force[1])), None
+
+    def turn_of_imu(self, frames: FrameTree, frame_id: str) -> Quaternion | None:
+        """Return the turn from the frame of the accelerometer to the base."""
+        turn = turn_of(self.settings.imu_from_base)
+        if turn is not None:
+            return turn
+        if frame_id == self.settings.frame_id:
+            return UNTURNED
+        found = frames.only_fixed().between(frame_id.lstrip('/'), self.settings.frame_id)
+        return None if found is None else found[0]
+
+    def at(self, known: BaseGravity, stamp_ns: int) -> tuple[Direction | None, Refusal | None]:
+        """Return gravity at a stamp, in g; None: as the arm has it; or why nobody knows."""
+        if self.frame:
+            return self.by_frame(known, stamp_ns)
+        if not self.uses_imu:
+            return None, None
+        trouble = known.trouble
+        if known.reading is None:
+            if trouble is not None:
+                return None, replace(trouble, stamp_ns=stamp_ns)
+            if not self.gravity.is_measured:
+                return None, None
+            sentence = (
+                'no base_imu received, by which the model has gravity: publish it, or say where '
+                'gravity points (parameter gravity, --gravity)'
+            )
+            return None, refuse(stamp_ns, 'no_imu', sentence, awaits_others=True)
+        age = seconds_between(known.reading.stamp_ns, stamp_ns)
+        if age <= self.settings.gravity_timeout:
+            return known.reading.direction, None
+        if trouble is not None:
+            return None, replace(trouble, stamp_ns=stamp_ns)
+        return None, refuse(stamp_ns, 'stale_imu', self.stale('base_imu', age))
+
+    def by_frame(
+        self, known: BaseGravity, stamp_ns: int
+    ) -> tuple[Direction | None, Refusal | None]:
+        """Return gravity by a frame whose z points up, in g, or why there is no estimate."""
+        base = self.settings.frame_id
+        found = known.frames.between(self.frame, base)
+        if found is None:
+            sentence = (
+                f'no transform joins gravity_frame {self.frame!r} to {base!r}: is it on /tf or '
+                '/tf_static, and spelled so?'
+            )
+            return None, refuse(stamp_ns, 'no_gravity_frame', sentence, awaits_others=True)
+        turn, read_ns = found
+        age = 0.0 if read_ns is None else seconds_between(read_ns, stamp_ns)
+        if age > self.settings.gravity_timeout:
+            sentence = self.stale(f'the transform from {self.frame!r} to {base!r}', age)
+            return None, refuse(stamp_ns, 'stale_gravity_frame', sentence)
+        x, y, _ = rotation_matrix(turn)[:, 2].tolist()
+        return (-x, -y), None
+
+    def moves(self, known: BaseGravity) -> bool:
+        """Whether the frame may turn in the base."""
+        found = known.frames.between(self.frame, self.settings.frame_id)
+        return found is None or found[1] is not None
+
+    def stale(self, what: str, age: float) -> str:
+        """Say that something is too old."""
+        return (
+            f'{what} is {age:.3g} s away from the pressure, more than gravity_timeout = '
+            f'{self.settings.gravity_timeout:.3g} s'
+        )

@@ -1,0 +1,92 @@
+"""What says where gravity points: messages of an accelerometer on the base, and of frames."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import MessageError
+from pneunet_ros.core.frames import Quaternion
+from pneunet_ros.core.readings import FrameReading, ImuReading
+from pneunet_ros.messages.builders import header, MessageTypes, nanoseconds, UNFIT
+
+IMU_TYPE = 'sensor_msgs/msg/Imu'
+TRANSFORM_TYPE = 'tf2_msgs/msg/TFMessage'
+
+
+def decode_imu(message: Any) -> ImuReading:
+    """Return the specific force in an Imu as it is; MessageError on another content.
+
+    The first number of its covariance is -1 where an Imu measures no acceleration.
+    """
+    try:
+        force = message.linear_acceleration
+        return ImuReading(
+            stamp_ns=nanoseconds(message.header.stamp),
+            x=float(force.x),
+            y=float(force.y),
+            z=float(force.z),
+            frame_id=str(message.header.frame_id),
+            known=float(message.linear_acceleration_covariance[0]) != -1.0,
+        )
+    except (*UNFIT, IndexError) as error:
+        raise MessageError(f'a message is no usable {IMU_TYPE}: {error}') from error
+
+
+def imu_message(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes) -> Any:
+    """Build an Imu of a specific force (3,) m/s^2; nothing else is measured."""
+    vector, quaternion = types('geometry_msgs/msg/Vector3'), types('geometry_msgs/msg/Quaternion')
+    x, y, z = map(float, row)
+    unknown, nothing = np.zeros(9), vector(x=0.0, y=0.0, z=0.0)
+    unknown[0] = -1.0
+    return types(IMU_TYPE)(
+        header=header(stamp_ns, frame_id, types),
+        orientation=quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
+        orientation_covariance=unknown,
+        angular_velocity=nothing,
+        angular_velocity_covariance=unknown,
+        linear_acceleration=vector(x=x, y=y, z=z),
+        linear_acceleration_covariance=np.zeros(9),
+    )
+
+
+def decode_frames(message: Any, *, fixed: bool) -> tuple[FrameReading, ...]:
+    """Return how frames are turned, of a TFMessage; MessageError on another content.
+
+    fixed: it comes from /tf_static.
+    """
+    try:
+        return tuple(
+            FrameReading(
+                stamp_ns=nanoseconds(one.header.stamp),
+                frame_id=str(one.child_frame_id).lstrip('/'),
+                parent=str(one.header.frame_id).lstrip('/'),
+                quaternion=_quaternion(one.transform.rotation),
+                fixed=fixed,
+            )
+            for one in message.transforms
+        )
+    except UNFIT as error:
+        raise MessageError(f'a message is no usable {TRANSFORM_TYPE}: {error}') from error
+
+
+def _quaternion(turned: Any) -> Quaternion:
+    x, y, z, w = (float(getattr(turned, name)) for name in 'xyzw')
+    return x, y, z, w
+
+
+def frame_message(reading: FrameReading, types: MessageTypes) -> Any:
+    """Build a TFMessage of one frame, which lies where its parent is."""
+    x, y, z, w = reading.quaternion
+    place = types('geometry_msgs/msg/Vector3')(x=0.0, y=0.0, z=0.0)
+    turned = types('geometry_msgs/msg/Quaternion')(x=x, y=y, z=z, w=w)
+    return types(TRANSFORM_TYPE)(
+        transforms=[
+            types('geometry_msgs/msg/TransformStamped')(
+                header=header(reading.stamp_ns, reading.parent, types),
+                child_frame_id=reading.frame_id,
+                transform=types('geometry_msgs/msg/Transform')(translation=place, rotation=turned),
+            )
+        ]
+    )

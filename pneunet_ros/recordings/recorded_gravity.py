@@ -1,0 +1,130 @@
+"""Where gravity points in a recording: through the messages and the step of the estimator."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import MessageError, RecordingError
+from pneunet_ros.core.outcome import drop, Refusal
+from pneunet_ros.core.readings import FrameReading
+from pneunet_ros.core.stamps import match_stamps, Stamps
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.estimation.base_gravity import BaseGravity, Direction, GravitySource
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.measurement.between_readings import interpolate
+from pneunet_ros.messages.builders import UNREADABLE
+from pneunet_ros.messages.readings import BASE_IMU, FIXED_FRAMES, gravity_inputs
+from pneunet_ros.model.gravity import Gravity
+from pneunet_ros.recordings.recorded_series import find_series
+from pneunet_ros.recordings.recording import Recording
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RecordedGravity:
+    """Gravity in the base frame, in g: stamps (n,) that increase, and x, y (n, 2).
+
+    reach (s): for how long a reading holds; sentences: on what was left out.
+    """
+
+    stamp_ns: Stamps
+    direction: Array
+    reach: float
+    sentences: tuple[str, ...]
+
+    def near(self, stamp_ns: Stamps) -> npt.NDArray[np.bool_]:
+        """Return at which stamps (ns) it is known."""
+        return match_stamps(stamp_ns, self.stamp_ns, self.reach * NANOSECONDS_PER_SECOND)[1]
+
+    def at(self, stamp_ns: Stamps) -> Array:
+        """Return it at stamps (n,) ns, (n, 2): on straight lines between readings."""
+        columns = self.direction.T
+        return np.column_stack([interpolate(stamp_ns, self.stamp_ns, one) for one in columns])
+
+
+def mounted(
+    recording: Recording, overrides: Mapping[str, str], settings: EstimatorSettings
+) -> EstimatorSettings:
+    """Return settings that say how the accelerometer of a recording is turned, if that is there.
+
+    It is taken from /tf_static, unless the settings or its frame say it.
+    """
+    topic = find_series(recording, BASE_IMU, overrides, required=False)
+    fixed = find_series(recording, FIXED_FRAMES, overrides, required=False)
+    if topic is None or fixed is None or settings.imu_from_base:
+        return settings
+    source = GravitySource(settings=settings, gravity=Gravity())
+    known, turn = BaseGravity(), None
+    with suppress(MessageError):  # what is no message is counted where readings are
+        for message in recording.messages([fixed]):
+            known, _ = source.take_frames(known, FIXED_FRAMES.decode(message.message))
+        for message in recording.messages([topic]):
+            turn = source.turn_of_imu(known.frames, BASE_IMU.decode(message.message).frame_id)
+            break
+    return settings if turn is None else replace(settings, imu_from_base=' '.join(map(repr, turn)))
+
+
+def read_gravity(
+    recording: Recording,
+    overrides: Mapping[str, str],
+    settings: EstimatorSettings,
+    gravity: Gravity,
+) -> RecordedGravity | None:
+    """Return where gravity pointed, as the estimator takes it; None: where the model has it.
+
+    gravity: that of the model. Raises RecordingError where nothing usable says it, and must.
+    """
+    source = GravitySource(settings=settings, gravity=gravity)
+    found = {
+        topic: sensor
+        for sensor in gravity_inputs(source)
+        if (topic := find_series(recording, sensor, overrides, required=False)) is not None
+    }
+    must = bool(source.frame) or gravity.is_measured
+    if not must and BASE_IMU not in found.values():
+        return None
+    known, refused, counts = BaseGravity(), dict[str, Refusal](), Counter[str]()
+    stamps, directions = list[int](), list[Direction]()
+    for message in recording.messages(tuple(found)):
+        refusal: Refusal | None
+        try:
+            reading = found[message.topic].decode(message.message)
+        except MessageError as error:
+            refusal = drop(message.log_time_ns, UNREADABLE, str(error))
+        else:
+            known, refusal = source.take(known, reading)
+        if refusal is not None:
+            refused.setdefault(refusal.reason, refusal)
+            counts[refusal.reason] += 1
+            continue
+        read_ns = known.reading.stamp_ns if known.reading else newest(reading)
+        direction, _ = source.at(known, read_ns)
+        if direction is not None and read_ns > (stamps[-1] if stamps else -1):
+            stamps.append(read_ns)
+            directions.append(direction)
+    if not stamps:
+        unsaid = source.at(known, 1)[1]
+        why = [one.sentence for one in refused.values()] or [unsaid.sentence if unsaid else '']
+        raise RecordingError(f'{recording.path}: {"; ".join(why)}')
+    moves = not source.frame or source.moves(known)
+    return RecordedGravity(
+        stamp_ns=np.array(stamps, dtype=np.int64),
+        direction=np.array(directions),
+        reach=settings.gravity_timeout if moves else math.inf,
+        sentences=tuple(
+            f'{count} readings of gravity left out ({reason}): {refused[reason].sentence}'
+            for reason, count in counts.items()
+        ),
+    )
+
+
+def newest(reading: Any) -> int:
+    """Return the latest stamp (ns) of readings of frames."""
+    return max((one.stamp_ns for one in reading if isinstance(one, FrameReading)), default=0)
