@@ -2,13 +2,16 @@
 
     make live                     (Ctrl-C ends it)
     python examples/live.py --seconds 30 --effects "hysteresis.width=4000"
+    make live ARGS=--ring
 
 Every node is a process of its own, started as a user would. This one commands a pressure that
 swells and falls, pulls at the tip, and prints once a second: the pressure; the tip as estimated;
 how far that is from the true one, and how far the fused one is; the pull, and how far the force is
 from it that the fusion estimates without a force sensor; the targets that the tracker sees in the
 images, and how far they are from the estimated shape (rms); how often estimates and targets come.
-A hidden effect is one that the model does not know: the distances grow.
+A hidden effect is one that the model does not know: the distances grow. With --ring the arm has
+mass, moved by MuJoCo, and the pressure steps: the model has `motion`, and whatever takes an arm
+for one at rest is centimeters off.
 """
 
 from __future__ import annotations
@@ -16,11 +19,14 @@ from __future__ import annotations
 import argparse
 from collections import deque
 from contextlib import ExitStack
+from dataclasses import replace
 import math
 import os
+from pathlib import Path
 import signal
 import subprocess
 import sys
+from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
@@ -28,8 +34,10 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStam
 import numpy as np
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.share import share_path
-from pneunet_ros.files.model_file import load_model
+from pneunet_ros.files.model_file import load_model, save_model
+from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.messages.point_cloud import cloud_points
+from pneunet_ros.model.motion import Motion
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -37,8 +45,10 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import FluidPressure, PointCloud2
 
 MODEL, CAMERA = share_path('config/lab_arm.yaml'), share_path('config/lab_camera.yaml')
+RINGING = share_path('scenarios/ringing.yaml')
 NAMESPACE = '/pneunet'
 LOWEST, HIGHEST, PERIOD = 4e3, 46e3, 16.0  # Pa, Pa, s
+STEP_PERIOD = 5.0  # s
 PULL, PULL_PERIOD = (0.03, 0.01), 11.0  # N, s
 START_TIMEOUT = 900.0  # s; the very first time the virtual arm compiles its kernels
 STILL_STARTING = 30.0  # s, after which this is said, and again
@@ -68,8 +78,9 @@ class Process:
 class Watcher(Node):
     """Commands a pressure and listens to everybody."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, steps: bool) -> None:
         super().__init__('live', namespace=NAMESPACE)
+        self.steps = steps
         self.arclength = load_model(MODEL).target_arclength
         self.begun: float | None = None
         self.tip: Any = None
@@ -102,7 +113,10 @@ class Watcher(Node):
             self.begun = time.monotonic()
             self.begin_line()
         since = 0.0 if self.begun is None else time.monotonic() - self.begun
-        level = 0.0 if self.begun is None else LOWEST + (HIGHEST - LOWEST) * swing(since, PERIOD)
+        part = swing(since, PERIOD)
+        if self.steps:
+            part = float(since % STEP_PERIOD < 0.5 * STEP_PERIOD)
+        level = 0.0 if self.begun is None else LOWEST + (HIGHEST - LOWEST) * part
         self.commands.publish(FluidPressure(fluid_pressure=level))
         part = swing(since, PULL_PERIOD)
         self.pull = PULL[0] * part, PULL[1] * part
@@ -191,9 +205,9 @@ def seconds(message: Any) -> float:
     return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
 
 
-def watch(processes: list[Process], limit: float) -> int:
+def watch(processes: list[Process], limit: float, *, steps: bool) -> int:
     """Print a line a second until the time is over; 1 where a node ended or nothing was seen."""
-    watcher, executor = Watcher(), SingleThreadedExecutor()
+    watcher, executor = Watcher(steps=steps), SingleThreadedExecutor()
     executor.add_node(watcher)
     start = told = time.monotonic()
     reminded = 0
@@ -218,6 +232,15 @@ def watch(processes: list[Process], limit: float) -> int:
             return 0
 
 
+def moving_model(folder: Path) -> Path:
+    """Return a file of the model with the damping of the ringing arm, as calibrate finds it."""
+    motion = load_scenario(RINGING).motion
+    assert motion is not None
+    arm = replace(load_model(MODEL), motion=Motion(damping_time=motion.damping_time))
+    save_model(arm, folder / 'ringing_arm.yaml')
+    return folder / 'ringing_arm.yaml'
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description='The whole stack without hardware.')
     parser.add_argument(
@@ -227,6 +250,9 @@ def main() -> int:
         help='end after so many (default: LIVE_SECONDS; 0: at Ctrl-C)',
     )
     parser.add_argument('--effects', default='', help='hidden ones: NAME.PARAMETER=VALUE ...')
+    parser.add_argument(
+        '--ring', action='store_true', help='an arm with mass, whose pressure steps (needs MuJoCo)'
+    )
     arguments = parser.parse_args()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -237,22 +263,24 @@ def main() -> int:
     )
     try:
         with ExitStack() as stack:
-            arm = [
-                'camera:=images',
-                *([f'effects:={arguments.effects}'] * bool(arguments.effects)),
-            ]
+            arm, model = ['camera:=images'], MODEL
+            arm += [f'effects:={arguments.effects}'] * bool(arguments.effects)
+            if arguments.ring:
+                arm += [f'scenario_file:={RINGING}', 'rate_limit:=400000.0', 'time_constant:=0.03']
+                arm += ['frame_rate:=30.0']
+                model = moving_model(Path(stack.enter_context(TemporaryDirectory())))
             started = [
                 stack.enter_context(Process('virtual_arm', *arm)),
-                stack.enter_context(Process('estimator', f'model_file:={MODEL}')),
+                stack.enter_context(Process('estimator', f'model_file:={model}')),
                 stack.enter_context(
-                    Process('tracker', f'model_file:={MODEL}', f'camera_file:={CAMERA}')
+                    Process('tracker', f'model_file:={model}', f'camera_file:={CAMERA}')
                 ),
                 stack.enter_context(
-                    Process('fusion', f'model_file:={MODEL}', 'use_wrench:=false')
+                    Process('fusion', f'model_file:={model}', 'use_wrench:=false')
                 ),
             ]
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-            return watch(started, arguments.seconds)
+            return watch(started, arguments.seconds, steps=arguments.ring)
     except KeyboardInterrupt:
         return 0
     finally:

@@ -42,7 +42,7 @@ FILES = {
     'track': (EVERYWHERE | {'camera_file'}, ['tracker']),
     'gripper': (EVERYWHERE, ['gripper']),
     'demo': (
-        EVERYWHERE | {'camera_file', 'effects', 'fusion', 'rviz', 'swing_period'},
+        EVERYWHERE | {'camera_file', 'effects', 'fusion', 'rviz', 'scenario_file', 'swing_period'},
         ['virtual_arm', 'estimator', 'tracker', 'fusion', 'rviz2'],
     ),
 }

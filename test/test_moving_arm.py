@@ -12,7 +12,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import STANDARD_GRAVITY
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.lab.live import LiveLab
+from pneunet_ros.lab.live import LiveLab, Valve
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.sensors import noiseless, Rates
@@ -149,6 +149,56 @@ def test_a_base_that_turns_takes_gravity_with_it():
     assert turned.motion.specific_force[-1] == pytest.approx([-STANDARD_GRAVITY, 0.0], abs=1e-2)
 
 
+def led(lab, times, pressure, load=None):
+    """Return tips (n, 2) m of a live arm at times (s), its valve told a pressure (Pa)."""
+    state, tips = lab.begin(), []
+    for time in times:
+        state = lab.step(state, float(time), pressure, load)
+        state, shape = lab.shape(state)
+        x, y, _ = shape.points([lab.scenario.arm.reach])
+        tips.append((x[0, 0], y[0, 0]))
+    return np.array(tips)
+
+
+def test_a_live_arm_rings_as_a_recorded_one():
+    scenario = held(0.0, (0.0, 0.0), duration=1.0)
+    protocol = dataclasses.replace(
+        scenario.protocol,
+        share=(0.0, 0.1, 1.0),
+        pressure=(0.0, 20e3, 20e3),
+        force_x=(0.0,) * 3,
+        force_y=(0.0,) * 3,
+    )
+    scenario = dataclasses.replace(scenario, protocol=protocol, motion=LabMotion(links=24.0))
+    recorded = simulate(scenario)
+    # Its valve fills at the rate of the ramp, and stops at once.
+    lab = LiveLab(scenario=scenario, valve=Valve(time_constant=0.0, rate_limit=2e5))
+    time = np.arange(1, 1000) * 1e-3
+    finely, coarsely = led(lab, time, 20e3), led(lab, time[9::10], 20e3)
+    assert np.abs(finely[9::10] - coarsely).max() < 1e-4
+    expected = np.array([np.interp(recorded.truth.time, time, column) for column in finely.T]).T
+    inside = (recorded.truth.time > 0.0) & (recorded.truth.time < 0.99)
+    assert np.abs(tip(recorded) - expected)[inside].max() < 4e-4
+    assert np.ptp(finely[300:], axis=0).max() > 5e-3
+
+
+def test_a_live_base_turns_and_its_accelerometer_with_it():
+    turn = LabMotion(
+        gravity_y=-1.0, turn_share=(0.0, 0.5, 1.0), turn_angle=(0.0, 1.0, 0.0), inertia=0.0
+    )
+    scenario = held(20e3, (0.0, 0.0), duration=1.0)
+    rates = dataclasses.replace(scenario.rates, imu=100.0)
+    scenario = dataclasses.replace(scenario, motion=turn, rates=rates)
+    recorded = simulate(scenario)
+    lab = LiveLab(scenario=scenario, valve=Valve(time_constant=0.0, rate_limit=1e9))
+    tips = led(lab, 3.0 + recorded.truth.time, 20e3)
+    assert np.abs(tips - tip(recorded)).max() < 1e-6
+    state = lab.step(lab.begin(), 3.5, 20e3)
+    read = lab.reading(state, np.random.default_rng(0)).imu
+    down = STANDARD_GRAVITY * np.array([-np.sin(1.0), -np.cos(1.0)])
+    assert read == pytest.approx([*-down, 0.0], abs=1e-9)
+
+
 def test_a_peg_pushes_as_hard_as_a_push_there_would():
     scenario = held(5e3, (0.0, 0.0), duration=1.2)
     protocol = dataclasses.replace(
@@ -188,8 +238,6 @@ def test_what_links_cannot_do_is_refused():
         simulate(
             dataclasses.replace(held(), motion=LabMotion(peg_x=0.05, peg_y=0.0, peg_radius=0.01))
         )
-    with pytest.raises(RequestError, match='the live arm has no mass'):
-        LiveLab(scenario=dataclasses.replace(held(), motion=LabMotion()))
     for wrong in (
         {'turn_share': (0.0, 0.5)},
         {'turn_angle': (0.0, 1.0, 2.0)},

@@ -7,6 +7,7 @@ through the same pressures and loads. There is no clock here: time is given with
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+import functools
 import math
 from typing import Final
 
@@ -15,8 +16,10 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.image import Bytes
 from pneunet_ros.core.units import check_quantities, quantity
-from pneunet_ros.lab.chain import ChainShape, equilibrium_shape
+from pneunet_ros.lab.chain import Chain, ChainShape, equilibrium_shape
 from pneunet_ros.lab.lab_effect import Course, Past
+from pneunet_ros.lab.motion import LabMotion
+from pneunet_ros.lab.moving_arm import MovingShape, Run, Swing
 from pneunet_ros.lab.pictures.lens import looking_down
 from pneunet_ros.lab.pictures.renderer import Renderer
 from pneunet_ros.lab.pictures.scene import Body, Dots, FrameState, Light, Scene
@@ -25,11 +28,13 @@ from pneunet_ros.lab.sensors import draw_placement, random_stream
 from pneunet_ros.lab.simulation import (
     apply_effects,
     chain_of,
+    for_mujoco,
     MOST_STEPS_BETWEEN,
     painted_targets,
     random_of,
     read_sensors,
     STEP,
+    with_weight,
 )
 
 OUTLINE = 57  # stations of the outline of the arm
@@ -111,6 +116,7 @@ class LiveState:
 
     course: what led there since the moment before; past: what every effect remembers; angles
     (rad) of the chain when it was last asked for its shape, from which the next one is found.
+    swing: of an arm with mass, which is that many seconds `behind`.
     """
 
     time: float
@@ -119,51 +125,77 @@ class LiveState:
     course: Course
     past: dict[str, Past]
     angles: Array | None = None
+    swing: Swing | None = None
+    behind: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LiveReading:
-    """What pressure sensor (Pa) and force sensor (N, N m) say; a load of nothing is read as 0."""
+    """What pressure sensor (Pa) and force sensor (N, N m) say; a load of nothing is read as 0.
+
+    imu (3,) m/s^2: of an accelerometer at the clamp, in the base frame; None: there is none.
+    """
 
     pressure: float
     load: Load
+    imu: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LiveLab:
     """The arm of a scenario, its valve and its sensors, live; its protocol is of no meaning here.
 
-    Of the noise, drift, jitter and occlusions are left out: they belong to whole recordings.
+    Of the noise, drift, jitter and occlusions are left out: they belong to whole recordings. With
+    a block `motion` the base repeats what it does in a recording of the scenario for ever, and an
+    arm with mass is moved by MuJoCo.
     """
 
     scenario: Scenario
     valve: Valve = field(default_factory=Valve)
     placement: Array = field(init=False)
     registration: Array = field(init=False)
+    run: Run | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Paint the targets and put up the camera, as for a recording of the same scenario."""
-        if self.scenario.motion is not None:
-            raise RequestError(
-                f'{self.scenario.name} has a block motion, and the live arm has no mass: leave '
-                'the block out, or make a recording with pneunet simulate'
-            )
         arm, noise = self.scenario.arm, self.scenario.noise
         placement = draw_placement(random_stream('placement', arm.seed), arm.targets, noise)
         beside = random_of(self.scenario, 'registration').standard_normal(2)
         object.__setattr__(self, 'placement', placement)
         object.__setattr__(self, 'registration', freeze(noise.registration_std * beside))
+        motion, run = self.scenario.motion, None
+        if motion is not None and motion.inertia:
+            rested = self._at(0.0, self.lowest, Load(), {})
+            chain_at = functools.partial(self.chain_at, rested.course, rested.load)
+            run = Run(arm, motion, chain_at, self.period)
+        object.__setattr__(self, 'run', run)
 
     def begin(self, time: float = 0.0) -> LiveState:
         """Return an unconditioned arm at rest at its lowest pressure."""
-        pressure = max(0.0, self.scenario.arm.pressure_range[0])
-        return self._at(time, pressure, Load(), {})
+        rested = self._at(time, self.lowest, Load(), {})
+        return rested if self.run is None else replace(rested, swing=self.run.resting)
+
+    @property
+    def lowest(self) -> float:
+        """The pressure (Pa) of an arm that is vented."""
+        return max(0.0, float(self.scenario.arm.pressure_range[0]))
+
+    @property
+    def period(self) -> float:
+        """The time (s) in which the base repeats its motion."""
+        return float(self.scenario.protocol.duration)
 
     def take_over(self, state: LiveState) -> LiveState:
         """Return a moment of the same arm with other effects: what is new starts at rest."""
         names = {effect.name for effect in self.scenario.effects}
         past = {name: values for name, values in state.past.items() if name in names}
-        return self._at(state.time, state.pressure, state.load, past)
+        same = self._at(state.time, state.pressure, state.load, past)
+        if self.run is None:
+            return same
+        swing, resting = state.swing, self.run.resting
+        if swing is None or swing[0].size != resting[0].size:  # a clamp that gives is a joint more
+            swing = resting
+        return replace(same, swing=swing, behind=state.behind)
 
     def _at(self, time: float, pressure: float, load: Load, past: dict[str, Past]) -> LiveState:
         course, past = apply_effects(self.scenario, np.zeros(1), np.full(1, pressure), past)
@@ -189,19 +221,41 @@ class LiveLab:
         pressure = self.valve.pressure(state.pressure, command, seconds)
         course, past = apply_effects(self.scenario, seconds, pressure, state.past)
         load = state.load if load is None else load
-        return replace(
+        later = replace(
             state, time=time, pressure=float(pressure[-1]), load=load, course=course, past=past
         )
+        return later if self.run is None else self.swung(self.run, state, later)
 
-    def shape(self, state: LiveState) -> tuple[LiveState, ChainShape]:
-        """Return the arm in equilibrium; RequestError where it finds none.
+    def swung(self, run: Run, state: LiveState, later: LiveState) -> LiveState:
+        """Return a later state with the arm moved there; longer than it swings is left out."""
+        step, elapsed = run.motion.timestep, later.time - state.time
+        count = int((elapsed + state.behind) / step)
+        behind = elapsed + state.behind - count * step
+        count = min(count, MOST_STEPS_BETWEEN)
+        begins = freeze(elapsed - behind - step * np.arange(count, 0.0, -1.0))
+        chain_at = functools.partial(self.chain_at, later.course, later.load)
+        swing = run.follow(state.swing or run.resting, chain_at, begins, state.time)
+        return replace(later, swing=swing, behind=behind)
+
+    def chain_at(self, course: Course, load: Load, times: Array) -> Chain:
+        """Return the chain under a load at times (n,) s of a course."""
+        scenario = self.scenario
+        if scenario.motion is not None and scenario.motion.inertia:
+            scenario = for_mujoco(scenario)
+        force = freeze(np.tile([load.force_x, load.force_y], (times.size, 1)))
+        chain = chain_of(scenario, course, times, force)
+        return replace(chain, moment=freeze(np.full(times.size, load.moment)))
+
+    def shape(self, state: LiveState) -> tuple[LiveState, ChainShape | MovingShape]:
+        """Return the arm as it is, without mass in equilibrium; RequestError where it finds none.
 
         The state that comes back knows the shape, so that the next one is near to it.
         """
-        load = state.load
-        force = freeze(np.array([[load.force_x, load.force_y]]))
-        chain = chain_of(self.scenario, state.course, state.course.time[-1:], force)
-        chain = replace(chain, moment=freeze(np.array([load.moment])))
+        if self.run is not None:
+            return state, self.run.shape(state.swing or self.run.resting)
+        chain = self.chain_at(state.course, state.load, state.course.time[-1:])
+        if self.scenario.motion is not None:
+            chain = with_weight(self.scenario, chain, self.felt(state.time)[:, :2])
         shape = equilibrium_shape(chain, state.angles)
         return replace(state, angles=shape.angles[0]), shape
 
@@ -218,7 +272,17 @@ class LiveLab:
                 force_y=float(force[0, 1] + noise.force_std * white[2]),
                 moment=load.moment + noise.moment_std * float(white[3]),
             )
-        return LiveReading(pressure=float(pressure[0] + noise.pressure_std * white[0]), load=felt)
+        imu = None
+        if self.scenario.rates.imu > 0.0:
+            shaken = noise.imu_std * random.standard_normal(3)
+            imu = freeze(shaken - self.felt(state.time)[0])
+        pressure = pressure + noise.pressure_std * white[0]
+        return LiveReading(pressure=float(pressure[0]), load=felt, imu=imu)
+
+    def felt(self, time: float) -> Array:
+        """Return what pulls at the arm in the frame of its base (1, 3) m/s^2."""
+        motion = self.scenario.motion or LabMotion()
+        return motion.felt(np.mod(np.array([time]), self.period), self.period)
 
     @property
     def frame_delay(self) -> float:
@@ -226,7 +290,7 @@ class LiveLab:
         middle = np.full(1, MIDDLE)
         return float(sum(effect.late(middle)[0] for effect in self.scenario.effects))
 
-    def camera_points(self, shape: ChainShape) -> Array:
+    def camera_points(self, shape: ChainShape | MovingShape) -> Array:
         """Return where the camera shows the targets (targets, 2) m, before its noise."""
         arm = self.scenario.arm
         points = np.stack(painted_targets(shape, arm.targets, self.placement), axis=-1)
@@ -234,7 +298,9 @@ class LiveLab:
             points = effect.see(arm, points, np.full(1, MIDDLE))
         return freeze(points[0] + self.registration)
 
-    def tracked_points(self, shape: ChainShape, random: np.random.Generator) -> Array:
+    def tracked_points(
+        self, shape: ChainShape | MovingShape, random: np.random.Generator
+    ) -> Array:
         """Return the targets as a tracker measures them (targets, 2) m, NaN = not seen."""
         noise, points = self.scenario.noise, self.camera_points(shape)
         measured = points + noise.target_std * random.standard_normal(points.shape)
@@ -253,7 +319,7 @@ class Film:
         self._outline = np.linspace(0.0, lab.scenario.arm.reach, OUTLINE)
         self._renderer = Renderer(SCENE)
 
-    def image(self, shape: ChainShape, random: np.random.Generator) -> Bytes:
+    def image(self, shape: ChainShape | MovingShape, random: np.random.Generator) -> Bytes:
         """Return an image (height, width), grey levels, of the arm; nothing moves meanwhile."""
         points = self._lab.camera_points(shape)
         x, y, theta = (rows[0] for rows in shape.points(self._outline))

@@ -29,6 +29,7 @@ DRIVE = 1e6  # inertia of what turns the base, in those of the arm about the cla
 HOLD = 1e3  # N m/rad, of the base while the arm comes to rest; anything that is no spring of it
 
 ChainAt = Callable[[Array], Chain]
+Swing = tuple[Array, Array]  # positions and rates of the joints of MuJoCo
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -246,6 +247,7 @@ class Run:
         self.middles = np.full(self.links + 1, 0.5 * self.link)
         self.middles[[0, -1]] *= 0.5
         self.come_to_rest(chain)
+        self.resting = self.swing
 
     def hinge_chain(self) -> HingeChain:
         """Return the arm as hinges, with the springs of its first instant."""
@@ -371,15 +373,8 @@ class Run:
         step, wanted = self.motion.timestep, 0
         count = int(np.ceil(times[-1] / step))
         for first in range(0, count, BLOCK):
-            # Springs and loads of a step are those in its middle.
             begins = step * np.arange(first, min(first + BLOCK, count), dtype=np.float64)
-            chain = self.chain_at(freeze(begins + 0.5 * step))
-            self.hinges = Hinges(chain, self.links)
-            base, pulls = self.base_at(begins), self.motion.pull(begins, self.duration)
-            for row in range(begins.size):
-                before = self.state()
-                self.model.opt.gravity[:2] = pulls[row, :2]
-                self.step(chain, row, base)
+            for row, before in enumerate(self.steps(self.chain_at, begins, begins)):
                 contact = self.contact()
                 after, begun = self.state(), float(begins[row])
                 while wanted < times.size and times[wanted] <= begun + step:
@@ -391,6 +386,47 @@ class Run:
                     yield Frame(angles, rates, *contact)
                     wanted += 1
             self.check(float(begins[-1]) + step)
+
+    def steps(
+        self, chain_at: ChainAt, begins: Array, of_base: Array
+    ) -> Iterator[tuple[Array, Array]]:
+        """Step at times (n,) s, with the base at times of its own; yield the states before."""
+        # Springs and loads of a step are those in its middle.
+        chain = chain_at(freeze(begins + 0.5 * self.motion.timestep))
+        self.hinges = Hinges(chain, self.links)
+        base, pulls = self.base_at(of_base), self.motion.pull(of_base, self.duration)
+        for row in range(begins.size):
+            before = self.state()
+            self.model.opt.gravity[:2] = pulls[row, :2]
+            self.step(chain, row, base)
+            yield before
+
+    def follow(self, swing: Swing, chain_at: ChainAt, begins: Array, since: float) -> Swing:
+        """Return how an arm swings after steps that begin at times (n,) s of a chain.
+
+        since (s): what these count from; the base repeats its motion for ever.
+        """
+        self.data.qpos[:], self.data.qvel[:] = swing
+        self.data.qacc_warmstart[:] = 0.0
+        for first in range(0, begins.size, BLOCK):
+            times = begins[first : first + BLOCK]
+            of_base = freeze(np.mod(since + times, self.duration))
+            for _ in self.steps(chain_at, freeze(times), of_base):
+                pass
+            self.check(float(since + times[-1]))
+        return self.swing
+
+    @property
+    def swing(self) -> Swing:
+        """Positions and rates of all joints."""
+        return freeze(self.data.qpos.copy()), freeze(self.data.qvel.copy())
+
+    def shape(self, swing: Swing) -> MovingShape:
+        """Return the shape of an arm that swings so."""
+        angles = swing[0][self.dofs]
+        angles = angles if self.gives else np.append(0.0, angles)
+        heading = self.arm.clamp_angle + np.cumsum(angles)[None]
+        return MovingShape(link=self.link, length=self.arm.length, heading=freeze(heading))
 
     def step(self, chain: Chain, row: int, base: tuple[Array, Array, Array]) -> None:
         """Step once."""

@@ -15,7 +15,6 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import STANDARD_GRAVITY
 from pneunet_ros.lab.chain import Chain, ChainShape, equilibrium_shape, middle_joints
-from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_effect import Course, Past
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording, LabTruth, Stamps
 from pneunet_ros.lab.motion import LabMotion
@@ -175,9 +174,11 @@ def shape_of(
     motion = scenario.motion
     if motion is None or not motion.inertia:
         chain = chain_of(scenario, course, times, events.force_at(times))
-        hung = chain if motion is None else with_weight(scenario.arm, motion, chain, events)
-        return equilibrium_shape(hung), None, chain.force
-    fine = replace(scenario, detail=replace(scenario.detail, elements=2.0 * motion.links))
+        if motion is not None:
+            pulls = motion.felt(times, events.duration)[:, :2]
+            return equilibrium_shape(with_weight(scenario, chain, pulls)), None, chain.force
+        return equilibrium_shape(chain), None, chain.force
+    fine = for_mujoco(scenario)
 
     def chain_at(at: Array) -> Chain:
         return chain_of(fine, course, at, events.force_at(at))
@@ -186,9 +187,17 @@ def shape_of(
     return *moving, chain_at(times).force
 
 
-def with_weight(arm: LabArm, motion: LabMotion, chain: Chain, events: Timeline) -> Chain:
-    """Return a chain that its own weight pulls at, as its base moves and turns."""
-    pulls = motion.felt(chain.time, events.duration)[:, :2]
+def for_mujoco(scenario: Scenario) -> Scenario:
+    """Return a scenario whose chain has two elements for each hinge of MuJoCo."""
+    assert scenario.motion is not None
+    elements = 2.0 * scenario.motion.links
+    return replace(scenario, detail=replace(scenario.detail, elements=elements))
+
+
+def with_weight(scenario: Scenario, chain: Chain, pulls: Array) -> Chain:
+    """Return a chain that its own weight pulls at; pulls (frames, 2) m/s^2: as the base feels."""
+    arm, motion = scenario.arm, scenario.motion
+    assert motion is not None
     beyond = arm.weight / STANDARD_GRAVITY * (1.0 - chain.middles / chain.length)
     return replace(
         chain,

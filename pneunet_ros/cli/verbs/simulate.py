@@ -38,7 +38,7 @@ def options(parser: ArgumentParser) -> None:
         'scenario',
         metavar='SCENARIO',
         help='a scenario file, YAML, or the name of a shipped one: unloaded_ramp, '
-        'unloaded_staircase, dead_weights, force_sweeps, strings, random_mix',
+        'unloaded_staircase, dead_weights, force_sweeps, strings, random_mix, ringing',
     )
     parser.add_argument(
         '--output',

@@ -20,8 +20,15 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.lab.chain import ChainShape
 from pneunet_ros.lab.live import Film, LiveLab, Load, SCENE
+from pneunet_ros.lab.moving_arm import MovingShape
 from pneunet_ros.messages.builders import header, image, IMAGE_TYPE, UNREADABLE
-from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS, targets_message
+from pneunet_ros.messages.readings import (
+    BASE_IMU,
+    END_WRENCH,
+    PRESSURE,
+    TARGETS,
+    targets_message,
+)
 from pneunet_ros.messages.tracker import camera_info_message, CAMERA_INFO_TYPE
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES
@@ -40,6 +47,7 @@ pressure is commanded on the topic pressure_command. All settings are ROS parame
   pneunet-virtual-arm --ros-args -p camera:=images
   pneunet-virtual-arm --ros-args -p effects:="hysteresis.width=4000 gravity.weight_y=-1.0"
 """
+OF_IMU = BASE_IMU.type, BASE_IMU.name
 TIP_TYPE = 'geometry_msgs/msg/PoseStamped'
 PRESSURE_FRAME, CAMERA_FRAME = 'pressure_sensor', 'camera'
 SWING = 0.8  # of the largest pressure
@@ -69,6 +77,8 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
 
         self.pressures = publisher(self, PRESSURE.type, PRESSURE.name, output_qos())
         self.wrenches = publisher(self, END_WRENCH.type, END_WRENCH.name, output_qos())
+        with_imu = self.configuration.lab.scenario.rates.imu > 0.0
+        self.imus = publisher(self, *OF_IMU, output_qos()) if with_imu else None
         self.tips = publisher(self, TIP_TYPE, 'true_tip', output_qos())
         self.every(1.0 / settings.rate, self.measure)
         if settings.camera == 'targets':
@@ -166,14 +176,16 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         load, frame_id = reading.load, self.configuration.node.frame_id
         wrench = np.array([load.force_x, load.force_y, load.moment])
         pressure = np.array([reading.pressure])
-        # The wrench first: the pressure makes the estimate.
+        # The pressure last: it makes the estimate.
+        if reading.imu is not None and self.imus is not None:
+            self.imus.publish(BASE_IMU.message(stamp_ns, reading.imu, frame_id, RCLPY_TYPES))
         self.wrenches.publish(END_WRENCH.message(stamp_ns, wrench, frame_id, RCLPY_TYPES))
         self.pressures.publish(PRESSURE.message(stamp_ns, pressure, PRESSURE_FRAME, RCLPY_TYPES))
         self.readings += 1
         if self.tips.get_subscription_count():
             self.with_shape(lambda shape: self.tips.publish(self.tip(shape, stamp_ns)))
 
-    def with_shape(self, use: Callable[[ChainShape], None]) -> None:
+    def with_shape(self, use: Callable[[ChainShape | MovingShape], None]) -> None:
         """Do something with the shape of the arm, if it has one."""
         try:
             self.state, shape = self.configuration.lab.shape(self.state)
@@ -185,7 +197,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         else:
             use(shape)
 
-    def tip(self, shape: ChainShape, stamp_ns: int) -> Any:
+    def tip(self, shape: ChainShape | MovingShape, stamp_ns: int) -> Any:
         """Return the pose of the true free end."""
         tip = self.configuration.lab.scenario.arm.reach
         x, y, theta = (float(rows[0, 0]) for rows in shape.points([tip]))
@@ -206,7 +218,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         stamp_ns = self.frame_stamp()
         lab, frame_id = self.configuration.lab, self.configuration.node.frame_id
 
-        def show(shape: ChainShape) -> None:
+        def show(shape: ChainShape | MovingShape) -> None:
             x, y = lab.tracked_points(shape, self.random).T
             std = lab.scenario.noise.target_std
             self.targets.publish(targets_message(stamp_ns, x, y, frame_id, RCLPY_TYPES, std))
@@ -217,7 +229,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         """Publish an image of the arm, the camera first."""
         stamp_ns = self.frame_stamp()
 
-        def show(shape: ChainShape) -> None:
+        def show(shape: ChainShape | MovingShape) -> None:
             assert self.film is not None
             grey = self.film.image(shape, self.random)
             info = camera_info_message(SCENE.camera, stamp_ns, CAMERA_FRAME, RCLPY_TYPES)
