@@ -5,9 +5,10 @@
 The nodes run in processes of their own, as a user starts them; this one plays sensors and camera,
 at 200 and 10 Hz, and listens. Round after round it injects every fault of FAULTS; at the end of a
 round the readings rejected, by reason, must be those that were sent to be rejected, and every
-other one must have brought one estimate with its stamp. In between a recorder runs into a full
-disk, and sensors and nodes are interrupted, terminated and killed. Exit code 1 if anything else
-happens, or if the memory of a node grows. Run without --minutes it takes 100 000 readings.
+other one must have brought one estimate with its stamp, or be counted as lost. All have the time
+of a /clock that jumps. In between a recorder runs into a full disk, and sensors and nodes are
+interrupted, terminated and killed. Exit code 1 if anything else happens, or if the memory of a
+node grows. Run without --minutes it takes 100 000 readings.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ CLEAN = 1200  # good readings between the faults of a round, and as many after t
 GROWTH_MB = 12.0  # of a node after its first rounds, at most
 WARM_ROUNDS = 2  # that are not looked at for memory: caches fill, other models are read
 ROOM = 300_000  # bytes that the recorder may write
+IMAGES_AT_ONCE = 12
 PATIENCE = 20.0  # s; what has not come by then does not come
 QOS = [
     option
@@ -115,8 +117,10 @@ class Subject(abc.ABC):
 
         self.lives += 1
         output = self.folder / f'{self.name}_{self.lives}'
-        self.process = NodeProcess(output, self.domain, *self.arguments, node=self.name)
+        sim_time = '-p', 'use_sim_time:=true'
+        self.process = NodeProcess(output, self.domain, *sim_time, *self.arguments, node=self.name)
         self.process.wait_for('ready')
+        self.begun = time.monotonic()
         self.expected: Counter[str] = Counter()  # rejections of this life by reason
         self.memory = []
         self.heard: Counter[tuple[int, int]] = Counter()
@@ -125,6 +129,7 @@ class Subject(abc.ABC):
         self.connect()
         self.values()
         self.expected = self.counted()  # what was rejected while the two sides found each other
+        self.lost, self.given_up = self.lost_so_far(), 0
 
     def hear(self, raw: bytes) -> None:
         """Take a message as bytes: its stamp stands behind the four of the encapsulation."""
@@ -136,6 +141,7 @@ class Subject(abc.ABC):
 
     def say(self, sentence: str) -> None:
         self.faults.append(f'{self.name}: {sentence}')
+        print(self.faults[-1], file=sys.stderr, flush=True)
 
     @abc.abstractmethod
     def good(self) -> None:
@@ -180,6 +186,18 @@ class Subject(abc.ABC):
                 counts[reason] += int(value)
         return counts
 
+    def lost_so_far(self) -> int:
+        """Wait for diagnostics and return how many inputs of this process were never taken."""
+        values = self.values()
+        topics = [out.topic_name for out in self.publishers.values()]
+        return sum(int(values.get(f'lost{topic}', 0)) for topic in topics)
+
+    def give_up(self) -> None:
+        """Wait no longer for what was not answered: it was too much at once."""
+        gone = self.due - self.heard.keys()
+        self.given_up += len(gone)
+        self.due -= gone
+
     def all_counted(self) -> Counter[str]:
         """Wait until all that was sent to be rejected is counted; returns what is."""
         end = time.monotonic() + PATIENCE
@@ -196,9 +214,12 @@ class Subject(abc.ABC):
     def reconcile(self) -> None:
         """Compare what came, and what was counted, with what was sent."""
         self.drain()
-        missing = len(self.due - self.heard.keys())
+        missing, lost = len(self.due - self.heard.keys()), self.lost_so_far() - self.lost
         if missing:
             self.say(f'{missing} of {len(self.due)} good inputs were not answered')
+        if lost != self.given_up:
+            self.say(f'{lost} counted as lost, but {self.given_up} were')
+        self.lost, self.given_up = self.lost + lost, 0
         twice = [stamp for stamp, count in self.heard.items() if count > 1]
         if twice:
             self.say(f'{len(twice)} answered more than once')
@@ -241,6 +262,10 @@ class Subject(abc.ABC):
         if 'Traceback' in self.process.text:
             self.say(f'traceback: {self.process.text[-2000:]}')
 
+    def process_minutes(self) -> float:
+        """Return for how long its process has been ready."""
+        return (time.monotonic() - self.begun) / 60.0
+
     def check_alive(self) -> None:
         if self.process.process.poll() is not None:
             raise SystemExit(f'{self.name} has crashed: {self.process.text}')
@@ -259,6 +284,7 @@ class Estimator(Subject):
         self.arm = load_model(share_path('config/paper_arm.yaml'))
         save_model(self.arm, self.model)
         self.publishers: dict[str, Any] = {}
+        self.clock: Any = None  # publisher
         super().__init__(folder, domain, [*QOS, '-p', f'model_file:={self.model}'])
 
     def begin(self) -> None:
@@ -622,6 +648,26 @@ def mismatched(one: Estimator) -> None:
     one.settled()
 
 
+def clock_jumps(one: Estimator) -> None:
+    """Let the time of ROS jump forward, back and to zero: one sentence, and all goes on."""
+    from rosgraph_msgs.msg import Clock
+
+    one.drain()
+    if one.clock is None:
+        one.clock = one.peer.node.create_publisher(Clock, '/clock', 10)
+    for seconds in (5000, 5001, 9000, 1400, 0, 2, 5000):
+        for _ in range(3):
+            message = Clock()
+            message.clock.sec = seconds
+            one.clock.publish(message)
+            one.peer.spin_for(0.05)
+        one.settled()
+    one.drain()
+    sentences = one.process.text.count('/clock jumped')
+    if not 1 <= sentences <= 2 + one.process_minutes():
+        one.say(f'{sentences} sentences on /clock')
+
+
 def seen_in(one: Estimator, key: str, words: str) -> bool:
     """Wait until a value of the diagnostics has these words, or is empty for none."""
     end = time.monotonic() + PATIENCE
@@ -646,6 +692,7 @@ FAULTS: tuple[Callable[[Estimator], None], ...] = (
     reset,
     rivals,
     mismatched,
+    clock_jumps,
     publisher_restart,
 )
 RARE = (full_disk, sensors_killed)  # take long: not in every round
@@ -655,11 +702,12 @@ def bad_pictures(one: Tracker) -> None:
     """Images that are cut off, of no known kind, without stamp, twice, late, and dark."""
     from array import array
 
-    one.good()
+    one.drain()  # fewer at once than wait for their turn: none is lost
     one.picture(one.stamp_ns, 'unreadable', data=array('B', [1, 2, 3]))
     one.picture(one.stamp_ns, 'unreadable', encoding='16UC1')
     one.picture(one.stamp_ns, 'unreadable', width=0)
     one.picture(one.stamp_ns, 'unreadable', step=1)
+    one.drain()
     one.picture(0, 'no_stamp')
     one.picture(one.stamp_ns, 'duplicate')
     one.picture(one.stamp_ns - 300_000_000, 'older')
@@ -669,6 +717,16 @@ def bad_pictures(one: Tracker) -> None:
     if not one.peer.trigger('reload_model').success:
         one.say('its files could not be read again')
     one.good()
+
+
+def burst_of_pictures(one: Tracker) -> None:
+    """More images at once than wait for their turn: the oldest are left out, and are counted."""
+    one.drain()
+    for _ in range(IMAGES_AT_ONCE):
+        one.good()
+    one.peer.barrier()
+    one.peer.spin_for(0.2)
+    one.give_up()
 
 
 def bad_frames(one: Fusion) -> None:
@@ -797,6 +855,7 @@ def soak(folder: Path, seconds: float, readings: float) -> dict[str, Any]:
                 attempt(fault, one)
                 one.check_alive()
             attempt(bad_pictures, camera)
+            attempt(burst_of_pictures, camera)
             attempt(bad_frames, fused)
             one.feed(CLEAN, show)
             if rounds % 10 == 1:

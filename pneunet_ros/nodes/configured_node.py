@@ -22,6 +22,7 @@ from pneunet_ros.nodes.parameters import ParameterTable, without_effect
 from pneunet_ros.nodes.place import ALONE, Place
 from pneunet_ros.nodes.sensor_description import all_latched_qos, OtherDescriptions
 from pneunet_ros.nodes.shedding import FrameShedding
+from pneunet_ros.nodes.time_jumps import watch_time
 from pneunet_ros.nodes.topics import latched_qos, output_qos, publisher, subscription
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
@@ -75,6 +76,8 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.ready_at = math.inf  # s of a steady clock
         self.losses, self.shedding = Losses(), FrameShedding()
         self.others = OtherDescriptions()
+        # Of nodes that share a process with others the one that owns them says it.
+        self.jumps = None if place.namespace else watch_time(self, self.note_jump)
         self.open_diagnostics()
 
     def open_diagnostics(self) -> None:
@@ -122,6 +125,10 @@ class ConfiguredNode(Node, ABC, Generic[C]):
     def log_internal_error(self, kind: str, sentence: str) -> None:
         """Log the first internal error of a kind, with its lines as they are."""
         self.get_logger().error(sentence)
+
+    def note_jump(self, sentence: str) -> None:
+        """Say in the log that the time of ROS jumped."""
+        self.log.warn('jump', sentence, time.monotonic())
 
     @abstractmethod
     def forget(self) -> str:

@@ -34,6 +34,7 @@ from std_srvs.srv import Trigger
 NAMESPACE = '/pneunet'
 START_TIMEOUT = 240.0  # s; the kernels may have to be compiled
 TIMEOUT = 180.0  # s; nothing takes that long, but a machine may be busy
+ASK_AGAIN = 10.0  # s; longer than a node is busy with a request
 IDLE_SPINS = 5  # looks around that find nothing, until all that has come was taken
 MOST_SPINS = 200
 DEPTH = 1000  # of what is heard: nothing is lost while this process waits for its turn
@@ -147,13 +148,21 @@ class Peer:
         self.spin_until(lambda: False, seconds)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
-        """Call a service of the node and return its answer."""
+        """Call a service of the node and return its answer.
+
+        A request that is sent before DDS has found a node that was started anew is lost, and one
+        that was killed is taken to be there for a while: it is sent again.
+        """
         if name not in self.clients:
             self.clients[name] = self.node.create_client(kind, f'{self.name}/{name}')
             assert self.clients[name].wait_for_service(START_TIMEOUT), name
-        future = self.clients[name].call_async(request)
-        assert self.spin_until(future.done), name
-        return future.result()
+        end = time.monotonic() + TIMEOUT
+        while time.monotonic() < end:
+            future = self.clients[name].call_async(request)
+            if self.spin_until(future.done, ASK_AGAIN):
+                return future.result()
+            self.clients[name].remove_pending_request(future)
+        raise AssertionError(name)
 
     def trigger(self, name: str) -> Trigger.Response:
         """Call a Trigger service."""

@@ -74,6 +74,8 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.rejected: Counter[str] = Counter()
         self.trouble: Refusal | None = None
         self.readings, self.reported = 0, time.monotonic()
+        self.stamp_ns = self.frame_ns = 0  # of the last reading and the last frame
+        self.still = False  # the time of ROS
 
         self.pressures = publisher(self, PRESSURE.type, PRESSURE.name, output_qos())
         self.wrenches = publisher(self, END_WRENCH.type, END_WRENCH.name, output_qos())
@@ -163,15 +165,22 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         return 0.5 * SWING * high * (1.0 - math.cos(2.0 * math.pi * max(turns - 1.0, 0.0)))
 
     def advance(self) -> int:
-        """Bring the arm to the present; returns the stamp (ns) of it."""
+        """Bring the arm to the present; returns the stamp (ns) of it, 0 while there is no time."""
         lab = self.configuration.lab
         self.state = lab.step(self.state, self.now(), self.commanded(), self.load)
         stamp_ns: int = self.get_clock().now().nanoseconds
         return stamp_ns
 
     def measure(self) -> None:
-        """Publish the readings of wrench and pressure, and the truth while somebody looks."""
+        """Publish the readings of wrench and pressure, and the truth while somebody looks.
+
+        Of a moment of the time of ROS there is one reading: while /clock stands still, no more.
+        """
         stamp_ns = self.advance()
+        self.still = stamp_ns in (0, self.stamp_ns)
+        if self.still:
+            return
+        self.stamp_ns = stamp_ns
         reading = self.configuration.lab.reading(self.state, self.random)
         load, frame_id = reading.load, self.configuration.node.frame_id
         wrench = np.array([load.force_x, load.force_y, load.moment])
@@ -208,14 +217,22 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         tip.pose.orientation.z, tip.pose.orientation.w = heading_quaternion(theta)
         return tip
 
-    def frame_stamp(self) -> int:
-        """Bring the arm to the present; returns the stamp (ns) that its camera gives it."""
+    def frame_stamp(self) -> int | None:
+        """Bring the arm to the present; returns the stamp (ns) that its camera gives it.
+
+        None while there is no time, or none since the last frame.
+        """
+        now_ns, before_ns = self.advance(), self.frame_ns
+        self.frame_ns = now_ns
         late = self.configuration.lab.frame_delay
-        return self.advance() + round(late * NANOSECONDS_PER_SECOND)
+        passed = now_ns not in (0, before_ns)
+        return now_ns + round(late * NANOSECONDS_PER_SECOND) if passed else None
 
     def show_targets(self) -> None:
         """Publish the targets as a tracker measures them."""
         stamp_ns = self.frame_stamp()
+        if stamp_ns is None:
+            return
         lab, frame_id = self.configuration.lab, self.configuration.node.frame_id
 
         def show(shape: ChainShape | MovingShape) -> None:
@@ -228,6 +245,8 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     def show_image(self) -> None:
         """Publish an image of the arm, the camera first."""
         stamp_ns = self.frame_stamp()
+        if stamp_ns is None:
+            return
 
         def show(shape: ChainShape | MovingShape) -> None:
             assert self.film is not None
@@ -251,6 +270,13 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             'moment_nm': self.load.moment,
         }
         level, message = Level.OK, f'a virtual arm at {rate:.3g} Hz'
+        if self.still:
+            level = Level.WARN
+            message = (
+                'no readings: time stands still. Start what publishes /clock, or set use_sim_time '
+                'to false'
+            )
+            self.log.warn('still', message, now)
         if self.trouble is not None:
             level, message = Level.ERROR, self.trouble.sentence
         self.readings, self.reported, self.trouble = 0, now, None

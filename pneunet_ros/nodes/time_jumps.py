@@ -1,0 +1,36 @@
+"""What a node says where the time of ROS jumps: a simulator that starts anew, a bag in a loop.
+
+Only what a node stamps with the present has this time. Readings are taken by their own stamps and
+timers go by the steady clock, so nothing else changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from pneunet_ros.core.health import REPORT_PERIOD
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
+
+
+def watch_time(node: Any, say: Callable[[str], None]) -> Any:
+    """Let a sentence be said where the time of a node jumps back, or by more than a report forth.
+
+    Returns what must be kept for as long as this is wanted.
+    """
+    threshold = JumpThreshold(
+        min_forward=Duration(seconds=REPORT_PERIOD),
+        min_backward=Duration(nanoseconds=-1),
+        on_clock_change=False,
+    )
+    clock = node.get_clock()
+
+    def tell(jump: Any) -> None:
+        seconds = 1e-9 * jump.delta.nanoseconds
+        say(
+            f'/clock jumped by {seconds:+.3f} s to {1e-9 * clock.now().nanoseconds:.3f} s; '
+            'readings count by their own stamps, and the node goes on'
+        )
+
+    return clock.create_jump_callback(threshold, post_callback=tell)
