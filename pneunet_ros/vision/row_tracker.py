@@ -81,6 +81,7 @@ from pneunet_ros.vision.rest_plane import (
     RestSearch,
     row_at_rest,
     row_points,
+    spacing_of,
 )
 from pneunet_ros.vision.row_look import (
     believable_parts,
@@ -617,7 +618,9 @@ def _search_anew(view: View, blobs: Blobs, points: Array) -> Array | Failure:
             'them stand out too little (contrast, focus), or lie half beyond the end of the arm?',
         )
     again = view.lens.undistort(found.table[:, :2])
-    same = np.count_nonzero((again[: len(at_rest)] == at_rest).all(axis=1))
+    # One beside a slot or a glint is measured anew by its neighbors' look: the same target still.
+    apart = np.hypot(*(again[: len(at_rest)] - at_rest).T)
+    same = np.count_nonzero(apart < 0.5 * spacing_of(at_rest, arclength[: len(at_rest)]))
     if same < vision.beam_search.seen * arclength.size:
         return Failure(
             reason='no_row',
