@@ -181,3 +181,19 @@ def test_means_over_boxes_are_those_of_straight_lines():
     assert box_average(time, values, np.array([1.0]), 1.0) == pytest.approx([exact], abs=1e-9)
     # At the ends, of what there is.
     assert box_average(time, values, np.array([0.0]), 1.0) == pytest.approx([0.5])
+
+
+@pytest.mark.parametrize('protocol', [steps, ramps])
+def test_pictures_that_repeat_the_one_before_are_named(protocol):
+    (times, motion, *driven), _ = filmed(protocol, 3)
+    lost = np.arange(9, len(motion), 10)
+    lost = lost[np.diff(times)[lost - 1] < 1.4 * np.median(np.diff(times))]
+    change = np.abs(motion[lost] - motion[lost - 1]).max(axis=1)
+    motion[lost] = motion[lost - 1]
+    found = estimate_delay(times, motion, *driven)
+    moved = set(lost[change > 0.02 * LENGTH].tolist())
+    assert moved <= set(found.repeated)  # at rest a picture more does no harm
+    assert len(set(found.repeated) - set(lost.tolist())) <= 0.01 * len(motion)
+    (times, motion, *driven), _ = filmed(protocol, 3)
+    whole = estimate_delay(times, motion, *driven)
+    assert len(whole.repeated) <= 0.01 * len(motion)

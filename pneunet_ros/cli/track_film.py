@@ -143,6 +143,7 @@ def joined(
         if found.trouble:
             return None, summary_of(readings, found, None, f'{found.trouble}; give --delay S')
         delay = found.delay
+        trackings = [one for place, one in enumerate(trackings) if place not in found.repeated]
     run = join(trackings, readings.table, delay)
     if readings.string is not None:
         run = with_string(run, readings.string, arm)
@@ -165,4 +166,5 @@ def summary_of(
         'delay_std': found.std if known and found is not None else None,
         'delay_sentence': sentence,
         'frames_covered': 0 if run is None else run.covered,
+        'frames_repeated': 0 if found is None else len(found.repeated),
     }

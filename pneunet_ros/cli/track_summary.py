@@ -79,6 +79,12 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
         table.add_row('delay', summary['delay_sentence'])
     if summary.get('frames_covered'):
         table.add_row('frames within the table', share(summary['frames_covered'], frames))
+    if summary.get('frames_repeated'):
+        table.add_row(
+            'frames left out',
+            f'{summary["frames_repeated"]}: they repeat the picture before while the pressure '
+            'moves the arm (frames that the film lost)',
+        )
     seconds, rate = summary['seconds'], summary['frames_per_second']
     table.add_row('took', f'{seconds:.2f} s, at {rate:.0f} frames/s')
     print_table(console, table)

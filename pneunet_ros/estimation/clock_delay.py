@@ -63,6 +63,7 @@ class ClockDelaySettings:
 NO_PLAYS: Plays = ((), 1)
 # Of 30 films of 10 s, 25 frames/s, of the arm of test_clock_delay.py, five such steps were
 # enough in 25, six in 28, eight in all.
+SIGMA_OF_MEDIAN = 0.6745  # median of the size of what is normal, over its standard deviation
 REMEDY = 'eight quick steps to different levels, at irregular times, would tell'
 CLOCK_DELAY = ClockDelaySettings()
 
@@ -73,7 +74,8 @@ class ClockDelay:
 
     delay, std (s): a frame shows the arm of its time minus delay, with one standard error;
     explained: share of the motion that pressure and load explain with it; frames: how many were
-    used; frame_period (s). trouble: why the data cannot tell, empty where they do.
+    used; frame_period (s). repeated: which of the frames show the picture before once more, as
+    films do that have lost some. trouble: why the data cannot tell, empty where they do.
     """
 
     delay: float
@@ -81,6 +83,7 @@ class ClockDelay:
     explained: float
     frames: int
     frame_period: float
+    repeated: tuple[int, ...] = ()
     trouble: str = ''
 
     @property
@@ -164,7 +167,8 @@ def estimate_delay(
             'the pressure goes the same way again and again, where hysteresis looks like a delay: '
             f'{REMEDY}'
         )
-    return replace(clock, trouble=trouble)
+    repeated = kept[fits[0].repeated(delays[0])]
+    return replace(clock, trouble=trouble, repeated=tuple(repeated.tolist()))
 
 
 def _too_little(
@@ -179,7 +183,7 @@ def _too_little(
     span = float(reading_time[-1] - reading_time[0])
     if span < fewest * period:
         return f'the table lasts {span:.3g} s, and {fewest * period:.3g} s are needed'
-    noise = np.median(np.abs(np.diff(scores[:, 0], 2))) / (0.6745 * math.sqrt(6.0))
+    noise = np.median(np.abs(np.diff(scores[:, 0], 2))) / (SIGMA_OF_MEDIAN * math.sqrt(6.0))
     if not np.std(scores[:, 0]) > settings.motion * noise:
         return 'the arm does not move in the film'
     return ''
@@ -348,6 +352,23 @@ class DelayFit:
             options={'xatol': 1e-4 * self.period},
         )
         return float(result.x) if math.isfinite(result.fun) else delay
+
+    def repeated(self, delay: float) -> Indices:
+        """Return the frames in which the arm stands still while what drives it goes on.
+
+        The arm is where it was a frame before, to within what is left elsewhere, and by more than
+        that not where pressure and load put it: the picture is the one before.
+        """
+        frames = self.inside(delay)
+        design, _ = self.design(self.time[frames] - delay)
+        scores = self.scores[frames]
+        left = scores - design @ np.linalg.solve(self.normal(design), design.T @ scores)
+        usual = np.median(np.abs(left), axis=0) / SIGMA_OF_MEDIAN
+        moved, missed = (np.abs(np.diff(values, axis=0)) / usual for values in (scores, left))
+        limit = math.sqrt(2.0) * self.settings.motion
+        following = np.diff(self.time[frames]) < 1.5 * self.period
+        still = (moved < 1.0).all(axis=1) & (missed > limit).any(axis=1) & following
+        return np.asarray(frames[1:][still])
 
     def details(self, delay: float) -> FitDetails:
         """Return how sure a delay is: the fit made linear, without each block of frames in turn.
