@@ -36,10 +36,16 @@ def test_the_prior_of_disturbances():
     assert path[0] == pytest.approx(9e-8, rel=1e-3)
     assert path[-1, -1] == pytest.approx(9e-8 + 1e-8, rel=1e-3)
     assert path[PATH_NODES // 2, -1] == pytest.approx(9e-8 + 0.5e-8, rel=1e-3)
-    for start in (6, 6 + PATH_NODES, 6 + OF_RUN, 6 + OF_RUN + PATH_NODES):
-        part = slice(start, start + PATH_NODES)
+    # all recordings share where the base frame lies across the arm
+    common = (noise.row_offset_std * AT[-1]) ** 2
+    for start in (6, 6 + OF_RUN):
+        part, across = slice(start, start + PATH_NODES), slice(start + PATH_NODES, start + 2 * 9)
         assert np.array_equal(prior[part, part], path)
         assert not prior[part, : part.start].any()
+        assert prior[across, across] == pytest.approx(path + common, rel=1e-9)
+        assert prior[across, 6 + PATH_NODES : 6 + 2 * PATH_NODES] == pytest.approx(
+            path + common if start == 6 else common, rel=1e-9
+        )
     # of a load that a weight makes, its forces; nothing else has a load that is wrong throughout
     stds = np.sqrt(np.diag(prior))
     assert stds[-3:] == pytest.approx([noise.force_std, noise.force_std, 1e-7])
@@ -48,6 +54,22 @@ def test_the_prior_of_disturbances():
     assert np.linalg.eigvalsh(Disturbances(arclength=AT, runs=[free], noise=replace(
         noise, placement_std=0.0, registration_std=0.0, drift_std=0.0
     )).prior).min() > 0.0  # fmt: skip
+
+
+@pytest.mark.parametrize('clamp_angle', [0.0, -1.2])
+def test_the_origin_is_what_all_pictures_have_in_common(clamp_angle):
+    run = made(paper_arm(), np.linspace(0.0, 4e4, 17))
+    disturbances = Disturbances(
+        arclength=AT, runs=[run, run, run], noise=USUAL, clamp_angle=clamp_angle
+    )
+    normal = np.array([-np.sin(clamp_angle), np.cos(clamp_angle)])
+    unknowns = np.zeros(disturbances.prior.shape[0])
+    for which in range(3):
+        start = 6 + which * OF_RUN
+        unknowns[start : start + 2 * PATH_NODES] = np.repeat(2e-3 * normal, PATH_NODES)
+    assert disturbances.origin(unknowns) == pytest.approx(2e-3 * normal, rel=0.01)
+    few = Disturbances(arclength=AT[:2], runs=[run], noise=USUAL)
+    assert not few.origin(np.ones(few.prior.shape[0])).any()  # two targets are no row
 
 
 def test_targets_answer_to_disturbances():

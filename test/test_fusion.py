@@ -203,11 +203,11 @@ def test_a_force_sensor_makes_it_better():
     assert found.force_covered() > 0.9
 
 
-def with_placement(mean) -> Fusion:
+def with_placement(mean, origin=(0.0, 0.0)) -> Fusion:
     """Return the fusion by a model that knows where its targets are painted, to 5 um."""
     arm = fusion().arm
     placement = PlacementKnown(
-        mean=mean, std=np.full(mean.size, 5e-6), factor=np.zeros((mean.size, 1))
+        mean=mean, std=np.full(mean.size, 5e-6), factor=np.zeros((mean.size, 1)), origin=origin
     )
     covariance = ModelCovariance(
         quantities=('moment_law.rigidity.0.0',), factor=[[1e-6]], placement=placement
@@ -222,6 +222,18 @@ def test_targets_of_the_calibration_are_where_it_found_them():
     blind = fuse(frames=range(40))
     assert rms(found.tip_error) < rms(blind.tip_error)
     assert found.tip_covered() > 0.85  # 40 frames of one camera
+
+
+def test_a_base_frame_beside_the_neutral_line_is_where_the_calibration_found_it():
+    painted = recorded().truth.placement.T.ravel()
+    found = fuse(
+        with_placement(painted, (0.0, -2e-3)),
+        change=lambda frame, seen: replace(seen, y=seen.y - 2e-3),
+        frames=range(12),
+    )
+    same = fuse(with_placement(painted), frames=range(12))
+    assert not found.state.causes
+    np.testing.assert_allclose(found.tip_error, same.tip_error, atol=2e-6)
 
 
 def test_targets_that_are_painted_anew_are_found_out_with_the_first_frame():

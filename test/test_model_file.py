@@ -502,6 +502,7 @@ def same_content(left, right):
                     mean=np.linspace(-1e-4, 1e-4, 46),
                     std=np.full(46, 1 / 3e5),
                     factor=np.full((46, 2), -1 / 7e5),
+                    origin=np.array([0.0, -2e-3]),
                 ),
                 guessed=1,
             ),

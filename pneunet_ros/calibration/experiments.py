@@ -26,11 +26,13 @@ from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.disturbances import placement_jacobian
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
+from pneunet_ros.solver.columns import THETA
 import scipy
 
 
@@ -201,14 +203,18 @@ class FitSequence:
 
     def stiffness(self, runs: Sequence[RecordingData], free: Fit) -> float:
         """Return the one stiffness EI (N m^2) that explains the loads best, to begin with."""
-        likely = self.likely_stiffness(runs, free.arm)
+        likely = self.likely_stiffness(runs, free.arm, free.placement)
         law = self.law(LinearLaw.kind, likely)
         frames = self.settings.experiments.first_frames
         found = float(self._add_law('stiffness', runs, free, law, frames).values[-1])
         return found if found > 0.0 else likely  # no law has another sign
 
-    def likely_stiffness(self, runs: Sequence[RecordingData], arm: Arm) -> float:
+    def likely_stiffness(
+        self, runs: Sequence[RecordingData], arm: Arm, placement: Array | None = None
+    ) -> float:
         """Return the EI (N m^2) with which the targets fit best, to begin with.
+
+        placement (2, targets) m: of the targets, as far as it is known.
 
         Out of some, decades apart, and then between the neighbors of that. Frames count by the
         logarithm of their error: one in which the arm snaps elsewhere does not outweigh the rest.
@@ -219,7 +225,7 @@ class FitSequence:
         def error(decade: float) -> float:
             law = LinearLaw(bending_stiffness=self.first_stiffness * 10.0**decade)
             tried = replace(arm, moment_law=law, covariance=None)
-            errors = np.concatenate([squared_errors(tried, run) for run in runs])
+            errors = np.concatenate([squared_errors(tried, run, placement) for run in runs])
             return float(np.mean(np.log(errors + self.noise.noise.target_std**2)))
 
         decade = min(np.log10(experiments.stiffness_factors).tolist(), key=error)
@@ -345,14 +351,21 @@ class FitSequence:
         return self.fit('all that is new', runs, self.wide, law, earlier=earlier)
 
 
-def squared_errors(arm: Arm, run: RecordingData) -> Array:
+def squared_errors(arm: Arm, run: RecordingData, placement: Array | None = None) -> Array:
     """Return the mean square (m^2) of what targets are beside an arm in every frame, (frames,).
 
-    A frame without equilibrium counts as if the arm were a length away.
+    placement (2, targets) m, along and across the arm, from a fit; with it, what all frames have
+    in common is the place of the camera. A frame without equilibrium counts as if the arm were a
+    length away.
     """
     model = ForwardModel(arm.target_arclength, run.points)
     (inputs,) = inputs_of(arm, [run])
     solved = model.solve(arm, inputs)
-    apart = np.nan_to_num(run.points - model.points) ** 2
+    beside = run.points - model.points
+    if placement is not None:
+        beside -= placement_jacobian(model.fields[:, THETA]) @ placement.ravel()
+        if solved.any():
+            beside -= np.nanmedian(beside[solved], axis=(0, 2), keepdims=True)
+    apart = np.nan_to_num(beside) ** 2
     apart[~solved] = arm.length**2
     return np.asarray(np.mean(apart, axis=(1, 2)))

@@ -79,6 +79,7 @@ def placement_with(
         mean=rounded(fit.placement.ravel()[kept]),
         std=rounded(np.sqrt(np.maximum(left, 0.0))),
         factor=rounded(np.pad(moved, ((0, 0), (0, guessed)))),
+        origin=rounded(fit.origin),
     )
 
 

@@ -9,7 +9,7 @@ that it is the unit matrix.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.calibration.parameters import Parameters
@@ -26,6 +26,8 @@ from pneunet_ros.measurement.linearization import linearize, RunLinearization
 from pneunet_ros.model.uncertainty import SensorNoise
 import scipy
 
+NONE = frozen_array(np.zeros(0))
+
 
 class ScaledPrior:
     """The joint prior of parameters and disturbances: mean + scale z, z normal of unit variance.
@@ -41,7 +43,9 @@ class ScaledPrior:
         noise: SensorNoise,
         arclength: Array,
     ) -> None:
-        self.disturbances = Disturbances(arclength=arclength, runs=runs, noise=noise)
+        self.disturbances = Disturbances(
+            arclength=arclength, runs=runs, noise=noise, clamp_angle=parameters.frame.clamp_angle
+        )
         model, rest = parameters.prior, self.disturbances.prior
         self.size = model.shape[0]
         self.shared = self.size + 2 * arclength.size
@@ -121,8 +125,11 @@ class Posterior:
             cost += 0.5 * float(np.sum(white**2))
         return cost
 
-    def linearize(self, scaled: Array) -> LinearizedPosterior:
-        """Return all runs linearized at scaled unknowns, put together."""
+    def linearize(self, scaled: Array, *, whole: bool = False) -> LinearizedPosterior:
+        """Return all runs linearized at scaled unknowns, put together.
+
+        whole: keep the Jacobian of each frame too, which an hour of film has no memory for.
+        """
         prior, size = self.prior, self.prior.size
         values, disturbance = prior.unscale(scaled)
         normal, gradient = np.zeros((scaled.size, scaled.size)), np.zeros(scaled.size)
@@ -144,7 +151,7 @@ class Posterior:
             normal[np.ix_(places, places)] += white.T @ white
             gradient[places] += white.T @ linear.white_residual.ravel()
             cost += 0.5 * float(linear.fitted.whitened.sum())
-            runs.append(linear)
+            runs.append(linear if whole else replace(linear, jacobian=NONE, errors=NONE))
         self.linearized = [
             model.subset(np.arange(len(run.x)))
             for model, run in zip(self.models, self.runs, strict=True)
@@ -245,6 +252,7 @@ def finalize(
         information_vector=frozen_array(unscale.T @ information_vector),
         placement=frozen_array(disturbance[: prior.shared - size].reshape(2, -1)),
         disturbance=frozen_array(disturbance),
+        origin=frozen_array(prior.disturbances.origin(disturbance)),
         runs=runs,
         chi_squared=float(sum(run.whitened.sum() for run in runs)),
         dof=int(sum(run.dof.sum() for run in runs)),
@@ -259,4 +267,5 @@ def posterior_at(fit: Fit, noise: SensorNoise) -> tuple[Posterior, LinearizedPos
     runs, targets = [item.run for item in fit.runs], fit.parameters.frame.target_arclength
     posterior = Posterior(fit.parameters, runs, noise, targets)
     prior, values = posterior.prior, np.concatenate([fit.values, fit.disturbance])
-    return posterior, posterior.linearize(np.linalg.solve(prior.scale, values - prior.mean))
+    scaled = np.linalg.solve(prior.scale, values - prior.mean)
+    return posterior, posterior.linearize(scaled, whole=True)

@@ -17,7 +17,8 @@ class Fit:
     placement (2, targets) m, along tangent and normal, and shared_covariance that of parameters
     and placement together. information (n, n) is that of the data alone on the parameters
     (disturbances integrated out), information_vector (n,) the same data's linear term.
-    disturbance: all unknowns of `Disturbances`, m. `converged` and `status`: how the search ended.
+    disturbance: all unknowns of `Disturbances`, m; origin (2,) m: of the base frame, beside the
+    neutral line. `converged` and `status`: how the search ended.
     """
 
     parameters: Parameters
@@ -28,6 +29,7 @@ class Fit:
     information_vector: Array
     placement: Array
     disturbance: Array
+    origin: Array
     runs: tuple[FittedRun, ...]
     chi_squared: float
     dof: int

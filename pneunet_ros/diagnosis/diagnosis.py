@@ -274,7 +274,10 @@ def linearize(
     """Linearize all recordings, thinned, around the base fit."""
     fit = base.fit
     point = LinearizationPoint(
-        parameters=fit.parameters, values=fit.values, placement=fit.placement
+        parameters=fit.parameters,
+        values=fit.values,
+        placement=fit.placement,
+        origin=fit.origin,
     )
     runs = [run.thin(settings.base_fit.frames) for run in (*training, *held_out)]
     return Linearization(point, runs, len(training), base.noise.noise, settings.linearization)

@@ -9,7 +9,7 @@ nobody sets up exactly parallel to the plane of the arm.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pneunet_ros.calibration.map_estimation import ScaledPrior
@@ -20,7 +20,7 @@ from pneunet_ros.diagnosis.generic_field import Fields, fields_of, Regressors
 from pneunet_ros.diagnosis.settings import DEFAULTS, LinearizationSettings
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.disturbances import tilt_jacobian
+from pneunet_ros.measurement.disturbances import PATH_NODES, tilt_jacobian
 from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.gauss_newton import Bounds
@@ -77,13 +77,15 @@ class LinearizedRun:
 class LinearizationPoint:
     """Where recordings are linearized: values of the base model's unknowns, placement, effects.
 
-    placement (2, targets) m; effects come beside those of the model.
+    placement (2, targets) m; effects come beside those of the model. origin (2,) m: of the base
+    frame of all recordings, beside the neutral line, as the base fit has found it.
     """
 
     parameters: Parameters
     values: Array
     placement: Array
     effects: tuple[Effect, ...] = ()
+    origin: Array = field(default_factory=lambda: np.zeros(2))
 
     @property
     def arm(self) -> Arm:
@@ -202,14 +204,14 @@ class Linearization:
         own = size + prior.disturbances.of_run(which)
         disturbance = np.zeros(own.size)
         disturbance[: shared - size] = point.placement.ravel()
+        disturbance[shared - size :][: 2 * PATH_NODES] = np.repeat(point.origin, PATH_NODES)
         model = ForwardModel(arm.target_arclength, run.points)
         linear = linearize(
             model, point.with_effects(), point.values, disturbance, run, inputs, self.noise
         )
         white = linear.whitening(linear.jacobian).reshape(-1, linear.jacobian.shape[2])
         base = white[:, :shared] @ self.scale
-        camera = own[shared - size :]
-        path = white[:, shared:] @ prior.scale[np.ix_(camera, camera)]
+        path = white[:, shared:] @ prior.disturbances.root_of_run(which)
         path_filter = Whitening(1.0, path)
         parameters = point.parameters
         knots = linear.jacobian[:, :, : parameters.cells]
@@ -285,5 +287,6 @@ class Linearization:
                 return None
             # A frame without equilibrium says nothing: as if the model were right there.
             as_seen = block.run.points + block.tangent.reshape(block.run.points.shape)
-            out.append(np.where(lost[:, None, None], as_seen, block.model.points))
+            points = block.model.points + self.point.origin[:, None]
+            out.append(np.where(lost[:, None, None], as_seen, points))
         return out

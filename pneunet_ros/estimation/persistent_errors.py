@@ -276,7 +276,7 @@ def linear_problem(
     if known is None:
         places = noise.placement_std * placing
     else:
-        residual = residual - placing @ known.mean
+        residual = residual - placing @ known.mean - np.repeat(known.origin, targets)
         left = np.hypot(known.std, settings.painted * noise.placement_std)
         places, columns = placing * left, columns + placing @ known.factor
     stamps = np.array([frame.stamp_ns for frame in kept])

@@ -44,7 +44,7 @@ TOP = (
     'provenance',
 )
 OPTIONAL = {'effects', 'covariance', 'domain', 'gravity', 'motion', 'sources', 'provenance'}
-PLACEMENT_KEYS = ('mean', 'std', 'factor')
+PLACEMENT_KEYS = ('mean', 'std', 'factor', 'origin')
 MODEL_FILE = YamlFile(kind='model file', error=ModelError, number_name='a number in SI units')
 
 
@@ -223,7 +223,7 @@ def covariance_from_mapping(content: Any) -> ModelCovariance:
     placement = values.get('placement')
     if placement is not None:
         placement = PlacementKnown(
-            **MODEL_FILE.block(placement, 'covariance.placement', PLACEMENT_KEYS)
+            **MODEL_FILE.block(placement, 'covariance.placement', PLACEMENT_KEYS, {'origin'})
         )
     guessed = values.get('guessed', 0)
     if not isinstance(guessed, int) or isinstance(guessed, bool):

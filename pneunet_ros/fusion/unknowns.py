@@ -30,12 +30,18 @@ def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:
     free_tip: nobody reads a force.
     """
     noise, known = arm.sensors, arm.covariance
+    placed = None if known is None else known.placement
     scale = arm.force_scale
     low, high = pressure_span(arm)
     return Unknowns.of(
         TipForce(scale=scale),
         PressureError(range=high - low),
-        Camera(drift_std=noise.drift_std, place_std=noise.registration_std, length=arm.length),
+        Camera(
+            drift_std=noise.drift_std,
+            place_std=noise.registration_std,
+            length=arm.length,
+            origin=(0.0, 0.0) if placed is None else tuple(placed.origin.tolist()),
+        ),
         ForceSensor(scale=scale, is_there=not free_tip),
         ModelColumns(
             known=0 if known is None else len(known.columns()),
@@ -49,7 +55,7 @@ def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:
         Placement(
             dots=arm.target_arclength.size,
             one_std=noise.placement_std,
-            known=None if known is None else known.placement,
+            known=placed,
         ),
         TargetRow(
             arclength=arm.target_arclength,

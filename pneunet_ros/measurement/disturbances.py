@@ -19,6 +19,7 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import LOADS
+import scipy
 
 PATH_NODES = 9  # of the camera's path in one recording, straight lines between
 # of drift_std: a random walk between its nodes on a straight line, per frame
@@ -33,12 +34,15 @@ class Disturbances:
     """The unknown disturbances of runs: first placement (2 x targets), then those of each run.
 
     prior covariance (n, n) in m, N and N m; the unknowns of a run are the nodes of its path in x,
-    then in y, then the error of its known load.
+    then in y, then the error of its known load. All runs have in common where the origin of the
+    base frame is across the arm: a frame found by the row of targets lies beside the neutral line
+    as the row does. clamp_angle: rad.
     """
 
     arclength: Array
     runs: Sequence[RecordingData]
     noise: SensorNoise
+    clamp_angle: float = 0.0
     prior: Array = field(init=False)
 
     def __post_init__(self) -> None:
@@ -46,13 +50,40 @@ class Disturbances:
         size = 2 * self.targets + OF_RUN * len(self.runs)
         prior = np.zeros((size, size))
         prior[: 2 * self.targets, : 2 * self.targets] = placement_prior(self.noise, self.arclength)
-        path = path_prior(self.noise)
         for start, run in zip(range(2 * self.targets, size, OF_RUN), self.runs, strict=True):
-            load = np.maximum(known_load_std(self.noise, run), SMALLEST_STD)
-            middle, end, stop = start + np.array([PATH_NODES, 2 * PATH_NODES, OF_RUN])
-            prior[start:middle, start:middle] = prior[middle:end, middle:end] = path
-            prior[end:stop, end:stop] = np.diag(load**2)
+            own = slice(start, start + OF_RUN)
+            prior[own, own] = self.prior_of_run(run)
+        origin = np.zeros(size)
+        across = origin_std(self.noise, self.arclength) * np.array(
+            [-np.sin(self.clamp_angle), np.cos(self.clamp_angle)]
+        )
+        for start in range(2 * self.targets, size, OF_RUN):
+            origin[start : start + 2 * PATH_NODES] = np.repeat(across, PATH_NODES)
+        prior += np.outer(origin, origin)
         object.__setattr__(self, 'prior', frozen_array(prior))
+
+    def origin(self, disturbance: Array) -> Array:
+        """Return where the origin of the base frame is, of what is unknown (n,): (2,) m.
+
+        What the pictures of all runs have in common; less where fewer of them tell.
+        """
+        paths = disturbance[2 * self.targets :].reshape(len(self.runs), OF_RUN)
+        own = paths[:, : 2 * PATH_NODES].reshape(len(self.runs), 2, PATH_NODES).mean(axis=(0, 2))
+        normal = np.array([-np.sin(self.clamp_angle), np.cos(self.clamp_angle)])
+        common = origin_std(self.noise, self.arclength) ** 2
+        each = max(self.noise.registration_std, SMALLEST_STD) ** 2 / len(self.runs)
+        return np.asarray(common / (common + each) * float(own @ normal) * normal)
+
+    def prior_of_run(self, run: RecordingData) -> Array:
+        """Return the covariance (OF_RUN, OF_RUN) of what is of a run alone: path and load."""
+        load, path = known_load_std(self.noise, run), path_prior(self.noise)
+        return np.asarray(
+            scipy.linalg.block_diag(path, path, np.diag(np.maximum(load, SMALLEST_STD) ** 2))
+        )
+
+    def root_of_run(self, which: int) -> Array:
+        """Return the lower root (OF_RUN, OF_RUN) of it."""
+        return np.asarray(np.linalg.cholesky(self.prior_of_run(self.runs[which])))
 
     @property
     def targets(self) -> int:
@@ -90,6 +121,12 @@ def row_shifts(arclength: Array) -> Array:
         shifts[:targets, 0] = arclength
         shifts[targets:, 1] = arclength[-1]
     return shifts
+
+
+def origin_std(noise: SensorNoise, arclength: Array) -> float:
+    """Return one sigma (m) of the origin across the arm: that of the row, which may define it."""
+    _, across = row_shifts(arclength).T
+    return float(noise.row_offset_std * np.max(across, initial=0.0))
 
 
 def path_prior(noise: SensorNoise) -> Array:

@@ -123,7 +123,7 @@ def painted_beside(arm: Arm, theta: Array) -> tuple[Array, Array]:
     if known is None:
         return np.zeros((2, theta.size)), np.full(theta.size, arm.sensors.placement_std)
     std = np.sqrt(np.mean(known.std.reshape(2, -1) ** 2, axis=0))
-    return placement_jacobian(theta) @ known.mean, std
+    return placement_jacobian(theta) @ known.mean + known.origin[:, None], std
 
 
 def target_jacobian(table: PerturbationTable, sensitivity: Sensitivity) -> Array:

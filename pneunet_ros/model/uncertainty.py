@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, table_array
@@ -63,16 +63,18 @@ class PlacementKnown:
     mean, std (2 targets,) m: along the arm, then across it, of all targets; factor (2 targets,
     columns) m: what one sigma of each column of the model's covariance takes with it. std is what
     these leave. Model and placement are found from the same pictures: where the model is wrong,
-    the placement is wrong the other way.
+    the placement is wrong the other way. origin (2,) m: where the base frame of these pictures has
+    its origin, beside the neutral line at the clamp.
     """
 
     mean: Array
     std: Array
     factor: Array
+    origin: Array = field(default_factory=lambda: np.zeros(2))
 
     def __post_init__(self) -> None:
         """Check that the arrays belong together."""
-        for name, dimensions in (('mean', 1), ('std', 1), ('factor', 2)):
+        for name, dimensions in (('mean', 1), ('std', 1), ('factor', 2), ('origin', 1)):
             where = f'covariance.placement.{name}'
             object.__setattr__(self, name, table_array(getattr(self, name), where, dimensions))
         if self.mean.size % 2 or not self.mean.size == self.std.size == len(self.factor):
@@ -81,6 +83,8 @@ class PlacementKnown:
                 f'across it for every target, not {self.mean.size}, {self.std.size} and '
                 f'{len(self.factor)}'
             )
+        if self.origin.size != 2:
+            raise ModelError('covariance.placement.origin must be two numbers, x and y (m)')
         if np.any(self.std < 0.0):
             raise ModelError('covariance.placement.std must not be negative')
 

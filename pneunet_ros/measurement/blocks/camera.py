@@ -9,14 +9,15 @@ from typing import ClassVar
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.measurement.blocks.block import Block
+from pneunet_ros.measurement.blocks.block import Block, Prior
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera(Block):
     """Drift and place (x, y m each), and the turn (rad) around the base.
 
-    drift_std, place_std (m): of a camera that nobody moved; length (m): of the arm.
+    drift_std, place_std (m): of a camera that nobody moved; length (m): of the arm; origin (m): of
+    the base frame, beside the neutral line at the clamp.
     """
 
     DRIFT: ClassVar = slice(0, 2)
@@ -26,6 +27,7 @@ class Camera(Block):
     drift_std: float
     place_std: float
     length: float
+    origin: tuple[float, float] = (0.0, 0.0)
     drift_time: float = tuning(40.0, 'correlation time of the drift of the camera', unit='s')
     turn_std: float = tuning(3e-5, 'std of the turn of a camera that nobody moved', unit='rad')
     moved_by: float = tuning(
@@ -37,6 +39,13 @@ class Camera(Block):
     def std(self) -> Array:
         """Of a camera that nobody moved."""
         return np.array([*[self.drift_std] * 2, *[self.place_std] * 2, self.turn_std])
+
+    @property
+    def prior(self) -> Prior:
+        """Where the base frame was when the model was calibrated."""
+        mean = np.zeros(self.std.size)
+        mean[self.PLACE] = self.origin
+        return Prior(mean=mean, std=self.std)
 
     @property
     def times(self) -> Array:

@@ -147,11 +147,11 @@ class Unknowns:
         mean, root = np.zeros(self.std.size), np.diag(self.scaled_std(size))
         for one in self.placed:
             prior, where = one.block.prior, one.where
+            mean[where] = prior.mean
             if prior.shared is None:
                 continue
             other, factor = prior.shared
             start = self.places[other].where.start
-            mean[where] = prior.mean
             root[where, where] = np.diag(prior.std)
             root[where, start : start + factor.shape[1]] = factor
         return Gaussian(mean=freeze(mean), root=freeze(root))
