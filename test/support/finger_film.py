@@ -19,6 +19,7 @@ from pneunet_ros.lab.pictures.scene import Body, Dots, FrameState, Scene
 RADIUS = 0.0015  # m, of a dot
 CAMERA = looking_down(width=640, height=480, focal_px=600.0, scale=0.00026, middle=(0.055, 0.03))
 BODY_EVERY = 4  # stations of the outline
+PSI = 6894.757  # Pa
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,12 +27,19 @@ class Bench:
     """How film and table are kept.
 
     camera_first: seconds by which the camera is started before the logger, negative: after it.
-    hidden: targets that have come off.
+    hidden: targets that have come off. wide: how many times as large single dots are; beside (m):
+    how far to the left of the neutral line all of them are, as on a side wall; stuck: every so
+    manieth frame shows the one before again, as films do where frames were lost (0: none).
+    frames: of the film at most.
     """
 
     camera: Camera = CAMERA
     camera_first: float = 0.0
     hidden: tuple[int, ...] = ()
+    wide: tuple[tuple[int, float], ...] = ()
+    beside: float = 0.0
+    stuck: int = 0
+    frames: int | None = None
     codec: str = 'mp4v'
     seed: int = 1
 
@@ -42,10 +50,14 @@ def write_film(recording: LabRecording, film: Path, bench: Bench) -> float:
     renderer = Renderer(Scene(camera=bench.camera))
     random = np.random.default_rng(bench.seed)
     skipped = max(0.0, -bench.camera_first)
-    frames = np.flatnonzero(truth.time >= skipped)
+    frames = np.flatnonzero(truth.time >= skipped)[: bench.frames]
     rate = 1.0 / float(np.median(np.diff(truth.time)))
     radius = np.full(truth.target_x.shape[1], RADIUS)
     radius[list(bench.hidden)] = 0.0
+    for target, times in bench.wide:
+        radius[target] *= times
+    rest = truth.x[0] - truth.target_x[0][:, None], truth.y[0] - truth.target_y[0][:, None]
+    nearest = np.argmin(np.hypot(*rest), axis=1)
     camera = bench.camera
     writer = cv2.VideoWriter(
         str(film),
@@ -60,8 +72,14 @@ def write_film(recording: LabRecording, film: Path, bench: Bench) -> float:
             y=truth.y[frame, ::BODY_EVERY],
             theta=truth.theta[frame, ::BODY_EVERY],
         )
-        dots = Dots(x=truth.target_x[frame], y=truth.target_y[frame], radius=radius)
-        grey, _ = renderer.render(FrameState(dots=dots, body=body), random)
+        theta = truth.theta[frame, nearest]
+        dots = Dots(
+            x=truth.target_x[frame] - bench.beside * np.sin(theta),
+            y=truth.target_y[frame] + bench.beside * np.cos(theta),
+            radius=radius,
+        )
+        if frame == frames[0] or not bench.stuck or frame % bench.stuck:
+            grey, _ = renderer.render(FrameState(dots=dots, body=body), random)
         writer.write(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR))
     writer.release()
     return float(reading_times(recording, bench)[0] - truth.time[frames[0]])
@@ -86,4 +104,13 @@ def write_table(recording: LabRecording, table: Path, bench: Bench, *, forces: b
     lines = [';'.join(columns)]
     for row in zip(*columns.values(), strict=True):
         lines.append(';'.join(f'{value:.5f}'.replace('.', ',') for value in row))
+    table.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+
+
+def write_arduino_table(recording: LabRecording, table: Path, bench: Bench) -> None:
+    """Write what a sketch prints: milliseconds since its start, and psi with two decimals."""
+    times = reading_times(recording, bench)
+    pressure = recording.pressure[-times.size :] / PSI
+    rows = zip(np.rint(1e3 * (times - times[0])).astype(int).tolist(), pressure, strict=True)
+    lines = ['millis,psi', *(f'{milliseconds},{value:.2f}' for milliseconds, value in rows)]
     table.write_text('\n'.join(lines) + '\n', encoding='utf-8')
