@@ -10,7 +10,7 @@ PACKAGE = 'pneunet_ros'
 SHARE = f'share/{PACKAGE}'
 # Of the recordings the one of `pneunet demo` alone: the others are megabytes, for a checkout.
 SHIPPED = ('config', 'launch', 'rviz', 'foxglove', 'plotjuggler', 'bags/table1', 'scenarios')
-NODES = ('estimator', 'tracker', 'fusion', 'virtual_arm', 'gripper')
+NODES = ('estimator', 'tracker', 'fusion', 'virtual_arm', 'gripper', 'virtual_gripper')
 
 
 def shipped_files():

@@ -1,18 +1,39 @@
 """Start the node `gripper`, several arms in one process: docs/gripper.md has its parameters."""
 
-from pneunet_ros.nodes.launch_description import describe_launch, node
+from pneunet_ros.core.share import share_path
+from pneunet_ros.nodes.launch_description import describe_launch, full_name, is_true, node, number
+from pneunet_ros.nodes.virtual_gripper.configuration import played_gripper
 
 ARGUMENTS = {
     'namespace': ('/pneunet', 'of the node; each arm has one of its name below'),
-    'params_file': ('', 'YAML file of parameters, such as config/gripper.yaml; empty: none'),
-    'model_file': ('', 'model file of arms whose block names none; empty: config/paper_arm.yaml'),
+    'params_file': (
+        '',
+        'YAML file of parameters, such as config/gripper.yaml; empty: none, or that file where '
+        'the gripper is virtual',
+    ),
+    'model_file': (
+        '',
+        'model file of arms whose block names none; empty: config/paper_arm.yaml, or '
+        'config/lab_arm.yaml where the gripper is virtual',
+    ),
+    'virtual': ('false', 'whether virtual arms and an object between them take part'),
+    'object_width': ('0.04', 'diameter of that object, m; 0: there is none'),
     'use_sim_time': ('false', 'whether time comes from /clock'),
     'log_level': ('info', 'debug, info, warn or error'),
 }
 
 
 def nodes(given):
-    return [node('gripper', given, model_file=given['model_file'])]
+    if not is_true('virtual', given):
+        return [node('gripper', given, model_file=given['model_file'])]
+    file = given['params_file'] or str(share_path('config/gripper.yaml'))
+    model = given['model_file'] or str(share_path('config/lab_arm.yaml'))
+    given = {**given, 'params_file': file}
+    played_gripper([file], full_name('gripper', given))  # refused here, not by the first process
+    return [
+        node('virtual_gripper', given, object_width=number('object_width', given)),
+        node('gripper', given, model_file=model),
+    ]
 
 
 def generate_launch_description():

@@ -15,6 +15,8 @@ from pneunet_ros.core.errors import PneunetError, RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.fusion import FUSION_OUTPUTS
+from pneunet_ros.messages.gripper import GRIPPER_STATE
+from pneunet_ros.messages.point_cloud import cloud_points
 import pytest
 from ruamel.yaml import YAML
 from support.bursts import has_answered, RATES, RELIABLE, REPLAYS, text, write_bursts
@@ -25,12 +27,14 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 from pneunet_ros.nodes.gripper.configuration import (  # noqa: E402
     block_of,
     check_blocks,
+    gripper_of,
     GripperSettings,
 )
 from pneunet_ros.nodes.sensor_description import OtherDescriptions  # noqa: E402
 from pneunet_ros.nodes.shedding import FrameShedding, MOST_WAITING  # noqa: E402
-from sensor_msgs.msg import FluidPressure  # noqa: E402
-from support.dds_peer import NodeProcess, running_node, SensorsPeer  # noqa: E402
+from pneunet_ros.nodes.virtual_gripper.configuration import played_gripper  # noqa: E402
+from sensor_msgs.msg import FluidPressure, JointState  # noqa: E402
+from support.dds_peer import NodeProcess, Peer, running_node, SensorsPeer  # noqa: E402
 
 DOMAIN = int(os.environ['ROS_DOMAIN_ID'])
 ARMS = ('left', 'right')
@@ -213,6 +217,71 @@ def test_the_shipped_parameters_are_the_defaults():
         name: list(value) if isinstance(value := getattr(defaults, name), tuple) else value
         for name in names
     }
+
+
+def test_mounts_are_of_all_arms_or_of_none():
+    blocks = {arm: block_of(arm, {}) for arm in ARMS}
+    assert gripper_of(GripperSettings(), blocks) is None
+    mounted = block_of('left', {'left.mount': [0.0, -0.045, 0.0, 0.0, 0.0, 0.0]})
+    with pytest.raises(RequestError, match='right'):
+        gripper_of(GripperSettings(), blocks | {'left': mounted})
+    played, frames = played_gripper([], '/hand/gripper')
+    assert set(played.mounts) == set(ARMS)
+    assert frames == {arm: f'{arm}_base' for arm in ARMS}
+    with pytest.raises(RequestError, match='mount'):
+        played_gripper([share_path('config/fusion.yaml')], '/hand/gripper')
+
+
+class Hand(Peer):
+    """Commands a gripper, and hears its answer."""
+
+    def __init__(self):
+        state = replace(GRIPPER_STATE, name='gripper/state')
+        super().__init__(DOMAIN, 'gripper', (state,))
+        self.commands = self.node.create_publisher(JointState, 'gripper/command', 10)
+
+    def grasp(self):
+        """Return the next answer."""
+        self.received['gripper/state'].clear()
+        assert self.spin_until(lambda: self.received['gripper/state'])
+        (point,) = cloud_points(self.received['gripper/state'][-1])
+        return point
+
+    def comes_to(self, holds):
+        """Wait until an answer is as it should be, and the next is as well."""
+        assert self.spin_until(lambda: holds(self.grasp()) and holds(self.grasp())), self.grasp()
+
+
+def test_a_virtual_gripper_closes_on_its_object_with_the_wanted_force(tmp_path):
+    own = ['-p', 'object_width:=0.03']
+    arms = ['-p', f'model_file:={share_path("config/lab_arm.yaml")}']
+    arms += ['--params-file', str(share_path('config/gripper.yaml'))]
+    arms += [word for arm in ARMS for word in ('-p', f'{arm}.fusion.use_wrench:=false')]
+    with (
+        running_node(tmp_path / 'virtual', DOMAIN, *own, node='virtual_gripper') as virtual,
+        running_node(tmp_path / 'gripper', DOMAIN, *arms, node='gripper') as process,
+    ):
+        virtual.wait_for('ready: virtual')
+        process.wait_for('ready: gripper')
+        hand = Hand()
+        hand.comes_to(lambda point: point['touching'] == 0 and abs(point['width'] - 0.078) < 1e-3)
+        command = JointState(position=[0.05])
+        hand.commands.publish(command)
+        hand.comes_to(lambda point: abs(point['width'] - 0.05) < 1e-3)
+        hand.commands.publish(JointState(position=[0.0], effort=[0.03]))
+        # An object of 30 N/m gives by 1 mm on each side.
+        hand.comes_to(
+            lambda point: (
+                point['touching'] == 2
+                and abs(point['force'] - 0.06) < 3e-3
+                and abs(point['width'] - 0.028) < 1e-3
+                and abs(point['balance_y']) < 3e-3
+            )
+        )
+        hand.commands.publish(JointState(position=[0.07]))
+        hand.comes_to(lambda point: point['touching'] == 0 and point['force'] == 0.0)
+        hand.close()
+        assert process.end() == 0 and virtual.end() == 0, process.text
 
 
 def test_a_wrong_block_is_one_sentence(tmp_path):

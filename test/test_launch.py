@@ -23,6 +23,9 @@ from pneunet_ros.nodes.fusion.configuration import PARAMETERS as FUSION  # noqa:
 from pneunet_ros.nodes.gripper.configuration import PARAMETERS as GRIPPER  # noqa: E402
 from pneunet_ros.nodes.tracker.configuration import PARAMETERS as TRACKER  # noqa: E402
 from pneunet_ros.nodes.virtual_arm.configuration import PARAMETERS as ARM  # noqa: E402
+from pneunet_ros.nodes.virtual_gripper.configuration import (  # noqa: E402
+    PARAMETERS as VIRTUAL_GRIPPER,
+)
 
 TABLES = {
     'estimator': ESTIMATOR,
@@ -30,9 +33,11 @@ TABLES = {
     'fusion': FUSION,
     'virtual_arm': ARM,
     'gripper': GRIPPER,
+    'virtual_gripper': VIRTUAL_GRIPPER,
 }
 SHARED = 'pneunet_ros.nodes.launch_description'  # what the files have in common
 PARAMS = str(share_path('config/estimator.yaml'))
+GRIPPER_PARAMS = str(share_path('config/gripper.yaml'))
 LAB_ARM = str(share_path('config/lab_arm.yaml'))
 LAB_CAMERA = str(share_path('config/lab_camera.yaml'))
 OF_ROS = {'use_sim_time'}  # a parameter of every node
@@ -40,7 +45,7 @@ EVERYWHERE = {'namespace', 'params_file', 'model_file', 'use_sim_time', 'log_lev
 FILES = {
     'estimate': (EVERYWHERE, ['estimator']),
     'track': (EVERYWHERE | {'camera_file'}, ['tracker']),
-    'gripper': (EVERYWHERE, ['gripper']),
+    'gripper': (EVERYWHERE | {'virtual', 'object_width'}, ['virtual_gripper', 'gripper']),
     'demo': (
         EVERYWHERE | {'camera_file', 'effects', 'fusion', 'rviz', 'scenario_file', 'swing_period'},
         ['virtual_arm', 'estimator', 'tracker', 'fusion', 'rviz2'],
@@ -242,16 +247,20 @@ def test_a_file_of_parameters_names_a_node_that_is_started(
 
 @pytest.mark.parametrize('name', FILES)
 def test_every_node_exists_and_has_the_parameters_it_is_given(described, name):
+    params = GRIPPER_PARAMS if name == 'gripper' else PARAMS
     said = {
         'rviz': 'true',
         'fusion': 'true',
+        'virtual': 'true',
+        'object_width': '0.03',
         'use_sim_time': 'true',
-        'params_file': PARAMS,
+        'params_file': params,
         'namespace': '/left',
         'log_level': 'debug',
     }
     said |= {'model_file': LAB_ARM, 'camera_file': LAB_CAMERA, 'swing_period': '1.0'}
     said |= {'effects': 'hysteresis.width=3000.0'}
+    said |= {'scenario_file': str(share_path('scenarios/lab_arm.yaml'))}
     given = {argument: said[argument] for argument in FILES[name][0]}
     nodes = list(found(described(name, **given), 'Node'))
     assert [node.named['executable'] for node in nodes] == FILES[name][1]
@@ -265,7 +274,7 @@ def test_every_node_exists_and_has_the_parameters_it_is_given(described, name):
         assert commands[executable] == f'pneunet_ros.nodes.{executable}.__main__:main'
         assert node.named['namespace'] == '/left'
         file, parameters = node.named['parameters']  # those of the file first: others go before
-        assert file == PARAMS
+        assert file == params
         defaults = {field.name: field.default for field in TABLES[executable].fields}
         assert set(parameters) - OF_ROS <= set(defaults)
         for parameter, value in parameters.items():
@@ -274,7 +283,8 @@ def test_every_node_exists_and_has_the_parameters_it_is_given(described, name):
             assert value.named == {'value_type': of_type}
         passed |= set(parameters)
         assert node.named['arguments'] == ['--ros-args', '--log-level', 'debug']
-    assert passed >= FILES[name][0] - {'namespace', 'params_file', 'log_level', 'rviz', 'fusion'}
+    others = {'namespace', 'params_file', 'log_level', 'rviz', 'fusion', 'virtual'}
+    assert passed >= FILES[name][0] - others
 
 
 @pytest.mark.parametrize('name', FILES)
@@ -300,8 +310,8 @@ def test_defaults_are_those_of_the_nodes_or_shipped_files(described, name):
         default = argument.named['default_value']
         if isinstance(default, str):
             expected = {'namespace': '/pneunet', 'log_level': 'info'}
-            expected |= dict.fromkeys(('use_sim_time', 'rviz'), 'false')
-            expected |= {'swing_period': '8.0', 'fusion': 'true'}
+            expected |= dict.fromkeys(('use_sim_time', 'rviz', 'virtual'), 'false')
+            expected |= {'swing_period': '8.0', 'fusion': 'true', 'object_width': '0.04'}
             assert default == expected.get(argument.values[0], '')
         else:
             ((share, *path),) = default.values

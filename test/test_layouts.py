@@ -9,12 +9,13 @@ import re
 from xml.etree import ElementTree
 
 from pneunet_ros.core.frames import BASE_FRAME
-from pneunet_ros.messages.builders import IMAGE_TYPE
+from pneunet_ros.messages.builders import IMAGE_TYPE, POINTS_TYPE
 from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
 from pneunet_ros.messages.estimate import OUTPUTS, SHAPE_POINT
 from pneunet_ros.messages.fusion import FUSION_OUTPUTS
+from pneunet_ros.messages.gripper import GRASP_POINT
 from pneunet_ros.messages.markers import markers_output, transform_output
-from pneunet_ros.messages.readings import SENSORS
+from pneunet_ros.messages.readings import PRESSURE_TYPE, SENSORS
 from pneunet_ros.messages.tracker import TRACKER_INPUTS, TRACKER_OUTPUTS
 from pneunet_ros.recordings.lab_files import NAMESPACE
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
@@ -161,6 +162,39 @@ def test_foxglove_draws_as_said(foxglove):
 
 def test_foxglove_tells_of_the_health_of_live_nodes(checkout):
     assert '/diagnostics' in (checkout / 'foxglove/live.json').read_text()
+
+
+# A gripper
+
+
+GRIPPER_ARMS = ('left', 'right')
+GRIPPER_TYPES = {
+    '/tf_static': 'tf2_msgs/msg/TFMessage',
+    f'{NAMESPACE}/gripper/state': POINTS_TYPE,
+} | {
+    f'{NAMESPACE}/{arm}/{topic.name}': topic.type
+    for arm in GRIPPER_ARMS
+    for topic in (*SENSORS, *FUSION_OUTPUTS)
+}
+GRIPPER_TYPES |= {f'{NAMESPACE}/{arm}/pressure_command': PRESSURE_TYPE for arm in GRIPPER_ARMS}
+
+
+def test_the_layouts_of_a_gripper_show_topics_that_are_there(checkout):
+    text = (checkout / 'rviz/gripper.rviz').read_text()
+    rviz = YAML(typ='safe', pure=True).load(text)['Visualization Manager']
+    for display in rviz['Displays']:
+        if 'Topic' in display:
+            assert GRIPPER_TYPES[display['Topic']['Value']] == RVIZ['PointCloud2']
+            fields = {*SHAPE_POINT.names, *GRASP_POINT.names, None}
+            assert display.get('Channel Name') in fields
+    panels_of = json.loads((checkout / 'foxglove/gripper.json').read_text())
+    assert sorted(panels(panels_of['layout'])) == sorted(panels_of['configById'])
+    for name, panel in panels_of['configById'].items():
+        for topic in panel.get('topics', ()):
+            assert topic in GRIPPER_TYPES
+        for path in panel.get('paths', ()):
+            topic, *fields = path['value'].split('.')
+            assert name.startswith('Plot') and has_field(GRIPPER_TYPES[topic], tuple(fields))
 
 
 # PlotJuggler

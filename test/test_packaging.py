@@ -136,7 +136,9 @@ def test_the_manifest_names_what_launch_files_and_workflow_need(manifest):
 
 
 def test_pip_puts_only_names_of_the_package_on_the_path(setup_arguments):
-    words = ('estimator', 'tracker', 'fusion', 'virtual-arm', 'gripper', 'stack')
+    words = (
+        'estimator', 'tracker', 'fusion', 'virtual-arm', 'gripper', 'virtual-gripper', 'stack',
+    )  # fmt: skip
     nodes = {f'pneunet-{word}' for word in words}
     assert set(commands_of(setup_arguments)) == {'pneunet', *nodes}
 
@@ -146,7 +148,7 @@ def test_colcon_has_the_names_that_ros2_run_and_launch_files_use(word):
     names = set(commands_of(arguments_of_setup(word)))
     assert names == {
         'pneunet', 'estimator', 'tracker', 'fusion', 'virtual_arm', 'gripper',
-        'pneunet_stack',
+        'virtual_gripper', 'pneunet_stack',
     }  # fmt: skip
 
 

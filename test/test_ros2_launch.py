@@ -53,6 +53,8 @@ def launched_processes(mark):
         'demo swing_period:=abc',
         'demo effects:=hysteresis.widht=3',
         'demo model_file:=missing.yaml',
+        'gripper params_file:=missing.yaml',
+        'gripper object_width:=wide virtual:=true',
     ],
 )
 def test_what_is_refused_leaves_no_process(given, tmp_path):

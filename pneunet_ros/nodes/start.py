@@ -17,6 +17,7 @@ NODES = {
     'tracker': 'TrackerNode',
     'fusion': 'FusionNode',
     'gripper': 'gripper_nodes',
+    'virtual_gripper': 'virtual_gripper_nodes',
 }
 
 
@@ -52,7 +53,7 @@ def _run(names: tuple[str, ...], usage: str, arguments: list[str]) -> int:
     if not {'-h', '--help'} & set(arguments[1:]):
         # A logger of ROS comes with rclpy, and that only after seconds on a slow computer.
         print(f'[INFO] [{", ".join(names)}]: loading', file=sys.stderr, flush=True)
-    if 'virtual_arm' in names:
+    if {'virtual_arm', 'virtual_gripper'} & set(names):
         import_module('pneunet_ros.lab.live')
     answer_first()
     modules = [import_module(f'pneunet_ros.nodes.{name}.node') for name in names]

@@ -6,6 +6,7 @@ services, diagnostics and the log.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 import time
 from typing import Any, ClassVar
@@ -54,6 +55,8 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         """Declare all parameters, get everything warm, and only then open the topics."""
         super().__init__('fusion', PARAMETERS, configured_fusion, place)
         self.state = FusionState()
+        self.take_frame: Callable[[], None] | None = None  # of a gripper: there is a new one
+        self.frame_ns = 0
         node, fusion = self.configuration.node, self.configuration.fusion
         serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=fusion.sensors.frame_id
@@ -98,6 +101,11 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
             self.zero.forget()
             sentence = 'time jumped back: the fusion has started anew'
             self.log.warn('reset', sentence, time.monotonic())
+        belief = self.state.belief
+        if self.take_frame is not None and belief is not None:
+            before, self.frame_ns = self.frame_ns, belief.stamp_ns
+            if belief.stamp_ns != before:
+                self.take_frame()
 
     def diagnose(self) -> None:
         """Publish how the fusion is doing."""

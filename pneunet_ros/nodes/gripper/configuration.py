@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import json
 from typing import Any
@@ -11,6 +11,8 @@ from pneunet_ros import __version__
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.settings import check_settings, setting
+from pneunet_ros.core.units import quantity
+from pneunet_ros.fusion.grasp import Gripper, mount_of
 from pneunet_ros.nodes.estimator.configuration import configured_estimator
 from pneunet_ros.nodes.estimator.configuration import PARAMETERS as OF_ESTIMATOR
 from pneunet_ros.nodes.fusion.configuration import configured_fusion
@@ -25,7 +27,7 @@ CONFIGURED: dict[str, Callable[[Mapping[str, Any], Any], Any]] = {
     'fusion': configured_fusion,
     'tracker': configured_tracker,
 }
-TOPICS = 'topics'  # key of a block
+TOPICS, MOUNT = 'topics', 'mount'  # keys of a block
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +43,30 @@ class GripperSettings:
         '', f'model file of arms whose block names none; empty: the shipped {SHIPPED_MODEL}'
     )
     frame_id: str = setting(BASE_FRAME, 'frame of the gripper')
+    thickness: float = quantity(
+        0.006,
+        unit='m',
+        meaning='from the centerline of an arm to the surface that touches',
+        bounds=(0.0, 1.0),
+    )
+    max_force: float = quantity(
+        0.05, unit='N', meaning='largest force of an arm that is commanded', bounds=(0.0, 1e3)
+    )
+    width_tolerance: float = quantity(
+        1e-3, unit='m', meaning='to which a commanded width is reached', bounds=(1e-6, 1.0)
+    )
+    closing_rate: float = quantity(
+        20e3, unit='Pa/s', meaning='fastest change of a commanded pressure', bounds=(1.0, 1e9)
+    )
+    closing_gain: float = quantity(
+        3.0,
+        unit='1/s',
+        meaning='part of what is missing that is made good in a second: less for a slow valve',
+        bounds=(1e-3, 1e3),
+    )
+    hold_after: float = quantity(
+        0.3, unit='s', meaning='without frames, after which a command is held', bounds=(1e-3, 1e3)
+    )
 
     def __post_init__(self) -> None:
         """Refuse values outside their declaration."""
@@ -60,7 +86,7 @@ class GripperSettings:
 
 PARAMETERS = ParameterTable(
     owners=(GripperSettings,),
-    read_only=frozenset({'arms', 'fusion', 'tracker', 'model_file', 'frame_id'}),
+    read_only=frozenset({'arms', 'fusion', 'tracker', 'model_file', 'frame_id', 'thickness'}),
 )
 
 
@@ -92,9 +118,10 @@ def configured_gripper(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmBlock:
-    """What is given for one arm: topics by name, and parameters by node."""
+    """What is given for one arm: topics by name, parameters by node, and its mount if any."""
 
     topics: Mapping[str, str]
+    mount: Sequence[float] | None
     parameters: Mapping[str, Mapping[str, Any]]
 
 
@@ -114,11 +141,31 @@ def check_blocks(given: Mapping[str, Any]) -> None:
     values = PARAMETERS.completed(given)
     settings = configured_gripper(values, None).node
     flat = dict(flattened(given))
-    for arm in settings.arms:
-        block = block_of(arm, flat)
+    blocks = {arm: block_of(arm, flat) for arm in settings.arms}
+    gripper_of(settings, blocks)
+    for block in blocks.values():
         for node in settings.nodes:
             completed = TABLES[node].completed(parameters_of(settings, block, node))
             CONFIGURED[node](completed, None)
+
+
+def gripper_of(settings: GripperSettings, blocks: Mapping[str, ArmBlock]) -> Gripper | None:
+    """Return where the arms are; None where no block has a mount, or there is no fusion.
+
+    RequestError where only some blocks have one, or they are no gripper.
+    """
+    without = [arm for arm, block in blocks.items() if block.mount is None]
+    if len(without) == len(blocks) or not settings.fusion:
+        return None
+    if without:
+        raise RequestError(f'{MOUNT} is missing in the block of {", ".join(without)}')
+    return Gripper(
+        mounts={
+            arm: mount_of(block.mount, settings.thickness)
+            for arm, block in blocks.items()
+            if block.mount is not None
+        }
+    )
 
 
 def flattened(given: Mapping[str, Any], above: str = '') -> Iterator[tuple[str, Any]]:
@@ -135,9 +182,10 @@ def block_of(arm: str, given: Mapping[str, Any]) -> ArmBlock:
 
     given: parameters given to the gripper, those of a block as NAME.KEY. A key is `topics.`
     and the name of a topic, a node and one of its parameters (`fusion.use_wrench`), or a parameter
-    of all nodes that have it. RequestError for any other key.
+    of all nodes that have it, or `mount`. RequestError for any other key.
     """
     topics: dict[str, str] = {}
+    mount: Sequence[float] | None = None
     shared: dict[str, Any] = {}
     own: dict[str, dict[str, Any]] = {node: {} for node in TABLES}
     for name, value in given.items():
@@ -147,6 +195,8 @@ def block_of(arm: str, given: Mapping[str, Any]) -> ArmBlock:
         first, _, rest = key.partition('.')
         if first == TOPICS and rest:
             topics[rest.replace('.', '/')] = str(value)
+        elif key == MOUNT:
+            mount = value
         elif first in TABLES and rest in names_of(first):
             own[first][rest] = value
         elif any(key in names_of(node) for node in TABLES):
@@ -154,10 +204,11 @@ def block_of(arm: str, given: Mapping[str, Any]) -> ArmBlock:
         else:
             raise RequestError(
                 f'{name} is no parameter of {", ".join(TABLES)}: a block has their parameters, '
-                f'and {TOPICS} with the names of topics'
+                f'{TOPICS} with the names of topics, and {MOUNT}'
             )
     return ArmBlock(
         topics=topics,
+        mount=mount,
         parameters={
             node: {key: value for key, value in shared.items() if key in names_of(node)} | values
             for node, values in own.items()

@@ -6,20 +6,23 @@ name. They are the nodes that run alone elsewhere, with all their topics and ser
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar
 
 from pneunet_ros.core.health import Level, Report
+from pneunet_ros.fusion.grasp import Gripper
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.estimator.node import EstimatorNode
 from pneunet_ros.nodes.fusion.node import FusionNode
 from pneunet_ros.nodes.gripper.configuration import (
     block_of,
     configured_gripper,
+    gripper_of,
     GripperConfiguration,
     PARAMETERS,
     parameters_of,
 )
+from pneunet_ros.nodes.gripper.grasping import Grasping
 from pneunet_ros.nodes.parameters import overrides
 from pneunet_ros.nodes.place import Place
 from pneunet_ros.nodes.tracker.node import TrackerNode
@@ -49,10 +52,13 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
         """Declare all parameters; the nodes of the arms come next, by `members_of`."""
         super().__init__('gripper', PARAMETERS, configured_gripper)
         self.members: list[Any] = []
+        self.grasping: Grasping | None = None
 
-    def open(self) -> None:
-        """Open the services, now that all arms are there."""
+    def open(self, gripper: Gripper | None, fusions: Mapping[str, Any]) -> None:
+        """Open services and topics, now that all arms are there."""
         self.open_services()
+        if gripper is not None:
+            self.grasping = Grasping(self, self.configuration.node, gripper, fusions)
         self.create_service(Trigger, '~/zero_pressure', self.zero_pressure)
         self.tell_ready()
 
@@ -70,6 +76,8 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
         """Forget all readings of all arms."""
         for member in self.members:
             member.forget()
+        if self.grasping is not None:
+            self.grasping.forget()
         return 'all arms start anew'
 
     def zero_pressure(self, request: Any, response: Any) -> Any:
@@ -84,7 +92,9 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
         return response
 
     def take_over(self, configuration: GripperConfiguration) -> None:
-        """Read the models of all arms again; nothing else can change."""
+        """Command by the new numbers; all else holds for the life of the node."""
+        if self.grasping is not None:
+            self.grasping.settings = configuration.node
 
     def diagnose(self) -> None:
         """Publish how many frames were left out, of which arm."""
@@ -92,6 +102,7 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
         late = [f'{arm}: {count}' for arm, count in shed.items() if count]
         message = f'{len(self.configuration.node.arms)} arms'
         values = {'frames_shed_of': '; '.join(late), 'nodes': str(len(self.members))}
+        values |= {} if self.grasping is None else self.grasping.texts()
         self.publish_report('arms', Report(level=Level.OK, message=message, values=values))
 
 
@@ -103,7 +114,9 @@ def gripper_nodes() -> Iterator[Any]:
     blocks = {arm: block_of(arm, given) for arm in settings.arms}
     namespace = gripper.get_namespace().rstrip('/')
     clock = {'use_sim_time': gripper.get_parameter('use_sim_time').value}
+    mounted = gripper_of(settings, blocks)
     yield gripper
+    fusions: dict[str, Any] = {}
     for kind in settings.nodes:
         models: dict[Any, Any] = {}
         for arm, block in blocks.items():
@@ -118,5 +131,7 @@ def gripper_nodes() -> Iterator[Any]:
             member = CLASSES[kind](place)
             models.setdefault(parameters['model_file'], member.configuration)
             gripper.members.append(member)
+            if kind == 'fusion':
+                fusions[arm] = member
             yield member
-    gripper.open()
+    gripper.open(mounted, fusions)

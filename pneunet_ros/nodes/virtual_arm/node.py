@@ -13,6 +13,7 @@ import time
 from typing import Any, ClassVar
 
 import numpy as np
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import MessageError, RequestError
 from pneunet_ros.core.frames import heading_quaternion
 from pneunet_ros.core.health import count_texts, Level, Report, texts
@@ -31,6 +32,7 @@ from pneunet_ros.messages.readings import (
 )
 from pneunet_ros.messages.tracker import camera_info_message, CAMERA_INFO_TYPE
 from pneunet_ros.nodes.configured_node import ConfiguredNode
+from pneunet_ros.nodes.place import ALONE, Place
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES
 from pneunet_ros.nodes.topics import input_qos, output_qos, publisher, subscription
 from pneunet_ros.nodes.virtual_arm.configuration import (
@@ -60,9 +62,9 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     INFO_TOPIC: ClassVar[str] = 'lab_info'
     SHARED_INPUTS: ClassVar[tuple[str, ...]] = ('pressure_command', 'force_command')
 
-    def __init__(self) -> None:
+    def __init__(self, place: Place = ALONE) -> None:
         """Declare all parameters, get everything warm, and only then open the topics."""
-        super().__init__('virtual_arm', PARAMETERS, configured_virtual_arm)
+        super().__init__('virtual_arm', PARAMETERS, configured_virtual_arm, place)
         settings = self.configuration.node
         self.random = np.random.default_rng(settings.seed)
         self.command: float | None = None
@@ -205,6 +207,14 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.log_refusal(self.trouble)
         else:
             use(shape)
+
+    def tip_now(self) -> Array | None:
+        """Bring the arm to the present; returns its tip (2,) m, None where it has no shape."""
+        tips: list[Array] = []
+        reach = [self.configuration.lab.scenario.arm.reach]
+        self.advance()
+        self.with_shape(lambda shape: tips.append(np.array(shape.points(reach)[:2])[:, 0, 0]))
+        return tips[0] if tips else None
 
     def tip(self, shape: ChainShape | MovingShape, stamp_ns: int) -> Any:
         """Return the pose of the true free end."""

@@ -1,0 +1,140 @@
+"""How far to inflate the arms of a gripper: to a width, and no harder than a force."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.fusion.grasp import Grasp, Gripper, Mount, SeenArm, Touch
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.equilibrium import solve
+from pneunet_ros.model.pressure_search import SCANNED
+
+SURE = 2.0  # standard deviations, 95 %
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GripCommand:
+    """Wanted: width between the surfaces (m), with no more than a force (N) of every arm."""
+
+    width: float
+    force: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is no number."""
+        if not (np.isfinite(self.width) and np.isfinite(self.force) and self.force >= 0.0):
+            raise RequestError(
+                f'a width of {self.width} m with at most {self.force} N cannot be commanded'
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reach:
+    """How far inward (n,) m the surface of an unloaded arm is at pressures (n,) Pa.
+
+    It is counted from the origin of the gripper, along the direction to the object.
+    """
+
+    pressure: Array
+    inward: Array
+
+    def pressure_for(self, inward: float) -> float:
+        """Return the pressure (Pa) that brings the surface there, or as near as it comes."""
+        return float(np.interp(inward, self.inward, self.pressure))
+
+
+def reach_of(arm: Arm, mount: Mount, inward: Array) -> Reach:
+    """Return how far an arm reaches over its calibrated pressures; inward (3,): unit vector."""
+    side = mount.axes[:, :2].T @ inward
+    pressures = np.linspace(*arm.pressure_range, SCANNED)
+    reached, start = [], None
+    for pressure in pressures.tolist():
+        shape = solve(arm, pressure, start=start)
+        if shape.converged:
+            start = shape
+            reached.append(float(np.max(side[0] * shape.x + side[1] * shape.y)))
+        else:
+            reached.append(np.nan)
+    known = np.isfinite(reached)
+    if not known.any():
+        raise RequestError('the arm has no shape at any pressure of the calibrated range')
+    clamp = float(inward @ mount.origin) + mount.thickness
+    places = np.maximum.accumulate(np.array(reached)[known]) + clamp
+    return Reach(pressure=freeze(pressures[known]), inward=freeze(places))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Closing:
+    """Moves the pressures of the arms of a gripper.
+
+    reaches: of the arms, by name. rate: fastest change, Pa/s; gain: 1/s, the part of what is
+    missing that is made good in a second.
+    """
+
+    gripper: Gripper
+    reaches: Mapping[str, Reach]
+    rate: float
+    gain: float
+
+    def places(self, width: float) -> dict[str, float]:
+        """Return how far inward (m) the arms are with so much (m) between them."""
+        center = self.gripper.axis
+        return {
+            name: float(self.gripper.inward(name) @ center) - 0.5 * width for name in self.reaches
+        }
+
+    def step(
+        self,
+        seen: Mapping[str, SeenArm],
+        pressures: Mapping[str, float],
+        command: GripCommand,
+        elapsed: float,
+    ) -> dict[str, float]:
+        """Return the pressures (Pa) to command after so many seconds."""
+        touches, places = self.gripper.touches(seen), self.places(command.width)
+        most, after = self.rate * elapsed, {}
+        for name, pressure in pressures.items():
+            wanted = self.missing(
+                name, seen[name], touches[name], places[name], pressure, command.force
+            )
+            moved = pressure + float(np.clip(self.gain * elapsed * wanted, -most, most))
+            low, high = self.reaches[name].pressure[[0, -1]].tolist()
+            after[name] = min(max(moved, low), high)
+        return after
+
+    def missing(
+        self, name: str, seen: SeenArm, touch: Touch, place: float, pressure: float, force: float
+    ) -> float:
+        """Return what is missing (Pa) to a place (m, inward), pressing with no more than a force.
+
+        By the model, or by what moves the tip of the arm as it is, whichever is more: one that is
+        in the way keeps an arm from where its model has it. It is no more than an arm with its tip
+        held needs for what is left of the force.
+        """
+        mount, inward = self.gripper.mounts[name], self.gripper.inward(name)
+        side, jacobian = mount.axes[:, :2].T @ inward, seen.fused.estimate.jacobian
+        by_model = self.reaches[name].pressure_for(place) - pressure
+        slope, give = float(side @ jacobian[:2, 0]), float(side @ jacobian[:2, 1:3] @ side)
+        if slope <= 0.0 or give <= 0.0:  # inside a play gap
+            return by_model
+        left = (place - float(inward @ mount.origin + side @ touch.point)) / slope
+        wanted = max(by_model, left, key=abs) if by_model * left > 0.0 else left
+        felt = touch.force if touch.is_touching else np.nan_to_num(seen.fused.force)
+        return min(wanted, (force - float(np.linalg.norm(felt))) * give / slope)
+
+    def is_stalled(self, seen: Mapping[str, SeenArm], command: GripCommand) -> bool:
+        """Whether two arms or more touch something, and each presses as hard as it may."""
+        touches = [one for one in self.gripper.touches(seen).values() if one.is_touching]
+        return len(touches) > 1 and all(
+            np.linalg.norm(one.force) + SURE * np.sqrt(np.trace(one.force_covariance))
+            >= command.force
+            for one in touches
+        )
+
+
+def is_reached(grasp: Grasp, command: GripCommand, tolerance: float) -> bool:
+    """Whether the width is that commanded, to a tolerance (m)."""
+    return abs(grasp.width - command.width) <= tolerance

@@ -1,0 +1,329 @@
+"""What several arms hold between them: one estimate from the fused estimates of all.
+
+Each arm stands in the frame of the gripper, with the side it bends to (y of its base) towards the
+object. Seen along the mean direction of the arms, its bending plane is a line, and the surface
+that touches the object stands across that line: a circle through such surfaces has a radius R and
+a center c with q_i + R m_i = c for every arm, q_i the place of its surface and m_i the direction
+of its line. Two opposite arms give the distance between two parallel faces, three or more the
+diameter of a round object. Where fewer than two touch anything, the same of all arms is the
+opening.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.fusion.belief_estimate import estimate_at
+from pneunet_ros.fusion.contact import Contact
+from pneunet_ros.fusion.estimate import FusedEstimate, Mode
+from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.state import FusionState
+
+FEWEST = 2  # arms that hold something between them
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mount:
+    """Where an arm is in the frame of the gripper: origin (3,) m and axes (3, 3) of its base.
+
+    thickness: m, from its centerline to the surface that touches.
+    """
+
+    origin: Array
+    axes: Array
+    thickness: float
+
+    @property
+    def quaternion(self) -> tuple[float, float, float, float]:
+        """Return how the base is turned: x, y, z, w."""
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self.axes.tolist()
+        twice = np.array(  # its eigenvector of the largest value, Bar-Itzhack 2000
+            [
+                [xx - yy - zz, xy + yx, xz + zx, zy - yz],
+                [xy + yx, yy - xx - zz, yz + zy, xz - zx],
+                [xz + zx, yz + zy, zz - xx - yy, yx - xy],
+                [zy - yz, xz - zx, yx - xy, xx + yy + zz],
+            ]
+        )
+        x, y, z, w = np.linalg.eigh(twice)[1][:, -1].tolist()
+        return x, y, z, w
+
+
+def mount_of(place: Sequence[float], thickness: float) -> Mount:
+    """Return the mount at x, y, z (m) and roll, pitch, yaw (rad), as in the origin of a URDF.
+
+    Raises RequestError where these are not six finite numbers.
+    """
+    try:
+        numbers = np.array(place, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.full(6, math.nan)
+    if numbers.shape != (6,) or not np.isfinite(numbers).all():
+        raise RequestError(f'mount must be x, y, z in m and roll, pitch, yaw in rad, not {place}')
+    cr, cp, cy = np.cos(numbers[3:])
+    sr, sp, sy = np.sin(numbers[3:])
+    axes = np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+    return Mount(origin=freeze(numbers[:3].copy()), axes=freeze(axes), thickness=thickness)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Touch:
+    """The surface of an arm that touches something, or would.
+
+    point (2,) m and its covariance (2, 2), in the bending plane; force (2,) N on the arm and its
+    covariance (2, 2), 0 where nothing touches.
+    """
+
+    point: Array
+    covariance: Array
+    force: Array
+    force_covariance: Array
+    is_touching: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeenArm:
+    """An arm at its last frame.
+
+    fused: its estimate there, where a force is known many times better than a moment later, when
+    the load may have changed. least (N): what a model lacks looks like less; score (chi squared):
+    noise rarely looks like more. Both are the limits of a contact.
+    """
+
+    fused: FusedEstimate
+    least: float
+    score: float
+
+    def is_pushed(self, side: Array) -> bool:
+        """Whether something pushes at the tip, against a unit vector (2,)."""
+        known = side != 0.0
+        force, covariance = self.fused.force[known], self.fused.force_covariance
+        push = -float(side[known] @ force)
+        variance = float(side[known] @ covariance[np.ix_(known, known)] @ side[known])
+        return push > self.least and push**2 > self.score * variance
+
+
+def seen_arm(fusion: Fusion, state: FusionState) -> SeenArm | None:
+    """Return an arm at its last frame; None without one, or where it has no estimate there."""
+    belief = state.belief
+    if belief is None or not belief.frames:
+        return None
+    instant = fusion.pressure_at(state, belief.stamp_ns)
+    wrench = fusion.wrench_at(state, belief.stamp_ns, with_targets=True)
+    _, fused = estimate_at(fusion.bench, state, instant, wrench, Mode.FUSED, [])
+    if not isinstance(fused, FusedEstimate):
+        return None
+    settings = fusion.settings
+    least = settings.contact_least * fusion.bench.force_scale
+    return SeenArm(fused=fused, least=least, score=settings.contact_score)
+
+
+def touch_of(seen: SeenArm, mount: Mount, inward: Array) -> Touch:
+    """Return where an arm touches: at its contact, else where it reaches furthest inward.
+
+    inward (3,): unit vector to the object, across the direction of the gripper.
+    """
+    fused, contact = seen.fused, seen.fused.contact
+    if contact is not None and not contact.ambiguous:
+        return at_contact(fused, contact, mount.thickness)
+    side = mount.axes[:, :2].T @ inward
+    shape, estimate = fused.estimate.shape, fused.estimate
+    station = int(np.argmax(side[0] * shape.x + side[1] * shape.y))
+    covariance = np.diag(np.square([estimate.std_x[station], estimate.std_y[station]]))
+    if station == shape.x.size - 1:
+        covariance = estimate.tip_covariance[:2, :2]
+    force, force_covariance = np.zeros(2), np.zeros((2, 2))
+    pushed = contact is None and seen.is_pushed(side)
+    if contact is not None:  # it may be a force at the tip as well, of about this size
+        normal = normal_at(fused, contact.arclength)
+        force = contact.force * normal
+        force_covariance = contact.std_force**2 * np.outer(normal, normal)
+    elif pushed:
+        force = np.nan_to_num(fused.force)
+        force_covariance = np.nan_to_num(fused.force_covariance)
+    return Touch(
+        point=freeze(np.array([shape.x[station], shape.y[station]]) + mount.thickness * side),
+        covariance=freeze(covariance),
+        force=freeze(force),
+        force_covariance=freeze(force_covariance),
+        is_touching=contact is not None or pushed,
+    )
+
+
+def at_contact(fused: FusedEstimate, contact: Contact, thickness: float) -> Touch:
+    """Return the surface at a contact along the arm."""
+    estimate, normal = fused.estimate, normal_at(fused, contact.arclength)
+    std = [
+        float(np.interp(contact.arclength, estimate.shape.arclength, row))
+        for row in (estimate.std_x, estimate.std_y)
+    ]
+    slide = contact.std_arclength * np.array([normal[1], -normal[0]])
+    surface = -math.copysign(thickness, contact.force) * normal
+    return Touch(
+        point=freeze(np.array([contact.x, contact.y]) + surface),
+        covariance=freeze(np.diag(np.square(std)) + np.outer(slide, slide)),
+        force=freeze(contact.force * normal),
+        force_covariance=freeze(contact.std_force**2 * np.outer(normal, normal)),
+        is_touching=True,
+    )
+
+
+def normal_at(fused: FusedEstimate, arclength: float) -> Array:
+    """Return the unit normal (2,) of an arm."""
+    shape = fused.estimate.shape
+    theta = float(np.interp(arclength, shape.arclength, shape.theta))
+    return np.array([-math.sin(theta), math.cos(theta)])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Grasp:
+    """What a gripper holds, in its frame; SI.
+
+    touching: how many arms touch something; where two do, width is that of the object, else that
+    of the opening between the tips (m), negative where they overlap. center (3,) m. force: the sum
+    of the sizes (N) of the forces of all arms; balance (3,) N: their vector sum, on the object;
+    each with its std.
+    """
+
+    stamp_ns: int
+    touching: int
+    center: Array
+    width: float
+    std_width: float
+    force: float
+    std_force: float
+    balance: Array
+    std_balance: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Gripper:
+    """The mounts of the arms of a gripper, by name.
+
+    Raises RequestError where there are fewer than two, or where they have no direction in common.
+    """
+
+    mounts: Mapping[str, Mount]
+
+    def __post_init__(self) -> None:
+        """Refuse what is no gripper."""
+        if len(self.mounts) < FEWEST:
+            raise RequestError('a gripper has two arms at least')
+        mean = np.mean([mount.axes[:, 0] for mount in self.mounts.values()], axis=0)
+        if np.linalg.norm(mean) < 0.5:  # cos 60 degrees
+            raise RequestError(
+                'the arms of the gripper point into no common direction: check mount of each arm, '
+                'x of an arm points along it'
+            )
+        if any(abs(mount.axes[:, 1] @ self.direction) > 0.5 for mount in self.mounts.values()):
+            raise RequestError(
+                'an arm of the gripper bends along its direction: check mount of each arm, y '
+                'points towards the object'
+            )
+
+    @property
+    def direction(self) -> Array:
+        """Unit vector (3,) along the arms."""
+        mean = np.mean([mount.axes[:, 0] for mount in self.mounts.values()], axis=0)
+        return np.asarray(mean / np.linalg.norm(mean))
+
+    def inward(self, name: str) -> Array:
+        """Return the unit vector (3,) to the side an arm bends to, across the direction."""
+        side, direction = self.mounts[name].axes[:, 1], self.direction
+        across = side - (side @ direction) * direction
+        return np.asarray(across / np.linalg.norm(across))
+
+    @property
+    def axis(self) -> Array:
+        """The point (3,) m, across the direction, at which the planes of the arms meet."""
+        nothing = np.zeros((2, 2))
+        clamps = {
+            name: Touch(
+                point=np.zeros(2),
+                covariance=nothing,
+                force=np.zeros(2),
+                force_covariance=nothing,
+                is_touching=False,
+            )
+            for name in self.mounts
+        }
+        center, _, _ = self.circle(clamps)
+        return center
+
+    def touches(self, seen: Mapping[str, SeenArm]) -> dict[str, Touch]:
+        """Return where each arm touches."""
+        return {
+            name: touch_of(seen[name], mount, self.inward(name))
+            for name, mount in self.mounts.items()
+        }
+
+    def grasp(self, seen: Mapping[str, SeenArm]) -> Grasp:
+        """Return the grasp from all arms at their last frames."""
+        touches = self.touches(seen)
+        holding = [name for name, touch in touches.items() if touch.is_touching]
+        used = holding if len(holding) >= FEWEST else list(touches)
+        center, width, std_width = self.circle({name: touches[name] for name in used})
+        force, std_force, balance, std_balance = self.forces(touches)
+        return Grasp(
+            stamp_ns=max(seen[name].fused.stamp_ns for name in self.mounts),
+            touching=len(holding),
+            center=center,
+            width=width,
+            std_width=std_width,
+            force=force,
+            std_force=std_force,
+            balance=balance,
+            std_balance=std_balance,
+        )
+
+    def circle(self, touches: Mapping[str, Touch]) -> tuple[Array, float, float]:
+        """Return center (3,) m, diameter and its std (m) of the circle through surfaces."""
+        direction = self.direction
+        flat = np.eye(3) - np.outer(direction, direction)
+        rows, places, heights, covariances = [], [], [], []
+        for name, touch in touches.items():
+            axes = self.mounts[name].axes[:, :2]
+            place = self.mounts[name].origin + axes @ touch.point
+            rows.append(np.column_stack([flat, -self.inward(name)]))
+            places.append(flat @ place)
+            heights.append(float(direction @ place))
+            covariances.append(axes @ touch.covariance @ axes.T)
+        inverse = np.linalg.pinv(np.vstack(rows))
+        *center, radius = inverse @ np.concatenate(places)
+        parts = inverse[3].reshape(-1, 3) @ flat
+        variance = sum(
+            float(part @ one @ part) for part, one in zip(parts, covariances, strict=True)
+        )
+        middle = np.array(center) + direction * np.mean(heights)
+        return freeze(middle), 2.0 * float(radius), 2.0 * math.sqrt(variance)
+
+    def forces(self, touches: Mapping[str, Touch]) -> tuple[float, float, Array, Array]:
+        """Return the sum of the sizes of forces and its std, their vector sum and its std, N."""
+        total, variance = 0.0, 0.0
+        balance, covariance = np.zeros(3), np.zeros((3, 3))
+        for name, touch in touches.items():
+            axes = self.mounts[name].axes[:, :2]
+            size = float(np.linalg.norm(touch.force))
+            total += size
+            if size > 0.0:
+                way = touch.force / size
+                variance += float(way @ touch.force_covariance @ way)
+            balance -= axes @ touch.force
+            covariance += axes @ touch.force_covariance @ axes.T
+        return (
+            total,
+            math.sqrt(variance),
+            freeze(balance),
+            freeze(np.sqrt(np.maximum(np.diagonal(covariance), 0.0))),
+        )

@@ -1,0 +1,177 @@
+"""What a gripper holds, and how it is commanded: topics of the node `gripper`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+import math
+import time
+from typing import Any
+
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.fusion.closing import Closing, GripCommand, is_reached, Reach, reach_of
+from pneunet_ros.fusion.grasp import Grasp, Gripper, seen_arm, SeenArm
+from pneunet_ros.messages.base_frames import TRANSFORM_TYPE
+from pneunet_ros.messages.builders import header
+from pneunet_ros.messages.gripper import GRIPPER_STATE, mount_transforms
+from pneunet_ros.messages.readings import PRESSURE_TYPE
+from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.nodes.gripper.configuration import GripperSettings
+from pneunet_ros.nodes.ros_types import has_message, message_class, RCLPY_TYPES, serialize
+from pneunet_ros.nodes.topics import latched_qos, output_qos, publisher, subscription
+
+COMMAND_TYPE = 'sensor_msgs/msg/JointState'
+
+
+class Grasping:
+    """Publishes the answer of a gripper, and follows a command.
+
+    The answer is made of the arms' last frames, once all of them have a new one. fusions: the
+    nodes, by the name of their arm. Nothing is worked out while nobody listens or commands.
+    """
+
+    def __init__(
+        self, node: Any, settings: GripperSettings, gripper: Gripper, fusions: Mapping[str, Any]
+    ) -> None:
+        self.node, self.settings, self.gripper, self.fusions = node, settings, gripper, fusions
+        self.seen: dict[str, SeenArm] = {}
+        self.new: set[str] = set()
+        self.grasp: Grasp | None = None
+        self.command: GripCommand | None = None
+        self.pressures: dict[str, float] = {}
+        self.moved_at = -math.inf  # s of a steady clock
+        self.reaches: dict[tuple[str, Any], Reach] = {}
+        self.listeners: list[Any] = []  # called with every grasp
+        self.serializer = MessageSerializer(
+            types=RCLPY_TYPES, serialize=serialize, frame_id=settings.frame_id
+        )
+        self.states = publisher(node, GRIPPER_STATE.type, GRIPPER_STATE.name, output_qos())
+        self.commands = {
+            arm: publisher(node, PRESSURE_TYPE, f'{arm}/pressure_command', output_qos())
+            for arm in fusions
+        }
+        self.closing()  # works out reaches before somebody waits
+        subscription(node, COMMAND_TYPE, 'gripper/command', self.take_command, output_qos())
+        self.tell_mounts()
+        for arm, fusion in fusions.items():
+            fusion.take_frame = partial(self.take_frame, arm)
+
+    def tell_mounts(self) -> None:
+        """Publish where the bases of arms are that have frames of their own."""
+        frames = {
+            arm: fusion.configuration.fusion.sensors.frame_id
+            for arm, fusion in self.fusions.items()
+        }
+        mounts = {
+            frame: self.gripper.mounts[arm]
+            for arm, frame in frames.items()
+            if frame != self.settings.frame_id
+        }
+        if mounts and has_message(TRANSFORM_TYPE):
+            self.transforms = publisher(self.node, TRANSFORM_TYPE, '/tf_static', latched_qos())
+            self.transforms.publish(mount_transforms(mounts, self.settings.frame_id, RCLPY_TYPES))
+
+    def take_frame(self, arm: str) -> None:
+        """Take a frame of an arm, which its fusion has used."""
+        if self.command is None and not self.states.get_subscription_count():
+            return
+        fusion = self.fusions[arm]
+        seen = seen_arm(fusion.configuration.fusion, fusion.state)
+        if seen is None:
+            self.seen.pop(arm, None)
+            return
+        self.seen[arm] = seen
+        self.new.add(arm)
+        if self.new == self.fusions.keys() == self.seen.keys():
+            self.new.clear()
+            self.grasp = self.gripper.grasp(self.seen)
+            self.states.publish(self.serializer.bytes_of(GRIPPER_STATE, self.grasp))
+            self.follow(time.monotonic())
+            for listener in tuple(self.listeners):
+                listener(self.grasp)
+
+    def take_command(self, message: Any) -> None:
+        """Take a command: position, the width (m); effort, the largest force (N) of an arm."""
+        try:
+            if len(message.position) != 1 or len(message.effort) > 1:
+                raise RequestError('position holds one width (m), effort one force (N) or none')
+            self.order(message.position[0], message.effort[0] if message.effort else 0.0)
+        except RequestError as error:
+            sentence = f'a command of the gripper is refused: {error}'
+            self.node.log.warn('command', sentence, time.monotonic())
+
+    def order(self, width: float, force: float) -> GripCommand:
+        """Follow a command from now on; force: 0 or less for the largest allowed."""
+        most = self.settings.max_force
+        command = GripCommand(width=width, force=min(force, most) if force > 0.0 else most)
+        if self.command is None:
+            self.pressures, self.moved_at = {}, -math.inf
+        self.command = command
+        return command
+
+    def follow(self, now: float) -> None:
+        """Command the next pressures, from what the sensors read at first."""
+        elapsed, self.moved_at = now - self.moved_at, now
+        if self.command is None:
+            return
+        if not self.pressures or elapsed > self.settings.hold_after:
+            fused = {arm: seen.fused.estimate for arm, seen in self.seen.items()}
+            self.pressures = {arm: one.shape.pressure for arm, one in fused.items()}
+            return
+        self.pressures = self.closing().step(self.seen, self.pressures, self.command, elapsed)
+        kind = message_class(PRESSURE_TYPE)
+        stamp_ns = self.node.get_clock().now().nanoseconds
+        for arm, pressure in self.pressures.items():
+            heading = header(stamp_ns, '', RCLPY_TYPES)
+            self.commands[arm].publish(kind(header=heading, fluid_pressure=pressure))
+
+    def closing(self) -> Closing:
+        """Return how the pressures move, for the models that are in use."""
+        reaches = {}
+        for arm, fusion in self.fusions.items():
+            model = fusion.configuration.fusion.arm
+            key = arm, model
+            if key not in self.reaches:
+                mount, inward = self.gripper.mounts[arm], self.gripper.inward(arm)
+                self.reaches[key] = reach_of(model, mount, inward)
+            reaches[arm] = self.reaches[key]
+        return Closing(
+            gripper=self.gripper,
+            reaches=reaches,
+            rate=self.settings.closing_rate,
+            gain=self.settings.closing_gain,
+        )
+
+    def is_reached(self) -> bool:
+        """Whether the commanded width is there."""
+        return (
+            self.grasp is not None
+            and self.command is not None
+            and is_reached(self.grasp, self.command, self.settings.width_tolerance)
+        )
+
+    def is_stalled(self) -> bool:
+        """Whether the arms hold something as hard as they may."""
+        return self.command is not None and self.closing().is_stalled(self.seen, self.command)
+
+    def forget(self) -> None:
+        """Forget all frames, and follow no command."""
+        self.seen.clear()
+        self.new.clear()
+        self.grasp = self.command = None
+
+    def texts(self) -> dict[str, str]:
+        """Return what diagnostics say."""
+        grasp, command = self.grasp, self.command
+        if grasp is None:
+            return {}
+        numbers = {
+            'touching': grasp.touching,
+            'width_m': grasp.width,
+            'width_std_m': grasp.std_width,
+            'force_n': grasp.force,
+            'force_std_n': grasp.std_force,
+        }
+        if command is not None:
+            numbers |= {'commanded_width_m': command.width, 'commanded_force_n': command.force}
+        return {name: f'{value:.6g}' for name, value in numbers.items()}

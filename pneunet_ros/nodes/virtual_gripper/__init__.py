@@ -1,0 +1,1 @@
+"""The node `virtual_gripper`."""

@@ -1,0 +1,114 @@
+"""The node `virtual_gripper`: virtual arms around an object, for the node `gripper`.
+
+It reads the parameters of the gripper, for its arms and where they stand. The object is a soft
+cylinder along the direction of the gripper, in its middle: it pushes the tips back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import sys
+from typing import Any, ClassVar
+
+from pneunet_ros.core.health import Level, Report
+from pneunet_ros.fusion.grasp import Gripper
+from pneunet_ros.lab.live import Load
+from pneunet_ros.nodes.configured_node import ConfiguredNode
+from pneunet_ros.nodes.parameters import overrides
+from pneunet_ros.nodes.params_file import params_files
+from pneunet_ros.nodes.place import Place
+from pneunet_ros.nodes.virtual_arm.node import VirtualArmNode
+from pneunet_ros.nodes.virtual_gripper.configuration import (
+    configured_virtual_gripper,
+    PARAMETERS,
+    played_gripper,
+    VirtualGripperConfiguration,
+)
+
+USAGE = """usage: pneunet-virtual-gripper [--ros-args ...]
+
+Plays the arms of a gripper, with their valves, sensors and cameras, and an object between them:
+those of the node gripper in a file of parameters, by default config/gripper.yaml
+
+  pneunet-virtual-gripper --ros-args -r __ns:=/hand --params-file my_gripper.yaml
+  pneunet-virtual-gripper --ros-args -r __ns:=/hand -p object_width:=0.03
+"""
+FRAME_RATE = 30.0  # Hz
+# Part of the way to its force that the object goes each time: an arm has no mass, and one that
+# gives by 5 m/N would swing beyond 2 / (1 + 60 N/m x 5 m/N).
+FOLLOWS = 0.005
+
+
+class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
+    """Lets the object push the arms that reach into it."""
+
+    INFO_TOPIC: ClassVar[str] = 'lab_info'
+
+    def __init__(self) -> None:
+        """Declare all parameters; the arms come next, by `virtual_gripper_nodes`."""
+        super().__init__('virtual_gripper', PARAMETERS, configured_virtual_gripper)
+        played = f'{self.get_namespace().rstrip("/")}/gripper'
+        self.gripper: Gripper
+        self.gripper, self.frames = played_gripper(params_files(sys.argv), played)
+        self.members: dict[str, VirtualArmNode] = {}
+        self.forces = dict.fromkeys(self.gripper.mounts, 0.0)  # N
+
+    def open(self) -> None:
+        """Open the services and begin, now that all arms are there."""
+        self.open_services()
+        self.every(1.0 / self.configuration.node.rate, self.push)
+        self.tell_ready()
+
+    def push(self) -> None:
+        """Let every arm be pushed by as much as its surface is within the object."""
+        settings, center = self.configuration.node, self.gripper.axis
+        for arm, member in self.members.items():
+            mount, inward = self.gripper.mounts[arm], self.gripper.inward(arm)
+            tip = member.tip_now()
+            if tip is None:
+                continue
+            place = mount.origin + mount.axes[:, :2] @ tip + mount.thickness * inward
+            depth = float(inward @ (place - center)) + 0.5 * settings.object_width
+            force = self.forces[arm]
+            force += FOLLOWS * (settings.object_stiffness * depth - force)
+            self.forces[arm] = max(force, 0.0) * (settings.object_width > 0.0)
+            force_x, force_y = (-self.forces[arm] * (mount.axes[:, :2].T @ inward)).tolist()
+            member.load = Load(force_x=force_x, force_y=force_y)
+
+    def forget(self) -> str:
+        """Put unconditioned arms (no prior loading) in their places."""
+        for member in self.members.values():
+            member.forget()
+        return 'unconditioned arms (no prior loading), vented'
+
+    def take_over(self, configuration: VirtualGripperConfiguration) -> None:
+        """Go on with another object."""
+
+    def diagnose(self) -> None:
+        """Publish how hard the object is held."""
+        values = {f'force_n/{arm}': f'{force:.6g}' for arm, force in self.forces.items()}
+        values |= {'object_width_m': f'{self.configuration.node.object_width:.6g}'}
+        values |= {'force_n': f'{sum(self.forces.values()):.6g}'}
+        message = f'{len(self.forces)} virtual arms'
+        self.publish_report('object', Report(level=Level.OK, message=message, values=values))
+
+
+def virtual_gripper_nodes() -> Iterator[Any]:
+    """Yield the nodes of a virtual gripper: its own, then the arms."""
+    gripper = VirtualGripperNode()
+    settings, namespace = gripper.configuration.node, gripper.get_namespace().rstrip('/')
+    clock = {'use_sim_time': gripper.get_parameter('use_sim_time').value}
+    yield gripper
+    for number, (arm, frame) in enumerate(gripper.frames.items()):
+        rates = {'rate': settings.rate, 'frame_rate': FRAME_RATE}
+        parameters = {'seed': number, 'frame_id': frame} | rates
+        member = VirtualArmNode(
+            Place(
+                namespace=f'{namespace}/{arm}',
+                parameters=parameters | clock,
+                meant=overrides(gripper),
+            )
+        )
+        gripper.members[arm] = member
+        yield member
+    gripper.open()

@@ -1,0 +1,192 @@
+"""What a gripper holds, from solved arms whose truth is known; and how it is closed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pneunet_ros import load_model, solve
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.readings import PressureReading, TargetSightings
+from pneunet_ros.core.share import share_path
+from pneunet_ros.fusion.closing import Closing, GripCommand, is_reached, reach_of
+from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.grasp import Gripper, mount_of, seen_arm
+from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.messages.gripper import GRASP_POINT, grasp_point, mount_transforms
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
+import pytest
+
+APART, THICKNESS = 0.045, 0.006  # m
+PRESSURE, PUSH = 45e3, 0.03  # Pa, N
+FRAMES = 12
+NAMES = ('std', 'u', 'v', 'area', 'major', 'minor', 'angle')
+
+
+@pytest.fixture(scope='module')
+def fusion():
+    return Fusion(arm=load_model(share_path('config/lab_arm.yaml')))
+
+
+def seen_at(fusion, force, seed):
+    """Return the true shape, and an arm at its last frame, under a tip force (2,) N."""
+    random, targets = np.random.default_rng(seed), fusion.arm.target_arclength
+    shape = solve(fusion.arm, pressure=PRESSURE, force=force)
+    state, nothing = FusionState(), np.full(targets.size, np.nan)
+    for frame in range(FRAMES):
+        stamp = 1_000_000_000 + 33_000_000 * frame
+        x, y = (
+            np.interp(targets, shape.arclength, row) + 1e-4 * random.standard_normal(targets.size)
+            for row in (shape.x, shape.y)
+        )
+        event = TargetSightings(stamp_ns=stamp, x=x, y=y, **dict.fromkeys(NAMES, nothing))
+        state, _ = fusion.step(state, event)
+        state, _ = fusion.step(state, PressureReading(stamp_ns=stamp, pressure=PRESSURE))
+        state = fusion.settle(state)
+    return shape, seen_arm(fusion, state)
+
+
+def around(count):
+    """Return a gripper of so many arms about the axis x, bent towards it."""
+    mounts = {}
+    for index in range(count):
+        roll = 2.0 * math.pi * index / count
+        place = [0.0, -APART * math.cos(roll), -APART * math.sin(roll), roll, 0.0, 0.0]
+        mounts[f'arm_{index}'] = mount_of(place, THICKNESS)
+    return Gripper(mounts=mounts)
+
+
+@pytest.fixture(scope='module')
+def pushed(fusion):
+    return [seen_at(fusion, (0.0, -PUSH), seed) for seed in range(3)]
+
+
+@pytest.fixture(scope='module')
+def free(fusion):
+    return [seen_at(fusion, (0.0, 0.0), seed) for seed in range(3)]
+
+
+@pytest.mark.parametrize('count', [2, 3])
+def test_arms_that_are_pushed_hold_something(count, pushed):
+    gripper = around(count)
+    seen = {f'arm_{index}': pushed[index][1] for index in range(count)}
+    grasp, reached = gripper.grasp(seen), pushed[0][0].y.max()
+    assert grasp.touching == count
+    assert abs(grasp.width - 2.0 * (APART - reached - THICKNESS)) < 4.0 * grasp.std_width + 1e-5
+    assert grasp.std_width < 5e-4
+    assert abs(grasp.force - count * PUSH) < 4.0 * grasp.std_force
+    assert np.all(np.abs(grasp.balance) < 4.0 * grasp.std_balance + 1e-6)
+    assert np.abs(grasp.center[1:]).max() < 5e-4
+
+
+def test_free_arms_have_an_opening_and_no_force(free):
+    grasp = around(3).grasp({f'arm_{index}': free[index][1] for index in range(3)})
+    assert (grasp.touching, grasp.force) == (0, 0.0)
+    assert abs(grasp.width - 2.0 * (APART - free[0][0].tip[1] - THICKNESS)) < 5e-4
+
+
+def test_one_push_is_out_of_balance(free, pushed):
+    grasp = around(2).grasp({'arm_0': pushed[0][1], 'arm_1': free[1][1]})
+    assert grasp.touching == 1
+    assert grasp.balance[1] == pytest.approx(PUSH, rel=0.1)  # on the object, away from the arm
+
+
+def test_the_message_holds_it_all(pushed):
+    grasp = around(2).grasp({f'arm_{index}': pushed[index][1] for index in range(2)})
+    (point,) = grasp_point(grasp)
+    assert point.dtype == GRASP_POINT and point['touching'] == 2
+    assert (point['width'], point['force']) == (grasp.width, grasp.force)
+    assert point['balance_y'] == grasp.balance[1] and point['std_force'] == grasp.std_force
+    assert point['x'] == np.float32(grasp.center[0])
+
+
+def test_a_mount_is_the_origin_of_a_urdf():
+    mount = mount_of([0.1, 0.2, 0.3, 0.3, -0.4, 0.5], THICKNESS)
+    assert mount.origin.tolist() == [0.1, 0.2, 0.3]
+    assert np.allclose(mount.axes @ mount.axes.T, np.eye(3))
+    turned = mount_of([0.0, 0.0, 0.0, 0.0, 0.0, 0.5 * math.pi], THICKNESS)
+    assert np.allclose(turned.axes[:, 0], [0.0, 1.0, 0.0])  # yaw turns x to y
+
+
+def test_transforms_turn_as_the_mounts_do():
+    from scipy.spatial.transform import Rotation
+
+    places = {'one': [0.1, 0.2, 0.3, 0.3, -0.4, 0.5], 'turned': [0.0] * 3 + [math.pi, 0.0, 0.0]}
+    mounts = {name: mount_of(place, THICKNESS) for name, place in places.items()}
+    message = mount_transforms(mounts, 'hand', ROSBAGS_TYPES)
+    for one, (name, mount) in zip(message.transforms, mounts.items(), strict=True):
+        assert (one.header.frame_id, one.child_frame_id) == ('hand', name)
+        turn, move = one.transform.rotation, one.transform.translation
+        assert np.allclose(
+            Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix(), mount.axes
+        )
+        assert [move.x, move.y, move.z] == mount.origin.tolist()
+
+
+@pytest.mark.parametrize('place', [[0.0] * 5, [0.0] * 5 + [math.nan], ['a'] * 6, 3.0])
+def test_what_is_no_mount_is_refused(place):
+    with pytest.raises(RequestError, match='mount'):
+        mount_of(place, THICKNESS)
+
+
+@pytest.mark.parametrize(
+    'turns',
+    [
+        [(0.0, 0.0, 0.0)],
+        [(0.0, 0.0, 0.0), (0.0, 0.0, math.pi)],  # opposite ways
+    ],
+)
+def test_what_is_no_gripper_is_refused(turns):
+    mounts = {str(at): mount_of([0.0] * 3 + [*turn], 0.0) for at, turn in enumerate(turns)}
+    with pytest.raises(RequestError):
+        Gripper(mounts=mounts)
+
+
+@pytest.fixture(scope='module')
+def closing(fusion):
+    gripper = around(2)
+    reaches = {
+        name: reach_of(fusion.arm, mount, gripper.inward(name))
+        for name, mount in gripper.mounts.items()
+    }
+    return Closing(gripper=gripper, reaches=reaches, rate=20e3, gain=3.0)
+
+
+def test_the_model_knows_the_pressure_of_a_width(closing, fusion):
+    for name, place in closing.places(0.05).items():
+        pressure = closing.reaches[name].pressure_for(place)
+        reached = solve(fusion.arm, pressure=pressure).tip[1]
+        assert 2.0 * (APART - reached - THICKNESS) == pytest.approx(0.05, abs=2e-4)
+
+
+def test_free_arms_go_towards_the_width_no_faster_than_the_rate(closing, free):
+    seen = {f'arm_{index}': free[index][1] for index in range(2)}
+    width = around(2).grasp(seen).width
+    for wanted, change in ((width - 0.02, 2e3), (width + 0.02, -2e3)):
+        command = GripCommand(width=wanted, force=0.05)
+        once = closing.step(seen, dict.fromkeys(seen, PRESSURE), command, 0.1)
+        assert set(once.values()) == {PRESSURE + change}
+    there = GripCommand(width=width, force=0.05)
+    once = closing.step(seen, dict.fromkeys(seen, PRESSURE), there, 0.1)
+    assert max(abs(pressure - PRESSURE) for pressure in once.values()) < 200.0
+
+
+def test_no_arm_is_pressed_harder_than_wanted(closing, pushed):
+    seen = {f'arm_{index}': pushed[index][1] for index in range(2)}
+    harder = closing.step(
+        seen, dict.fromkeys(seen, PRESSURE), GripCommand(width=0.0, force=2.0 * PUSH), 0.033
+    )
+    softer = closing.step(
+        seen, dict.fromkeys(seen, PRESSURE), GripCommand(width=0.0, force=0.5 * PUSH), 0.033
+    )
+    assert min(harder.values()) > PRESSURE > max(softer.values())
+    assert closing.is_stalled(seen, GripCommand(width=0.0, force=PUSH))
+    assert not closing.is_stalled(seen, GripCommand(width=0.0, force=2.0 * PUSH))
+
+
+def test_a_width_is_reached_to_a_tolerance(free):
+    grasp = around(2).grasp({f'arm_{index}': free[index][1] for index in range(2)})
+    command = GripCommand(width=grasp.width + 0.5e-3, force=0.1)
+    assert is_reached(grasp, command, 1e-3) and not is_reached(grasp, command, 1e-4)
+    with pytest.raises(RequestError):
+        GripCommand(width=math.nan, force=0.1)
