@@ -137,7 +137,7 @@ def test_a_stiffness_that_may_be_infinite_is_its_compliance():
 
 def test_known_effects_are_no_hypotheses():
     every = [item.name for item in hypotheses()]
-    assert every == list(EFFECTS)
+    assert every == [name for name in EFFECTS if name != 'inertia']
     assert [item.name for item in hypotheses(without=('creep', 'gravity'))] == [
         name for name in every if name not in ('creep', 'gravity')
     ]

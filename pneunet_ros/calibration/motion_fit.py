@@ -311,17 +311,7 @@ def fit_motion(arm: Arm, runs: Sequence[RecordingData]) -> MotionFit:
         RequestError: the arm hardly swings in the recordings, or no mass at the tip explains how.
 
     """
-    still = replace(arm, motion=Motion())
-    modes = unloaded_modes(still)
-    if modes is None:
-        raise RequestError(f'{arm.name} has no stable unloaded shape to swing about')
-    problem = MotionProblem(
-        arm=still,
-        runs=tuple(swinging_run(still, run) for run in runs),
-        modes=modes,
-        places=places_along(arm.reach, arm.target_arclength),
-        std=max(arm.sensors.target_std, 1e-6 * arm.length),
-    )
+    problem = motion_problem(arm, runs)
     from scipy.optimize import least_squares  # slow to import, and few fits need it
 
     short = problem.shortened(SCANNED_READINGS)
@@ -379,6 +369,48 @@ def fit_motion(arm: Arm, runs: Sequence[RecordingData]) -> MotionFit:
         moving_rms=moving_rms,
         in_motion=in_motion,
         frames=frames,
+    )
+
+
+def predicted_motion(
+    arm: Arm, motion: Motion, runs: Sequence[RecordingData]
+) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...], tuple[Flags, ...]]:
+    """Return how recordings look beside an arm of known mass and damping; nothing else is fitted.
+
+    But how an arm moves where it was plucked. Returns, per run, targets beside the equilibrium and
+    beside the moving arm, each less its mean, how far that is beside its equilibrium (frames, 2,
+    targets) m, and in which frames it rests.
+    """
+    problem = motion_problem(arm, runs)
+    numbers = problem.first_numbers(0.0, 0.1)
+    numbers[:2] = motion.tip_mass / problem.share, math.log(motion.damping_time)
+    if numbers.size > 2:
+        from scipy.optimize import least_squares  # slow to import, and few fits need it
+
+        numbers[2:] = least_squares(
+            lambda starts: problem.cost(np.concatenate([numbers[:2], starts])),
+            numbers[2:],
+            x_scale='jac',
+            max_nfev=MOST_STEPS,
+        ).x
+    beside, rest = problem.follow(numbers)
+    left = problem.residuals(beside)
+    still = problem.residuals([np.zeros_like(item) for item in beside])
+    return tuple(still), tuple(left), tuple(beside), tuple(rest)
+
+
+def motion_problem(arm: Arm, runs: Sequence[RecordingData]) -> MotionProblem:
+    """Return recordings with what is fitted to them; RequestError: the arm cannot swing."""
+    still = replace(arm, motion=Motion())
+    modes = unloaded_modes(still)
+    if modes is None:
+        raise RequestError(f'{arm.name} has no stable unloaded shape to swing about')
+    return MotionProblem(
+        arm=still,
+        runs=tuple(swinging_run(still, run) for run in runs),
+        modes=modes,
+        places=places_along(arm.reach, arm.target_arclength),
+        std=max(arm.sensors.target_std, 1e-6 * arm.length),
     )
 
 

@@ -7,7 +7,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from pneunet_ros.calibration.checks.frames_in_motion import without_motion
+from pneunet_ros.calibration.checks.frames_in_motion import FramesInMotion, without_motion
 from pneunet_ros.calibration.elongation import without_fitted
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.progress import OnProgress, part_of, say_nothing
@@ -23,6 +23,7 @@ from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
 from pneunet_ros.diagnosis.evaluation import misfit, noise_floor, removed_share, scores
 from pneunet_ros.diagnosis.experiment_design import propose_experiment
 from pneunet_ros.diagnosis.hypothesis import carries_time, hypotheses, Hypothesis
+from pneunet_ros.diagnosis.inertia import with_inertia
 from pneunet_ros.diagnosis.lack_of_fit import LackOfFit
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.localization import (
@@ -168,7 +169,8 @@ def investigate(
     """Diagnose as `diagnose` does; return the diagnosis with all fits it rests on."""
     model = without_fitted(model)  # what a calibration found is a hypothesis as others are
     model, training, held_out, notes = with_tips(model, training, held_out)
-    training, held_out, notes = at_rest(model, training, held_out, notes)
+    every = training, held_out
+    training, held_out, notes, motion = at_rest(model, training, held_out, notes)
     base = fit_base(
         model,
         training,
@@ -199,11 +201,13 @@ def investigate(
     notes = (*notes_on_time(selection, recordings[0]), *notes)
     verdict = replace(verdict, notes=(*verdict.notes, *notes))
     diagnosis = conclude(selection, first, best, verdict, detectable, recordings)
+    static = diagnosis.answer == verdict.answer
+    diagnosis = with_inertia(diagnosis, *every, motion, selection.linearization.noise)
     return Investigation(
         diagnosis=diagnosis,
         selection=selection,
         base=first,
-        trial=verdict.trial if diagnosis.answer == verdict.answer else first,
+        trial=verdict.trial if static else first,
         recordings=recordings,
         notes=notes,
     )
@@ -583,17 +587,19 @@ def at_rest(
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
     notes: tuple[str, ...],
-) -> tuple[list[RecordingData], list[RecordingData], tuple[str, ...]]:
+) -> tuple[list[RecordingData], list[RecordingData], tuple[str, ...], FramesInMotion | None]:
     """Return recordings less the frames that show the arm in motion, which a note says first.
+
+    And these frames.
 
     RecordingError where no training recording without a load is left.
     """
     kept, motion = without_motion(model, training, held_out)
     if motion is None:
-        return kept[0], kept[1], notes
+        return kept[0], kept[1], notes, None
     if all(run.loaded for run in kept[0]) and not all(run.loaded for run in training):
         raise RecordingError(f'{motion.left_out}. What is left is too little for a diagnosis')
-    return kept[0], kept[1], (motion.left_out, *notes)
+    return kept[0], kept[1], (motion.left_out, *notes), motion
 
 
 def with_tips(

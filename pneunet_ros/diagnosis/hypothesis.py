@@ -193,10 +193,12 @@ def coordinate_of(parameter: Any, shape_margin: float) -> Coordinate:
 def hypotheses(
     without: tuple[str, ...] = (), settings: HypothesisSettings = DEFAULTS.hypothesis
 ) -> tuple[Hypothesis, ...]:
-    """Return all effects of the table as hypotheses, without these and what is withheld."""
+    """Return all effects on an arm at rest as hypotheses, without these and what is withheld."""
     left_out = {*without, *settings.withheld}
     return tuple(
-        hypothesis(kind, settings) for name, kind in EFFECTS.items() if name not in left_out
+        hypothesis(kind, settings)
+        for name, kind in EFFECTS.items()
+        if name not in left_out and kind.place != 'motion'
     )
 
 

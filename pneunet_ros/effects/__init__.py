@@ -18,6 +18,7 @@ from pneunet_ros.effects.extensibility import Extensibility
 from pneunet_ros.effects.force_misalignment import ForceMisalignment
 from pneunet_ros.effects.gravity import Gravity
 from pneunet_ros.effects.hysteresis import Hysteresis
+from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.effects.lens_distortion import LensDistortion
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_elongation import PressureElongation
@@ -49,5 +50,6 @@ EFFECTS: dict[str, type[Effect]] = {
         ClampCompliance,
         LoadOffset,
         Contact,
+        Inertia,
     )
 }

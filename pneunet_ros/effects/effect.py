@@ -1,6 +1,6 @@
 """The contract of a physical effect: one file, one frozen dataclass, parameters declared once.
 
-An effect changes the model in one of four places, by the methods that it implements:
+An effect changes the model in one of five places, by the methods that it implements:
 
 =========== ============================= ====================================================
 place       methods                       what they change
@@ -19,6 +19,7 @@ mechanics   terms, load_terms             strain, compliances, line load, a push
                                           the load acts
 mechanics   initial, actuate,             what a past of its own adds to these
             history_terms
+motion      motion                        mass and damping of an arm that is not at rest
 =========== ============================= ====================================================
 
 `Terms` is the record of all that can be added to the rod, along all of it or on a part; the solver
@@ -50,13 +51,14 @@ from pneunet_ros.solver.columns import (
     RIGIDITY,
 )
 
-Place = Literal['sensing', 'actuation', 'material', 'mechanics']
+Place = Literal['sensing', 'actuation', 'material', 'mechanics', 'motion']
 # What an effect may implement, by the place it declares.
 DEFINES: dict[Place, frozenset[str]] = {
     'sensing': frozenset({'sense', 'see', 'frame_delay'}),
     'actuation': frozenset({'initial', 'actuate', 'in_play', 'history_terms'}),
     'material': frozenset({'terms', 'load_terms', 'initial', 'actuate', 'history_terms'}),
     'mechanics': frozenset({'terms', 'load_terms', 'initial', 'actuate', 'history_terms'}),
+    'motion': frozenset({'motion'}),
 }
 METHODS = frozenset().union(*DEFINES.values())
 History = tuple[float, ...]
@@ -214,7 +216,7 @@ NO_TERMS = Terms()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effect(abc.ABC):
-    """A physical effect on top of the base model; the module names its four places.
+    """A physical effect on top of the base model; the module names its five places.
 
     law_error: standard deviation, relative, of its parameters as the law of a real arm has them:
     no arm follows a law with few parameters exactly, and where it does not, the parameters depend
@@ -268,6 +270,10 @@ class Effect(abc.ABC):
     def load_terms(self, loads: Loads) -> Terms:
         """Return what it adds under these end loads, beyond `terms`; the loads are true ones."""
         return NO_TERMS
+
+    def motion(self) -> tuple[float, float] | None:
+        """Return mass at the tip (kg) and damping time (s); None: the arm is taken to rest."""
+        return None
 
     @property
     def is_neutral(self) -> bool:

@@ -65,7 +65,7 @@ class Estimator:
         source = GravitySource(settings=self.settings, gravity=self.arm.gravity)
         object.__setattr__(self, 'gravity', source)
         moving = places = targets = None
-        if self.arm.motion is not None:
+        if self.arm.inertia is not None:
             moving = MovingArm(arm=self.arm, table=self.table)
             places = places_along(self.arm.reach, stations)
             targets = places_along(self.arm.reach, self.arm.target_arclength)

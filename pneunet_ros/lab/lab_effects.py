@@ -335,6 +335,15 @@ class LabLensDistortion(LabEffect):
         return freeze(points + (moved[0] - moved[1]))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabInertia(LabEffect):
+    """The arm has mass: MuJoCo moves it, as by the block `motion` of a scenario."""
+
+    name: ClassVar[str] = 'inertia'
+    tip_mass: float = quantity(0.0, unit='kg', bounds=(0.0, 1e2))
+    damping_time: float = quantity(0.0, unit='s', bounds=(0.0, 1e2))
+
+
 LAB_EFFECTS: dict[str, type[LabEffect]] = {
     effect.name: effect
     for effect in (
@@ -357,5 +366,6 @@ LAB_EFFECTS: dict[str, type[LabEffect]] = {
         LabCameraTilt,
         LabLensDistortion,
         LabCameraDelay,
+        LabInertia,
     )
 }

@@ -13,6 +13,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import check_quantities, quantity
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_effect import LabEffect
+from pneunet_ros.lab.lab_effects import LabInertia
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS
 from pneunet_ros.lab.protocols import Protocol
@@ -66,6 +67,14 @@ class Scenario:
         order = list(ALL_EFFECTS)
         effects = sorted(self.effects, key=lambda effect: order.index(effect.name))
         object.__setattr__(self, 'effects', tuple(effects))
+        for effect in effects:
+            if isinstance(effect, LabInertia) and (effect.tip_mass or effect.damping_time):
+                motion = dataclasses.replace(
+                    self.motion or LabMotion(),
+                    tip_mass=effect.tip_mass,
+                    damping_time=effect.damping_time,
+                )
+                object.__setattr__(self, 'motion', motion)
 
     def with_effects(self, changes: Changes) -> Scenario:
         """Return this scenario with parameters of effects set, be they there already or not."""

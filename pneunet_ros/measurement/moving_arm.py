@@ -146,8 +146,8 @@ class MovingArm:
 
     def _relative_errors(self) -> Array:
         """Return the relative errors of frequency^2 and damping by the columns of the model."""
-        assert self.arm.motion is not None
-        motion = self.arm.motion
+        assert self.arm.inertia is not None
+        motion = self.arm.inertia
         found = [[LEFT_OUT, LEFT_OUT], [motion.mass_error, motion.damping_error]]
         sides = self.table.neighbors
         pairs = zip(sides[: len(sides) // 2], sides[len(sides) // 2 :], strict=True)
@@ -172,8 +172,8 @@ class MovingArm:
         shape: the equilibrium, at these places; errors: of it. Returns both of the moving arm.
         """
         assert shape.solution is not None
-        assert self.arm.motion is not None
-        damping_time = self.arm.motion.damping_time
+        assert self.arm.inertia is not None
+        damping_time = self.arm.inertia.damping_time
         solved = shape.solution.for_kernels()
         following, moved = follow_reading(
             state, stamp_ns, solved, self.masses, damping_time, self.modes

@@ -77,10 +77,11 @@ class Arm:
     calibration spanned, `load_hull` its loads as a body in space, None where that is not known.
     `table_range` (Pa) is where both intrinsic curvature and moment law have rows, `pressure_range`
     (Pa) what of it is in the domain. `gravity` says where the weight points; `motion` is None
-    where inertia is not modelled. `sensing`, `seeing` and `acting` are the effects that change
-    what a reading means, where points are seen, and those that have a history; `history_dependent`
-    are the places in `acting` of those whose history changes the rod; `by_load` are the effects
-    that go with the end load and are not neutral. `parted` are the names of those that act on a
+    where inertia is not modelled, `inertia` the same with what an effect says of it. `sensing`,
+    `seeing` and `acting` are the effects that change what a reading means, where points are seen,
+    and those that have a history; `history_dependent` are the places in `acting` of those whose
+    history changes the rod; `by_load` are the effects that go with the end load and are not
+    neutral. `parted` are the names of those that act on a
     part of the arm: a neutral one does not, unless `divided` names it or the covariance has a
     column for it; curved_ends (m) is where parts end that have a curvature of their own.
     """
@@ -117,6 +118,7 @@ class Arm:
     table_range: tuple[float, float] = field(init=False, repr=False)
     pressure_range: tuple[float, float] = field(init=False, repr=False)
     load_hull: LoadHull | None = field(init=False, repr=False)
+    inertia: Motion | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the numbers and put the effects into the order of the table."""
@@ -130,6 +132,7 @@ class Arm:
                 f'arm.target_arclength must increase within 0 and the length {self.length} m'
                 + (f' and the cap of {self.tip_cap} m' if self.tip_cap else '')
             )
+        object.__setattr__(self, 'inertia', self._inertia())
         names = [effect.name for effect in self.effects]
         if len(set(names)) != len(names):
             raise ModelError(f'an effect is given twice: {", ".join(names)}')
@@ -181,6 +184,14 @@ class Arm:
                     f'covariance.placement is that of {placement.mean.size // 2} targets, and the '
                     f'arm has {targets.size}: leave it out where other targets are painted'
                 )
+
+    def _inertia(self) -> Motion | None:
+        """Return what moves the arm: the block `motion`, or an effect that is not neutral."""
+        for effect in self.effects:
+            if (numbers := effect.motion()) is not None:
+                known = self.motion or Motion()
+                return dataclasses.replace(known, tip_mass=numbers[0], damping_time=numbers[1])
+        return self.motion
 
     def _divide(self, pressure: float) -> None:
         """Find the effects that act on parts of the arm, at any pressure, and by the end load."""
@@ -236,8 +247,8 @@ class Arm:
         """The clamp, and the weight of the mass at the tip, as (5,) of the record of a rod."""
         clamp = np.zeros(CLAMP_WIDTH)
         clamp[CLAMP_ANGLE] = self.clamp_angle
-        if self.motion is not None:
-            weight = self.motion.tip_mass * STANDARD_GRAVITY
+        if self.inertia is not None:
+            weight = self.inertia.tip_mass * STANDARD_GRAVITY
             clamp[END_X], clamp[END_Y] = weight * self.gravity.x, weight * self.gravity.y
         return clamp
 
@@ -260,8 +271,8 @@ class Arm:
         soft = sections[:, : sections.shape[1] - 1] if self.tip_cap else sections
         for part, column, end in ((0, LOAD_X, END_X), (1, LOAD_Y, END_Y)):
             soft[:, :, column] += self.weight / self.length * beside[:, part, None]
-            if self.motion is not None:
-                clamp[:, end] += self.motion.tip_mass * STANDARD_GRAVITY * beside[:, part]
+            if self.inertia is not None:
+                clamp[:, end] += self.inertia.tip_mass * STANDARD_GRAVITY * beside[:, part]
 
     def on_knots(self, rotation: Array) -> Array:
         """Return rotation (..., pieces, 5) of the soft part on all knots; the cap is straight."""

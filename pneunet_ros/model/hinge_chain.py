@@ -68,7 +68,7 @@ def hinge_chain(
         tip_cap=arm.tip_cap,
         clamp_angle=float(rods.clamp[0, CLAMP_ANGLE]),
         mass=mass,
-        tip_mass=0.0 if arm.motion is None else arm.motion.tip_mass,
+        tip_mass=0.0 if arm.inertia is None else arm.inertia.tip_mass,
         damping_time=damping_time,
         radius=arm.length * SLENDER if radius is None else radius,
         hinge=hinge,
@@ -119,7 +119,7 @@ def gravity_of(arm: Arm, rods: Rods) -> Array:
     """
     load = rods.sections[0, 0, [LOAD_X, LOAD_Y]]
     gravity = load * arm.length * STANDARD_GRAVITY / arm.weight
-    tip_mass = 0.0 if arm.motion is None else arm.motion.tip_mass
+    tip_mass = 0.0 if arm.inertia is None else arm.inertia.tip_mass
     if not np.allclose(tip_mass * gravity, rods.clamp[0, [END_X, END_Y]], rtol=1e-9):
         raise RequestError(
             f'{arm.name} has a mass at its tip, and an effect gravity beside its own weight: '

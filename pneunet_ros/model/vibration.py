@@ -25,7 +25,7 @@ def masses_of(arm: Arm) -> Masses:
     """Return the masses of the links: the weight is spread over the soft length."""
     borders = np.linspace(0.0, arm.reach, LINKS + 1)
     soft = np.diff(np.minimum(borders, arm.length)) / arm.length
-    tip = 0.0 if arm.motion is None else arm.motion.tip_mass
+    tip = 0.0 if arm.inertia is None else arm.inertia.tip_mass
     return Masses(mass=freeze(arm.weight / STANDARD_GRAVITY * soft), tip=tip)
 
 
@@ -48,5 +48,5 @@ def vibration(arm: Arm, shape: Shape, count: int = 2) -> Modes | None:
         raise RequestError(f'no vibration without a shape: {shape.status}')
     if not 1 <= count <= LINKS:
         raise RequestError(f'the count of vibrations must lie between 1 and {LINKS}, not {count}')
-    damping_time = 0.0 if arm.motion is None else arm.motion.damping_time
+    damping_time = 0.0 if arm.inertia is None else arm.inertia.damping_time
     return modes_of(links_at(shape.solution), masses_of(arm), damping_time, count)

@@ -93,7 +93,7 @@ def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
 
 def proposed(arm: Arm) -> str:
     """Return what to record where it is not known how an arm moves."""
-    if arm.motion is not None:
+    if arm.inertia is not None:
         return ''
     return (
         f', and {arm.name} has no `motion`: record how the arm swings freely (pluck it and let '

@@ -21,6 +21,7 @@ PLACES: dict[Place, str] = {
     'actuation': 'pressure history to chamber pressure and intrinsic curvature',
     'material': 'moment against curvature',
     'mechanics': 'stretch, clamp, weight, end load',
+    'motion': 'mass and damping; as the block `motion`',
 }
 
 

@@ -63,7 +63,7 @@ def run(arguments: Namespace) -> int:
     arm = model_of(arguments)
     if not FEWEST_LINKS <= arguments.links <= MOST_LINKS:
         raise RequestError(f'--links must lie between {FEWEST_LINKS} and {MOST_LINKS}')
-    known = 0.0 if arm.motion is None else arm.motion.damping_time
+    known = 0.0 if arm.inertia is None else arm.inertia.damping_time
     damping_time = known or DAMPING_TIME
     if arguments.damping_time is not None:
         damping_time = arguments.damping_time
