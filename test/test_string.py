@@ -11,14 +11,24 @@ from pneunet_ros import load_model, solve
 from pneunet_ros.cli.experiments import strings
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RecordingError, RequestError
+from pneunet_ros.core.readings import unseen_targets
 from pneunet_ros.core.share import share_path
+from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.outside_effects import LabPulley
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.string_load import tips_of, with_string
+from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.model.equilibrium import tip_jacobian
 from pneunet_ros.model.string import follows_tip, solve_string, String
+from pneunet_ros.offline.film import FilmedRun, record_film
+from pneunet_ros.offline.film import with_string as film_with_string
+from pneunet_ros.recordings.dataset_reader import read_run
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording_writer import write_recording
+from pneunet_ros.tables.reading_table import ReadingTable
+from pneunet_ros.vision.tracker import Tracking
 import pytest
 from support.lab_run import true_model
 
@@ -159,3 +169,35 @@ def test_strings_of_recordings_are_read_and_wrong_ones_refused():
     ):
         with pytest.raises(RequestError):
             strings(given, paths)
+
+
+def test_what_a_film_makes_of_a_string_is_no_reading(arm, tmp_path):
+    string = String(tension=0.1, x=EYE[0], y=EYE[1])
+    shapes = [solve_string(arm, p, string) for p in (0.0, 20e3, 40e3, 60e3)]
+    run = run_with(arm, shapes)
+    targets = arm.target_arclength.size
+    trackings = tuple(
+        Tracking(
+            sightings=dataclasses.replace(unseen_targets(int(stamp), targets), x=x, y=y),
+            curve=None,
+        )
+        for stamp, x, y in zip(run.stamp_ns, run.x, run.y, strict=True)
+    )
+    values = {
+        sensor.name: np.full((len(shapes), *sensor.row_shape(0)), np.nan) for sensor in SENSORS
+    }
+    values['pressure'] = run.pressure[:, None]
+    table = ReadingTable(stamp_ns=run.stamp_ns, values=values)
+    film = film_with_string(FilmedRun(trackings=trackings, table=table), string, arm)
+    path = tmp_path / 'pulled.mcap'
+    with write_recording(path, overwrite=False) as writer:
+        record_film(writer, film)
+    names = {topic.name for topic in open_recording(path).topics}
+    assert '/pneunet/string_wrench' in names
+    assert '/pneunet/end_wrench' not in names
+    found, sentences = read_run(path, targets)
+    assert found.loaded and found.load_known
+    assert found.force == pytest.approx(np.array([one.force for one in shapes]), abs=1e-5)
+    assert any('follows from a string' in sentence for sentence in sentences)
+    alone = EstimatorSettings(wrench_required=False)
+    assert not read_run(path, targets, settings=alone)[0].loaded

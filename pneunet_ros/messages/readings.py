@@ -8,7 +8,7 @@ its type, be it of rclpy or decoded from a recording.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 import math
 from typing import Any
@@ -394,6 +394,8 @@ BASE_IMU = Sensor(
     row=imu_row,
     message=imu_message,
 )
+# The end load of a string whose tension is known: no sensor has read it, and none is taken for it.
+STRING_WRENCH = replace(END_WRENCH, name='string_wrench', label='pull of the string')
 SENSORS: tuple[Sensor[Any], ...] = (
     PRESSURE,
     END_WRENCH,

@@ -19,7 +19,7 @@ from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.estimation.clock_delay import ClockDelay, estimate_delay
 from pneunet_ros.measurement.string_load import tips_of
-from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS, TIP_POSE
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, STRING_WRENCH, TARGETS, TIP_POSE
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.messages.tracker import outputs_of, TRACKER_OUTPUTS
 from pneunet_ros.model.arm import Arm
@@ -34,10 +34,14 @@ from pneunet_ros.vision.tracker import Tracking
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilmedRun:
-    """Frames and readings on one clock: trackings in order, and the table of readings."""
+    """Frames and readings on one clock: trackings in order, and the table of readings.
+
+    wrench: name of the topic of its end loads.
+    """
 
     trackings: tuple[Tracking, ...]
     table: ReadingTable
+    wrench: str = END_WRENCH.name
 
     @property
     def covered(self) -> int:
@@ -138,12 +142,15 @@ def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
     )
     load = np.column_stack([string.pull(along), np.zeros(len(along))])
     table = replace(run.table, values={**run.table.values, END_WRENCH.name: load})
-    return replace(run, table=table)
+    return replace(run, table=table, wrench=STRING_WRENCH.name)
 
 
 def record_film(writer: RecordingWriter, run: FilmedRun) -> None:
     """Write frames and readings in the order of time."""
-    messages = table_messages(writer, run.table), _frame_messages(writer, run.trackings)
+    messages = (
+        table_messages(writer, run.table, run.wrench),
+        _frame_messages(writer, run.trackings),
+    )
     for stamp_ns, topic, raw in heapq.merge(*messages, key=itemgetter(0)):
         writer.write_raw(topic, stamp_ns, raw)
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.progress import say_how_far, STEP
-from pneunet_ros.messages.readings import PRESSURE, SENSORS, TARGETS
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, SENSORS, TARGETS
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recorded_series import ReadingSeries
 from pneunet_ros.recordings.recording_writer import RecordingWriter
@@ -40,13 +40,20 @@ def record_table(writer: RecordingWriter, table: ReadingTable) -> dict[str, int]
     return {f'{NAMESPACE}/{name}': count for name, count in table.counts().items() if count}
 
 
-def table_messages(writer: RecordingWriter, table: ReadingTable) -> Iterator[WrittenMessage]:
-    """Yield the readings of a table as messages: stamp in ns, topic, serialized bytes."""
+def table_messages(
+    writer: RecordingWriter, table: ReadingTable, wrench: str = END_WRENCH.name
+) -> Iterator[WrittenMessage]:
+    """Yield the readings of a table as messages: stamp in ns, topic, serialized bytes.
+
+    wrench: last name of the topic of end loads.
+    """
     counts, present = table.counts(), table.present()
     sensors = sorted(SENSORS, key=lambda sensor: sensor is PRESSURE)  # it makes the estimate
     ranked = [sensor for sensor in sensors if counts[sensor.name]]
+    names = {sensor.name: sensor.name for sensor in ranked} | {END_WRENCH.name: wrench}
     topics = {
-        sensor.name: writer.add(f'{NAMESPACE}/{sensor.name}', sensor.type) for sensor in ranked
+        sensor.name: writer.add(f'{NAMESPACE}/{names[sensor.name]}', sensor.type)
+        for sensor in ranked
     }
     for row, stamp_ns in enumerate(table.stamp_ns.tolist()):
         if row % STEP == 0:

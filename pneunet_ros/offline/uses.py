@@ -25,7 +25,14 @@ from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.tip_pose import with_tip_target
-from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS, TIP_POSE
+from pneunet_ros.messages.readings import (
+    END_WRENCH,
+    PRESSURE,
+    Sensor,
+    STRING_WRENCH,
+    TARGETS,
+    TIP_POSE,
+)
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.fuse import fusion_topics
 from pneunet_ros.offline.judge import Verdicts
@@ -132,7 +139,7 @@ def uses(
         return by_tip(data)
 
     def calibrates_loaded() -> str:
-        if not has(END_WRENCH):
+        if not (has(END_WRENCH) or has(STRING_WRENCH)):
             raise RecordingError(
                 'no sensor read an end load: it is an unloaded one, or say which weight hung on '
                 f'the arm, --end-load {recording.path} FX FY'

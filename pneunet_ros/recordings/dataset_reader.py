@@ -18,8 +18,16 @@ from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.measurement.between_readings import interpolate
 from pneunet_ros.measurement.dataset import frame_instants, frames_in_jumps, RecordingData
-from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS, TIP_POSE
+from pneunet_ros.messages.readings import (
+    END_WRENCH,
+    PRESSURE,
+    Sensor,
+    STRING_WRENCH,
+    TARGETS,
+    TIP_POSE,
+)
 from pneunet_ros.model.gravity import Gravity
 from pneunet_ros.recordings.recorded_gravity import read_gravity
 from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series, ReadingSeries
@@ -41,7 +49,8 @@ def read_run(
     A frame belongs to the pressure reading, and the end wrench, whose header stamp is nearest
     within half a median period; frames without one, those in which no target was seen, and those
     taken while the pressure jumped are left out. Without a topic of it, or with `wrench_required`
-    false, nothing was attached; a wrench that never changes is a known load, not a reading.
+    false, nothing was attached; a wrench that never changes, and that of a string, is a known
+    load, not a reading.
     Without a topic of pressure the arm has none. The pose of the tip belongs to the nearest frame,
     too.
 
@@ -72,6 +81,11 @@ def read_run(
         topic = find_series(recording, sensor, overrides, required=required)
         if topic is not None:
             topics[sensor.name] = topic
+    by_string = None
+    if settings.wrench_required and END_WRENCH.name not in topics:
+        by_string = find_series(recording, STRING_WRENCH, overrides, required=False)
+    if by_string is not None:
+        topics[END_WRENCH.name] = by_string
     series = read_series(recording, topics, settings, targets)
     sentences = [*recording.sentences]
     for item in series.values():
@@ -99,9 +113,14 @@ def read_run(
     if wrench is not None:
         at, keep = _match(sentences, frames, wrench, keep)
         load = wrench.values[at]
-        if is_constant(wrench.values):
-            known = True
-            sentences.append(f'{wrench.topic} never changes: a known load, which no sensor read')
+        known = by_string is not None or is_constant(wrench.values)
+        if known:
+            why = 'follows from a string' if by_string is not None else 'never changes'
+            sentences.append(f'{wrench.topic} {why}: a known load, which no sensor read')
+        if by_string is not None:  # it goes with the tip, from frame to frame
+            load = np.column_stack(
+                [interpolate(frames.stamp_ns, wrench.stamp_ns, one) for one in wrench.values.T]
+            )
     measured = read_gravity(recording, overrides, settings, gravity)
     if measured is not None:
         sentences += measured.sentences
