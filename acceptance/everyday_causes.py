@@ -29,9 +29,10 @@ if __name__ == '__main__':  # not where a test imports this: its processes would
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.readings import PressureReading
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.readings import ImuReading, PressureReading
 from pneunet_ros.core.share import share_path
-from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.fusion import Fusion
@@ -41,7 +42,7 @@ from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.scenario import Changes
-from pneunet_ros.lab.sensors import Rates
+from pneunet_ros.lab.sensors import LabNoise, Rates
 from pneunet_ros.lab.simulation import simulate
 from rigs import model_of, read_sensors, rig_command, run_bench, sightings_of, wrench_of
 from scipy.stats import chi2
@@ -63,7 +64,8 @@ class Cause:
     """A cause of error, and by whom it is simulated.
 
     ramp (s): of pressure and load; loaded: something pulls at the tip. effects, motion: of the
-    scenario. seen: what a recording's frames become. ripple (Pa): of the reading alone.
+    scenario. seen: what a recording's frames become. ripple (Pa): of the reading alone. imu: an
+    accelerometer is read at the base.
     """
 
     ramp: float = 0.6
@@ -72,6 +74,7 @@ class Cause:
     motion: LabMotion | None = None
     seen: Callable[[LabRecording, np.random.Generator], LabRecording] | None = None
     ripple: float = 0.0
+    imu: bool = False
 
 
 def beside(recording: LabRecording, off: float = 3e-3) -> LabRecording:
@@ -200,10 +203,19 @@ def readings_of(
         if instant in arriving:
             frame, stamped = arriving[instant]
             events.append(sightings_of(int(stamped), recording.x[frame], recording.y[frame]))
+        if CAUSES[name].imu:
+            events.append(imu_of(stamp, recording.motion.specific_force[instant], random))
         if wrench:
             events.append(wrench_of(stamp, read[instant]))
         events.append(PressureReading(stamp_ns=stamp, pressure=float(read[instant, 3])))
         yield events
+
+
+def imu_of(stamp_ns: int, force: Array, random: np.random.Generator) -> ImuReading:
+    """Return what an accelerometer reads of a specific force (2,) m/s^2 in the plane."""
+    x, y = (force + LabNoise().imu_std * random.standard_normal(2)).tolist()
+    beyond = math.sqrt(max(STANDARD_GRAVITY**2 - x**2 - y**2, 0.0))
+    return ImuReading(stamp_ns=stamp_ns, x=x, y=y, z=beyond, frame_id=BASE_FRAME)
 
 
 def fuse(

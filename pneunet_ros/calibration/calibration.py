@@ -11,6 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.calibration import elongation
+from pneunet_ros.calibration.camera_clock import (
+    camera_clocks,
+    CameraClock,
+    MOST_ROUNDS,
+    retimed,
+    together,
+)
 from pneunet_ros.calibration.checks.consistency import (
     describe_misfit,
     describe_pressure_noise,
@@ -119,6 +126,42 @@ def calibrate(
         RecordingError: the recordings do not fit the experiments.
 
     """
+    clocks, rounds = dict[str, CameraClock](), 0
+    while True:
+        found = calibrate_as_stamped(
+            unloaded,
+            loaded,
+            frame,
+            kind=kind,
+            compare=compare,
+            earlier=earlier,
+            on_progress=on_progress,
+            settings=settings,
+        )
+        more = camera_clocks(found.joint, found.noise.noise) if earlier is None else {}
+        if not more or rounds == MOST_ROUNDS:
+            break
+        rounds += 1
+        clocks |= {name: together(clocks.get(name), one) for name, one in more.items()}
+        unloaded, loaded = (
+            [retimed(run, more.get(run.name)) for run in part] for part in (unloaded, loaded)
+        )
+    said = tuple(clock.sentence for clock in clocks.values())
+    return replace(found, notes=(*said, *found.notes)) if said else found
+
+
+def calibrate_as_stamped(
+    unloaded: Sequence[RecordingData],
+    loaded: Sequence[RecordingData],
+    frame: Arm,
+    *,
+    kind: str | None,
+    compare: bool,
+    earlier: PosteriorState | None,
+    on_progress: OnProgress,
+    settings: CalibrationSettings,
+) -> Calibration:
+    """Calibrate as `calibrate` does, by the stamps that frames have."""
     if kind is not None and kind not in MOMENT_LAW_PARAMETERS:
         allowed = ', '.join(MOMENT_LAW_PARAMETERS)
         raise RequestError(f'the moment law must be one of {allowed}, not {kind}')

@@ -1,0 +1,177 @@
+"""The clock of a camera beside that of the readings: two unknowns of every recording.
+
+A film whose lost frames nobody counts is stamped k / fps, and goes slow by as much as was lost. To
+first order an error of the time of its frames moves the targets by their velocity: late (s) in
+the middle of the recording, and rate (s/s). Both are unknowns with a prior beside all others of a
+fit; evidence says whether the rate is one. An offset alone is no finding here: a line between
+pressure sensor and chamber looks like one, and `diagnose` tells them apart (`camera_delay`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from pneunet_ros.calibration.map_estimation import posterior_at
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.stamps import match_stamps
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.effects.camera_delay import CameraDelay
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inputs import inputs_of
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.uncertainty import SensorNoise
+from scipy.linalg import block_diag
+
+LATE_STD = 0.1  # s, half of the prior of camera_delay
+RATE_STD = 0.01  # of every hundred frames one is lost; crystals are off by 1e-4 at most
+STEP = 0.1  # s, of a central difference: in less the noise of readings looks like a change
+MOST_ROUNDS = 6  # of calibrations, each with better stamps
+FEWEST = 20  # frames, with which diagnosis looks at time
+CLOCK = 2  # unknowns: late, rate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraClock:
+    """How late (s) frames are stamped in the middle (ns) of a recording, and how much more later.
+
+    rate, rate_std: s/s.
+    """
+
+    name: str
+    middle_ns: int
+    late: float
+    rate: float
+    rate_std: float
+
+    @property
+    def evidence(self) -> float:
+        """How much more probable its frames are with a rate than without: log."""
+        sure, volume = self.rate / self.rate_std, RATE_STD / self.rate_std
+        return 0.5 * (sure**2 - math.log1p(volume**2))
+
+    @property
+    def sentence(self) -> str:
+        """Say it to a person."""
+        lost = 'frames that were lost and not counted' if self.rate < 0.0 else 'a wrong frame rate'
+        return (
+            f'{self.name}: the clock of the camera goes {1e2 * self.rate:+.2g} ± '
+            f'{1e2 * self.rate_std:.1g} % beside that of the pressure (and frames are stamped '
+            f'{1e3 * self.late:.0f} ms late in the middle): {lost}? Frames are taken at the '
+            'corrected times; stamp them when they are exposed'
+        )
+
+
+def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
+    """Return the clocks whose rate the frames of a fit show, by the names of their recordings.
+
+    noise: of the fit. All clocks are found together: one that is wrong pulls at the parameters of
+    the arm, and those at the frames of the others. As this is so to first order, the surest are
+    returned alone, those with half of the greatest evidence: the others may be right without them.
+    """
+    posterior, last = posterior_at(fit, noise)
+    prior, timed = posterior.prior, list[RecordingData]()
+    information, cross, score = list[Array](), list[Array](), list[Array]()
+    for which, run in enumerate(posterior.runs):
+        if run.static or len(run.stamp_ns) < FEWEST:
+            continue
+        own = prior.size + prior.disturbances.of_run(which)
+        linear, places = last.runs[which], np.concatenate([np.arange(prior.size), own])
+        white = linear.whitening(clock_jacobian(fit.arm, run, linear.jacobian.shape[1]))
+        white = white.reshape(-1, CLOCK)
+        moved = linear.whitening(linear.jacobian).reshape(len(white), -1)
+        timed.append(run)
+        information.append(white.T @ white)
+        cross.append((white.T @ moved) @ prior.scale[places])
+        score.append(white.T @ linear.white_residual.ravel())
+    if not timed:
+        return {}
+    every = np.concatenate(cross)
+    others = np.linalg.solve(last.normal + np.eye(last.scaled.size), every.T)
+    size = np.tile([LATE_STD, RATE_STD], len(timed))
+    precision = block_diag(*information) - every @ others + np.diag(size**-2.0)
+    covariance = np.linalg.inv(precision)
+    right = np.concatenate(score) - others.T @ (last.gradient - last.scaled)
+    found = (covariance @ right).reshape(-1, CLOCK)
+    stds = np.sqrt(np.diag(covariance)).reshape(-1, CLOCK)
+    clocks = [
+        CameraClock(
+            name=run.name,
+            middle_ns=middle_of(run),
+            late=float(late),
+            rate=float(rate),
+            rate_std=float(std),
+        )
+        for run, (late, rate), (_, std) in zip(timed, found, stds, strict=True)
+    ]
+    surest = max(clock.evidence for clock in clocks)
+    return {one.name: one for one in clocks if one.evidence > max(0.5 * surest, 0.0)}
+
+
+def clock_jacobian(arm: Arm, run: RecordingData, coordinates: int) -> Array:
+    """Return how what is measured moves per late and rate, (frames, coordinates, 2)."""
+    velocity = velocities(arm, run)[:, :coordinates]
+    time = seconds_after(run, middle_of(run))
+    return -velocity[:, :, None] * np.column_stack([np.ones(time.size), time])[:, None]
+
+
+def middle_of(run: RecordingData) -> int:
+    """Return the stamp (ns) in the middle of a recording."""
+    return int(run.stamp_ns[0] + run.stamp_ns[-1]) // 2
+
+
+def velocities(arm: Arm, run: RecordingData) -> Array:
+    """Return how fast targets, and the heading of the last, move (frames, coordinates) m/s.
+
+    By what is read just before and just after each frame; zero where the arm has no shape.
+    """
+    others = tuple(item for item in arm.effects if not item.frame_delay)
+    arms = [
+        replace(arm, effects=(*others, CameraDelay(delay=arm.frame_delay + side * STEP)))
+        for side in (0.0, 1.0, -1.0)
+    ]
+    now, before, later = (inputs_of(one, [run])[0] for one in arms)
+    model = ForwardModel(arm.target_arclength, run.points)
+    model.solve(arm, now)
+    return np.nan_to_num(model.difference(arm, before, later) / (2.0 * STEP))
+
+
+def seconds_after(run: RecordingData, middle_ns: int) -> Array:
+    """Return when frames were stamped, after the middle of a recording, (frames,) s."""
+    return np.asarray((run.stamp_ns - middle_ns) / NANOSECONDS_PER_SECOND)
+
+
+def retimed(run: RecordingData, clock: CameraClock | None) -> RecordingData:
+    """Return a recording with the stamps of its frames as the clock of the readings has them."""
+    if clock is None:
+        return run
+    late = clock.late + clock.rate * seconds_after(run, clock.middle_ns)
+    late = np.rint(NANOSECONDS_PER_SECOND * late)
+    stamps = run.stamp_ns - late.astype(np.int64)
+    load = run.load
+    if run.wrench_stamp_ns is not None and run.wrench is not None and not run.load_known:
+        load = run.wrench[match_stamps(stamps, run.wrench_stamp_ns, 0.0)[0]]
+    return replace(
+        run,
+        stamp_ns=stamps,
+        reading=match_stamps(stamps, run.reading_stamp_ns, 0.0)[0],
+        force=load[:, :2],
+        moment=load[:, 2],
+        gravity=run.gravity_at(stamps),
+    )
+
+
+def together(one: CameraClock | None, more: CameraClock) -> CameraClock:
+    """Return a clock that was corrected, with what is found beside the correction."""
+    if one is None:
+        return more
+    apart = (one.middle_ns - more.middle_ns) / NANOSECONDS_PER_SECOND
+    return replace(
+        more,
+        middle_ns=one.middle_ns,
+        late=one.late + more.late + more.rate * apart,
+        rate=one.rate + more.rate,
+    )

@@ -1,0 +1,69 @@
+"""The clock of a camera beside that of the readings: films whose lost frames nobody counted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.calibration.camera_clock import (
+    camera_clocks,
+    CameraClock,
+    retimed,
+    seconds_after,
+    together,
+)
+from pneunet_ros.calibration.result import Fit
+import pytest
+from support.lab_designs import base, noise
+
+pytestmark = pytest.mark.lengthy
+
+
+def drifting(which: int, late: float, rate: float) -> tuple[Fit, CameraClock]:
+    """Return the fit to recordings of which one is stamped late (s), and its clock."""
+    fit = base()
+    run = fit.runs[which].run
+    middle_ns = int(run.stamp_ns[0] + run.stamp_ns[-1]) // 2
+    clock = CameraClock(name=run.name, middle_ns=middle_ns, late=late, rate=rate, rate_std=1e-4)
+    runs = list(fit.runs)
+    # Stamped late is corrected by what stamps it early.
+    runs[which] = replace(runs[which], run=retimed(run, replace(clock, late=-late, rate=-rate)))
+    return replace(fit, runs=tuple(runs)), clock
+
+
+def test_clocks_that_are_right_are_no_finding():
+    assert camera_clocks(base(), noise()) == {}
+
+
+@pytest.mark.parametrize(('late', 'rate'), [(0.0, 2e-3), (0.02, -3e-3)])
+def test_a_clock_that_goes_slow_is_found_beside_the_others(late, rate):
+    fit, clock = drifting(0, late, rate)
+    found = camera_clocks(fit, noise())
+    assert list(found) == [clock.name]
+    one = found[clock.name]
+    assert one.rate == pytest.approx(rate, abs=4.0 * one.rate_std)
+    assert one.rate_std < 0.5 * abs(rate)
+    assert one.late == pytest.approx(late, abs=0.01)
+    assert one.evidence > 1.0
+    assert ('lost' in one.sentence) == (rate < 0.0)
+
+
+def test_a_clock_that_is_late_alone_is_left_to_a_diagnosis():
+    assert camera_clocks(drifting(0, 0.03, 0.0)[0], noise()) == {}
+
+
+def test_corrected_stamps_are_those_of_the_readings():
+    fit, clock = drifting(0, 0.02, -3e-3)
+    run, wrong = base().runs[0].run, fit.runs[0].run
+    again = retimed(wrong, clock)
+    assert np.abs(again.stamp_ns - run.stamp_ns).max() < 5e-3 * np.ptp(
+        wrong.stamp_ns - run.stamp_ns
+    )
+    assert np.abs(again.reading - run.reading).max() <= 1
+    assert retimed(wrong, None) is wrong
+    later = replace(clock, middle_ns=clock.middle_ns + 10**9, late=0.001, rate=1e-3)
+    both = together(clock, later)
+    assert both.rate == pytest.approx(clock.rate + 1e-3)
+    time = seconds_after(run, clock.middle_ns)
+    apart = clock.late + clock.rate * time + 0.001 + 1e-3 * (time - 1.0)
+    assert both.late + both.rate * time == pytest.approx(apart)
