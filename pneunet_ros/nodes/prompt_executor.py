@@ -29,6 +29,7 @@ SERVICE_NS = 1_000_000  # to wait for a service takes up to 35 us: 3 % of the ti
 # Messages are called back for so long before others are looked for, or this multiple of how long
 # looking took.
 LOOK_AGAIN_NS, LOOKS = 1_000_000, 4
+POLL_NS, POLLS = 20_000_000, 4  # how often, and how far, rclpy looks after a node that is polled
 Call = Callable[[], None]
 
 
@@ -122,9 +123,10 @@ class PromptExecutor(SingleThreadedExecutor):
     """Calls back timers, and the subscriptions of a group AtOnce; all else rclpy's executor does.
 
     Of several nodes, the message that arrived first has its turn, after the patience of its node.
-    For nodes with subscriptions, timers and services: nothing else wakes it. A process of many
-    nodes has over a hundred services, and waiting for all of them takes longer than an estimate:
-    while messages come, services are looked at every `SERVICE_NS` for each of them.
+    For nodes with subscriptions, timers and services: nothing else wakes it. What else a node has,
+    such as an action, is looked at every `POLL_NS` where its `is_polled` says so. A process of
+    many nodes has over a hundred services, and waiting for all of them takes longer than an
+    estimate: while messages come, services are looked at every `SERVICE_NS` for each of them.
     """
 
     def __init__(self, context: Context | None = None) -> None:
@@ -137,6 +139,7 @@ class PromptExecutor(SingleThreadedExecutor):
         self._other: list[Any] = []  # subscriptions
         self._timers: list[Any] = []
         self._services: list[Any] = []
+        self._polled = False  # some node is
         self._sets: dict[bool, Any] = {}
         self._prompt_until_ns = self._services_due_ns = 0
         self._due_ns: int | None = None  # when a message has waited for another long enough
@@ -173,6 +176,8 @@ class PromptExecutor(SingleThreadedExecutor):
             return
         self._services_due_ns = time.time_ns() + SERVICE_NS * len(self._services)
         others = {item.handle.pointer for item in self._other}
+        for _ in range(POLLS * self._polled):
+            self.spin_once(timeout_sec=0)
         if waiting.get_ready_entities('service') or not others.isdisjoint(
             waiting.get_ready_entities('subscription')
         ):
@@ -193,6 +198,8 @@ class PromptExecutor(SingleThreadedExecutor):
         ends = [] if self._due_ns is None else [self._due_ns]
         if not whole:
             ends.append(self._services_due_ns)
+        elif self._polled:
+            ends.append(begin_ns + POLL_NS)
         waiting.wait(max(min(ends) - begin_ns, 0) if ends else FOREVER)
         return waiting
 
@@ -236,6 +243,7 @@ class PromptExecutor(SingleThreadedExecutor):
         """List what there is to wait for, as nodes make and destroy it at any time."""
         self._changed = False
         nodes = self.get_nodes()
+        self._polled = any(getattr(node, 'is_polled', False) for node in nodes)
         subscriptions = [item for node in nodes for item in node.subscriptions]
         self._prompt = [item for item in subscriptions if is_at_once(item)]
         self._other = [item for item in subscriptions if not is_at_once(item)]

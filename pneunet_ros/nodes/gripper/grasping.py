@@ -41,7 +41,6 @@ class Grasping:
         self.pressures: dict[str, float] = {}
         self.moved_at = -math.inf  # s of a steady clock
         self.reaches: dict[tuple[str, Any], Reach] = {}
-        self.listeners: list[Any] = []  # called with every grasp
         self.serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=settings.frame_id
         )
@@ -87,8 +86,6 @@ class Grasping:
             self.grasp = self.gripper.grasp(self.seen)
             self.states.publish(self.serializer.bytes_of(GRIPPER_STATE, self.grasp))
             self.follow(time.monotonic())
-            for listener in tuple(self.listeners):
-                listener(self.grasp)
 
     def take_command(self, message: Any) -> None:
         """Take a command: position, the width (m); effort, the largest force (N) of an arm."""
@@ -108,6 +105,10 @@ class Grasping:
             self.pressures, self.moved_at = {}, -math.inf
         self.command = command
         return command
+
+    def hold(self) -> None:
+        """Follow no command; valves hold the last one."""
+        self.command = None
 
     def follow(self, now: float) -> None:
         """Command the next pressures, from what the sensors read at first."""

@@ -14,6 +14,7 @@ from pneunet_ros.fusion.grasp import Gripper
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.estimator.node import EstimatorNode
 from pneunet_ros.nodes.fusion.node import FusionNode
+from pneunet_ros.nodes.gripper.action import gripper_command, GripperGoals, serve_action
 from pneunet_ros.nodes.gripper.configuration import (
     block_of,
     configured_gripper,
@@ -59,6 +60,9 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
         self.open_services()
         if gripper is not None:
             self.grasping = Grasping(self, self.configuration.node, gripper, fusions)
+            kind = gripper_command()
+            if kind is not None:
+                self.action = serve_action(self, GripperGoals(self.grasping, kind))
         self.create_service(Trigger, '~/zero_pressure', self.zero_pressure)
         self.tell_ready()
 

@@ -1,0 +1,102 @@
+"""The action `gripper_cmd` of type control_msgs/action/GripperCommand.
+
+It is there where control_msgs is installed: ROS 2 has it, no package index does.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+import time
+from typing import Any
+
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.fusion.grasp import Grasp
+from pneunet_ros.nodes.gripper.grasping import Grasping
+
+NAME = 'gripper_cmd'
+SILENCE = 2.0  # s without a frame, after which a goal is given up
+
+
+def gripper_command() -> Any | None:
+    """Return the type of the action; None where control_msgs is not installed."""
+    try:
+        return import_module('control_msgs.action').GripperCommand
+    except ModuleNotFoundError:
+        return None
+
+
+def serve_action(node: Any, goals: GripperGoals) -> Any:
+    """Open the action; returns what must be kept for as long as it is there."""
+    from rclpy.action import ActionServer, CancelResponse
+
+    node.is_polled = True  # what an action waits for wakes no executor of ours
+    return ActionServer(
+        node,
+        goals.kind,
+        NAME,
+        execute_callback=goals.execute,
+        cancel_callback=lambda handle: CancelResponse.ACCEPT,
+    )
+
+
+class GripperGoals:
+    """Follows goals one at a time: a newer one ends the one before.
+
+    kind: the type of the action. A goal ends where the width is reached, or where the arms hold
+    something as hard as they may, which is no failure: `stalled` says so.
+    """
+
+    def __init__(self, grasping: Grasping, kind: Any) -> None:
+        self.grasping, self.kind, self.goals = grasping, kind, 0
+
+    async def execute(self, handle: Any) -> Any:
+        """Follow a goal; returns its result."""
+        command = handle.request.command
+        self.goals += 1
+        number = self.goals
+        try:
+            self.grasping.order(command.position, command.max_effort)
+        except RequestError:
+            handle.abort()
+            return self.kind.Result()
+        begun = time.monotonic()
+        while True:
+            grasp = await self.next_grasp(begun)
+            if grasp is None or number != self.goals:
+                handle.abort()
+            elif handle.is_cancel_requested:
+                self.grasping.hold()
+                handle.canceled()
+            elif self.grasping.is_reached() or self.grasping.is_stalled():
+                handle.succeed()
+            else:
+                handle.publish_feedback(self.told(self.kind.Feedback(), grasp))
+                begun = time.monotonic()
+                continue
+            return self.told(self.kind.Result(), grasp)
+
+    def told(self, message: Any, grasp: Grasp | None) -> Any:
+        """Fill in a result or a feedback: the width (m), and the mean force of an arm (N)."""
+        if grasp is not None:
+            message.position = grasp.width
+            message.effort = grasp.force / len(self.grasping.fusions)
+            message.reached_goal = self.grasping.is_reached()
+            message.stalled = self.grasping.is_stalled() and not message.reached_goal
+        return message
+
+    async def next_grasp(self, begun: float) -> Grasp | None:
+        """Return the next answer; None where none comes."""
+        before = self.grasping.grasp
+        while self.grasping.grasp is before or self.grasping.grasp is None:
+            if time.monotonic() - begun > SILENCE:
+                return None
+            await Turn()
+        return self.grasping.grasp
+
+
+class Turn:
+    """Lets the executor do all else once."""
+
+    def __await__(self) -> Any:
+        """Give way."""
+        yield
