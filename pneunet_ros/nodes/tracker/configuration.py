@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.errors import CameraError, RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.settings import check_settings, setting
 from pneunet_ros.core.share import share_path
@@ -21,6 +21,7 @@ from pneunet_ros.nodes.parameters import (
     ParameterTable,
     SHIPPED_MODEL,
 )
+from pneunet_ros.vision.camera.camera_settings import CameraSettings
 from pneunet_ros.vision.tracker import Tracker
 
 SHIPPED_CAMERA = 'config/camera.yaml'
@@ -36,6 +37,11 @@ class TrackerSettings:
     effects_path: str = setting('', EFFECTS_PATH)
     camera_file: str = setting(
         '', f'file of camera, plane and targets; empty: the shipped {SHIPPED_CAMERA}'
+    )
+    clamp_pixel: str = setting(
+        '',
+        'where the target next to the clamp is in the image, roughly, as "120, 240" (px): of '
+        'several rows in it the one that begins there is tracked; empty: as in the camera file',
     )
     frame_id: str = setting(BASE_FRAME, 'frame of all outputs but image_annotated, at the clamp')
     image_transport: str = setting(
@@ -100,10 +106,26 @@ def configured_tracker(
     arm, settings = None, None
     if current is not None and node.model_file == current.node.model_file:
         arm = current.tracker.arm
-    if current is not None and node.camera_file == current.node.camera_file:
+    of_camera = node.camera_file, node.clamp_pixel
+    if current is not None and of_camera == (current.node.camera_file, current.node.clamp_pixel):
         settings = current.tracker.settings
     tracker = Tracker(
         arm or known_model(node.model_file, node.effects_path),
-        settings or load_camera(node.camera_path),
+        settings or camera_of(node),
     )
     return TrackerConfiguration(node=node, tracker=tracker)
+
+
+def camera_of(node: TrackerSettings) -> CameraSettings:
+    """Read what is known of the camera; CameraError for what is no pixel."""
+    settings = load_camera(node.camera_path)
+    if not node.clamp_pixel:
+        return settings
+    words = node.clamp_pixel.strip('[] ').replace(',', ' ').split()
+    try:
+        u, v = map(float, words)
+    except ValueError:
+        raise CameraError(
+            f'clamp_pixel must be two numbers, u and v in px, not {node.clamp_pixel!r}'
+        ) from None
+    return replace(settings, clamp_pixel=(u, v))

@@ -1,0 +1,97 @@
+"""One camera, two arms in its images: a tracker follows the row that begins at its clamp."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros import load_model, solve
+from pneunet_ros.core.errors import CameraError
+from pneunet_ros.core.image import Image
+from pneunet_ros.core.share import share_path
+from pneunet_ros.files.camera_file import load_camera
+from pneunet_ros.vision.camera.camera_model import Lens
+from pneunet_ros.vision.tracker import Tracker, TrackerState
+import pytest
+
+WIDTH, HEIGHT, SCALE = 1280, 720, 6000.0  # px, px, px/m
+CLAMPS = {'left': (200.0, 180.0, 1.0), 'right': (200.0, 540.0, -1.0)}  # u, v, and the bent side
+FRAME_NS, REST, FRAMES, RISE = 33_000_000, 8, 36, 1.2e3  # Pa a frame
+ARM = load_model(share_path('config/lab_arm.yaml'))
+LENS = Lens(
+    width=WIDTH,
+    height=HEIGHT,
+    model='plumb_bob',
+    matrix=np.array([[WIDTH, 0.0, WIDTH / 2], [0.0, WIDTH, HEIGHT / 2], [0.0, 0.0, 1.0]]),
+    distortion=np.zeros(5),
+)
+
+
+def targets_at(pressure):
+    shape = solve(ARM, pressure=pressure)
+    places = ARM.target_arclength
+    return [np.interp(places, shape.arclength, row) for row in (shape.x, shape.y)]
+
+
+def picture(pressures, frame):
+    """Draw both arms as white dots."""
+    grey = np.full((HEIGHT, WIDTH), 30.0)
+    for (u, v, side), pressure in zip(CLAMPS.values(), pressures, strict=True):
+        x, y = targets_at(pressure)
+        for at_u, at_v in zip(u + SCALE * x, v + side * SCALE * y, strict=True):
+            top, left = max(int(at_v) - 12, 0), max(int(at_u) - 12, 0)
+            part = grey[top : int(at_v) + 13, left : int(at_u) + 13]
+            down, across = np.indices(part.shape)
+            distance = np.hypot(across + left - at_u, down + top - at_v)
+            part[:] = np.maximum(part, 30.0 + 200.0 * np.clip(9.5 - distance, 0.0, 1.0))
+    return Image(
+        stamp_ns=1_000_000_000 + FRAME_NS * frame,
+        frame_id='camera',
+        width=WIDTH,
+        height=HEIGHT,
+        step=WIDTH,
+        encoding='mono8',
+        data=np.rint(grey).astype(np.uint8).ravel(),
+    )
+
+
+@pytest.fixture(scope='module')
+def film():
+    """Return pressures of both arms, which differ, and pictures."""
+    rises = [max(frame - REST, 0) * RISE for frame in range(FRAMES)]
+    pressures = [(rise, 0.5 * rise) for rise in rises]
+    return pressures, [picture(pair, frame) for frame, pair in enumerate(pressures)]
+
+
+@pytest.mark.parametrize('name', CLAMPS)
+def test_a_tracker_follows_the_row_at_its_clamp(film, name):
+    u, v, side = CLAMPS[name]
+    settings = replace(load_camera(share_path('config/camera.yaml')), clamp_pixel=(u, v))
+    tracker, state = Tracker(ARM, settings), TrackerState()
+    state, _ = tracker.step(state, LENS)
+    which, pressures = list(CLAMPS).index(name), film[0]
+    for frame, image in enumerate(film[1]):
+        state, found = tracker.step(state, image)
+        if frame < settings.rest_frames:
+            continue
+        x, y = targets_at(pressures[frame][which])
+        assert found.sightings.seen == ARM.target_arclength.size, found.sentence
+        # The image has y down: what bends up in it is positive.
+        assert np.hypot(found.sightings.x - x, found.sightings.y + side * y).max() < 2e-4
+
+
+@pytest.mark.ros
+def test_the_tracker_node_is_told_the_clamp():
+    pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
+    from pneunet_ros.nodes.tracker.configuration import configured_tracker, PARAMETERS
+
+    def configured(clamp, current=None):
+        return configured_tracker(PARAMETERS.completed({'clamp_pixel': clamp}), current)
+
+    told = configured('200, 180')
+    assert told.tracker.settings.clamp_pixel == (200.0, 180.0)
+    assert configured('[200 180.5]', told).tracker.settings.clamp_pixel == (200.0, 180.5)
+    assert configured('', told).tracker.settings.clamp_pixel is None
+    for wrong in ('200', 'u, v', '1, 2, 3'):
+        with pytest.raises(CameraError, match='clamp_pixel'):
+            configured(wrong)
