@@ -22,6 +22,7 @@ from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.tip_force import ForceChange, TipForce, Walk
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.inference.gaussian import forget, Gaussian
+from pneunet_ros.measurement.swinging_arm import Reference
 from pneunet_ros.solver.solution import SolverNodes
 
 # Causes that change what the rod bears, or what is read: the others widen a prior, and no more.
@@ -36,7 +37,8 @@ class Belief(Gaussian):
 
     walk: of the forces; sizes (sizes,): log weights of the sizes of the model error; chamber: the
     pressure (Pa) as read, NaN where it was not; solution: the rod there, None before the first;
-    frames: how many have been used; causes: that are taken to be at work, by name.
+    frames: how many have been used; causes: that are taken to be at work, by name; reference: what
+    a swing is counted from, None where the model has no `motion`, or before any frame.
     """
 
     stamp_ns: int
@@ -46,6 +48,7 @@ class Belief(Gaussian):
     solution: SolverNodes | None = None
     frames: int = 0
     causes: frozenset[str] = frozenset()
+    reference: Reference | None = None
 
     @property
     def unpressed(self) -> bool:
@@ -121,12 +124,13 @@ def move_belief(
         stamp_ns=stamp_ns,
         mean=mean,
         root=root,
-        walk=Walk(recent=recent, usual=belief.walk.usual, interval=belief.walk.interval),
+        walk=replace(belief.walk, recent=recent),
         sizes=belief.sizes,
         chamber=belief.chamber,
         solution=belief.solution,
         frames=belief.frames,
         causes=belief.causes,
+        reference=belief.reference,
     )
 
 

@@ -14,16 +14,13 @@ from pneunet_ros.estimation.estimate import estimate_of, ShapeEstimate
 from pneunet_ros.estimation.out_of_plane import out_of_plane
 from pneunet_ros.fusion.belief import Belief, first_belief, FORCE_SENSOR
 from pneunet_ros.fusion.bench import Bench
+from pneunet_ros.fusion.bent_arm import bend_arm, BentArm, causes_with_contact
 from pneunet_ros.fusion.causes import CAMERA, CAUSES
 from pneunet_ros.fusion.contact import Contact, correlation_with_tip
 from pneunet_ros.fusion.estimate import ForceSensorFault, FusedEstimate, Mode
-from pneunet_ros.fusion.frame_fit import (
-    bend_arm,
-    BentArm,
-    causes_with_contact,
-)
-from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
+from pneunet_ros.fusion.readings import load_read, NearWrench, path_of, PressureInstant
 from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.fusion.swinging import swinging_estimate, SwingingEstimate, swung_on
 from pneunet_ros.measurement.blocks.block import FrameInputs
 from pneunet_ros.measurement.blocks.camera import Camera
 from pneunet_ros.measurement.blocks.contact import Push
@@ -58,7 +55,7 @@ class BelievedArm:
 
     belief: moved there; unseen (unknowns, errors): what has moved since the last frame; inputs:
     what was read; causes: what one of each unknown changes; bent: the rod; position: of its load
-    to the domain of the model.
+    to the domain of the model. swinging: the arm beside that, None without `motion`.
     """
 
     belief: Belief
@@ -67,6 +64,7 @@ class BelievedArm:
     causes: Array
     bent: BentArm
     position: DomainPosition
+    swinging: SwingingEstimate | None
 
 
 def estimate_at(
@@ -94,6 +92,9 @@ def estimate_at(
         return replace(state.answered(), solution=None), refuse(
             stamp_ns, 'no_equilibrium', arm.bent.shape.status
         )
+    if arm.belief.reference is not None and arm.belief.reference.lost:
+        lost = 'nobody knows how the arm swings: its equilibrium is far from where it was seen'
+        return state.answered(), refuse(stamp_ns, 'too_uncertain', lost, awaits_others=True)
     if arm.position.reason:
         refusal = refuse(stamp_ns, arm.position.reason, arm.position.sentence)
         return state.answered(), refusal
@@ -146,26 +147,27 @@ def arm_at(
     belief = state.belief or first_belief(bench.unknowns, stamp_ns, state.lasting)
     inputs = bench.inputs_at(instant, wrench)
     unseen = np.zeros((belief.mean.size, 0))
+    before, moved = belief, None
+    causes = bench.unknowns.causes_at(inputs)
+    start = start or belief.solution
     if belief.stamp_ns != stamp_ns or not belief.frames:
         pressed = abs(instant.chamber - belief.chamber)
         pressed = pressed if math.isfinite(pressed) else 0.0
         columns = belief.root.shape[1]
         noise = (inputs.moment_std, inputs.chamber_std)
-        belief = bench.move(belief, stamp_ns, pressed, noise, bench.size_of(belief))
+        walk = None if bench.swinging is None else max(belief.walk.recent, belief.walk.usual)
+        belief = bench.move(belief, stamp_ns, pressed, noise, bench.size_of(belief), walk)
         unseen = belief.root[:, columns:].copy()
         unseen[bench.unknowns.white] = 0.0
     if wrench is not None and wrench.reading.stamp_ns != state.wrench_used_ns:
         belief = bench.with_wrench(belief, wrench, instant.gauge)
-    causes = bench.unknowns.causes_at(inputs)
-    bent = bend_arm(
-        bench.table,
-        inputs,
-        causes @ belief.mean,
-        start or belief.solution,
-        bench.arclength,
-        quick=False,
-        contact=bench.held_contact(belief),
-    )
+    bent = bent_at(bench, belief, inputs, causes, start)
+    if stamp_ns != before.stamp_ns:
+        path = path_of(state.pressures, before.stamp_ns, before.chamber, instant)
+        every = None
+        if bench.swinging and bent.shape.converged and not bench.knows_force(belief):
+            every = causes_with_contact(bench.unknowns, causes, bent.contact)
+        belief, moved = swung_on(bench.swinging, before, belief, bent, path, every)
     return BelievedArm(
         belief=belief,
         unseen=unseen,
@@ -173,6 +175,22 @@ def arm_at(
         causes=causes,
         bent=bent,
         position=position_of(bench, belief, bent, inputs),
+        swinging=swinging_estimate(bench.swinging, belief, bent, moved),
+    )
+
+
+def bent_at(
+    bench: Bench, belief: Belief, inputs: FrameInputs, causes: Array, start: SolverNodes | None
+) -> BentArm:
+    """Return the rod as it is believed to be; causes: what one of each unknown changes."""
+    return bend_arm(
+        bench.table,
+        inputs,
+        causes @ belief.mean,
+        start,
+        bench.arclength,
+        quick=False,
+        contact=bench.held_contact(belief),
     )
 
 
@@ -287,9 +305,15 @@ def shape_estimate(
             + (': no target was seen lately' if mode is Mode.PREDICTION else ''),
             awaits_others=True,
         )
+    shape, motion = bent.shape, None
+    if arm.swinging is not None:
+        shape = arm.swinging.swung.shape(shape)
+        errors = arm.swinging.errors(causes, sensitivity, errors)
+        motion = arm.swinging.motion(errors)
     return estimate_of(
         stamp_ns=stamp_ns,
-        shape=bent.shape,
+        shape=shape,
+        motion=motion,
         chamber_pressure=bent.shape.pressure,
         jacobian=jacobian_of(bench.arm, sensitivity, arm.inputs.history or ()),
         noise=freeze(noise),
@@ -303,16 +327,14 @@ def shape_estimate(
 def other_shape(bench: Bench, other: Belief, instant: PressureInstant) -> Shape | None:
     """Return the shape that another belief has at a pressure; None where there is none."""
     inputs = bench.inputs_at(instant, None)
-    bent = bend_arm(
-        bench.table,
-        inputs,
-        bench.unknowns.causes_at(inputs) @ other.mean,
-        other.solution,
-        bench.arclength,
-        quick=False,
-        contact=bench.held_contact(other),
-    )
-    return bent.shape if bent.shape.converged else None
+    causes = bench.unknowns.causes_at(inputs)
+    bent = bent_at(bench, other, inputs, causes, other.solution)
+    if not bent.shape.converged:
+        return None
+    moved = replace(other, stamp_ns=instant.stamp_ns)
+    swung, _ = swung_on(bench.swinging, other, moved, bent)
+    there = swinging_estimate(bench.swinging, swung, bent, None)
+    return bent.shape if there is None else there.swung.shape(bent.shape)
 
 
 def shape_in_place(bench: Bench, shape: Shape, belief: Belief) -> Shape:

@@ -21,6 +21,7 @@ from pneunet_ros.measurement.blocks.block import FrameInputs, WrenchSeen
 from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
+from pneunet_ros.measurement.blocks.motion import Motion
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian
@@ -33,6 +34,8 @@ from pneunet_ros.measurement.inference.gaussian import (
     widen,
     without_prior,
 )
+from pneunet_ros.measurement.moving_arm import MovingArm, places_along
+from pneunet_ros.measurement.swinging_arm import SwingingArm
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import station_arclength
 from pneunet_ros.model.part_load import PartLoad
@@ -62,6 +65,7 @@ class Bench:
     of_targets: Indices = field(init=False, repr=False)
     table: PerturbationTable = field(init=False, repr=False)
     unknowns: Unknowns = field(init=False, repr=False)
+    swinging: SwingingArm | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Prepare stations, the table of the model's neighbors, and the unknowns."""
@@ -79,6 +83,19 @@ class Bench:
         table = PerturbationTable(arm=self.arm, further=unknowns.law_errors)
         object.__setattr__(self, 'table', table)
         object.__setattr__(self, 'unknowns', unknowns)
+        swinging = None
+        if self.arm.motion is not None:
+            moving = MovingArm(arm=self.arm, table=table)
+            where = unknowns.at(Motion)
+            swinging = SwingingArm(
+                moving=moving,
+                where=where,
+                tip=unknowns.at(TipForce),
+                start=unknowns.std[where][Motion.SWING],
+                stations=places_along(self.arm.reach, stations),
+                targets=places_along(self.arm.reach, self.arm.target_arclength),
+            )
+        object.__setattr__(self, 'swinging', swinging)
 
     def without(self, belief: Belief, where: slice) -> Belief:
         """Reset some unknowns to what was known before any frame."""

@@ -124,7 +124,9 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     """Score a push on each panel; all other unknowns are projected out with their covariance."""
     bent, arm = fit.trial.bent, problem.table.arm
     place, sensitivity = pushed_on_panels(bent.solution, bent.rods)
-    moved = measured_moves(arm, sensitivity)[LOADS:]
+    moved = measured_moves(arm, sensitivity)
+    problem.moved_too(fit.trial, sensitivity, moved)
+    moved = moved[LOADS:]
     pushes = problem.whiten_at(fit.trial, moved).T
     weighed, std = fit.solve(pushes), problem.unknowns.block(Push).scale
     information = np.sum(pushes * weighed, axis=0) + std**-2

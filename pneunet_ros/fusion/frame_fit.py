@@ -19,111 +19,33 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.effects.effect import Load
 from pneunet_ros.fusion.belief import Belief
+from pneunet_ros.fusion.bent_arm import bend_arm, BentArm, causes_with_contact
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.measurement.blocks.block import FrameInputs
 from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
+from pneunet_ros.measurement.blocks.motion import Motion
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.disturbances import SMALLEST_STD
-from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.gauss_newton import End, gauss_newton
 from pneunet_ros.measurement.inference.gaussian import innovation_factor, root_after
 from pneunet_ros.measurement.inference.variance_component import ErrorGrowth
 from pneunet_ros.measurement.predicted_targets import target_jacobian
-from pneunet_ros.model.equilibrium import linearize_shape, Sensitivity, solve_rod
+from pneunet_ros.measurement.swinging_arm import NEXT, Reference, SwingingArm, Swung
+from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.part_load import (
     PartLoad,
-    with_part_changes,
-    with_part_load,
 )
-from pneunet_ros.model.perturbation import Perturbation, PerturbationTable
-from pneunet_ros.model.shape import Shape
-from pneunet_ros.solver.rod import Rods
-from pneunet_ros.solver.settings import SOLVER
+from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.solver.solution import SolverNodes
 from scipy.linalg.lapack import dpotri, dpotrs
 
-# Frames follow one another: a mesh that was refined is kept while it may be needed (the detail on
-# half as many panels is at most so many times larger), and not tried without and refined again.
-# The targets are where they are on the coarser mesh to within its detail, 1e-6 of the length.
-FOLLOWING = replace(SOLVER, coarser=80.0)
 LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
 
 Mask = npt.NDArray[np.bool_]
 Complex = npt.NDArray[np.complex128]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BentArm:
-    """The rod at some values of the unknowns, at places along it; rods without its contact."""
-
-    rods: Rods
-    changes: Perturbation
-    shape: Shape
-    contact: PartLoad | None
-
-    @property
-    def solution(self) -> SolverNodes:
-        """The solved rod."""
-        assert self.shape.solution is not None
-        return self.shape.solution
-
-    def linearize(self) -> Sensitivity:
-        """Return how it answers to loads, pressure and columns of the covariance.
-
-        With a contact also to its force and its place.
-        """
-        if self.contact is None:
-            return linearize_shape(self.solution, self.rods, self.changes)
-        changes = with_part_changes(self.rods, self.changes, self.contact)
-        return linearize_shape(self.solution, with_part_load(self.rods, self.contact), changes)
-
-
-def bend_arm(
-    table: PerturbationTable,
-    inputs: FrameInputs,
-    changes: Array,
-    start: SolverNodes | None,
-    arclength: Array,
-    *,
-    quick: bool,
-    contact: PartLoad | None = None,
-) -> BentArm:
-    """Solve the rod under what was read, and changes (causes,) of it: those of the unknowns.
-
-    quick: give up soon where no solution is near. contact: it points along the normal of the arm.
-    """
-    force_x, force_y, moment, error = changes[: PRESSURE + 1].tolist()
-    pressure = inputs.chamber + error
-    load = Load(
-        pressure=pressure,
-        force_x=force_x,
-        force_y=force_y,
-        moment=inputs.moment + moment,
-        gravity=inputs.gravity,
-    )
-    rods, beside = table.at(pressure, inputs.history, load)
-    amounts = changes[PRESSURE:].copy()
-    amounts[0] = 0.0  # the pressure stands in the record already
-    rods = beside.moved(rods, amounts)
-    pushed = rods if contact is None else with_part_load(rods, contact)
-    shape = solve_rod(table.arm, pushed, load, start, arclength, FOLLOWING, quick)
-    return BentArm(rods=rods, changes=beside, shape=shape, contact=contact)
-
-
-def causes_with_contact(unknowns: Unknowns, causes: Array, contact: PartLoad | None) -> Array:
-    """Return what one of each unknown changes of every cause, with those of a contact, if any.
-
-    causes (causes, unknowns): those without it. Force and place of the contact follow.
-    """
-    if contact is None:
-        return causes
-    own = np.zeros((2, causes.shape[1]))
-    own[:, unknowns.at(Push)] = np.eye(2)
-    return np.vstack([causes, own])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -133,7 +55,8 @@ class Trial:
     Of targets x + i y: seen (targets,) m where they would be seen, from where the camera has the
     clamp, and back (targets,): what turns a vector of the base frame into one along and across the
     arm. residual (coordinates,): along and across the arm at one target after the other. solved:
-    xi of the arm; the others may be a last step further, as good as linear.
+    xi of the arm; the others may be a last step further, as good as linear. swung: the targets of
+    an arm that swings, beside its equilibrium.
     """
 
     xi: Array
@@ -143,6 +66,7 @@ class Trial:
     back: Complex
     residual: Array
     cost: float
+    swung: Swung | None = None
 
 
 def solve_factored(factor: Array, sides: Array) -> Array:
@@ -160,7 +84,7 @@ class FrameLinearization:
     what would be left with the prior's mean, to first order; factor: of its covariance, by
     Cholesky; weighed (coordinates,): the inverse of that covariance times the innovation; force
     (2, 2) N^2: the covariance of the tip force after the frame; step (unknowns,) in xi to where
-    the cost is least, and its gain.
+    the cost is least, and its gain. turning (causes, links): of the links of an arm that swings.
     """
 
     trial: Trial
@@ -172,6 +96,7 @@ class FrameLinearization:
     force: Array
     step: Array
     gain: float
+    turning: Array | None = None
 
     def solve(self, sides: Array) -> Array:
         """Return S^-1 sides, of the covariance S of the innovation."""
@@ -198,6 +123,7 @@ class FrameLinearization:
             xi=trial.xi + self.step,
             solved=trial.solved,
             bent=trial.bent,
+            swung=trial.swung,
             seen=trial.seen,
             back=trial.back,
             residual=trial.residual - self.jacobian @ self.step,
@@ -213,6 +139,7 @@ class FrameLinearization:
             force=self.force,
             step=np.zeros(self.step.size),
             gain=0.0,
+            turning=self.turning,
         )
 
     @property
@@ -232,11 +159,17 @@ class FrameProblem:
     model lacks moved since the last one, None where no pressure was read; used (targets,): which
     targets count.
 
+    Of an arm that swings: swinging; late: the columns of the root from which on forces have walked
+    since the last frame, and answered: the share to which the arm has bent by that already; aside
+    (unknowns, k): columns of the root that the frame does not tell of; left_out: the first of the
+    columns of what a swing leaves out, which are of this frame alone.
+
     What stays while it is searched: std (coordinates,) m of white noise; measured (targets,) m, x
     + i y; causes (causes, unknowns): what unknowns change of every cause; cause_root: what one
     sigma of each xi changes of the causes, of the camera's place (x, y) and of its turn; painted
     (coordinates, xi): of the places painted, whitened; sized_causes (causes, errors): of a lack of
-    all of the range; force (2, 2) N^2: covariance of the tip force before the frame.
+    all of the range; force (2, 2) N^2: covariance of the tip force before the frame; still_root:
+    the root of the unknowns as they bend the arm.
     """
 
     table: PerturbationTable
@@ -247,6 +180,12 @@ class FrameProblem:
     inputs: FrameInputs
     sightings: TargetSightings
     used: Mask
+    swinging: SwingingArm | None = None
+    late: int | None = None
+    answered: float = 1.0
+    aside: Array | None = None
+    left_out: int | None = None
+    still_root: Array = field(init=False)
     touched: bool = field(init=False)
     counting: npt.NDArray[np.intp] | None = field(init=False)
     std: Array = field(init=False)
@@ -264,11 +203,22 @@ class FrameProblem:
         white = sightings.std if counting is None else sightings.std[counting]
         std = np.fmax(white, max(self.table.arm.sensors.target_std, SMALLEST_STD)).repeat(2)
         causes, touched = unknowns.causes_at(self.inputs), self.prior.touched
+        still = root
+        if self.late is not None:
+            still = root.copy()
+            still[unknowns.at(TipForce), self.late :] *= self.answered
         own, size = len(causes), root.shape[1]
-        cause_root = np.empty((own + (5 if touched else 3), size))
-        np.matmul(causes, root, out=cause_root[:own])
-        if touched:
-            cause_root[own:-3] = root[unknowns.at(Push)]
+        further = [unknowns.at(Push)] if touched else []
+        if self.swinging is not None and self.prior.reference is not None:
+            further.append(self.swinging.part(Motion.PLACE))
+        left_out = NEXT if self.left_out is not None else 0
+        cause_root = np.zeros((own + 2 * len(further) + left_out + 3, size))
+        if self.left_out is not None:
+            columns = slice(self.left_out, self.left_out + NEXT)
+            cause_root[-3 - NEXT : -3, columns] = np.eye(NEXT)
+        np.matmul(causes, still, out=cause_root[:own])
+        for which, where in enumerate(further):
+            cause_root[own + 2 * which : own + 2 * which + 2] = root[where]
         np.matmul(unknowns.camera, root, out=cause_root[-3:])
         places = unknowns.dots_moved(root).transpose(1, 0, 2)
         if counting is not None:
@@ -278,6 +228,7 @@ class FrameProblem:
         sized, force = unknowns.sized, root[unknowns.at(TipForce)]
         for name, value in (
             ('touched', touched),
+            ('still_root', still),
             ('counting', counting),
             ('std', std),
             ('measured', sightings.x + 1j * sightings.y),
@@ -309,7 +260,7 @@ class FrameProblem:
     def try_at(self, xi: Array, start: SolverNodes | None) -> Trial | None:
         """Predict the targets; None where there is no stable shape."""
         unknowns, arm = self.unknowns, self.table.arm
-        x = self.mean + self.root @ xi
+        x = self.mean + self.still_root @ xi
         contact = self.contact_of(x) if self.touched else None
         if contact is None and self.touched:
             return None
@@ -325,11 +276,19 @@ class FrameProblem:
         shape = bent.shape
         if not shape.converged or shape.stable is False:
             return None
-        heading = np.exp(1j * shape.theta)
+        there_x, there_y, theta, swung = shape.x, shape.y, shape.theta, self.swung(bent, x)
+        if swung is not None:
+            moved_x, moved_y, turned, _ = swung.beside
+            if self.left_out is not None:
+                off = xi[self.left_out : self.left_out + NEXT]
+                off_x, off_y = np.tensordot(off, swung.left_out, axes=1)
+                moved_x, moved_y = moved_x + off_x, moved_y + off_y
+            there_x, there_y, theta = there_x + moved_x, there_y + moved_y, theta + turned
+        heading = np.exp(1j * theta)
         along, across = unknowns.dots_moved(x)
         clamp_x, clamp_y, angle = (unknowns.camera @ x).tolist()
         clamp, turn = complex(clamp_x, clamp_y), cmath.rect(1.0, angle)
-        seen_x, seen_y = arm.see(shape.x, shape.y)
+        seen_x, seen_y = arm.see(there_x, there_y)
         seen = turn * (seen_x + 1j * seen_y + heading * (along + 1j * across))
         back = heading.conj() / turn
         residual = self.whiten((self.measured - clamp - seen) * back)
@@ -337,8 +296,34 @@ class FrameProblem:
         if not math.isfinite(cost):
             return None
         return Trial(
-            xi=xi, solved=xi, bent=bent, seen=seen, back=back, residual=residual, cost=cost
+            xi=xi,
+            solved=xi,
+            bent=bent,
+            swung=swung,
+            seen=seen,
+            back=back,
+            residual=residual,
+            cost=cost,
         )
+
+    def swung(self, bent: BentArm, x: Array) -> Swung | None:
+        """Return the targets beside an equilibrium; None where the arm does not swing."""
+        arm, reference = self.swinging, self.prior.reference
+        if arm is None or reference is None:
+            return None
+        return arm.swung(bent.solution, x, reference, arm.targets)
+
+    def moved_too(self, trial: Trial, sensitivity: Sensitivity, moves: Array) -> Array | None:
+        """Add to moves (causes, 2, targets) what causes move beside the equilibrium, in place.
+
+        Returns how each cause turns the links of the equilibrium; None where the arm does not
+        swing.
+        """
+        if self.swinging is None or trial.swung is None:
+            return None
+        turning = self.swinging.headings(sensitivity)
+        moves += trial.swung.moves(turning)[:, :2]
+        return turning
 
     def whiten(self, moves: Complex) -> Array:
         """Return coordinates (.., coordinates) of targets (.., targets) m that count, in sigma.
@@ -356,7 +341,14 @@ class FrameProblem:
     def linearize(self, trial: Trial) -> FrameLinearization | None:
         """Linearize what is predicted around a trial; None at a limit point of the arm."""
         xi, root, tip = trial.xi, self.root, self.unknowns.at(TipForce)
-        by_cause = target_jacobian(self.table, trial.bent.linearize())
+        sensitivity = trial.bent.linearize()
+        by_cause = target_jacobian(self.table, sensitivity)
+        turning = self.moved_too(trial, sensitivity, by_cause)
+        if trial.swung is not None:
+            further = [trial.swung.by_shape[:, :2]]
+            if self.left_out is not None:
+                further.append(trial.swung.left_out)
+            by_cause = np.concatenate([by_cause, *further])
         moves = np.empty((len(by_cause) + 3, by_cause.shape[2]), dtype=np.complex128)
         of_arm, of_camera = moves[:-3], moves[-3:]
         of_arm.real, of_arm.imag = by_cause[:, 0], by_cause[:, 1]
@@ -394,6 +386,7 @@ class FrameProblem:
             force=force,
             step=step,
             gain=gain,
+            turning=turning,
         )
 
     def search(self, xi: Array, start: SolverNodes | None) -> FrameLinearization | None:
@@ -473,6 +466,8 @@ class FrameProblem:
         step, gain = fit.newton_step()
         if gain > self.settings.small_gain:
             root = np.column_stack([root, self.root @ step])
+        if self.aside is not None:
+            root = np.column_stack([root, self.aside])
         sizes, growth = self.prior.sizes, self.growth
         if growth is not None:
             grid = self.unknowns.block(ModelDiscrepancy).grid
@@ -485,4 +480,28 @@ class FrameProblem:
             chamber=math.nan if growth is None else self.inputs.chamber,
             solution=fit.trial.bent.solution,
             frames=self.prior.frames + 1,
+            reference=self.reference_after(fit),
+        )
+
+    def walk_information(self, fit: FrameLinearization) -> tuple[Array, Array, float] | None:
+        """Return H^T S^-1 v (2,), H^T S^-1 H of the walk of the tip force, and its assumed size.
+
+        None where the force did not walk since the last frame, or a sensor reads it.
+        """
+        size = self.prior.walk.recent
+        if self.late is None:
+            return None
+        moved = fit.jacobian[:, self.late : self.late + 2] / size
+        return moved.T @ fit.weighed, moved.T @ fit.solve(moved), size
+
+    def reference_after(self, fit: FrameLinearization) -> Reference | None:
+        """Return what a swing is counted from, with the equilibrium that the frame tells."""
+        trial, reference = fit.trial, self.prior.reference
+        if reference is None or trial.swung is None or fit.turning is None:
+            return None
+        causes = causes_with_contact(self.unknowns, self.causes, trial.bent.contact)
+        return reference.seen(
+            trial.swung,
+            freeze(self.mean + self.still_root @ trial.solved),
+            freeze(fit.turning.T @ causes),
         )

@@ -214,16 +214,15 @@ def hold_force(found: Fit) -> Fit:
     there all that moves the arm sideways seems to be seen to a hair.
     """
     problem, fit = found
-    if problem.knows_force(fit, problem.settings.determined):
+    if problem.swinging is None and problem.knows_force(fit, problem.settings.determined):
         return found
-    variances, axes = np.linalg.eigh(fit.force)
-    largest = problem.settings.determined * problem.unknowns.block(TipForce).scale
-    unknown = axes[:, variances > largest**2]
+    unknown = untold_by(problem, fit)
     if not unknown.size:
         return found
     along = np.linalg.qr(problem.root[problem.unknowns.at(TipForce)].T @ unknown)[0]
     root = problem.root - (problem.root @ along) @ along.T
-    held = replace(problem, prior=replace(problem.prior, root=root))
+    aside = None if problem.swinging is None else problem.root @ along
+    held = replace(problem, prior=replace(problem.prior, root=root), aside=aside)
     again = held.search(np.zeros(root.shape[1]), problem.prior.solution)
     if again is None or again.cost > fit.cost + problem.settings.flat**2:
         return found
@@ -234,6 +233,26 @@ def hold_force(found: Fit) -> Fit:
     ):
         return found
     return problem, linear
+
+
+def untold_by(problem: FrameProblem, fit: FrameLinearization) -> Array:
+    """Return directions (2, k) in which a frame does not determine the tip force.
+
+    Of an arm that swings the next frame inherits what this one tells: there it is asked of the
+    arm as it was believed before, which is not yet about to buckle, and what is told in part
+    counts.
+    """
+    largest = problem.settings.determined * problem.unknowns.block(TipForce).scale
+    if problem.swinging is None:
+        variances, axes = np.linalg.eigh(fit.force)
+        return np.asarray(axes[:, variances > largest**2])
+    if np.trace(problem.force) <= largest**2:
+        return np.zeros((2, 0))
+    trial = problem.try_at(np.zeros(problem.root.shape[1]), problem.prior.solution)
+    before = None if trial is None else problem.linearize(trial)
+    variances, axes = np.linalg.eigh((before or fit).force)
+    known = np.einsum('ia,ij,ja->a', axes, problem.force, axes)
+    return np.asarray(axes[:, (variances > largest**2) & (variances > 0.25 * known)])
 
 
 def apart_by(first: Trial, second: Trial) -> float:

@@ -53,7 +53,7 @@ from pneunet_ros.fusion.readings import (
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState, PendingFrame, RunningNis
 from pneunet_ros.fusion.taken_frame import TakenFrame
-from pneunet_ros.fusion.weighing import explains_all, is_copy, take, weigh
+from pneunet_ros.fusion.weighing import explains_all, is_copy, take, walk_told, weigh
 from pneunet_ros.measurement.between_readings import error_between
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
@@ -536,6 +536,7 @@ class Fusion:
             or self.is_stale(nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns),
             pressure_still=self.is_still(state) and turn,
             wrench=self.wrench_at(state, shown_ns, with_targets=True),
+            before=state.pressures if self.bench.swinging is not None else (),
         )
 
     def is_still(self, state: FusionState) -> bool:
@@ -577,7 +578,10 @@ class Fusion:
     def learned(self, taken: TakenFrame) -> Belief:
         """Return what is believed after a frame, with the walk of the force, and odd targets."""
         update, unknowns = taken.update, self.bench.unknowns
-        belief = with_walk(unknowns, taken.before, taken.after)
+        if self.bench.swinging is None:
+            belief = with_walk(unknowns, taken.before, taken.after)
+        else:
+            belief = replace(taken.after, walk=walk_told(taken))
         known = unknowns.block(Placement).known is not None and TARGETS not in belief.causes
         if known and update.left_out and update.fit:
             strange = np.flatnonzero(taken.problem.used & ~update.fit[0].used)

@@ -64,7 +64,8 @@ class ReadFrame:
     """A frame with what was read at the stamp of what it shows.
 
     alone: no pressure is known there; pressure_still: the last readings of it are the same to the
-    last bit, and it is this frame's turn to be asked; wrench: None where none is near.
+    last bit, and it is this frame's turn to be asked; wrench: None where none is near. before: the
+    readings of the pressure before it, of an arm that swings.
     """
 
     stamp_ns: int
@@ -73,6 +74,7 @@ class ReadFrame:
     alone: bool
     pressure_still: bool
     wrench: NearWrench | None
+    before: tuple[PressureInstant, ...] = ()
 
     def without_wrench(self) -> ReadFrame:
         """Return it as if nobody had read the force."""
@@ -103,6 +105,22 @@ def followed_by(known: tuple[Stamped, ...], reading: Stamped, most: int) -> tupl
     """Return readings in the order of their stamps and one that makes later ones void."""
     earlier = bisect_left(known, reading.stamp_ns, key=stamp_of)
     return (*known[max(earlier + 1 - most, 0) : earlier], reading)
+
+
+def path_of(
+    known: tuple[PressureInstant, ...], since_ns: int, chamber: float, instant: PressureInstant
+) -> list[tuple[int, float]]:
+    """Return stamps of readings between, and by which share of the way the pressure had moved.
+
+    since_ns, chamber (Pa): from where; instant: to where. None where it is there again.
+    """
+    way = instant.chamber - chamber
+    between = [one for one in known if since_ns < one.stamp_ns < instant.stamp_ns]
+    if not abs(way) > 0.0 or not all(
+        0.0 <= (one.chamber - chamber) / way <= 1.0 for one in between
+    ):
+        return []
+    return [(one.stamp_ns, (one.chamber - chamber) / way) for one in between]
 
 
 def nearest_to(known: tuple[Stamped, ...], stamp_ns: int) -> Stamped:

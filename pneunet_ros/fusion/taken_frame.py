@@ -9,6 +9,7 @@ import numpy as np
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.fusion.belief import Belief
 from pneunet_ros.fusion.bench import Bench
+from pneunet_ros.fusion.bent_arm import bend_arm, causes_with_contact
 from pneunet_ros.fusion.frame_fit import FrameProblem
 from pneunet_ros.fusion.frame_update import (
     evidence_cost,
@@ -16,11 +17,14 @@ from pneunet_ros.fusion.frame_update import (
     left_out_cost,
     misfits,
 )
-from pneunet_ros.fusion.readings import ReadFrame
+from pneunet_ros.fusion.readings import path_of, ReadFrame
+from pneunet_ros.fusion.swinging import swung_on
+from pneunet_ros.measurement.blocks.block import FrameInputs
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
 from pneunet_ros.measurement.blocks.tip_force import TipForce
-from pneunet_ros.measurement.inference.gaussian import widen
+from pneunet_ros.measurement.inference.gaussian import widen, with_columns
 from pneunet_ros.measurement.inference.variance_component import ErrorGrowth
+from pneunet_ros.measurement.swinging_arm import NEXT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,12 +70,15 @@ class TakenFrame:
         return math.inf if fit is None else fit[1].cost / fit[1].trial.residual.size
 
 
-def problem_of(bench: Bench, frame: ReadFrame, belief: Belief) -> FrameProblem:
+def problem_of(
+    bench: Bench, frame: ReadFrame, belief: Belief, walk: float | None = None
+) -> FrameProblem:
     """Return a frame beside what was believed before it.
 
     From frame to frame the force is free: a frame must not inherit what the last one erred.
     But it is not drawn to zero either, frame after frame, which the unknowns that stay would
-    take for evidence.
+    take for evidence. Of an arm that swings a frame alone tells no force: there it walks, by walk
+    (N/sqrt(s)), None for as it moved lately.
     """
     frame = bench.used(frame, belief.causes)
     instant = replace(frame.instant, std=0.0) if frame.alone else frame.instant
@@ -85,20 +92,28 @@ def problem_of(bench: Bench, frame: ReadFrame, belief: Belief) -> FrameProblem:
         pressed,
         noise=(inputs.moment_std, inputs.chamber_std),
         size=size,
-        walk=unknowns.block(TipForce).free_walk,
+        walk=unknowns.block(TipForce).free_walk if bench.swinging is None else walk,
     )
+    if bench.swinging is not None:
+        if frame.wrench is not None:  # a swing follows the force that is read
+            prior = bench.with_wrench(prior, frame.wrench, instant.gauge)
+        prior = swung_to(bench, belief, prior, frame, inputs)
     growth = None
+    seconds = seconds_between(belief.stamp_ns, frame.stamp_ns) if belief.frames else math.inf
     if frame.alone:
         pressure = unknowns.block(PressureError)
         std = np.array([pressure.unread * pressure.range])
         prior = widen(prior, unknowns.at(PressureError), std)
     else:
-        seconds = seconds_between(belief.stamp_ns, frame.stamp_ns) if belief.frames else math.inf
         growth = ErrorGrowth(size=size, grown=unknowns.growth(seconds, pressed), seconds=seconds)
         if belief.unpressed:
             prior = bench.without(prior, unknowns.at(PressureError))
-    if frame.wrench is not None:
+    if frame.wrench is not None and bench.swinging is None:
         prior = bench.with_wrench(prior, frame.wrench, instant.gauge)
+    left_out = None
+    if prior.reference is not None:  # of this frame alone
+        left_out = prior.root.shape[1]
+        prior = replace(prior, root=with_columns(prior.root, NEXT))
     sightings = frame.sightings
     return FrameProblem(
         table=bench.table,
@@ -109,4 +124,31 @@ def problem_of(bench: Bench, frame: ReadFrame, belief: Belief) -> FrameProblem:
         inputs=inputs,
         sightings=sightings,
         used=np.isfinite(sightings.x) & np.isfinite(sightings.y),
+        swinging=bench.swinging,
+        late=None if bench.swinging is None or frame.wrench else belief.root.shape[1],
+        answered=1.0 if bench.swinging is None else bench.swinging.answered(seconds),
+        left_out=left_out,
     )
+
+
+def swung_to(
+    bench: Bench, before: Belief, moved: Belief, frame: ReadFrame, inputs: FrameInputs
+) -> Belief:
+    """Return a belief that has moved to a frame with the swing of the arm there."""
+    causes = bench.unknowns.causes_at(inputs)
+    contact = bench.held_contact(moved)
+    bent = bend_arm(
+        bench.table,
+        inputs,
+        causes @ moved.mean,
+        before.solution,
+        bench.arm.target_arclength,
+        quick=True,
+        contact=contact,
+    )
+    path = path_of(frame.before, before.stamp_ns, before.chamber, frame.instant)
+    every = None
+    if bent.shape.converged and not bench.knows_force(moved):
+        every = causes_with_contact(bench.unknowns, causes, contact)
+    swung, _ = swung_on(bench.swinging, before, moved, bent, path, every)
+    return replace(swung, solution=bent.solution if bent.shape.converged else before.solution)

@@ -12,6 +12,7 @@ from pneunet_ros.measurement.blocks.model_error import (
     pressure_span,
     stiffness_off,
 )
+from pneunet_ros.measurement.blocks.motion import Motion
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
 from pneunet_ros.measurement.blocks.reading_noise import ReadingNoise
@@ -19,8 +20,12 @@ from pneunet_ros.measurement.blocks.target_row import TargetRow
 from pneunet_ros.measurement.blocks.tilt import Tilt
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
+from pneunet_ros.measurement.moving_arm import MovingArm
+from pneunet_ros.measurement.swinging_arm import motion_block
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.perturbation import PerturbationTable
 
+START = 0.1  # of the length, that a tip may swing where a fusion begins: convention
 STIFFNESS_SHARE = 0.5  # of the stiffness that is missing with a model error of size 1; invented
 
 
@@ -34,7 +39,7 @@ def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:
     scale = arm.force_scale
     low, high = pressure_span(arm)
     return Unknowns.of(
-        TipForce(scale=scale),
+        TipForce(scale=scale, swings=arm.motion is not None),
         PressureError(range=high - low),
         Camera(
             drift_std=noise.drift_std,
@@ -65,4 +70,12 @@ def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:
         Push(scale=scale, length=arm.length),
         Tilt(),
         ReadingNoise(),
+        *motion_of(arm),
     )
+
+
+def motion_of(arm: Arm) -> tuple[Motion, ...]:
+    """Return the block of an arm whose model has `motion`."""
+    if arm.motion is None:
+        return ()
+    return (motion_block(MovingArm(arm=arm, table=PerturbationTable(arm=arm)), START),)

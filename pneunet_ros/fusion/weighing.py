@@ -11,14 +11,17 @@ from __future__ import annotations
 
 import math
 
+from pneunet_ros.core.units import seconds_between
 from pneunet_ros.fusion.belief import Belief, CONTACT, first_belief, FORCE_SENSOR, PRESSURE
 from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.causes import Alternative, ANEW, Cause, CAUSES, CONTACTS, retaken
+from pneunet_ros.fusion.frame_fit import FrameProblem
 from pneunet_ros.fusion.frame_update import excess, take_frame
 from pneunet_ros.fusion.readings import ReadFrame, SeenFrame
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.fusion.taken_frame import problem_of, TakenFrame
 from pneunet_ros.measurement.blocks.contact import Push
+from pneunet_ros.measurement.blocks.tip_force import TipForce, Walk
 from pneunet_ros.measurement.inference.bank import Hypothesis, ranked
 
 FREE = 2.0  # chi squared by which a frame fits better, on average, with a force that is free
@@ -35,15 +38,36 @@ def take(bench: Bench, state: FusionState, frame: ReadFrame, before: Belief) -> 
 
     Where frames in a row were not used, the search goes everywhere in a few of them alone.
     """
-    problem = problem_of(bench, frame, before)
-    update = take_frame(
-        problem,
-        cold=not before.frames,
-        found_better=state.search.found_better,
-        force_read=bench.used(frame, before.causes).wrench is not None,
-        widely=is_due(state) or not before.frames,
+    read = bench.used(frame, before.causes).wrench is not None
+
+    def taken_as(problem: FrameProblem) -> TakenFrame:
+        update = take_frame(
+            problem,
+            cold=not before.frames,
+            found_better=state.search.found_better,
+            force_read=read,
+            widely=is_due(state) or not before.frames,
+        )
+        return TakenFrame(frame=frame, before=before, problem=problem, update=update)
+
+    taken = taken_as(problem_of(bench, frame, before))
+    if bench.swinging is None or explains_all(taken):
+        return taken
+    largest = bench.unknowns.block(TipForce).walks.sizes[-1]
+    faster = taken_as(problem_of(bench, frame, before, largest))
+    return faster if faster.log_evidence > taken.log_evidence else taken
+
+
+def walk_told(taken: TakenFrame) -> Walk:
+    """Return the walk of the tip force after a frame of an arm that swings."""
+    walk, fit = taken.problem.prior.walk, taken.update.fit
+    told = None if fit is None else fit[0].walk_information(fit[1])
+    if told is None or not taken.before.frames:
+        return walk
+    seconds = seconds_between(taken.before.stamp_ns, taken.frame.stamp_ns)
+    return taken.problem.unknowns.block(TipForce).walk_told(
+        walk, *told, seconds, taken.before.frames
     )
-    return TakenFrame(frame=frame, before=before, problem=problem, update=update)
 
 
 def is_due(state: FusionState) -> bool:

@@ -31,7 +31,7 @@ from pneunet_ros.solver.links import (
     stiffness_matrix,
 )
 from pneunet_ros.solver.modes import Modes, modes_of
-from pneunet_ros.solver.swing import at_rest, follow_swing, room_for, Swing, widen
+from pneunet_ros.solver.swing import at_rest, follow_swing, go_on, room_for, Swing, widen
 
 SHAPES = 2  # with 3 the tip is up to 0.06 mm nearer to MuJoCo, at three times the cost
 # What links and shapes leave out: relative error of frequency^2, of damping and, per swing of the
@@ -234,10 +234,8 @@ def follow_reading(
     swing, seconds, steps, before, turned = at_rest(SHAPES), 1.0, 0, after, np.zeros(LINKS)
     gap = 0.0
     if state is not None:
-        frequency = float(modes.frequency[-1])
-        fastest = frequency * max(1.0, damping_time * frequency)
         elapsed = seconds_between(state.stamp_ns, stamp_ns)
-        needed = math.ceil(elapsed * fastest / STEP)
+        needed = steps_between(elapsed, damping_time, modes)
         if 0 < needed <= MOST_STEPS:
             seconds, steps, before, turned = elapsed, needed, state.links, state.turned.copy()
             old = state.swing
@@ -268,6 +266,46 @@ def follow_reading(
     return following, Moved(at_nodes, at_joints, tip[:3], tip[3:])
 
 
+def steps_between(seconds: float, damping_time: float, modes: Modes) -> int:
+    """Return how many steps of integration a time takes."""
+    fastest = float(modes.frequency[-1])
+    return math.ceil(seconds * fastest * max(1.0, damping_time * fastest) / STEP)
+
+
+def go_between(
+    state: MovingState,
+    stamp_ns: int,
+    after: Links,
+    masses: Masses,
+    damping_time: float,
+    modes: Modes,
+) -> MovingState:
+    """Let an arm go on to a stamp before the next reading, where its equilibrium is known.
+
+    After a gap that is too long for steps it is as it was.
+    """
+    seconds = seconds_between(state.stamp_ns, stamp_ns)
+    steps = steps_between(seconds, damping_time, modes)
+    if not 0 < steps <= MOST_STEPS:
+        return state
+    old, turned = state.swing, state.turned.copy()
+    swing = Swing(old.state.copy(), old.covariance.copy(), old.columns.copy())
+    go_on(
+        swing,
+        seconds,
+        steps,
+        state.links,
+        after,
+        masses,
+        damping_time,
+        modes.moment,
+        turned,
+        room_for(SHAPES, LINKS),
+    )
+    turned = (after.heading - state.links.heading) / seconds
+    return MovingState(stamp_ns=stamp_ns, links=after, swing=swing, turned=turned)
+
+
 def after_gap(
     state: MovingState,
     gap: float,
@@ -284,20 +322,31 @@ def after_gap(
     """
     from scipy.linalg import expm, solve_continuous_lyapunov  # slow to import, and gaps are rare
 
-    bends = np.cumsum(moment * links.compliance, axis=1)  # turns of links per q
-    inertia = bends @ mass_matrix(links, masses)
-    gram = inertia @ bends.T
+    rates, onto = rates_about(links, masses, damping_time, moment)
     stepped = np.zeros(2 * SHAPES)
-    stepped[:SHAPES] = np.linalg.solve(gram, inertia @ (state.links.heading - links.heading))
-    slowed, none = np.linalg.inv(gram), np.zeros((SHAPES, SHAPES))
-    damped = damping_time * bends @ bending_stiffness(links) @ bends.T @ slowed
-    rates = np.block([[none, slowed], [-bends @ stiffness_matrix(links) @ bends.T, -damped]])
+    stepped[:SHAPES] = onto @ (state.links.heading - links.heading)
     within = rates - np.eye(2 * SHAPES) / (2.0 * gap)  # not longer ago than the gap
     old = state.swing.state.ravel()
     left = expm(rates * gap)
     before = left @ (state.swing.covariance + np.outer(old, old)) @ left.T
     steps = solve_continuous_lyapunov(within, -np.outer(stepped, stepped) / gap)
     return np.asarray(before + steps)
+
+
+def rates_about(
+    links: Links, masses: Masses, damping_time: float, moment: Array
+) -> tuple[Array, Array]:
+    """Return d(q', p') / d(q, p) about an equilibrium at rest, and the projection on the shapes.
+
+    The latter (shapes, links): the q that turns of the links come to.
+    """
+    bends = np.cumsum(moment * links.compliance, axis=1)  # turns of links per q
+    inertia = bends @ mass_matrix(links, masses)
+    gram = inertia @ bends.T
+    slowed, none = np.linalg.inv(gram), np.zeros_like(gram)
+    damped = damping_time * bends @ bending_stiffness(links) @ bends.T @ slowed
+    rates = np.block([[none, slowed], [-bends @ stiffness_matrix(links) @ bends.T, -damped]])
+    return rates, slowed @ inertia
 
 
 def moved_shape(shape: Shape, along: Array, bent: Array) -> Shape:

@@ -9,18 +9,21 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.measurement.blocks.block import Block, Move, Passage, WrenchSeen
+from pneunet_ros.measurement.inference.variance_component import ErrorGrowth, SizeGrid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Walk:
     """How the forces walk (N/sqrt(s)): recent, lately; usual, that of the tip force on average.
 
-    interval (s): after which they go on as steadily as from frame to frame.
+    interval (s): after which they go on as steadily as from frame to frame. weights (walks,): log
+    weights of the walks that an arm which swings may have, None before any frame.
     """
 
     recent: float
     usual: float
     interval: float = math.inf
+    weights: Array | None = None
 
     def steadiness(self, seconds: float) -> float:
         """Return how many times more than by a walk the variance grows: a load may swing."""
@@ -41,9 +44,13 @@ class ForceChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipForce(Block):
-    """F1 and F2 (N) at the free end; scale (N): the largest force that is likely."""
+    """F1 and F2 (N) at the free end; scale (N): the largest force that is likely.
+
+    swings: the arm does, and a frame alone tells no force.
+    """
 
     scale: float
+    swings: bool = False
     first_walk: float = tuning(
         0.15,
         'random walk of the tip force before any frame tells',
@@ -90,7 +97,7 @@ class TipForce(Block):
         return Walk(recent=walk, usual=walk)
 
     def move(self, passage: Passage, by_times: Move) -> Move:
-        """Keep the mean and grow less certain, up to the scale."""
+        """Grow less certain, up to the scale; the mean stays where each frame tells the force."""
         time = 2.0 * (self.scale / passage.walk) ** 2 / passage.steady
         decay = np.exp(-passage.seconds / np.full(2, time))
         return Move(decay=decay, noise=np.sqrt(1.0 - decay**2) * self.scale, held=True)
@@ -102,6 +109,35 @@ class TipForce(Block):
     def on_wrench(self, seen: WrenchSeen) -> Array:
         """Return what the sensor reads of it: all."""
         return np.eye(2)
+
+    @property
+    def walks(self) -> SizeGrid:
+        """The walks (N/sqrt(s)) of the load of an arm that swings."""
+        walks = tuple(10.0 ** (0.5 * half) * self.least_walk * self.scale for half in range(9))
+        return SizeGrid(sizes=walks, fall=0.0, time=self.walk_time)
+
+    def walk_told(
+        self,
+        walk: Walk,
+        score: Array,
+        precision: Array,
+        size: float,
+        seconds: float,
+        frames: int,
+    ) -> Walk:
+        """Return the walk after a frame of an arm that swings.
+
+        score, precision: of a walk of 1 N/sqrt(s), as `SizeGrid.after` takes them; size: assumed;
+        frames: used before it.
+        """
+        grid = self.walks
+        growth = ErrorGrowth(size=size, grown=np.ones(2), seconds=seconds)
+        known = grid.first if walk.weights is None else walk.weights
+        weights = grid.after(known, growth, (score, precision))
+        recent = grid.size_of(weights)
+        share = -math.expm1(-seconds / min(self.guess_counts + seconds * frames, self.usual_time))
+        usual = math.sqrt(walk.usual**2 + share * (recent**2 - walk.usual**2))
+        return Walk(recent=recent, usual=usual, weights=weights)
 
     def walk_after(
         self, walk: Walk, changes: list[ForceChange], seconds: float, frames: int

@@ -1,0 +1,95 @@
+"""The rod of a fusion at some values of its unknowns, and how it answers to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.effects.effect import Load
+from pneunet_ros.measurement.blocks.block import FrameInputs
+from pneunet_ros.measurement.blocks.contact import Push
+from pneunet_ros.measurement.blocks.unknowns import Unknowns
+from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
+from pneunet_ros.model.equilibrium import linearize_shape, Sensitivity, solve_rod
+from pneunet_ros.model.part_load import PartLoad, with_part_changes, with_part_load
+from pneunet_ros.model.perturbation import Perturbation, PerturbationTable
+from pneunet_ros.model.shape import Shape
+from pneunet_ros.solver.rod import Rods
+from pneunet_ros.solver.settings import SOLVER
+from pneunet_ros.solver.solution import SolverNodes
+
+# Frames follow one another: a mesh that was refined is kept while it may be needed (the detail on
+# half as many panels is at most so many times larger), and not tried without and refined again.
+# The targets are where they are on the coarser mesh to within its detail, 1e-6 of the length.
+FOLLOWING = replace(SOLVER, coarser=80.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BentArm:
+    """The rod at some values of the unknowns, at places along it; rods without its contact."""
+
+    rods: Rods
+    changes: Perturbation
+    shape: Shape
+    contact: PartLoad | None
+
+    @property
+    def solution(self) -> SolverNodes:
+        """The solved rod."""
+        assert self.shape.solution is not None
+        return self.shape.solution
+
+    def linearize(self) -> Sensitivity:
+        """Return how it answers to loads, pressure and columns of the covariance.
+
+        With a contact also to its force and its place.
+        """
+        if self.contact is None:
+            return linearize_shape(self.solution, self.rods, self.changes)
+        changes = with_part_changes(self.rods, self.changes, self.contact)
+        return linearize_shape(self.solution, with_part_load(self.rods, self.contact), changes)
+
+
+def bend_arm(
+    table: PerturbationTable,
+    inputs: FrameInputs,
+    changes: Array,
+    start: SolverNodes | None,
+    arclength: Array,
+    *,
+    quick: bool,
+    contact: PartLoad | None = None,
+) -> BentArm:
+    """Solve the rod under what was read, and changes (causes,) of it: those of the unknowns.
+
+    quick: give up soon where no solution is near. contact: it points along the normal of the arm.
+    """
+    force_x, force_y, moment, error = changes[: PRESSURE + 1].tolist()
+    pressure = inputs.chamber + error
+    load = Load(
+        pressure=pressure,
+        force_x=force_x,
+        force_y=force_y,
+        moment=inputs.moment + moment,
+        gravity=inputs.gravity,
+    )
+    rods, beside = table.at(pressure, inputs.history, load)
+    amounts = changes[PRESSURE:].copy()
+    amounts[0] = 0.0  # the pressure stands in the record already
+    rods = beside.moved(rods, amounts)
+    pushed = rods if contact is None else with_part_load(rods, contact)
+    shape = solve_rod(table.arm, pushed, load, start, arclength, FOLLOWING, quick)
+    return BentArm(rods=rods, changes=beside, shape=shape, contact=contact)
+
+
+def causes_with_contact(unknowns: Unknowns, causes: Array, contact: PartLoad | None) -> Array:
+    """Return what one of each unknown changes of every cause, with those of a contact, if any.
+
+    causes (causes, unknowns): those without it. Force and place of the contact follow.
+    """
+    if contact is None:
+        return causes
+    own = np.zeros((2, causes.shape[1]))
+    own[:, unknowns.at(Push)] = np.eye(2)
+    return np.vstack([causes, own])

@@ -1,0 +1,145 @@
+"""An arm as it is believed to swing: on to the stamp of a frame or reading, and its estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import functools
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.fusion.belief import Belief
+from pneunet_ros.fusion.bent_arm import BentArm
+from pneunet_ros.measurement.blocks.motion import Motion
+from pneunet_ros.measurement.errors.propagated_errors import PropagatedErrors
+from pneunet_ros.measurement.errors.second_order import second_order_factor
+from pneunet_ros.measurement.moving_arm import is_settled, MotionEstimate, Moved
+from pneunet_ros.measurement.swinging_arm import Reference, SwingingArm, Swung
+from pneunet_ros.model.equilibrium import Sensitivity
+from pneunet_ros.solver.modes import modes_of
+from pneunet_ros.solver.swing import Swing
+
+SMALLEST = 1e-30  # m^2, of a tip that is known
+
+
+def swung_on(
+    arm: SwingingArm | None,
+    before: Belief,
+    moved: Belief,
+    bent: BentArm,
+    path: Sequence[tuple[int, float]] = (),
+    causes: Array | None = None,
+) -> tuple[Belief, Moved | None]:
+    """Return a belief that has moved with the swing of the arm there, and how the arm moves.
+
+    before: it moved from there; bent: its equilibrium; path: as of `SwingingArm.go_on`; causes
+    (causes, unknowns): what one of each unknown changes, None where the force is known. Where
+    there is no equilibrium, nothing is known of the swing.
+    """
+    if arm is None:
+        return moved, None
+    if not bent.shape.converged:
+        return replace(arm.begun_anew(moved), reference=None), None
+    known = before, before.reference, before.stamp_ns
+    turning = None
+    if causes is not None:
+        turning = arm.headings(bent.linearize()).T @ causes
+    swung, reference, motion = arm.go_on(
+        known, moved, bent.solution, moved.stamp_ns, path, turning
+    )
+    return replace(swung, reference=reference), motion
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SwingingEstimate:
+    """An arm that swings, at the stations of an estimate.
+
+    belief: there; bent: the equilibrium; reference: of the swing; swung: the arm beside it; moved:
+    how it moves, None at the stamp of a frame.
+    """
+
+    arm: SwingingArm
+    belief: Belief
+    bent: BentArm
+    reference: Reference
+    swung: Swung
+    moved: Moved | None
+
+    def errors(
+        self, causes: Array, sensitivity: Sensitivity, still: PropagatedErrors
+    ) -> PropagatedErrors:
+        """Return the errors of the arm; still: of its equilibrium.
+
+        What is not known of the loads hardly moves the arm itself. causes (causes, unknowns): what
+        one of each unknown changes.
+        """
+        root, swung = self.belief.root, self.swung
+        by_cause = sensitivity.stations(self.bent.shape.arclength)[:, :4]
+        by_cause = by_cause + swung.moves(self.arm.headings(sensitivity))
+        moves = np.tensordot((causes @ root).T, by_cause, axes=1)
+        moves += np.tensordot(root[self.arm.part(Motion.PLACE)].T, swung.by_shape, axes=1)
+        further = np.zeros((1 + len(swung.left_out), *moves.shape[1:]))
+        further[0], further[1:, :2] = self.curved(moves[:, :2, -1]), swung.left_out
+        moves = np.concatenate([moves, further])
+        std = np.sqrt(np.sum(moves**2, axis=0))
+        tip = moves[:, :3, -1]
+        return replace(still, tip_covariance=freeze(tip.T @ tip), std=freeze(std[[0, 1, 3]]))
+
+    def curved(self, tips: Array) -> Array:
+        """Return what the error that moves the tip furthest does to second order, (4, stations).
+
+        tips (errors, 2) m: what each error moves of it. See `measurement.errors.second_order`.
+        """
+        variances, axes = np.linalg.eigh(tips.T @ tips)
+        leading = tips @ axes[:, -1] / math.sqrt(max(variances[-1], SMALLEST))
+        where, mean = self.arm.part(Motion.PLACE), self.belief.mean
+        moved = np.zeros_like(mean)
+        moved[where] = self.belief.root[where] @ leading
+        solution, places = self.bent.solution, self.arm.stations
+        before, after = (
+            self.arm.swung(solution, mean + sign * moved, self.reference, places).beside
+            for sign in (-1.0, 1.0)
+        )
+        return second_order_factor(1.0) * (before + after - 2.0 * self.swung.beside)
+
+    def motion(self, errors: PropagatedErrors) -> MotionEstimate | None:
+        """Return how the arm moves; errors: of the arm."""
+        moved, moving, where = self.moved, self.arm.moving, self.arm.part(Motion.SWING)
+        if moved is None or moving.arm.motion is None:
+            return None
+        covariance = self.belief.covariance_of(where)
+        on = moved.stopped / moving.modes.frequency[0]
+        damping_time = moving.arm.motion.damping_time
+        return MotionEstimate(
+            velocity=freeze(moved.velocity),
+            settled=is_settled(self.swung.beside[:2, -1], on, errors.tip_covariance),
+            swing=Swing(
+                state=self.belief.mean[where].reshape(2, -1),
+                covariance=covariance,
+                columns=np.zeros((2, len(covariance))),
+            ),
+            at_nodes=freeze(moved.at_nodes),
+            at_joints=freeze(moved.at_joints),
+            relative=np.zeros(2),
+            left_out=0.0,
+            modes=functools.partial(
+                modes_of, self.swung.links, moving.masses, damping_time, Motion.SHAPES
+            ),
+        )
+
+
+def swinging_estimate(
+    arm: SwingingArm | None, belief: Belief, bent: BentArm, moved: Moved | None
+) -> SwingingEstimate | None:
+    """Return an arm as it is believed to swing; None where it does not.
+
+    bent: its equilibrium at the stations; moved: how it moves.
+    """
+    reference = belief.reference
+    if arm is None or reference is None or not bent.shape.converged:
+        return None
+    swung = arm.swung(bent.solution, belief.mean, reference, arm.stations)
+    return SwingingEstimate(
+        arm=arm, belief=belief, bent=bent, reference=reference, swung=swung, moved=moved
+    )

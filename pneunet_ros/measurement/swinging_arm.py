@@ -1,0 +1,375 @@
+"""An arm that swings, where it is measured: from frame to frame, and at a place along it.
+
+The equilibrium follows what is believed of loads and pressure, and may be wrong by all that. The
+arm itself cannot jump with it. So the unknown of a frame is not how far the arm is beside its
+equilibrium, but where it is in each shape, counted from a reference: with S the projection on the
+shapes, theta_e the headings of the equilibrium's links and w the place,
+
+    q = w - S (theta_e - theta_reference).
+
+What a frame tells of w it hardly tells of the loads: those are told by how the arm accelerates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.measurement.blocks.motion import Motion
+from pneunet_ros.measurement.inference.gaussian import forget, Known
+from pneunet_ros.measurement.moving_arm import (
+    follow_reading,
+    go_between,
+    LEFT_OUT,
+    Moved,
+    moved_shape,
+    MovingArm,
+    MovingState,
+    Places,
+    rates_about,
+)
+from pneunet_ros.model.equilibrium import Sensitivity, solve
+from pneunet_ros.model.shape import Shape
+from pneunet_ros.model.vibration import LINKS, links_at, vibration
+from pneunet_ros.solver.links import Links, ways
+from pneunet_ros.solver.solution import SolverNodes
+from pneunet_ros.solver.swing import at_rest, P, Q, Swing
+
+# What is left out of a swing along each of the next shapes: at the tip, of its swing there.
+# Measured: with it steps of 50 kPa and 0.3 N leave chi squared near 1 on three rigs in MuJoCo.
+NEXT, BEYOND = 3, 0.005
+Q_ROWS, P_ROWS = slice(0, Motion.SHAPES), slice(Motion.SHAPES, 2 * Motion.SHAPES)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reference:
+    """What the places of the shapes are counted from, and the equilibrium at some unknowns.
+
+    heading (links,) rad: of the reference; projection (shapes, links): S, and turns
+    (shapes, links) of each shape. links: of the equilibrium at the
+    unknowns (n,), and turning (links, n): how each turns them; turned (links,) rad/s: how fast
+    they turned before. at_tip (shapes, 2) m: how each shape moves the tip. lag
+    (links,) rad: how far faster shapes are behind the equilibrium; left_out (next shapes, links)
+    rad: one sigma of what a swing leaves out. lost: nobody knows how the arm swings.
+    """
+
+    heading: Array
+    projection: Array
+    links: Links
+    turned: Array
+    unknowns: Array
+    turning: Array
+    at_tip: Array
+    lag: Array
+    left_out: Array
+    turns: Array
+    lost: bool = False
+
+    def place(self, w: Array, heading: Array) -> Array:
+        """Return how far the arm is beside an equilibrium in each shape, (shapes,)."""
+        return np.asarray(w - self.projection @ (heading - self.heading))
+
+    def seen(self, swung: Swung, unknowns: Array, turning: Array) -> Reference:
+        """Return it with the equilibrium as a frame tells it."""
+        return replace(
+            self,
+            links=swung.links,
+            unknowns=unknowns,
+            turning=turning,
+            at_tip=swung.at_tip,
+            lost=False,
+        )
+
+    def beyond(self, turned: Array) -> Array:
+        """Return what is left of turns of the links (links,) beside the shapes."""
+        return np.asarray(turned - (self.projection @ turned) @ self.turns)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Swung:
+    """An arm beside its equilibrium at some places, and what moves it there.
+
+    links: of the equilibrium. Rows: x, y (m), theta (rad), curvature (1/m). beside (4, places);
+    by_link (links, 4, places): per turn of each link of the equilibrium, the place of the shapes
+    held; by_shape (shapes, 4, places); moment (places,) N m beside the equilibrium. at_tip
+    (shapes, 2) m: of the tip; left_out (next shapes, 2, places) m: one sigma.
+    """
+
+    links: Links
+    beside: Array
+    by_link: Array
+    by_shape: Array
+    moment: Array
+    at_tip: Array
+    left_out: Array
+
+    def shape(self, equilibrium: Shape) -> Shape:
+        """Return the shape of the arm, at the places of its equilibrium's."""
+        bent = np.stack([self.beside[3], self.moment])
+        return moved_shape(equilibrium, self.beside[:3], bent)
+
+    def moves(self, headings: Array) -> Array:
+        """Return what is moved beside the equilibrium, (causes, 4, places).
+
+        headings (causes, links): how each cause turns the links of the equilibrium.
+        """
+        return np.tensordot(headings, self.by_link, axes=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SwingingArm:
+    """A moving arm, and where in the vector its unknowns are.
+
+    where: of `Motion`, tip: of the tip force. start (4,): one sigma of places and momenta where
+    nobody saw it before; stations, targets: on it. middles (links,) m: of its links; next_shapes
+    (shapes, links): turns.
+    """
+
+    moving: MovingArm
+    where: slice
+    tip: slice
+    start: Array
+    stations: Places
+    targets: Places
+    middles: Array = field(init=False, repr=False)
+    next_shapes: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Find the middles of the links."""
+        middles = self.moving.arm.reach * (np.arange(LINKS) + 0.5) / LINKS
+        object.__setattr__(self, 'middles', freeze(middles))
+        still = solve(self.moving.arm, 0.5 * sum(self.moving.arm.pressure_range))
+        modes = vibration(self.moving.arm, still, Motion.SHAPES + NEXT)
+        assert modes is not None  # `MovingArm` has found the slower ones
+        object.__setattr__(self, 'next_shapes', modes.shape[Motion.SHAPES :])
+
+    def part(self, which: slice) -> slice:
+        """Return where a part of its unknowns is, as `Motion` names them."""
+        return slice(self.where.start + which.start, self.where.start + which.stop)
+
+    def headings(self, sensitivity: Sensitivity) -> Array:
+        """Return how each cause turns the links of the equilibrium, (causes, links) rad."""
+        return sensitivity.stations(self.middles)[:, 2]
+
+    def swung(
+        self, solution: SolverNodes, unknowns: Array, reference: Reference, places: Places
+    ) -> Swung:
+        """Return where an arm is beside an equilibrium that is solved."""
+        links, moments = links_at(solution), self.moving.modes.moment
+        q = reference.place(unknowns[self.part(Motion.PLACE)], links.heading)
+        bends = moments * links.compliance
+        turns = np.cumsum(bends, axis=1)
+        turned = q @ turns + reference.lag
+        there = links._replace(heading=links.heading + turned)
+        along, still = ways(there), ways(links)
+        change = links.length * np.stack(
+            [np.cos(there.heading) - np.cos(links.heading),
+             np.sin(there.heading) - np.sin(links.heading)]
+        )  # fmt: skip
+        far = np.cumsum(change, axis=1)
+        nodes = np.zeros((3, LINKS + 1))
+        nodes[:2, :-1], nodes[:2, -1] = far - 0.5 * change, far[:, -1]
+        nodes[2, :-1], nodes[2, -1] = turned, turned[-1]
+        at_nodes, at_joints = places.nodes[1:], places.joints
+        shapes = np.empty((len(q), 4, at_nodes.shape[1]))
+        for shape, turn in enumerate(turns):
+            shapes[shape, :2] = along @ turn @ at_nodes
+            shapes[shape, 2] = np.append(turn, turn[-1]) @ at_nodes
+        compliance = links.compliance.copy()
+        compliance[0] = compliance[1]  # the first stands for half a link, and for the clamp
+        bent = moments * compliance * LINKS / self.moving.arm.reach
+        shapes[:, 3] = bent @ at_joints[:-1]
+        beside = np.empty((4, at_nodes.shape[1]))
+        beside[:3], beside[3] = nodes @ at_nodes, q @ shapes[:, 3]
+        by_link = -np.tensordot(reference.projection.T, shapes, axes=1)
+        by_link[:, :2] += np.tensordot(along - still, at_nodes, axes=(1, 0)).transpose(1, 0, 2)
+        return Swung(
+            links=links,
+            beside=beside,
+            by_link=by_link,
+            by_shape=shapes,
+            moment=q @ moments @ at_joints[:-1],
+            at_tip=turns @ along[:, -1].T,
+            left_out=(along @ reference.left_out.T).transpose(2, 0, 1) @ at_nodes,
+        )
+
+    def go_on(
+        self,
+        before: tuple[Known, Reference | None, int],
+        moved: Known,
+        solution: SolverNodes,
+        stamp_ns: int,
+        path: Sequence[tuple[int, float]] = (),
+        turning: Array | None = None,
+    ) -> tuple[Known, Reference, Moved]:
+        """Let an arm swing on to a stamp, where its equilibrium is solved.
+
+        Args:
+            before: what was known, its reference, None where nobody saw the arm, and its stamp.
+            moved: the same with all other unknowns moved, and the force there if it is read.
+            solution: the equilibrium there, at the mean of that; it is the new reference.
+            stamp_ns: where to.
+            path: stamps between, and by which share of the way the equilibrium has moved there.
+            turning: how each unknown turns the links there, None for as before: along a straight
+                arm a force that nobody knows says nothing of how it bends next.
+
+        Returns:
+            What is known there, its reference, and how the arm moves.
+
+        """
+        known, old, old_ns = before
+        motion, masses, modes = self.moving.arm.motion, self.moving.masses, self.moving.modes
+        assert motion is not None
+        state, since = None, None
+        if old is not None:
+            since = old.links._replace(
+                heading=old.links.heading + old.turning @ (known.mean - old.unknowns)
+            )
+            state = self.state_of(moved, old, since, old_ns)
+            ahead = links_at(solution)
+            for between_ns, share in path:
+                there = between(since, ahead, share)
+                state = go_between(state, between_ns, there, masses, motion.damping_time, modes)
+        following, moving = follow_reading(
+            state, stamp_ns, solution.for_kernels(), masses, motion.damping_time, modes
+        )
+        links = following.links
+        rates, onto = rates_about(links, masses, motion.damping_time, modes.moment)
+        reference = Reference(
+            heading=links.heading,
+            projection=onto,
+            turns=np.cumsum(modes.moment * links.compliance, axis=1),
+            links=links,
+            turned=following.turned,
+            unknowns=moved.mean,
+            turning=np.zeros((LINKS, moved.mean.size)),
+            at_tip=np.zeros((Motion.SHAPES, 2)),
+            lag=np.zeros(LINKS),
+            left_out=freeze(self.left_out(moving)),
+        )
+        if old is None or since is None:
+            return moved, reference, moving
+        if not np.hypot(*moving.at_nodes[:2, -1]) < 2.0 * self.moving.arm.length:
+            return self.begun_anew(moved), replace(reference, lost=True), moving
+        seconds = seconds_between(old_ns, stamp_ns)
+        pulled = old.projection @ old.turning
+        pulled[:, self.tip] = np.linalg.solve(-rates[P_ROWS, Q_ROWS], old.at_tip)
+        if turning is not None:
+            pulled = 0.5 * (pulled + onto @ turning)
+        swung = self.swung_on(moved, pulled, following.swing, rates, seconds)
+        late = old.lag - old.beyond(since.heading - old.links.heading)
+        lag = self.lag_of(late, reference.beyond(links.heading - since.heading), seconds)
+        root = self.with_noise(swung.root, following.swing, moving)
+        swung = replace(swung, root=freeze(root))
+        return swung, replace(reference, unknowns=swung.mean, lag=freeze(lag)), moving
+
+    def state_of(self, known: Known, old: Reference, links: Links, stamp_ns: int) -> MovingState:
+        """Return how an arm swings at a stamp, beside an equilibrium."""
+        swing, start = known.mean[self.part(Motion.SWING)], at_rest(Motion.SHAPES)
+        start.state[Q] = old.place(swing[Q_ROWS], links.heading)
+        start.state[P] = swing[P_ROWS]
+        return MovingState(stamp_ns=stamp_ns, links=links, swing=start, turned=old.turned)
+
+    def begun_anew(self, known: Known) -> Known:
+        """Return what is known, but for a swing that nobody knows."""
+        return forget(known, self.part(Motion.SWING), self.start)
+
+    def swung_on(
+        self, moved: Known, pulled: Array, swing: Swing, rates: Array, seconds: float
+    ) -> Known:
+        """Return what is known with the swing moved too; swing: of the mean, with its columns.
+
+        In z = (w, p) an equilibrium that is wrong by S theta pulls: z goes on as A z + (1 - A) (S
+        theta, 0), with A = exp(rates seconds). pulled (shapes, unknowns): S theta of each unknown;
+        the tip force pulls at the tip where it is.
+        """
+        from scipy.linalg import expm  # slow to import, and only moving arms need it
+
+        where, relative = self.part(Motion.SWING), self.part(Motion.RELATIVE)
+        on, mean, root = expm(rates * seconds), moved.mean.copy(), moved.root.copy()
+        acting = pulled @ root  # all the time: half of it would let the force swing to and fro
+        root[where] = on @ root[where] + (np.eye(len(on)) - on)[:, Q_ROWS] @ acting
+        root[where] += swing.columns.T @ root[relative]
+        mean[where] = swing.state.ravel() + mean[relative] @ swing.columns
+        return replace(moved, mean=freeze(mean), root=root)
+
+    def swing_of(self, there: Moved) -> float:
+        """Return how far (m) the tip is beside its equilibrium, and would still swing."""
+        tip = there.at_nodes[:2, -1]
+        return math.hypot(*tip.tolist(), *(there.stopped / self.moving.modes.frequency[0]))
+
+    def left_out(self, there: Moved) -> Array:
+        """Return one sigma of turns (shapes, links) rad that are left out: of the next shapes."""
+        tips = np.abs(self.next_shapes.sum(axis=1)) * self.moving.arm.reach / LINKS
+        return np.asarray(BEYOND * self.swing_of(there) * self.next_shapes / tips[:, None])
+
+    def answered(self, seconds: float) -> float:
+        """Return the share to which all but the shapes have answered a load that walked so long.
+
+        Faster shapes are so damped that they only creep to their equilibrium, in the time of the
+        damping: behind a ramp, a lag of first order.
+        """
+        motion = self.moving.arm.motion
+        assert motion is not None
+        time = motion.damping_time
+        if not time > 0.0 or not seconds > 0.0 or math.isinf(seconds):
+            return float(seconds > 0.0)
+        return 1.0 + time / seconds * math.expm1(-seconds / time)
+
+    def lag_of(self, before: Array, beyond: Array, seconds: float) -> Array:
+        """Return how far (links,) rad faster shapes lag behind the equilibrium.
+
+        before: at the beginning; beyond (links,) rad: what it turned since then, in these shapes.
+        """
+        motion = self.moving.arm.motion
+        assert motion is not None
+        if not motion.damping_time > 0.0:
+            return np.zeros_like(before)
+        left = math.exp(-seconds / motion.damping_time)
+        return left * before - (1.0 - self.answered(seconds)) * beyond
+
+    def with_noise(self, root: Array, swing: Swing, there: Moved) -> Array:
+        """Return a root with what is not known of the way between two stamps.
+
+        And with what links and shapes leave out of a swing, as `moving_arm` has it.
+        """
+        values, vectors = np.linalg.eigh(swing.covariance)
+        kicks = vectors * np.sqrt(np.maximum(values, 0.0))
+        tip = there.at_nodes[:, -1]
+        far = self.swing_of(there)
+        tips = np.hypot(*tip[3:].reshape(Motion.SHAPES, 3)[:, :2].T)
+        left_out = np.zeros((len(kicks), Motion.SHAPES))
+        left_out[: Motion.SHAPES] = np.diag(LEFT_OUT * far / tips)
+        more = np.zeros((len(root), kicks.shape[1] + Motion.SHAPES))
+        more[self.part(Motion.SWING)] = np.hstack([kicks, left_out])
+        return np.hstack([root, more])
+
+
+def between(before: Links, after: Links, share: float) -> Links:
+    """Return the equilibrium at a share of the way from one to another."""
+    return Links(
+        heading=before.heading + share * (after.heading - before.heading),
+        length=before.length + share * (after.length - before.length),
+        compliance=before.compliance + share * (after.compliance - before.compliance),
+        force=before.force + share * (after.force - before.force),
+        offset=after.offset,
+    )
+
+
+def motion_block(moving: MovingArm, start: float) -> Motion:
+    """Return the unknowns of a moving arm; start: how far its tip may swing, of the length.
+
+    Shapes have unit mass, so that momenta are velocities about the arm whose modes they are.
+    """
+    modes = moving.modes
+    tips = np.abs(modes.shape.sum(axis=1)) * moving.arm.reach / LINKS
+    place = start * moving.arm.length / tips[0] * (modes.frequency[0] / modes.frequency) ** 2
+    return Motion(
+        place_std=freeze(place),
+        momentum_std=freeze(modes.frequency * place),
+        relative=moving.relative,
+    )

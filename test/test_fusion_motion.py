@@ -1,0 +1,141 @@
+"""Fusion of an arm that swings: recordings by MuJoCo, a model that knows mass and damping."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
+from pneunet_ros.core.share import share_path
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.fusion.estimate import FusedEstimate
+from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.lab.motion import LabMotion
+from pneunet_ros.lab.protocols import Corners
+from pneunet_ros.lab.sensors import Rates
+from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.model.motion import Motion
+import pytest
+from support.lab_run import true_model
+
+pytest.importorskip('mujoco', reason="needs MuJoCo: pip install '.[mujoco]'")
+
+RATE, EVERY, LATE, SECONDS = 80.0, 3, 2, 5.0
+TARGET_STD = 5e-5
+IN_95 = 5.991
+SHARE = (0.0, 0.1, 0.12, 0.45, 0.47, 0.75, 0.77, 1.0)
+STEPS = (20e3, 20e3, 45e3, 45e3, 10e3, 10e3, 35e3, 35e3)
+FREE = (0.0,) * len(SHARE)
+LOADS = (0.0, 0.0, 0.06, 0.06, -0.03, -0.03, 0.05, 0.05)
+
+
+@cache
+def recorded(loaded: bool):
+    """Return steps of pressure, and of a load if there is one, of an arm with mass."""
+    scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
+    force = LOADS if loaded else FREE
+    protocol = Corners(duration=SECONDS, share=SHARE, pressure=STEPS, force_x=FREE, force_y=force)
+    scenario = dataclasses.replace(
+        scenario,
+        protocol=protocol,
+        noise=dataclasses.replace(scenario.noise, jitter_std=0.0),
+        rates=Rates(pressure=RATE, wrench=RATE, frames=RATE),
+        motion=LabMotion(damping_time=0.03),
+    )
+    return simulate(scenario), scenario
+
+
+@cache
+def fusion() -> Fusion:
+    """Return the fusion by the true model, with mass and damping."""
+    arm = true_model(dataclasses.replace(recorded(False)[1], motion=None))
+    return Fusion(arm=dataclasses.replace(arm, motion=Motion(damping_time=0.03)))
+
+
+def sightings(recording, frame) -> TargetSightings:
+    """Return a frame of targets."""
+    count = recording.x.shape[1]
+    unknown = np.full(count, np.nan)
+    rest = dict.fromkeys(('u', 'v', 'area', 'major', 'minor', 'angle'), unknown)
+    return TargetSightings(
+        stamp_ns=int(recording.stamp_ns[frame]),
+        x=recording.x[frame],
+        y=recording.y[frame],
+        std=np.full(count, TARGET_STD),
+        **rest,
+    )
+
+
+@cache
+def fused(loaded: bool, wrench: bool):
+    """Return estimates and their truths: errors of tip (n, 2) m and force, NEES, and the state."""
+    recording, _ = recorded(loaded)
+    truth, state, rows, estimates = recording.truth, FusionState(), [], []
+    for instant, stamp in enumerate(recording.stamp_ns.tolist()):
+        events: list = []
+        if instant >= LATE and not (instant - LATE) % EVERY:
+            events.append(sightings(recording, instant - LATE))
+        if wrench:
+            force_x, force_y = recording.force[instant].tolist()
+            events.append(
+                WrenchReading(
+                    stamp_ns=stamp,
+                    force_x=force_x,
+                    force_y=force_y,
+                    moment=0.0,
+                    frame_id='pneunet_base',
+                )
+            )
+        pressure = float(recording.pressure[instant])
+        events.append(PressureReading(stamp_ns=stamp, pressure=pressure))
+        for event in events:
+            state, estimate = fusion().step(state, event)
+        if isinstance(estimate, FusedEstimate) and truth.time[instant] > 0.4:
+            off = np.array([truth.x[instant, -1], truth.y[instant, -1]])
+            off = off - np.array(estimate.estimate.shape.tip[:2])
+            covariance = estimate.estimate.tip_covariance[:2, :2]
+            rows.append([*off, off @ np.linalg.solve(covariance, off)])
+            estimates.append((instant, estimate))
+    return np.array(rows), estimates, state
+
+
+def rms(values) -> float:
+    return float(np.sqrt(np.mean(np.sum(values**2, axis=1))))
+
+
+def test_steps_of_pressure_leave_tip_and_force_known_and_accuse_nothing():
+    rows, estimates, state = fused(False, False)
+    assert rms(rows[:, :2]) < 0.5e-3
+    assert np.mean(rows[:, 2] < IN_95) > 0.9
+    assert state.causes == frozenset()
+    assert all(one.contact is None for _, one in estimates)
+    known = [one.force for _, one in estimates if np.isfinite(one.force).all()]
+    assert len(known) > 0.5 * len(estimates)
+    assert rms(np.array(known)) < 0.02
+
+
+def test_a_load_that_is_read_moves_the_arm_as_it_swings():
+    rows, _, state = fused(True, True)
+    assert rms(rows[:, :2]) < 1e-3
+    assert np.mean(rows[:, 2] < IN_95) > 0.85
+    assert state.causes == frozenset()
+
+
+def test_velocity_is_that_of_the_tip():
+    recording, _ = recorded(False)
+    _, estimates, _ = fused(False, False)
+    tip = np.column_stack([recording.truth.x[:, -1], recording.truth.y[:, -1]])
+    true = np.gradient(tip, recording.truth.time, axis=0)
+    found = [(instant, one.estimate.motion) for instant, one in estimates]
+    off = [motion.velocity[:2] - true[at] for at, motion in found if motion is not None]
+    assert len(off) > 0.9 * len(estimates)
+    assert rms(np.array(off)) < 0.1 * rms(true)
+
+
+def test_without_motion_in_the_model_nothing_swings():
+    arm = dataclasses.replace(fusion().arm, motion=None)
+    bench = Fusion(arm=arm).bench
+    assert bench.swinging is None
+    assert bench.unknowns.std.size == fusion().bench.unknowns.std.size - 6

@@ -1,0 +1,129 @@
+"""An arm beside its equilibrium: kinematics by differences, and how a wrong force shows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from pneunet_ros import load_model, solve
+from pneunet_ros.core.share import share_path
+from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.measurement.blocks.motion import Motion as Block
+from pneunet_ros.measurement.moving_arm import go_between, MovingState, rates_about
+from pneunet_ros.measurement.swinging_arm import Reference
+from pneunet_ros.model.equilibrium import linearize_shape
+from pneunet_ros.model.motion import Motion
+from pneunet_ros.model.vibration import LINKS, links_at
+from pneunet_ros.solver.links import ways
+from pneunet_ros.solver.swing import at_rest, Q
+import pytest
+
+PRESSURE, FORCE = 25e3, (0.02, 0.05)
+DAMPING_TIME = 0.03
+
+
+@cache
+def swinging():
+    """Return the swinging arm of a fusion, and its model."""
+    arm = load_model(share_path('config/paper_arm.yaml'))
+    arm = replace(arm, motion=Motion(damping_time=DAMPING_TIME))
+    arm = replace(arm, target_arclength=np.linspace(0.01, arm.length, 12))
+    return Fusion(arm=arm).bench.swinging, arm
+
+
+def reference_at(solution, unknowns):
+    """Return a reference at an equilibrium, from which nothing lags."""
+    chain, _ = swinging()
+    links, modes = links_at(solution), chain.moving.modes
+    _, onto = rates_about(links, chain.moving.masses, DAMPING_TIME, modes.moment)
+    return Reference(
+        heading=links.heading,
+        projection=onto,
+        links=links,
+        turned=np.zeros(LINKS),
+        unknowns=unknowns,
+        turning=np.zeros((LINKS, unknowns.size)),
+        at_tip=np.zeros((2, 2)),
+        lag=np.zeros(LINKS),
+        left_out=np.zeros((3, LINKS)),
+        turns=np.cumsum(modes.moment * links.compliance, axis=1),
+    )
+
+
+def there(force, place):
+    """Return x, y, theta of the targets of an arm at some places of its shapes."""
+    chain, arm = swinging()
+    unknowns = np.zeros(chain.where.stop)
+    reference = reference_at(solve(arm, PRESSURE, FORCE).solution, unknowns)
+    unknowns[chain.part(Block.PLACE)] = place
+    shape = solve(arm, PRESSURE, force)
+    swung = chain.swung(shape.solution, unknowns, reference, chain.targets)
+    x, y, theta = (
+        np.interp(arm.target_arclength, shape.arclength, row)
+        for row in (shape.x, shape.y, shape.theta)
+    )
+    return np.stack([x, y, theta]) + swung.beside[:3], swung, shape
+
+
+@pytest.mark.parametrize('place', [(0.0, 0.0), (2e-3, 5e-5)])
+def test_what_moves_the_targets_is_its_jacobian(place):
+    chain, arm = swinging()
+    _, swung, shape = there(FORCE, np.array(place))
+    for which, step in ((0, 1e-6), (1, 1e-7)):
+        side = step * np.eye(2)[which]
+        after, before = (there(FORCE, np.array(place) + sign * side)[0] for sign in (1, -1))
+        numeric = (after - before)[:2] / (2.0 * step)
+        scale = np.abs(numeric).max()
+        assert np.abs(swung.by_shape[which, :2] - numeric).max() < 2e-3 * scale
+    rods = arm.rods(np.array([PRESSURE]))
+    sensitivity = linearize_shape(shape.solution, rods)
+    moves = sensitivity.stations(arm.target_arclength)[:2, :2]
+    moves = moves + swung.moves(chain.headings(sensitivity))[:2, :2]
+    for axis in range(2):
+        force = [np.array(FORCE) + sign * 2e-3 * np.eye(2)[axis] for sign in (1, -1)]
+        numeric = (there(tuple(force[0]), np.array(place))[0]
+                   - there(tuple(force[1]), np.array(place))[0])[:2] / 4e-3  # fmt: skip
+        still = np.abs(sensitivity.stations(arm.target_arclength)[axis, :2]).max()
+        assert np.abs(moves[axis] - numeric).max() < 0.01 * still
+        assert np.abs(moves[axis]).max() < 0.06 * still  # the arm does not jump with the load
+
+
+@pytest.mark.parametrize('swing', [0.0, 2e-3])
+def test_a_wrong_force_pulls_the_arm_as_the_chain_is_pulled(swing):
+    chain, arm = swinging()
+    moving, seconds = chain.moving, 0.03
+    links = links_at(solve(arm, PRESSURE, FORCE).solution)
+    rates, onto = rates_about(links, moving.masses, DAMPING_TIME, moving.modes.moment)
+    turns = np.cumsum(moving.modes.moment * links.compliance, axis=1)
+    far = links._replace(heading=links.heading + np.array([swing, 0.0]) @ turns)
+    from scipy.linalg import expm
+
+    pulled = np.linalg.solve(-rates[2:, :2], turns @ ways(far)[:, -1].T)
+    told = (np.eye(4) - expm(rates * seconds))[:, :2] @ pulled
+
+    def ends(force):
+        after = links_at(solve(arm, PRESSURE, force).solution)
+        state = at_rest(2)
+        state.state[Q] = np.array([swing, 0.0]) - onto @ (after.heading - links.heading)
+        there = MovingState(stamp_ns=0, links=after, swing=state, turned=np.zeros(LINKS))
+        stamp_ns = round(seconds * 1e9)
+        there = go_between(there, stamp_ns, after, moving.masses, DAMPING_TIME, moving.modes)
+        place = there.swing.state[Q] + onto @ (after.heading - links.heading)
+        return np.concatenate([place, there.swing.state[1]])
+
+    for axis, step in enumerate(2e-3 * np.eye(2)):
+        numeric = ends(tuple(FORCE + step)) - ends(FORCE)
+        first = np.abs(told[2, axis] * 2e-3 - numeric[2])
+        assert first < 0.1 * np.abs(numeric[2])  # the slowest shape, which carries the arm
+
+
+def test_faster_shapes_answer_a_ramp_late():
+    chain, _ = swinging()
+    assert chain.answered(1e-9) < 1e-6
+    assert chain.answered(1e3) > 0.9999
+    ramp = np.ones(LINKS)
+    slow = chain.lag_of(np.zeros(LINKS), ramp, 30.0)
+    assert slow == pytest.approx(-DAMPING_TIME / 30.0 * ramp, rel=1e-6)
+    left = chain.lag_of(ramp, np.zeros(LINKS), DAMPING_TIME)
+    assert left == pytest.approx(np.exp(-1.0) * ramp)
