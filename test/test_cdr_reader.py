@@ -7,7 +7,8 @@ import struct
 import numpy as np
 from pneunet_ros.messages.cdr_reader import read_message
 from pneunet_ros.messages.point_cloud import cloud_points
-from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS
+from pneunet_ros.messages.readings import BASE_IMU, END_WRENCH, PRESSURE, TARGETS
+from pneunet_ros.messages.readings import FRAMES as TF
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 import pytest
 
@@ -15,6 +16,7 @@ FRAMES = ['', 'b', 'pneunet_base', 'ünïcode', 'a' * 7, 'a' * 8]
 SENSORS = {
     PRESSURE: np.array([31e3]),
     END_WRENCH: np.array([0.1, -0.2, 1e-3]),
+    BASE_IMU: np.array([0.1, 9.8, -0.2]),
     TARGETS: np.array([[0.0, 1e-3, np.nan], [0.0, 2e-3, np.nan]]),
 }
 
@@ -26,7 +28,7 @@ def made(sensor, frame_id='base'):
 
 
 @pytest.mark.parametrize('frame_id', FRAMES)
-@pytest.mark.parametrize('sensor', [PRESSURE, END_WRENCH], ids=lambda one: one.name)
+@pytest.mark.parametrize('sensor', [PRESSURE, END_WRENCH, BASE_IMU], ids=lambda one: one.name)
 def test_a_reading_is_that_of_the_message(sensor, frame_id):
     message, raw = made(sensor, frame_id)
     assert sensor.decode(read_message(raw, sensor.type)) == sensor.decode(message)
@@ -48,4 +50,5 @@ def test_what_is_cut_off_or_of_another_kind_is_left_to_ros(sensor):
     last = len(raw) - 8  # is_dense and padding may follow what is read
     assert all(read_message(raw[:end], sensor.type) is None for end in range(last))
     assert read_message(b'\x00\x00' + raw[2:], sensor.type) is None
+    assert read_message(raw, TF.type) is None
     assert read_message(raw[:12] + struct.pack('<I', 2**31) + raw[16:], sensor.type) is None

@@ -16,18 +16,25 @@ import time
 import numpy as np
 from pneunet_ros import __version__
 from pneunet_ros.core.share import share_path
+from pneunet_ros.core.units import STANDARD_GRAVITY
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.files.model_file import load_model, model_hash, save_model
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.lab.motion import LabMotion
+from pneunet_ros.lab.sensors import Rates
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.messages.estimate import OUTPUTS, SHAPE_POINT
 from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.offline.replay import input_topics, steps
+from pneunet_ros.recordings.lab_files import write_lab
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
 from support import made_recordings as bags
+from support.lab_run import true_model
 from support.manuals import same_as_running
 from support.random_estimates import plain
 
@@ -37,7 +44,7 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 from pneunet_ros.core.health import Level  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
-from sensor_msgs.msg import FluidPressure  # noqa: E402
+from sensor_msgs.msg import FluidPressure, Imu  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from support.dds_peer import EstimatorPeer, running_node, START_TIMEOUT  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
@@ -112,8 +119,9 @@ def played_back(path, model=MODEL):
 def played_live(peer, path, model=MODEL):
     """Give what `played_back` gives, by the node; one reading after the other."""
     for message, expected in played_back(path, model):
-        publisher = peer.pressures if message.topic.endswith('pressure') else peer.wrenches
-        publisher.publish(bytes(message.raw))
+        publishers = {'pressure': peer.pressures, 'base_imu': peer.imus}
+        name = message.topic.rsplit('/', 1)[1]
+        publishers.get(name, peer.wrenches).publish(bytes(message.raw))
         if expected is None:
             peer.barrier()
         else:
@@ -174,6 +182,35 @@ def test_live_equals_replay_for_an_arm_with_a_past(lonely_peer, tmp_path):
         node.wait_for('ready')
         lonely_peer.connect()
         assert same_live_as_replayed(lonely_peer, readings, model) > 20
+        assert node.end(signal.SIGTERM) == 0, node.text
+
+
+def test_live_equals_replay_on_a_base_that_turns(lonely_peer, tmp_path):
+    """And an Imu in g among its readings."""
+    scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
+    turning = dataclasses.replace(
+        scenario,
+        protocol=dataclasses.replace(scenario.protocol, duration=5.0, rest=0.2, ramp=0.3),
+        rates=Rates(pressure=20.0, wrench=20.0, frames=1.0, imu=20.0),
+        motion=LabMotion(gravity_y=-1.0, turn_angle=(0.0, 1.0), inertia=0.0),
+    )
+    recording = simulate(turning)
+    imu = recording.imu.copy()
+    imu[50] /= STANDARD_GRAVITY
+    path = tmp_path / 'turning.mcap'
+    given = dataclasses.replace(recording, imu=imu)
+    write_lab(given, path, overwrite=False, on_progress=lambda: None)
+    model = tmp_path / 'model.yaml'
+    save_model(true_model(turning), model)
+    arguments = (*EVERYTHING, '-p', f'model_file:={model}')
+    with running_node(tmp_path / 'output', OTHER_DOMAIN, *arguments) as node:
+        node.wait_for('ready')
+        lonely_peer.connect()
+        for _ in range(20):  # until the node hears them
+            lonely_peer.imus.publish(Imu())
+            lonely_peer.spin_for(0.05)
+        lonely_peer.start_anew()
+        assert same_live_as_replayed(lonely_peer, path, model) > 80
         assert node.end(signal.SIGTERM) == 0, node.text
 
 

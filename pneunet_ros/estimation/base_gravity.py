@@ -146,7 +146,7 @@ class GravitySource:
             return None, refuse(reading.stamp_ns, 'imu_frame', sentence)
         read = np.array([reading.x, reading.y, reading.z])
         force = rotation_matrix(turn) @ read / STANDARD_GRAVITY
-        return (-float(force[0]), -float(force[1])), None
+        return (0.0 - float(force[0]), 0.0 - float(force[1])), None
 
     def turn_of_imu(self, frames: FrameTree, frame_id: str) -> Quaternion | None:
         """Return the turn from the frame of the accelerometer to the base."""
@@ -200,7 +200,7 @@ class GravitySource:
             sentence = self.stale(f'the transform from {self.frame!r} to {base!r}', age)
             return None, refuse(stamp_ns, 'stale_gravity_frame', sentence)
         x, y, _ = rotation_matrix(turn)[:, 2].tolist()
-        return (-x, -y), None
+        return (0.0 - x, 0.0 - y), None
 
     def moves(self, known: BaseGravity) -> bool:
         """Whether the frame may turn in the base."""

@@ -12,6 +12,7 @@ import struct
 from types import SimpleNamespace
 from typing import Any
 
+from pneunet_ros.messages.base_frames import IMU_TYPE
 from pneunet_ros.messages.builders import POINTS_TYPE
 from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
 
@@ -19,6 +20,7 @@ LITTLE_ENDIAN = b'\x00\x01'  # how the encapsulation begins
 BODY = 4  # bytes of encapsulation; fields are aligned from there
 TIME, LENGTH = struct.Struct('<iI'), struct.Struct('<I')
 TWO, SIX = struct.Struct('<2d'), struct.Struct('<6d')
+IMU = struct.Struct('<37d')  # 4 + 9, 3 + 9, 3 + 9: each with its covariance
 LAYOUT, SHAPE = struct.Struct('<IBxxxI'), struct.Struct('<II')
 
 
@@ -35,6 +37,17 @@ def read_wrench(raw: bytes) -> Any:
     numbers = SIX.unpack_from(raw, aligned(end, 8))
     force, torque = vector(*numbers[:3]), vector(*numbers[3:])
     return SimpleNamespace(header=header, wrench=SimpleNamespace(force=force, torque=torque))
+
+
+def read_imu(raw: bytes) -> Any:
+    """Read the specific force of an Imu: behind orientation and angular velocity."""
+    header, end = read_header(raw)
+    numbers = IMU.unpack_from(raw, aligned(end, 8))
+    return SimpleNamespace(
+        header=header,
+        linear_acceleration=vector(*numbers[25:28]),
+        linear_acceleration_covariance=numbers[28:],
+    )
 
 
 def read_points(raw: bytes) -> Any:
@@ -73,16 +86,18 @@ def read_points(raw: bytes) -> Any:
 READERS: dict[str, Callable[[bytes], Any]] = {
     PRESSURE_TYPE: read_pressure,
     WRENCH_TYPE: read_wrench,
+    IMU_TYPE: read_imu,
     POINTS_TYPE: read_points,
 }
 
 
 def read_message(raw: bytes, type_name: str) -> Any | None:
     """Read a message of a type that is read here; None where only ROS can."""
-    if raw[:2] != LITTLE_ENDIAN:
+    reader = READERS.get(type_name)
+    if reader is None or raw[:2] != LITTLE_ENDIAN:
         return None
     try:
-        return READERS[type_name](raw)
+        return reader(raw)
     except (ValueError, IndexError, struct.error):  # text that is none is a ValueError
         return None
 

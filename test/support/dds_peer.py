@@ -27,7 +27,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import FluidPressure
+from sensor_msgs.msg import FluidPressure, Imu
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -254,6 +254,7 @@ class EstimatorPeer(Peer):
         super().__init__(domain, 'estimator', OUTPUTS)
         self.pressures = self.node.create_publisher(FluidPressure, 'pressure', 10)
         self.wrenches = self.node.create_publisher(WrenchStamped, 'end_wrench', 10)
+        self.imus = self.node.create_publisher(Imu, 'base_imu', 10)
 
     def wrench(self, seconds: float, force_x: float = 0.1, frame_id: str = 'pneunet_base') -> None:
         """Publish an end wrench stamped so."""
