@@ -8,7 +8,11 @@ from functools import cache
 import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.calibration.calibration import calibrate, Calibration
-from pneunet_ros.calibration.checks.nonuniformity import departure_prior, shape_std
+from pneunet_ros.calibration.checks.nonuniformity import (
+    departure_prior,
+    known_departure,
+    shape_std,
+)
 from pneunet_ros.calibration.checks.resolution import resolve
 from pneunet_ros.calibration.map_estimation import posterior_at
 from pneunet_ros.calibration.settings import CALIBRATION
@@ -140,6 +144,10 @@ def test_targets_are_misplaced_with_the_bend_that_a_fit_cannot_have():
     cells, shared = fit.parameters.cells, fit.shared_covariance.shape[0]
     errors = (come_to - rest)[:shared, :cells]
     prior = departure_prior(fit.parameters, fit.values, CALIBRATION.resolution)
+    # Two targets show that the arm bends evenly, and one number along it is what is fitted.
+    assert fit.parameters.shapes == 1
+    left = fit.information_vector - fit.information @ fit.values
+    prior = known_departure(prior, fit.information, fit.covariance, left)
     wanted = errors @ prior @ errors.T
     added = found.joint.shared_covariance - fit.shared_covariance
     std = np.sqrt(np.diag(wanted))

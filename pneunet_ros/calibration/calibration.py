@@ -33,6 +33,7 @@ from pneunet_ros.calibration.checks.left_out_levels import (
     LEFT_OUT,
     LeftOutLevels,
 )
+from pneunet_ros.calibration.checks.left_out_recordings import leave_recordings_out
 from pneunet_ros.calibration.checks.nonuniformity import (
     consider_nonuniformity,
     describe_nonuniformity,
@@ -113,7 +114,8 @@ def calibrate(
             cannot tell; of a Majidi law also the section.
         kind: the moment law to fit; None: the paper's, or one stiffness where the loaded frames
             tell no more.
-        compare: fit the other laws too, each time without one of the loaded recordings.
+        compare: fit without each of the loaded recordings, the other laws too; what that changes
+            is in the errors.
         earlier: go on from what another calibration knew, on its tables.
         on_progress: called with the stage, how far it is, and of how much (0: unknown).
         settings: the numbers by which is decided.
@@ -196,6 +198,7 @@ def calibrate_as_stamped(
     if earlier is None:
         fits.check_law(loaded)
     laws: tuple[LawScore, ...] = ()
+    without: tuple[Fit, ...] = ()
     if earlier is not None:
         free = joint = fits.continue_from(earlier, runs, kind, bool(loaded))
     elif resolution.constant_pressure:
@@ -207,14 +210,20 @@ def calibrate_as_stamped(
         joint = fits.joint(runs, free, law)
         if compare and len(loaded) > 1 and resolution.law == PiecewiseLinearLaw.kind:
             laws = fits.compare_laws(unloaded, loaded, free, law.stiffness)
+            without = next(item.fits for item in laws if item.kind == law.kind)
+        elif compare and len(loaded) > 1:
+            without = fits.without_each(unloaded, loaded, free, law)
+    recordings = leave_recordings_out(joint, without, settings.experiments) if without else None
     left_out = None
     if resolution.free_shapes is not None and not loaded and earlier is None:
         left_out = leave_levels_out(unloaded, free, fits.first_experiment)
     posterior = posterior_of(joint, *fits.span(earlier))
     notes = undetermined_quantities(joint, settings.identifiability)
-    joint = consider_nonuniformity(joint, settings)
+    joint = consider_nonuniformity(joint, settings, shown=resolution.shapes)
     if left_out is not None:
         joint = with_larger_errors(joint, left_out.excess)
+    if recordings is not None:
+        joint = with_larger_errors(joint, recordings.excess)
     if loaded:
         on_progress('stiffness along the arm', fits.done, fits.planned)
     variation = stiffness_variation(joint, noise.noise, settings.stiffness_variation)
@@ -245,6 +254,7 @@ def calibrate_as_stamped(
             *resolution.notes,
             *describe_structure(joint, resolution),
             *(() if left_out is None else (left_out.sentence,)),
+            *(() if recordings is None else recordings.sentences),
             *(resolution.law_notes if kind is None else ()),
             *describe_nonuniformity(joint, settings),
             *notes,
@@ -269,8 +279,10 @@ def fits_ahead(resolution: Resolution, loaded: int, compare: bool) -> int:
     if not loaded:
         left_out = LEFT_OUT.levels if resolution.free_shapes is not None else 0
         return 2 * (1 + left_out)
-    compared = compare and loaded > 1 and resolution.law == PiecewiseLinearLaw.kind
-    return 5 + compared * loaded * len(MOMENT_LAW_PARAMETERS)
+    if not compare or loaded == 1:
+        return 5
+    laws = len(MOMENT_LAW_PARAMETERS) if resolution.law == PiecewiseLinearLaw.kind else 1
+    return 5 + loaded * laws
 
 
 def with_larger_errors(fit: Fit, excess: Array) -> Fit:

@@ -38,10 +38,14 @@ import scipy
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LawScore:
-    """A moment law on recordings that were left out of its fit, one score per loaded recording."""
+    """A moment law on recordings that were left out of its fit, one score per loaded recording.
+
+    fits: those without each of them.
+    """
 
     kind: str
     scores: tuple[Score, ...]
+    fits: tuple[Fit, ...] = ()
 
     @property
     def rms(self) -> float:
@@ -298,13 +302,24 @@ class FitSequence:
         """Fit each law without each loaded recording in turn, and score it on that one."""
         results = []
         for kind in MOMENT_LAW_PARAMETERS:
-            law, scores = self.law(kind, stiffness), []
-            for which, left_out in enumerate(loaded):
-                runs = [*unloaded, *loaded[:which], *loaded[which + 1 :]]
-                fitted = self.joint(runs, free, law, self.settings.experiments.compared_frames)
-                scores.append(score(fitted.arm, left_out))
-            results.append(LawScore(kind=kind, scores=tuple(scores)))
+            fits = self.without_each(unloaded, loaded, free, self.law(kind, stiffness))
+            scores = (score(fit.arm, run) for fit, run in zip(fits, loaded, strict=True))
+            results.append(LawScore(kind=kind, scores=tuple(scores), fits=fits))
         return tuple(results)
+
+    def without_each(
+        self,
+        unloaded: Sequence[RecordingData],
+        loaded: Sequence[RecordingData],
+        free: Fit,
+        law: MomentLawParameters,
+    ) -> tuple[Fit, ...]:
+        """Fit a law without each loaded recording in turn, to few frames of the others."""
+        frames = self.settings.experiments.compared_frames
+        return tuple(
+            self.joint([*unloaded, *loaded[:which], *loaded[which + 1 :]], free, law, frames)
+            for which in range(len(loaded))
+        )
 
     def continue_from(
         self,

@@ -30,20 +30,29 @@ from pneunet_ros.calibration.settings import (
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.units import millimeters
 
+ROUNDING = 1e-12  # of a variance, so that it can be inverted
 STATIONS, MODES = 41, 4  # along the arm, for the part of a smooth departure that is linear
 
 
-def consider_nonuniformity(fit: Fit, settings: CalibrationSettings = CALIBRATION) -> Fit:
+def consider_nonuniformity(
+    fit: Fit, settings: CalibrationSettings = CALIBRATION, *, shown: int = 0
+) -> Fit:
     """Return the fit with the covariance of what its curve along the arm leaves out.
 
+    shown: how many numbers along the arm the targets show; where the curve has fewer, they show
+    how evenly the arm bends.
     Where the model misses the targets by much more than noise, what the fit itself is uncertain by
     is as much more (the scale factor of the Particle Data Group): few targets cannot show where.
     """
     parameters = fit.parameters
     if parameters.shapes is None:
         return fit
+    information = all_information(fit)
     prior = departure_prior(parameters, fit.values, settings.resolution)
-    errors = fit.covariance @ all_information(fit)[:, : parameters.cells]
+    if parameters.shapes < shown:
+        left = fit.information_vector - fit.information @ (fit.values - parameters.mean)
+        prior = known_departure(prior, information, fit.covariance, left)
+    errors = fit.covariance @ information[:, : parameters.cells]
     errors[: parameters.cells] -= np.eye(parameters.cells)
     size = fit.values.size
     taken_with = np.linalg.solve(fit.covariance, fit.shared_covariance[:size, size:]).T
@@ -56,6 +65,21 @@ def consider_nonuniformity(fit: Fit, settings: CalibrationSettings = CALIBRATION
         covariance=frozen_array(shared[:size, :size]),
         shared_covariance=frozen_array(shared),
     )
+
+
+def known_departure(prior: Array, information: Array, covariance: Array, missed: Array) -> Array:
+    """Return the mean square of departures (cells, cells) after the data, of that before them.
+
+    information, covariance (n, n): of the data, and of the fit; what the fit takes up of a
+    departure tells nothing of it: I - I C I is left. missed (n,): what of the data's linear term
+    the fit has left; the departure that it shows is no parameter of the fit, and an error of it.
+    """
+    cells = len(prior)
+    left = (information - information @ covariance @ information)[:cells, :cells]
+    root = np.linalg.cholesky(prior + ROUNDING * float(np.trace(prior)) * np.eye(cells))
+    known = root @ np.linalg.solve(np.eye(cells) + root.T @ left @ root, root.T)
+    shown = known @ missed[:cells]
+    return np.asarray(known + np.outer(shown, shown))
 
 
 def shape_std(fit: Fit, settings: ExperimentSettings = EXPERIMENTS) -> tuple[float, float]:

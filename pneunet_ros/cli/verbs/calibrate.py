@@ -105,7 +105,8 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--no-compare',
         action='store_true',
-        help='do not fit the other moment laws for comparison (about half the time)',
+        help='do not fit without each loaded recording, nor the other moment laws (about half '
+        'the time); the errors then do not hold what leaving out a recording changes',
     )
     add_dimensionless(parser, 'draw the figures of the report')
     add_overwrite(parser)

@@ -1,0 +1,73 @@
+"""Whether a fit stays within its errors without each loaded recording: if not, these are larger.
+
+Two fits, one with a recording and one without, differ by as much as the recording has taken from
+the covariance. A model that lacks something, or a load that is not what it is said to be, makes
+them differ by more; that much more is put into the covariance (jackknife).
+
+Source: Efron and Stein, Ann. Statist. 9 (1981).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from pneunet_ros.calibration.low_rank import jacobian_at, run_inputs
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import EXPERIMENTS, ExperimentSettings
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.measurement.forward_model import ForwardModel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LeftOutRecordings:
+    """What leaving out each of some recordings changes of a fit.
+
+    changed: by how much the tip moves in the recording left out, over what errors say; excess
+    (parameters, recordings): columns of the covariance that this adds, where it is more.
+    """
+
+    recordings: int
+    changed: float
+    excess: Array
+
+    @property
+    def sentences(self) -> list[str]:
+        """Say it to a person where it is more than the errors say."""
+        if not self.excess.any():
+            return []
+        return [
+            f'{self.recordings} loaded recordings, each left out of the fit: the tip moves there '
+            f'by {self.changed:.2g} times what the standard errors say, so these are widened. '
+            'Check the loads (--end-load, --wrench-sign); the model may lack something '
+            '(`pneunet diagnose`)'
+        ]
+
+
+def leave_recordings_out(
+    full: Fit, without: Sequence[Fit], settings: ExperimentSettings = EXPERIMENTS
+) -> LeftOutRecordings | None:
+    """Compare a fit with those without each of its last recordings; None where nothing tells."""
+    moved, expected, changes = 0.0, 0.0, list[Array]()
+    tip = np.array([0.0, full.arm.reach])
+    for left_out, fitted in zip(full.runs[-len(without) :], without, strict=True):
+        inputs = run_inputs(left_out, settings.covariance_frames)
+        points, both = [], np.ones(len(inputs.pressure), dtype=np.bool_)
+        for fit in (full, fitted):
+            model = ForwardModel(tip)
+            both &= model.solve(fit.arm, inputs)
+            points.append(model.points[:, :, -1])
+        moved += float(np.sum((points[1] - points[0])[both] ** 2))
+        jacobian = jacobian_at(full, inputs.subset(np.flatnonzero(both)), tip)
+        more = fitted.covariance - full.covariance
+        expected += max(float(np.einsum('ij,jk,ik->', jacobian, more, jacobian)), 0.0)
+        changes.append(fitted.values - full.values)
+    if not expected > 0.0:
+        return None
+    changed, count = math.sqrt(moved / expected), len(without)
+    more_than = max(1.0 - 1.0 / max(changed, 1.0) ** 2, 0.0) * (count - 1) / count
+    return LeftOutRecordings(
+        recordings=count, changed=changed, excess=math.sqrt(more_than) * np.column_stack(changes)
+    )
