@@ -33,7 +33,7 @@ from pneunet_ros.vision.rest_plane import RESTING, UPRIGHT
 from pneunet_ros.vision.tracker import TrackerState
 import pytest
 from support.example_arms import paper_arm
-from support.manuals import page, reasons_in, table, topics, values
+from support.manuals import page, reasons_in, rows, table, topics, values
 
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
@@ -109,7 +109,7 @@ def test_quality_of_service_is_that_of_the_code(node):
     ('node', 'parameters'), list(zip(NODES, (ESTIMATOR, TRACKER, FUSION), strict=True)), ids=NODES
 )
 def test_parameters_are_those_of_the_code(node, parameters):
-    written = [name for name, *_ in table(page(node), 'parameter')]
+    written = [name for name, *_ in rows(node, 'parameter')]
     assert sorted(written) == sorted(field.name for field in parameters.fields)
 
 
@@ -186,7 +186,7 @@ def test_reasons_are_those_of_the_code(node):
     known = reasons_in('core/stamps') - {STARTS_ANEW}
     for item in REASONS[node]:
         known |= {item} if isinstance(item, str) else item
-    written = [reason for reason, *_ in table(page(node), 'reason')]
+    written = [reason for reason, *_ in rows(node, 'reason')]
     assert sorted(written) == sorted(known)
 
 

@@ -32,13 +32,31 @@ def table(text: str, first_column: str) -> list[list[str]]:
     return [cells for cells in rows if not set(cells[0]) <= set('-')]
 
 
+def of_the_estimator(node: str) -> set[str]:
+    """Return the names for which a page sends its readers to that of the estimator."""
+    lists = re.findall(r'^As of the \[estimator\]\([^)]*\): ([^.]*)\.$', page(node), re.MULTILINE)
+    return set(re.findall(r'`([^`]+)`', ' '.join(lists)))
+
+
+def rows(node: str, first_column: str) -> list[list[str]]:
+    """Return the rows of a page's tables, and those that it leaves to the estimator's page."""
+    shared = of_the_estimator(node)
+    left = [row for row in table(page('estimator'), first_column) if row[0] in shared]
+    return [*table(page(node), first_column), *left]
+
+
 def topics(node: str) -> dict[str, list[str]]:
     """Return type, direction and quality of service of every topic in a page."""
-    return {name: rest for name, *rest in table(page(node), 'topic')}
+    return {name: rest for name, *rest in rows(node, 'topic')}
 
 
 def values(node: str) -> list[str]:
-    """Return the keys of the diagnostics in a page."""
+    """Return the keys of the diagnostics in a page, and those left to the estimator's."""
+    shared = of_the_estimator(node)
+    return [*_values(node), *(name for name in _values('estimator') if name in shared)]
+
+
+def _values(node: str) -> list[str]:
     (paragraph,) = re.findall(r'^Values: (.*?)\n\n', page(node), re.MULTILINE | re.DOTALL)
     without_remarks = re.sub(r'\([^)]*\)', '', paragraph)
     return re.findall(r'`([^`]+)`', without_remarks)
@@ -111,6 +129,4 @@ def same_as_running(peer_node: object, node: str, left_out: set[str]) -> None:
     assert found == written
     services = peer_node.get_service_names_and_types_by_node(node, namespace)
     ours = {name for name, (kind,) in services if kind == 'std_srvs/srv/Trigger'}
-    assert ours == {
-        name.replace('~', f'{namespace}/{node}') for name, _ in table(page(node), 'service')
-    }
+    assert ours == {name.replace('~', f'{namespace}/{node}') for name, _ in rows(node, 'service')}
