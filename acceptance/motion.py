@@ -103,6 +103,7 @@ CALIBRATIONS = {
     'steps and plucks': (0.1, PLUCKS, 60.0),
     'steps and plucks, short': (0.1, PLUCKS, 20.0),
 }
+QUICKLY = 'used and gravity'
 HANGING, SIDEWAYS = LabMotion(gravity_x=1.0), LabMotion(gravity_y=-1.0)
 GRAVITY_ROWS = ('hanging, at rest', 'sideways, at rest', 'sideways, moved by MuJoCo')
 MOTION_ROWS = ('fitted to steps', 'fitted to a free decay')
@@ -215,11 +216,12 @@ def predict_hung(arm: Arm, seed: int, motion: LabMotion) -> Array:
 
 
 def step_time(arm: Arm, seed: int) -> Array:
-    """Return the time (us of CPU) of a step of the estimator, the best of ten hundreds, (1,)."""
+    """Return the time (us of CPU) of a step of the estimator, the best of ten parts, (1,)."""
     recording = recording_of(seed, 92, CAUSE_OF_STEPS, 12.0)
     estimator = Estimator(arm=arm, settings=EstimatorSettings(wrench_required=False))
     state, times = EstimatorState(), []
-    for batch in np.array_split(np.arange(1000), 10):
+    readings = np.arange(recording.reading_stamp_ns.size)
+    for batch in np.array_split(readings, 10):
         begun = time.process_time()
         for instant in batch.tolist():
             reading = PressureReading(
@@ -336,8 +338,8 @@ def calibrated(seed: int, kind: str) -> Array:
 
 def try_model(seed: int, recordings: int, part: str | None) -> dict[str, Array]:
     """Try a rig: NUMBERS by course and way, PEG_NUMBERS, and calibrations; or a part of these."""
-    found = try_ways(seed, recordings) if part in (None, 'used') else {}
-    if part in (None, 'used', 'gravity'):
+    found = try_ways(seed, recordings) if part in (None, 'used', QUICKLY) else {}
+    if part in (None, 'gravity', QUICKLY):
         found |= hung(seed)
     if part in (None, 'calibrated'):
         found |= {f'calibrate, {kind}': calibrated(seed, kind) for kind in CALIBRATIONS}
@@ -473,7 +475,7 @@ def main() -> int:
     arguments = command.parse_args()
     if arguments.quick:
         arguments.quick, arguments.rigs, arguments.recordings = False, 1, 1
-        arguments.part = arguments.part or 'used'
+        arguments.part = arguments.part or QUICKLY
     attempt = partial(try_model, part=arguments.part)
     return run_bench('motion', arguments, attempt, summary_of, show)
 

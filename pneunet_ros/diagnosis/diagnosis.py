@@ -22,6 +22,7 @@ from pneunet_ros.diagnosis.base_fit import BaseFit, fit_base
 from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
 from pneunet_ros.diagnosis.evaluation import misfit, noise_floor, removed_share, scores
 from pneunet_ros.diagnosis.experiment_design import propose_experiment
+from pneunet_ros.diagnosis.gravity_direction import direction_notes
 from pneunet_ros.diagnosis.hypothesis import carries_time, hypotheses, Hypothesis
 from pneunet_ros.diagnosis.inertia import with_inertia
 from pneunet_ros.diagnosis.lack_of_fit import LackOfFit
@@ -321,11 +322,12 @@ def conclude(
     wanted = wanted_candidates(verdict, candidates, detectable)
     rivals = wanted if verdict.alternatives else ()
     removed = removed_share(before.rms, after.rms, floor)
+    effects = describe_effects(verdict.trial.refit, verdict.probability)
     return Diagnosis(
         answer=verdict.answer,
         sentence=describe_verdict(verdict, before, after),
         certainty=describe_certainty(selection, first, best),
-        effects=describe_effects(verdict.trial.refit, verdict.probability),
+        effects=effects,
         alternatives=verdict.alternatives,
         where=misfit_shares(frames),
         where_sentence=describe_misfit(frames),
@@ -344,7 +346,7 @@ def conclude(
         proposal=''
         if verdict.mimicked  # more targets would tell, and no recording
         else propose_experiment(first.refit, wanted, rivals, settings),
-        notes=verdict.notes,
+        notes=(*verdict.notes, *direction_notes(before.arm, effects)),
         seed=selection.seed,
         settings=settings,
     )

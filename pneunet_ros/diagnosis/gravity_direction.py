@@ -1,0 +1,40 @@
+"""The effect `gravity` read as a direction: the arm's own weight, which points elsewhere.
+
+A line load of at most what the arm weighs may be that weight, where the model has gravity wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+
+from pneunet_ros.diagnosis.result import NamedEffect
+from pneunet_ros.effects.gravity import Gravity
+from pneunet_ros.model.arm import Arm
+
+SURE = 2.0  # standard errors, by which a direction may be longer than a unit vector
+
+
+def direction_notes(arm: Arm, effects: Sequence[NamedEffect]) -> tuple[str, ...]:
+    """Return what direction of gravity would explain as much as its line load; empty: none.
+
+    arm: without the effect.
+    """
+    per_length = arm.weight / arm.length
+    for effect in effects:
+        if effect.name != Gravity.name:
+            continue
+        found = [effect.parameters[name] for name in ('weight_x', 'weight_y')]
+        known = arm.gravity.x, arm.gravity.y
+        x, y = (one.value / per_length + there for one, there in zip(found, known, strict=True))
+        std = math.hypot(*(one.std / per_length for one in found))
+        if math.hypot(x, y) > 1.0 + SURE * std:
+            return ()
+        longer = max(math.hypot(x, y), 1.0)
+        x, y = x / longer, y / longer
+        return (
+            f'the line load is what the arm weighs itself if gravity points along [{x:.2f}, '
+            f'{y:.2f}] ± {std:.1g} instead of [{known[0]:.2f}, {known[1]:.2f}]: is the base '
+            f'tilted? Try --gravity={x:.3f},{y:.3f}',
+        )
+    return ()
