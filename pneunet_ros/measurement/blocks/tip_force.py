@@ -112,8 +112,11 @@ class TipForce(Block):
 
     @property
     def walks(self) -> SizeGrid:
-        """The walks (N/sqrt(s)) of the load of an arm that swings."""
-        walks = tuple(10.0 ** (0.5 * half) * self.least_walk * self.scale for half in range(9))
+        """The walks (N/sqrt(s)) of the load of an arm that swings.
+
+        None is so slow that a load which goes on steadily would be taken for an error that stays.
+        """
+        walks = tuple(self.first_walk * 10.0 ** (0.5 * half) * self.scale for half in range(-1, 5))
         return SizeGrid(sizes=walks, fall=0.0, time=self.walk_time)
 
     def walk_told(
