@@ -56,7 +56,8 @@ OF_TESTS = {
     'pytest': 'python3-pytest',
     'setuptools': 'python3-setuptools',
 }
-BESIDE_TESTS = {'extensible_arm_story', 'mujoco', 'skimage', 'sklearn'}  # skipped without them
+# Skipped without them, or scripts beside the pages.
+BESIDE_TESTS = {'extensible_arm_story', 'make_my_finger', 'mujoco', 'skimage', 'sklearn'}
 
 
 @pytest.fixture(scope='module')

@@ -39,6 +39,8 @@ def main() -> None:
     axes[1].plot(when, force, color='0.3', ls='--', lw=1.2, label='contact forces in MuJoCo')
     axes[1].plot(when, said, color='tab:blue', lw=1.6, label='gripper/state')
     axes[1].set_ylabel('sum of forces, mN')
+    axes[0].set_ylim(bottom=36.0)
+    axes[1].set_ylim(bottom=-14.0)
     for axis in axes:
         axis.axvspan(begun, when[-1], color='tab:orange', alpha=0.12, lw=0, label='seen to touch')
         axis.axvspan(OPEN, OPEN + CLOSING, ymax=0.03, color='0.5', lw=0)

@@ -23,16 +23,20 @@ class FrameShedding:
         self._new = 0
         self._late = False
 
-    def sheds(self, take: Callable[..., None]) -> Callable[..., None]:
-        """Return a callback for frames that leaves them out while the node is late."""
+    def sheds(self, take: Callable[..., None], note: Callable[[Any], None]) -> Callable[..., None]:
+        """Return a callback for frames that leaves them out while the node is late.
+
+        note: is given what ROS knows of a frame that is left out, which is not lost.
+        """
 
         @wraps(take)
-        def call(*arguments: Any) -> None:
+        def call(message: Any, info: Any) -> None:
             if self.is_late():
                 self.total += 1
                 self._new += 1
+                note(info)
             else:
-                take(*arguments)
+                take(message, info)
 
         return call
 

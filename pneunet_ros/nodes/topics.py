@@ -123,7 +123,8 @@ def subscribe_in_order(node: Any, takes: Mapping[Input[Any], Callable[..., None]
     node.shedding.waiting = partial(order.waiting, PRESSURE.name)
     for sensor, take in takes.items():
         if sensor is TARGETS:
-            take = node.shedding.sheds(take)
+            note = partial(node.note_message, node.resolve_topic_name(sensor.topic))
+            take = node.shedding.sheds(take, note)
         read = partial(deserialize, type_name=sensor.type)
         group = group_of(node, order, sensor.name, read)
         qos = input_qos(DEPTH_OF.get(sensor, DEPTH))
