@@ -106,7 +106,7 @@ def show(rows: dict[str, dict[str, float]]) -> None:
 
 
 def markdown(rows: dict[str, dict[str, float]]) -> str:
-    """Return the table of docs/tracker.md, what misses its goal in bold."""
+    """Return the table of acceptance/composed_pictures.md, what misses its goal in bold."""
     lines = [
         '| film | frames | not tracked | found | tip found | false | swapped | rms px '
         '| tip rms px | error/std | tip error/std |',

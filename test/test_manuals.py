@@ -190,16 +190,6 @@ def test_reasons_are_those_of_the_code(node):
     assert sorted(written) == sorted(known)
 
 
-def test_reasons_of_the_verb_track_are_those_of_the_tracker():
-    written = {
-        reason
-        for reasons, *_ in table(page('track'), 'reason')
-        for reason in reasons.replace('`', '').split(', ')
-    }
-    node_alone = {WRONG_CAMERA_INFO}
-    assert written == {reason for reason, *_ in table(page('tracker'), 'reason')} - node_alone
-
-
 @pytest.mark.parametrize('node', NODES)
 def test_levels_are_those_of_the_code(node):
     assert [level for level, *_ in table(page(node), 'level')] == [level.name for level in Level]
