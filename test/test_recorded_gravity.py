@@ -223,3 +223,12 @@ def test_the_fusion_follows_a_base_that_turns(tmp_path, capsys):
         tip = json.loads(capsys.readouterr().out)['comparisons'][0]['tip']
         medians[name] = tip['median']
     assert medians['imu'] < min(6e-4, 0.5 * medians['fixed'])
+
+
+def test_a_prediction_without_readings_asks_where_gravity_points(tmp_path, capsys):
+    model = tmp_path / 'turning.yaml'
+    save_model(replace(true_model(scenario()), gravity=gravity_of('imu')), model)
+    command = ['predict', '--pressure', '20kPa', '--model', str(model), '--json']
+    assert main(command) == 2
+    assert '--gravity' in capsys.readouterr().err
+    assert main([*command, '--gravity=0,-1']) == 0

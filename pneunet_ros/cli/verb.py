@@ -199,6 +199,20 @@ def model_of(arguments: Namespace) -> Arm:
     return with_gravity(load_model(arguments.model or share_path(PAPER_ARM)), arguments)
 
 
+def still_model_of(arguments: Namespace) -> Arm:
+    """Return the model that was asked for, of whose base nothing is read.
+
+    RequestError where only a reading says where gravity points.
+    """
+    arm = model_of(arguments)
+    if arm.gravity.is_measured:
+        raise RequestError(
+            f'{arm.name} has gravity by {arm.gravity.source}, and nothing is read here: say where '
+            'it points, as --gravity=0,-1'
+        )
+    return arm
+
+
 def add_overwrite(parser: ArgumentParser) -> None:
     """Existing outputs are refused without this."""
     parser.add_argument(

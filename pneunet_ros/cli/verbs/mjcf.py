@@ -12,9 +12,9 @@ from pneunet_ros.cli.verb import (
     add_model,
     add_overwrite,
     DONE,
-    model_of,
     output_console,
     print_json,
+    still_model_of,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.files.atomic import atomic_output
@@ -60,7 +60,7 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Write the MJCF."""
-    arm = model_of(arguments)
+    arm = still_model_of(arguments)
     if not FEWEST_LINKS <= arguments.links <= MOST_LINKS:
         raise RequestError(f'--links must lie between {FEWEST_LINKS} and {MOST_LINKS}')
     known = 0.0 if arm.inertia is None else arm.inertia.damping_time

@@ -15,11 +15,11 @@ from pneunet_ros.cli.verb import (
     add_json,
     add_model,
     DONE,
-    model_of,
     NEGATIVE,
     output_console,
     print_json,
     scales_sentence,
+    still_model_of,
     units_of,
 )
 from pneunet_ros.core.arrays import Array
@@ -139,7 +139,7 @@ def run(arguments: Namespace) -> int:
         raise RequestError(f'--tip-std {arguments.tip_std} must be a length in m, zero or more')
     if (arguments.pressure is None) == (arguments.pressure_for is None):
         raise RequestError('give --pressure, as 31kPa, or --pressure-for, as tip 95mm 40mm')
-    arm = model_of(arguments)
+    arm = still_model_of(arguments)
     prediction = predict(arm, solved(arm, arguments), arguments)
     if arguments.json:
         print_json(content(arm, prediction, units_of(arguments, arm)))
