@@ -310,10 +310,9 @@ def describe_structure(fit: Fit, resolution: Resolution) -> list[str]:
     """Say what the evidence has chosen: numbers along the arm, and an elongation."""
     notes, parameters = [], fit.parameters
     if parameters.shapes is not None and parameters.shapes < resolution.shapes:
-        fewer = f'{parameters.shapes} number{"s" * (parameters.shapes > 1)}'
         notes.append(
-            f'{fewer} of the curvature along the arm explain the recordings as well as '
-            f'{resolution.shapes}: the model has {parameters.shapes}'
+            f'the recordings are more probable with {parameters.shapes} of these numbers along '
+            f'the arm than with {resolution.shapes}: the model has {parameters.shapes}'
         )
     if parameters.elongates:
         own = slice(parameters.cells, parameters.before_law)
