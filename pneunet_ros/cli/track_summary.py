@@ -82,8 +82,8 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
     if summary.get('frames_repeated'):
         table.add_row(
             'frames left out',
-            f'{summary["frames_repeated"]}: they repeat the picture before while the pressure '
-            'moves the arm (frames that the film lost)',
+            f'{summary["frames_repeated"]}: the arm stands still there while the pressure moves '
+            'it (lost frames repeat a picture; a step may lie within the error of the delay)',
         )
     seconds, rate = summary['seconds'], summary['frames_per_second']
     table.add_row('took', f'{seconds:.2f} s, at {rate:.0f} frames/s')

@@ -74,8 +74,9 @@ class ClockDelay:
 
     delay, std (s): a frame shows the arm of its time minus delay, with one standard error;
     explained: share of the motion that pressure and load explain with it; frames: how many were
-    used; frame_period (s). repeated: which of the frames show the picture before once more, as
-    films do that have lost some. trouble: why the data cannot tell, empty where they do.
+    used; frame_period (s). repeated: in which of the frames the arm stands still while what drives
+    it goes on: a film that has lost some shows the one before once more. trouble: why the data
+    cannot tell, empty where they do.
     """
 
     delay: float
@@ -357,17 +358,20 @@ class DelayFit:
         """Return the frames in which the arm stands still while what drives it goes on.
 
         The arm is where it was a frame before, to within what is left elsewhere, and by more than
-        that not where pressure and load put it: the picture is the one before.
+        that not where pressure and load put it: the picture is the one before, or it was taken
+        where the arm sets off, within the error of the delay.
         """
         frames = self.inside(delay)
         design, _ = self.design(self.time[frames] - delay)
         scores = self.scores[frames]
         left = scores - design @ np.linalg.solve(self.normal(design), design.T @ scores)
         usual = np.median(np.abs(left), axis=0) / SIGMA_OF_MEDIAN
-        moved, missed = (np.abs(np.diff(values, axis=0)) / usual for values in (scores, left))
-        limit = math.sqrt(2.0) * self.settings.motion
-        following = np.diff(self.time[frames]) < 1.5 * self.period
-        still = (moved < 1.0).all(axis=1) & (missed > limit).any(axis=1) & following
+        main = left[:, 0]
+        limit = math.sqrt(2.0) * self.settings.motion * usual[0]
+        still = (np.abs(np.diff(scores, axis=0)) < usual).all(axis=1)
+        still &= np.abs(np.diff(main)) > limit
+        still &= np.abs(main[1:]) > np.abs(main[:-1])  # else the picture before is elsewhere
+        still &= np.diff(self.time[frames]) < 1.5 * self.period
         return np.asarray(frames[1:][still])
 
     def details(self, delay: float) -> FitDetails:
