@@ -42,7 +42,7 @@ class NodeSettings:
     )
     free_tip: bool = setting(
         FUSION.free_tip,
-        'nothing ever pushes at the tip: end_wrench is not read, contacts are told',
+        'nothing ever pushes at the tip: end_wrench is not read, contacts are determined',
     )
     centerline_rate: float = quantity(
         30.0,
