@@ -11,6 +11,7 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.protocols import Corners
@@ -139,3 +140,38 @@ def test_without_motion_in_the_model_nothing_swings():
     bench = Fusion(arm=arm).bench
     assert bench.swinging is None
     assert bench.unknowns.std.size == fusion().bench.unknowns.std.size - 6
+
+
+def test_a_peg_in_the_way_of_a_moving_arm_is_found_where_it_is():
+    scenario = recorded(False)[1]
+    peg = LabMotion(damping_time=0.03, peg_x=0.08, peg_y=0.04, peg_radius=0.006)
+    protocol = Corners(
+        duration=4.0,
+        share=(0.0, 0.2, 0.5, 1.0),
+        pressure=(15e3, 15e3, 55e3, 55e3),
+        force_x=(0.0,) * 4,
+        force_y=(0.0,) * 4,
+    )
+    recording = simulate(dataclasses.replace(scenario, protocol=protocol, motion=peg))
+    settings = dataclasses.replace(FUSION, free_tip=True)
+    state, found, touching, places = FusionState(), [], [], []
+    filter_ = Fusion(arm=fusion().arm, settings=settings)
+    for instant, stamp in enumerate(recording.stamp_ns.tolist()):
+        events: list = []
+        if instant >= LATE and not (instant - LATE) % EVERY:
+            events.append(sightings(recording, instant - LATE))
+        pressure = float(recording.pressure[instant])
+        events.append(PressureReading(stamp_ns=stamp, pressure=pressure))
+        for event in events:
+            state, estimate = filter_.step(state, event)
+        contact = getattr(estimate, 'contact', None)
+        found.append(contact is not None)
+        touching.append(np.hypot(*recording.motion.contact_force[instant]) > 0.01)
+        if contact is not None and touching[-1]:
+            places.append(contact.arclength - recording.motion.contact_place[instant])
+    found, touching = np.array(found), np.array(touching)
+    assert 0.2 < touching.mean() < 0.8
+    assert found[touching].mean() > 0.9
+    assert not found[: np.argmax(touching)].any()  # later it bounces, and is seen late
+    assert np.median(np.abs(places)) < 2e-3
+    assert state.causes <= {'contact'}

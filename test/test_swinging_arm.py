@@ -48,6 +48,7 @@ def reference_at(solution, unknowns):
         lag=np.zeros(LINKS),
         left_out=np.zeros((3, LINKS)),
         turns=np.cumsum(modes.moment * links.compliance, axis=1),
+        pull=np.zeros((4, 2)),
     )
 
 

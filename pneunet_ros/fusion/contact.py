@@ -19,6 +19,7 @@ from pneunet_ros.fusion.belief import Belief, CONTACT
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem
 from pneunet_ros.fusion.frame_update import evidence_cost, excess, Fit, leave_out, left_out_cost
 from pneunet_ros.measurement.blocks.contact import Push
+from pneunet_ros.measurement.blocks.motion import Motion
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.predicted_targets import measured_moves
@@ -126,7 +127,11 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     place, sensitivity = pushed_on_panels(bent.solution, bent.rods)
     moved = measured_moves(arm, sensitivity)
     problem.moved_too(fit.trial, sensitivity, moved)
-    moved = moved[LOADS:]
+    moved, pulled = moved[LOADS:], pulled_at(problem, fit, place)
+    if pulled is not None and fit.trial.swung is not None:
+        moved = moved + np.tensordot(
+            pulled[: Motion.SHAPES].T, fit.trial.swung.by_shape[:, :2], axes=1
+        )
     pushes = problem.whiten_at(fit.trial, moved).T
     weighed, std = fit.solve(pushes), problem.unknowns.block(Push).scale
     information = np.sum(pushes * weighed, axis=0) + std**-2
@@ -142,6 +147,31 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
         information=information,
         freedom=(std, arm.length),
     )
+
+
+def pulled_at(problem: FrameProblem, fit: FrameLinearization, place: Array) -> Array | None:
+    """Return what 1 N at some places has done to an arm that swings since the last frame.
+
+    place (places,) m; returns places and momenta of its shapes (4, places), None of another arm.
+    """
+    swung, reference, arm = fit.trial.swung, problem.prior.reference, problem.swinging
+    if swung is None or reference is None or arm is None:
+        return None
+    at = np.interp(place, arm.middles, swung.heading)
+    return np.asarray(reference.pull @ arm.pushed(swung, reference.turns, place, at))
+
+
+def with_pull(problem: FrameProblem, pulled: Array) -> Belief:
+    """Return the prior of a frame with a contact that has pressed since the last one.
+
+    pulled (4,): what 1 N of it does to places and momenta of the shapes.
+    """
+    prior, arm = problem.prior, problem.swinging
+    assert arm is not None
+    root = prior.root.copy()
+    force = problem.unknowns.at(Push).start
+    root[arm.part(Motion.SWING), -2] += pulled * root[force, -2]
+    return replace(prior, root=freeze(root))
 
 
 def find_contacts(
@@ -209,6 +239,9 @@ def search_at(
 ) -> Fit | None:
     """Return the fit with a contact that is sought from a panel on."""
     where = problem.unknowns.at(Push)
+    pulled = pulled_at(problem, fit, scores.place[panel : panel + 1])
+    if pulled is not None and problem.swinging is not None:
+        problem = replace(problem, prior=with_pull(problem, pulled[:, 0]))
     force_std, place_std = np.diagonal(problem.root[where, -2:])
     contact = np.array(
         [

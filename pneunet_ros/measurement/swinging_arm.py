@@ -54,7 +54,8 @@ class Reference:
     unknowns (n,), and turning (links, n): how each turns them; turned (links,) rad/s: how fast
     they turned before. at_tip (shapes, 2) m: how each shape moves the tip. lag
     (links,) rad: how far faster shapes are behind the equilibrium; left_out (next shapes, links)
-    rad: one sigma of what a swing leaves out. lost: nobody knows how the arm swings.
+    rad: one sigma of what a swing leaves out. pull (4, shapes): what a load has done to places and
+    momenta since the last reference, per force on each shape. lost: nobody knows how it swings.
     """
 
     heading: Array
@@ -67,6 +68,7 @@ class Reference:
     lag: Array
     left_out: Array
     turns: Array
+    pull: Array
     lost: bool = False
 
     def place(self, w: Array, heading: Array) -> Array:
@@ -96,7 +98,8 @@ class Swung:
     links: of the equilibrium. Rows: x, y (m), theta (rad), curvature (1/m). beside (4, places);
     by_link (links, 4, places): per turn of each link of the equilibrium, the place of the shapes
     held; by_shape (shapes, 4, places); moment (places,) N m beside the equilibrium. at_tip
-    (shapes, 2) m: of the tip; left_out (next shapes, 2, places) m: one sigma.
+    (shapes, 2) m: of the tip; left_out (next shapes, 2, places) m: one sigma. along (2, links + 1,
+    links) m: how middles of links, and the tip, move per turn of each link; heading (links,) rad.
     """
 
     links: Links
@@ -106,6 +109,8 @@ class Swung:
     moment: Array
     at_tip: Array
     left_out: Array
+    along: Array
+    heading: Array
 
     def shape(self, equilibrium: Shape) -> Shape:
         """Return the shape of the arm, at the places of its equilibrium's."""
@@ -194,6 +199,8 @@ class SwingingArm:
             by_shape=shapes,
             moment=q @ moments @ at_joints[:-1],
             at_tip=turns @ along[:, -1].T,
+            along=along,
+            heading=there.heading,
             left_out=(along @ reference.left_out.T).transpose(2, 0, 1) @ at_nodes,
         )
 
@@ -250,6 +257,7 @@ class SwingingArm:
             at_tip=np.zeros((Motion.SHAPES, 2)),
             lag=np.zeros(LINKS),
             left_out=freeze(self.left_out(moving)),
+            pull=np.zeros((2 * Motion.SHAPES, Motion.SHAPES)),
         )
         if old is None or since is None:
             return moved, reference, moving
@@ -265,7 +273,24 @@ class SwingingArm:
         lag = self.lag_of(late, reference.beyond(links.heading - since.heading), seconds)
         root = self.with_noise(swung.root, following.swing, moving)
         swung = replace(swung, root=freeze(root))
-        return swung, replace(reference, unknowns=swung.mean, lag=freeze(lag)), moving
+        reference = replace(
+            reference, unknowns=swung.mean, lag=freeze(lag), pull=pull_of(rates, seconds)
+        )
+        return swung, reference, moving
+
+    def pushed(self, swung: Swung, turns: Array, at: Array, heading: Array) -> Array:
+        """Return what 1 N along the normal does to each shape, (shapes, places) N m.
+
+        turns (shapes, links): of each shape; at (places,) m; heading (places,) rad: of the arm.
+        """
+        normal = np.stack([-np.sin(heading), np.cos(heading)])
+        nodes = np.concatenate([[0.0], self.middles, [self.moving.arm.reach]])
+        ways = np.einsum('dki,si->sdk', swung.along, turns)
+        found = np.zeros((len(turns), at.size))
+        for shape, way in enumerate(ways):
+            for axis in range(2):
+                found[shape] += normal[axis] * np.interp(at, nodes, np.append(0.0, way[axis]))
+        return found
 
     def state_of(self, known: Known, old: Reference, links: Links, stamp_ns: int) -> MovingState:
         """Return how an arm swings at a stamp, beside an equilibrium."""
@@ -347,6 +372,14 @@ class SwingingArm:
         more = np.zeros((len(root), kicks.shape[1] + Motion.SHAPES))
         more[self.part(Motion.SWING)] = np.hstack([kicks, left_out])
         return np.hstack([root, more])
+
+
+def pull_of(rates: Array, seconds: float) -> Array:
+    """Return what a force on each shape does to places and momenta in a time, (4, shapes)."""
+    from scipy.linalg import expm  # slow to import, and only moving arms need it
+
+    on = expm(rates * seconds)
+    return np.asarray((np.eye(len(on)) - on)[:, Q_ROWS] @ np.linalg.inv(-rates[P_ROWS, Q_ROWS]))
 
 
 def between(before: Links, after: Links, share: float) -> Links:
