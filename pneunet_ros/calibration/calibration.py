@@ -140,7 +140,9 @@ def calibrate(
             on_progress=on_progress,
             settings=settings,
         )
-        more = camera_clocks(found.joint, found.noise.noise) if earlier is None else {}
+        # What is left of a swing looks like a clock that drifts.
+        asked = earlier is None and found.motion is None
+        more = camera_clocks(found.joint, found.noise.noise) if asked else {}
         if not more or rounds == MOST_ROUNDS:
             break
         rounds += 1

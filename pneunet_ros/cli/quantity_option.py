@@ -20,6 +20,7 @@ KIND_OF_UNIT = {  # of SI
     'm': 'length',
     's': 'time',
     'rad': 'angle',
+    'm/s^2': 'acceleration',
 }
 _EXAMPLES = {
     'pressure': '31kPa',
@@ -28,6 +29,7 @@ _EXAMPLES = {
     'length': '112mm',
     'time': '300ms',
     'angle': '5deg',
+    'acceleration': '1g',
 }
 _SHOWN = {
     'pa': 'Pa',

@@ -82,8 +82,12 @@ class Disturbances:
         )
 
     def root_of_run(self, which: int) -> Array:
-        """Return the lower root (OF_RUN, OF_RUN) of it."""
-        return np.asarray(np.linalg.cholesky(self.prior_of_run(self.runs[which])))
+        """Return the lower root (OF_RUN, OF_RUN) of it, with the origin that runs have in common.
+
+        Where an effect is missing, the origin that was found without it is wrong as well.
+        """
+        own = self.of_run(which)[2 * self.targets :]
+        return np.asarray(np.linalg.cholesky(self.prior[np.ix_(own, own)]))
 
     @property
     def targets(self) -> int:
