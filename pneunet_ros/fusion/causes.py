@@ -164,12 +164,7 @@ class CameraCause(Cause):
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
         """Let it have moved since the last frame, or have been elsewhere all along."""
-        where, _, moved = self.stds(bench)
-        now = replace_causes(widen(taken.before, where, moved), CAMERA)
-        yield retaken(bench, taken, now), 0.0
-        if self.is_told(bench, taken.after) > 0.0:
-            always, told = with_prior(taken.after, *self.stds(bench))
-            yield relearned(taken, replace_causes(always, CAMERA)), told
+        yield from lately_or_always(bench, taken, self, self.stds(bench))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -219,12 +214,9 @@ class TiltCause(Cause):
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
         """Let gravity point elsewhere since the last frame, or all along."""
-        where, tilt = bench.unknowns.at(Tilt), bench.unknowns.block(Tilt)
-        now = replace_causes(widen(taken.before, where, tilt.tilted_std), TILT)
-        yield retaken(bench, taken, now), 0.0
-        if self.is_told(bench, taken.after) > 0.0:
-            always, told = with_prior(taken.after, where, tilt.std, tilt.tilted_std)
-            yield relearned(taken, replace_causes(always, TILT)), told
+        tilt = bench.unknowns.block(Tilt)
+        stds = bench.unknowns.at(Tilt), tilt.std, tilt.tilted_std
+        yield from lately_or_always(bench, taken, self, stds)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -319,6 +311,20 @@ class MirroredCause(Cause):
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
         """Take the targets from the other side."""
         yield retaken(bench, taken, replace_causes(taken.before, MIRRORED)), 0.0
+
+
+def lately_or_always(
+    bench: Bench, taken: TakenFrame, cause: Cause, stds: tuple[slice, Array, Array]
+) -> Iterator[Alternative]:
+    """Yield a frame with a wider prior of some unknowns: since the last frame, or all along.
+
+    stds: where they are, one sigma of the prior that the belief came from, and of the wide one.
+    """
+    where, _, wide = stds
+    yield retaken(bench, taken, replace_causes(widen(taken.before, where, wide), cause.name)), 0.0
+    if cause.is_told(bench, taken.after) > 0.0:
+        always, told = with_prior(taken.after, *stds)
+        yield relearned(taken, replace_causes(always, cause.name)), told
 
 
 def told_beyond(

@@ -157,8 +157,7 @@ def pulled_at(problem: FrameProblem, fit: FrameLinearization, place: Array) -> A
     swung, reference, arm = fit.trial.swung, problem.prior.reference, problem.swinging
     if swung is None or reference is None or arm is None:
         return None
-    at = np.interp(place, arm.middles, swung.heading)
-    return np.asarray(reference.pull @ arm.pushed(swung, reference.turns, place, at))
+    return np.asarray(reference.pull @ arm.pushed(swung, reference.turns, place))
 
 
 def with_pull(problem: FrameProblem, pulled: Array) -> Belief:

@@ -36,7 +36,8 @@ def is_copy(bench: Bench, seen: SeenFrame, frame: ReadFrame) -> bool:
 def take(bench: Bench, state: FusionState, frame: ReadFrame, before: Belief) -> TakenFrame:
     """Return a frame as the hypothesis that leads takes it.
 
-    Where frames in a row were not used, the search goes everywhere in a few of them alone.
+    Where frames in a row were not used, the search goes everywhere in a few of them alone. Of an
+    arm that swings the load may have jumped since the last one: what is likelier counts.
     """
     read = bench.used(frame, before.causes).wrench is not None
 

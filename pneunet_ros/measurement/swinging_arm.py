@@ -144,7 +144,7 @@ class SwingingArm:
     next_shapes: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Find the middles of the links."""
+        """Find the middles of the links, and the shapes that are left out."""
         middles = self.moving.arm.reach * (np.arange(LINKS) + 0.5) / LINKS
         object.__setattr__(self, 'middles', freeze(middles))
         still = solve(self.moving.arm, 0.5 * sum(self.moving.arm.pressure_range))
@@ -237,7 +237,7 @@ class SwingingArm:
                 heading=old.links.heading + old.turning @ (known.mean - old.unknowns)
             )
             state = self.state_of(moved, old, since, old_ns)
-            ahead = links_at(solution)
+            ahead = links_at(solution) if path else since
             for between_ns, share in path:
                 there = between(since, ahead, share)
                 state = go_between(state, between_ns, there, masses, motion.damping_time, modes)
@@ -264,25 +264,25 @@ class SwingingArm:
         if not np.hypot(*moving.at_nodes[:2, -1]) < 2.0 * self.moving.arm.length:
             return self.begun_anew(moved), replace(reference, lost=True), moving
         seconds = seconds_between(old_ns, stamp_ns)
+        on, pull = response_to(rates, seconds)
         pulled = old.projection @ old.turning
         pulled[:, self.tip] = np.linalg.solve(-rates[P_ROWS, Q_ROWS], old.at_tip)
         if turning is not None:
             pulled = 0.5 * (pulled + onto @ turning)
-        swung = self.swung_on(moved, pulled, following.swing, rates, seconds)
+        swung = self.swung_on(moved, pulled, following.swing, on)
         late = old.lag - old.beyond(since.heading - old.links.heading)
         lag = self.lag_of(late, reference.beyond(links.heading - since.heading), seconds)
         root = self.with_noise(swung.root, following.swing, moving)
         swung = replace(swung, root=freeze(root))
-        reference = replace(
-            reference, unknowns=swung.mean, lag=freeze(lag), pull=pull_of(rates, seconds)
-        )
+        reference = replace(reference, unknowns=swung.mean, lag=freeze(lag), pull=pull)
         return swung, reference, moving
 
-    def pushed(self, swung: Swung, turns: Array, at: Array, heading: Array) -> Array:
+    def pushed(self, swung: Swung, turns: Array, at: Array) -> Array:
         """Return what 1 N along the normal does to each shape, (shapes, places) N m.
 
-        turns (shapes, links): of each shape; at (places,) m; heading (places,) rad: of the arm.
+        turns (shapes, links): of each shape; at (places,) m.
         """
+        heading = np.interp(at, self.middles, swung.heading)
         normal = np.stack([-np.sin(heading), np.cos(heading)])
         nodes = np.concatenate([[0.0], self.middles, [self.moving.arm.reach]])
         ways = np.einsum('dki,si->sdk', swung.along, turns)
@@ -303,19 +303,15 @@ class SwingingArm:
         """Return what is known, but for a swing that nobody knows."""
         return forget(known, self.part(Motion.SWING), self.start)
 
-    def swung_on(
-        self, moved: Known, pulled: Array, swing: Swing, rates: Array, seconds: float
-    ) -> Known:
+    def swung_on(self, moved: Known, pulled: Array, swing: Swing, on: Array) -> Known:
         """Return what is known with the swing moved too; swing: of the mean, with its columns.
 
         In z = (w, p) an equilibrium that is wrong by S theta pulls: z goes on as A z + (1 - A) (S
-        theta, 0), with A = exp(rates seconds). pulled (shapes, unknowns): S theta of each unknown;
+        theta, 0); on (4, 4): A. pulled (shapes, unknowns): S theta of each unknown;
         the tip force pulls at the tip where it is.
         """
-        from scipy.linalg import expm  # slow to import, and only moving arms need it
-
         where, relative = self.part(Motion.SWING), self.part(Motion.RELATIVE)
-        on, mean, root = expm(rates * seconds), moved.mean.copy(), moved.root.copy()
+        mean, root = moved.mean.copy(), moved.root.copy()
         acting = pulled @ root  # all the time: half of it would let the force swing to and fro
         root[where] = on @ root[where] + (np.eye(len(on)) - on)[:, Q_ROWS] @ acting
         root[where] += swing.columns.T @ root[relative]
@@ -374,12 +370,16 @@ class SwingingArm:
         return np.hstack([root, more])
 
 
-def pull_of(rates: Array, seconds: float) -> Array:
-    """Return what a force on each shape does to places and momenta in a time, (4, shapes)."""
+def response_to(rates: Array, seconds: float) -> tuple[Array, Array]:
+    """Return how places and momenta go on in a time, (4, 4), and what forces do to them.
+
+    The latter (4, shapes): of a steady force on each shape.
+    """
     from scipy.linalg import expm  # slow to import, and only moving arms need it
 
     on = expm(rates * seconds)
-    return np.asarray((np.eye(len(on)) - on)[:, Q_ROWS] @ np.linalg.inv(-rates[P_ROWS, Q_ROWS]))
+    pull = (np.eye(len(on)) - on)[:, Q_ROWS] @ np.linalg.inv(-rates[P_ROWS, Q_ROWS])
+    return on, pull
 
 
 def between(before: Links, after: Links, share: float) -> Links:
