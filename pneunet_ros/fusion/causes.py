@@ -305,8 +305,12 @@ class MirroredCause(Cause):
     )
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Say yes: an arm that is not straight tells it."""
-        return True
+        """Say yes, as an arm that is not straight tells it.
+
+        Not of one that swings by a model without known errors: far from where that has it, an arm
+        may be on either side.
+        """
+        return bench.swinging is None or bench.tells_camera
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
         """Take the targets from the other side."""
