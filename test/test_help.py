@@ -8,7 +8,7 @@ import sys
 from pneunet_ros.cli.main import GROUPS, VERBS, verbs_in_groups
 import pytest
 
-HEAVY = ('scipy.signal', 'scipy.stats', 'sklearn', 'matplotlib')
+HEAVY = ('scipy.signal', 'scipy.stats', 'scipy.optimize', 'sklearn', 'matplotlib', 'numba')
 ASK = """
 import contextlib, io, sys
 from pneunet_ros.cli.main import main

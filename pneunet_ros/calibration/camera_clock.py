@@ -24,7 +24,7 @@ from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
-from scipy.linalg import block_diag
+import scipy
 
 LATE_STD = 0.1  # s, half of the prior of camera_delay
 RATE_STD = 0.01  # of every hundred frames one is lost; crystals are off by 1e-4 at most
@@ -92,7 +92,7 @@ def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
     every = np.concatenate(cross)
     others = np.linalg.solve(last.normal + np.eye(last.scaled.size), every.T)
     size = np.tile([LATE_STD, RATE_STD], len(timed))
-    precision = block_diag(*information) - every @ others + np.diag(size**-2.0)
+    precision = scipy.linalg.block_diag(*information) - every @ others + np.diag(size**-2.0)
     covariance = np.linalg.inv(precision)
     right = np.concatenate(score) - others.T @ (last.gradient - last.scaled)
     found = (covariance @ right).reshape(-1, CLOCK)

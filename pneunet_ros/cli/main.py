@@ -279,7 +279,9 @@ def parser(words: Sequence[str]) -> CommandParser:
             allow_abbrev=False,
         )
         if words and words[0] == verb.name:
-            if verb.kernels != 'none':
+            if {'--help', '-h'} & set(words):
+                jit.answer_first()  # nothing is computed: no kernel is loaded
+            elif verb.kernels != 'none':
                 answer_first()
             module = import_module(verb.module)
             module.options(options)

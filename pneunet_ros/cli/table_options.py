@@ -9,6 +9,8 @@ import math
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.tables.table_reader import ImportRequest
 
+AUTO = 'auto'  # a delay that is to be estimated
+
 
 def add_table_options(parser: ArgumentParser) -> None:
     """Add the options that say how the columns of a table are read."""

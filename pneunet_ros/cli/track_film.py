@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pneunet_ros.cli.quantity_option import quantity_of, string_of
-from pneunet_ros.cli.table_options import add_table_options, table_request
-from pneunet_ros.cli.verb import add_settings
+from pneunet_ros.cli.table_options import AUTO, table_request
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.estimation.clock_delay import ClockDelay
 from pneunet_ros.measurement.pressure_judge import ANY_ACTUATOR, expected_of
@@ -31,42 +30,7 @@ from pneunet_ros.tables.reading_table import ReadingTable
 from pneunet_ros.tables.table_reader import read_table
 from pneunet_ros.vision.tracker import Tracking
 
-AUTO = 'auto'
 LARGEST_DELAY = 1e8  # s, three years: stamps have 64 bits
-
-
-def add_film_options(parser: ArgumentParser) -> None:
-    """Add the options for a film with a table of readings."""
-    group = parser.add_argument_group('a film with a table of readings')
-    group.add_argument(
-        '--readings',
-        type=Path,
-        metavar='TABLE.csv',
-        help='pressures, and end forces if there are any, that were read while a video or folder '
-        'of images was taken: with them, OUT.mcap is a recording for calibrate and diagnose',
-    )
-    group.add_argument(
-        '--delay',
-        metavar='S',
-        help='a frame at t in the film shows the arm at t - S in the table, each counted from its '
-        f'first frame or row; {AUTO}: from how motion follows pressure (default: {AUTO})',
-    )
-    group.add_argument(
-        '--end-load',
-        nargs=2,
-        metavar=('FX', 'FY'),
-        help='a known constant end load (base frame), where a weight hung straight down from the '
-        'tip and no sensor read: N, or with a unit, as 20g',
-    )
-    group.add_argument(
-        '--string',
-        nargs=3,
-        metavar=('TENSION', 'X', 'Y'),
-        help='the same of a thread that is led over a fixed eye or pulley at X, Y (base frame; m, '
-        'or with a unit, as 300mm): TENSION pulls there from wherever the tip is seen',
-    )
-    add_table_options(parser)
-    add_settings(parser, ['judge_readings'])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -18,7 +18,7 @@ from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
-from scipy.optimize import least_squares
+import scipy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,7 +148,7 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
             start[:3] = *(middle - reach * np.array([np.cos(angle), np.sin(angle)])), angle
             start[3:] = np.where(known, 0.0, turn)
             with np.errstate(all='ignore'):  # of poses that show nothing; judged below
-                search = least_squares(residual, start, x_scale='jac', max_nfev=200)
+                search = scipy.optimize.least_squares(residual, start, x_scale='jac', max_nfev=200)
             if best is None or search.cost < best.cost:
                 best = search
     assert best is not None

@@ -8,6 +8,8 @@ VIDEOS = ('.mp4', '.m4v', '.avi', '.mov', '.mkv', '.webm')
 COMPRESSED = ('.png', '.jpg', '.jpeg')
 PICTURES = (*COMPRESSED, '.bmp', '.tif', '.tiff')
 TABLES = ('.csv', '.tsv')
+NO_LENS = 'none'  # what a person says instead of a file: the image is free of distortion
+FOLDER_RATE = 30.0  # Hz
 
 
 def holds_pictures(folder: Path) -> bool:

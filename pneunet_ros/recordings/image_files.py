@@ -18,13 +18,11 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.files.camera_file import load_camera_info
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.messages.compressed_image import decode_compressed, decode_heard
-from pneunet_ros.recordings.file_kinds import COMPRESSED, PICTURES
+from pneunet_ros.recordings.file_kinds import COMPRESSED, FOLDER_RATE, NO_LENS, PICTURES
 from pneunet_ros.recordings.image_stream import ImageStream, StreamItem, with_lens
 from pneunet_ros.recordings.matroska import is_cut, is_matroska
 
 LENS_FILES = ('camera_info.yaml', 'ost.yaml')  # looked for beside the images
-NO_LENS = 'none'  # what a person says instead of a file: the image is free of distortion
-FOLDER_RATE = 30.0  # Hz
 RATES = (1e-3, 1e5)  # Hz
 IMAGE_TOPIC = '/pneunet/image_raw'
 CAMERA_FRAME = 'camera'

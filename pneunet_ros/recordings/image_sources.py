@@ -19,13 +19,8 @@ from pneunet_ros.messages.tracker import (
     TRACKER_INPUTS,
 )
 from pneunet_ros.recordings.bag_folder import is_recording, METADATA
-from pneunet_ros.recordings.file_kinds import VIDEOS
-from pneunet_ros.recordings.image_files import (
-    folder_images,
-    FOLDER_RATE,
-    NO_LENS,
-    video_images,
-)
+from pneunet_ros.recordings.file_kinds import FOLDER_RATE, NO_LENS, VIDEOS
+from pneunet_ros.recordings.image_files import folder_images, video_images
 from pneunet_ros.recordings.image_stream import ImageStream, StreamItem, with_lens
 from pneunet_ros.recordings.message_store import deserialize, store_for
 from pneunet_ros.recordings.recording import open_recording, Recording

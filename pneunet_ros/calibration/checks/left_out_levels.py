@@ -27,7 +27,7 @@ from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.measurement.tip_pose import heading_residual
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.solver.columns import THETA
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 Places = npt.NDArray[np.complex128]
 SAME_LEVEL = 0.003  # of the range of the pressures: of what lies nearer, a mean is taken
@@ -197,7 +197,9 @@ def interpolated(pressure: Array, values: Array, at: Array) -> Array:
     places = np.bincount(which, pressure) / np.bincount(which)
     if levels.size == 1:
         return np.full(at.shape, mean[0])
-    return np.asarray(PchipInterpolator(places, mean)(np.clip(at, places[0], places[-1])))
+    return np.asarray(
+        scipy.interpolate.PchipInterpolator(places, mean)(np.clip(at, places[0], places[-1]))
+    )
 
 
 def arc_tip(arm: Arm, curvature: Array) -> Places:

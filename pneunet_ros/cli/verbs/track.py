@@ -3,61 +3,12 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, ExitStack
-from dataclasses import replace
 from pathlib import Path
-import time
-from typing import Any
 
-import numpy as np
-from pneunet_ros.cli.track_film import add_film_options, film_readings, joined, reading_doubts
-from pneunet_ros.cli.track_summary import show, summary_of
-from pneunet_ros.cli.verb import (
-    add_json,
-    add_model,
-    add_overwrite,
-    add_topics,
-    DONE,
-    model_of,
-    NEGATIVE,
-    print_json,
-    progress_bar,
-    topics_of,
-)
-from pneunet_ros.core.errors import CameraError, RequestError
-from pneunet_ros.core.frames import BASE_FRAME
-from pneunet_ros.core.image import Image
-from pneunet_ros.core.paths import resolved
-from pneunet_ros.core.share import share_path
-from pneunet_ros.files.atomic import written_together
-from pneunet_ros.files.camera_file import load_camera
-from pneunet_ros.model.arm import Arm
-from pneunet_ros.offline.film import record_film
-from pneunet_ros.offline.track import (
-    check_row_order,
-    look_ahead,
-    record_tracking,
-    track_steps,
-    TrackStep,
-    TrackTally,
-)
-from pneunet_ros.recordings.image_files import FOLDER_RATE, NO_LENS
-from pneunet_ros.recordings.image_sources import open_images, SourceRequest, TOPIC_NAMES
-from pneunet_ros.recordings.image_stream import ImageStream
-from pneunet_ros.recordings.recording_writer import (
-    check_name,
-    RecordingWriter,
-    write_recording,
-)
-from pneunet_ros.tables.length_unit import length_unit, LENGTHS, LengthUnit
-from pneunet_ros.tables.target_table import write_table
-from pneunet_ros.vision.camera.camera_settings import CameraSettings, PosePlane
-from pneunet_ros.vision.tracker import Tracker, Tracking
-
-CAMERA = 'config/camera.yaml'
-PREVIEWS = ('.png', '.mp4', '.html')
-Follower = Callable[[TrackStep], None]
+from pneunet_ros.cli.table_options import add_table_options, AUTO
+from pneunet_ros.cli.verb import add_json, add_model, add_overwrite, add_settings, add_topics
+from pneunet_ros.recordings.file_kinds import FOLDER_RATE, NO_LENS
+from pneunet_ros.tables.length_unit import LENGTHS
 
 
 def options(parser: ArgumentParser) -> None:
@@ -135,184 +86,42 @@ def options(parser: ArgumentParser) -> None:
     add_json(parser)
 
 
+def add_film_options(parser: ArgumentParser) -> None:
+    """Add the options for a film with a table of readings."""
+    group = parser.add_argument_group('a film with a table of readings')
+    group.add_argument(
+        '--readings',
+        type=Path,
+        metavar='TABLE.csv',
+        help='pressures, and end forces if there are any, that were read while a video or folder '
+        'of images was taken: with them, OUT.mcap is a recording for calibrate and diagnose',
+    )
+    group.add_argument(
+        '--delay',
+        metavar='S',
+        help='a frame at t in the film shows the arm at t - S in the table, each counted from its '
+        f'first frame or row; {AUTO}: from how motion follows pressure (default: {AUTO})',
+    )
+    group.add_argument(
+        '--end-load',
+        nargs=2,
+        metavar=('FX', 'FY'),
+        help='a known constant end load (base frame), where a weight hung straight down from the '
+        'tip and no sensor read: N, or with a unit, as 20g',
+    )
+    group.add_argument(
+        '--string',
+        nargs=3,
+        metavar=('TENSION', 'X', 'Y'),
+        help='the same of a thread that is led over a fixed eye or pulley at X, Y (base frame; m, '
+        'or with a unit, as 300mm): TENSION pulls there from wherever the tip is seen',
+    )
+    add_table_options(parser)
+    add_settings(parser, ['judge_readings'])
+
+
 def run(arguments: Namespace) -> int:
     """Track and summarize."""
-    arm = model_of(arguments)
-    settings = load_camera(arguments.camera or share_path(CAMERA))
-    if arguments.clamp_pixel is not None:
-        settings = replace(settings, clamp_pixel=tuple(arguments.clamp_pixel))
-    check_request(arguments, settings)
-    request = SourceRequest(
-        camera_info=arguments.camera_info,
-        rate=arguments.rate,
-        topics=topics_of(arguments.topic, TOPIC_NAMES),
-        colored=settings.dot_color is not None,
-    )
-    stream = open_images(arguments.source, request)
-    readings = film_readings(arguments, stream)
-    doubts = () if readings is None else reading_doubts(readings.table, arguments, arm)
-    tracker = Tracker(arm=arm, settings=settings)
-    unit = length_unit(arguments.lengths, arm.length)
-    tally = TrackTally(targets=arm.target_arclength.size)
-    sentences = stream.recording.sentences if stream.recording is not None else ()
-    film: dict[str, Any] = {}
-    with ExitStack() as stack:
-        # The preview is written also where nothing else is, as it shows why.
-        looks = preview_followers(arguments, stack, stream, arm, unit, film)
-        stack.enter_context(written_together())
-        tabulate = table_writer(arguments, stack, unit)
-        trackings: list[Tracking] = []
-        on_tracking = [trackings.append] if readings is not None else tabulate
-        followers = [tally.count, *looks]
-        bar = stack.enter_context(progress_bar(shown=not arguments.json))
-        task = bar.add_task('looking for the arm at rest', total=stream.frames)
-        seen_ahead: list[TrackStep] = []
+    from pneunet_ros.cli.track_images import track  # a second of imports, which --help spares
 
-        def on_frame(step: TrackStep) -> None:
-            seen_ahead[:] = [step]
-            bar.advance(task)
-
-        try:
-            start, ahead = look_ahead(stream, tracker, on_frame)
-        except CameraError:
-            for look in looks:
-                look(seen_ahead[0])
-            raise
-        bar.reset(task, description='tracking')
-        if ahead:
-            sentences = (*sentences, ahead)
-        times = [time.perf_counter()]
-
-        def on_progress(step: TrackStep) -> None:
-            for follow in followers:
-                follow(step)
-            if isinstance(step.outcome, Tracking):
-                for take in on_tracking:
-                    take(step.outcome)
-            if step.frame:
-                times.append(time.perf_counter())
-                if tally.frames % 20 == 0:
-                    bar.update(task, completed=tally.frames)
-
-        if arguments.output is None or readings is not None:
-            for step in track_steps(stream, tracker, start=start):
-                on_progress(step)
-        else:
-            writer = stack.enter_context(output_writer(arguments))
-            left_out = record_tracking(
-                writer, stream, tracker, BASE_FRAME, arguments.with_images, on_progress, start
-            )
-            sentences = (*sentences, *left_out)
-        check_row_order(tracker, tally)
-        sentences = (*sentences, *tally.notes)
-        if readings is not None:
-            bar.update(task, description='matching film and table')
-            run_, found = joined(readings, trackings, arm)
-            film.update(found)
-            sentences = (*doubts, *sentences, *readings.sentences)
-            if run_ is not None:
-                record_film(stack.enter_context(output_writer(arguments)), run_)
-                for tracking in run_.trackings:
-                    for take in tabulate:
-                        take(tracking)
-        seconds = time.perf_counter() - times[0]
-    summary = summary_of(arguments, arm, stream, tally, unit) | film
-    # The median leaves out the first frames, in which kernels may have to be compiled.
-    rate = 1.0 / float(np.median(np.diff(times))) if tally.frames else 0.0
-    summary |= {'seconds': seconds, 'frames_per_second': rate, 'sentences': list(sentences)}
-    if film and not film['frames_covered']:
-        summary['output'] = None
-    if arguments.json:
-        print_json(summary)
-    else:
-        show(summary, unit)
-    done = tally.explained and film.get('frames_covered', 1) and not doubts
-    return DONE if done else NEGATIVE
-
-
-def output_writer(arguments: Namespace) -> AbstractContextManager[RecordingWriter]:
-    """Open the recording that is written."""
-    return write_recording(
-        arguments.output, overwrite=arguments.overwrite, inputs=inputs(arguments)
-    )
-
-
-def check_request(arguments: Namespace, settings: CameraSettings) -> None:
-    """Refuse, before any work is done, what cannot go together."""
-    if arguments.preview is not None and arguments.preview.suffix.lower() not in PREVIEWS:
-        raise RequestError(f'--preview {arguments.preview} must end in .png, .mp4 or .html')
-    page = arguments.preview is not None and arguments.preview.suffix.lower() == '.html'
-    if arguments.estimates is not None and not page:
-        raise RequestError('--estimates are drawn into a page: give --preview FILE.html')
-    if arguments.output is not None:
-        check_name(arguments.output)
-    if arguments.with_images and arguments.output is None:
-        raise RequestError('--with-images needs --output OUT.mcap, where the images go')
-    outputs = [arguments.output, arguments.table, arguments.preview]
-    places = [resolved(path) for path in outputs if path is not None]
-    if len(set(places)) < len(places):
-        raise RequestError('--output, --table and --preview must be different files')
-    if arguments.camera_info == NO_LENS and isinstance(settings.plane, PosePlane):
-        raise RequestError(
-            f'--camera-info {NO_LENS} does not give the focal length, which plane.method: pose '
-            'in the camera file needs: give --camera-info FILE.yaml'
-        )
-
-
-def inputs(arguments: Namespace) -> list[Path]:
-    """List what is read, which no output may replace."""
-    given = (arguments.model, arguments.camera, arguments.estimates, arguments.readings)
-    files = [arguments.source, *given]
-    if arguments.camera_info not in (None, NO_LENS):
-        files.append(Path(arguments.camera_info))
-    return [file for file in files if file is not None]
-
-
-def table_writer(
-    arguments: Namespace, stack: ExitStack, unit: LengthUnit
-) -> list[Callable[[Tracking], None]]:
-    """Open the table that was asked for: what takes a frame, or nothing."""
-    if arguments.table is None:
-        return []
-    table = stack.enter_context(
-        write_table(arguments.table, unit, overwrite=arguments.overwrite, inputs=inputs(arguments))
-    )
-    return [lambda tracking: table.write(tracking.sightings)]
-
-
-def preview_followers(
-    arguments: Namespace,
-    stack: ExitStack,
-    stream: ImageStream,
-    arm: Arm,
-    unit: LengthUnit,
-    film: Mapping[str, Any],
-) -> list[Follower]:
-    """Open the preview that was asked for: what sees every step, or nothing.
-
-    film: the numbers of the delay, which are known when all steps were seen.
-    """
-    if arguments.preview is None:
-        return []
-    options: dict[str, Any] = {'overwrite': arguments.overwrite, 'inputs': inputs(arguments)}
-    if arguments.preview.suffix.lower() == '.mp4':
-        from pneunet_ros.reports.tracking.preview_video import write_video
-
-        video = stack.enter_context(write_video(arguments.preview, stream.rate, **options))
-
-        def shot(step: TrackStep) -> None:
-            if isinstance(step.outcome, Tracking) and isinstance(step.item.reading, Image):
-                video.add(step.item.reading, step.outcome, step.state)
-
-        return [shot]
-    from pneunet_ros.cli.track_preview import open_preview
-
-    preview = stack.enter_context(open_preview(arguments, stream, arm, unit, film, **options))
-
-    def collect(step: TrackStep) -> None:
-        if step.frame:
-            image = step.item.reading if isinstance(step.item.reading, Image) else None
-            tracking = step.outcome if isinstance(step.outcome, Tracking) else None
-            preview.add(step.item.log_time_ns, image, tracking, step.state)
-
-    return [collect]
+    return track(arguments)
