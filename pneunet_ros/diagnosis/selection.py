@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
@@ -47,8 +46,7 @@ class Record:
     log_probability: of the training runs, without: of all but each in turn, both linearized at
     the fit to all; predicted: of the held-out runs given the training ones; nonuniform: of the
     training runs where the arm may bend unevenly along it, None where its curvature is free
-    there. held_out (rows,): whitened residuals of held-out runs. added: over the set to which the
-    last effect was added.
+    there. added: over the set to which the last effect was added.
     """
 
     names: tuple[str, ...]
@@ -65,7 +63,6 @@ class Record:
     without: tuple[float, ...] = ()
     predicted: float = 0.0
     nonuniform: float | None = None
-    held_out: tuple[Array, ...] = ()
     added: Added | None = None
 
     def over(self, other: Record) -> Added:
@@ -177,7 +174,6 @@ class Selection:
             nonuniform=(
                 log_probability_nonuniform(trial.gaussian, nonuniform) if nonuniform else None
             ),
-            held_out=gaussian.residuals[all_runs.training :],
             added=None if known is None or not known.names else self.added(trial, known),
         )
         self.tried[frozenset(record.names)] = record

@@ -157,18 +157,10 @@ class ConfirmationSettings:
     most_left: float = tuning(
         2.0, 'chi squared per coordinate of the training that a law may leave', unit='noise alone'
     )
-    fall: float = tuning(2.7, 'fall of held-out chi squared: 95 % one-sided', source='convention')
-    shown: float = tuning(
-        25.0, 'held-out chi squared of what is added, for a test: five sigma', source='convention'
+    fall: float = tuning(
+        2.7, 'held-out chi squared that is significant: 95 % one-sided', source='convention'
     )
-    rises: float = tuning(
-        1.1,
-        'held-out rms error with a name, that a right one does not have',
-        unit='of that without',
-        source='invented',
-    )
-    surely: float = tuning(3.0, 'the same, so many standard errors', source='convention')
-    batches: int = tuning(8, 'parts of a held-out run, to tell that standard error')
+    batches: int = tuning(8, 'parts of a held-out run, for the standard error of its rms')
     tested: bool = tuning(True, 'whether something must have tested a name', source='convention')
     wrong: float = tuning(
         0.02,
