@@ -102,9 +102,7 @@ def test_a_name_that_nothing_tests_is_none():
     best = replace(record('gravity'), **runs)
     none = replace(alone, base=replace(BASE, **runs))
     said = none.confirm(best).objections
-    assert said == (
-        'nothing tests it: there is one training recording, and none was held out',
-    )
+    assert said == ('nothing tests it: there is one training recording, and none was held out',)
     # Of frames that are steady states each is an experiment of its own.
     assert replace(none, steady=True).confirm(best).objections == ()
     # A recording that comes next will test it.

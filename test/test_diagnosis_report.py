@@ -9,15 +9,11 @@ import re
 
 import numpy as np
 from pneunet_ros import load_model, solve
-from pneunet_ros.diagnosis.result import Estimated
+from pneunet_ros.diagnosis.result import Adequacy, Estimated
 from pneunet_ros.diagnosis.settings import SelectionSettings
+from pneunet_ros.discovery.result import NOTHING_SEARCHED
 from pneunet_ros.reports import figure as report_figure
-from pneunet_ros.reports.diagnosis.error_figures import (
-    error_sentence,
-    model_error,
-    shapes,
-    worst_frames,
-)
+from pneunet_ros.reports.diagnosis.error_figures import model_error, shapes, worst_frames
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.diagnosis.figures import FIGURES
 from pneunet_ros.reports.diagnosis.files import (
@@ -27,10 +23,21 @@ from pneunet_ros.reports.diagnosis.files import (
     PAGE,
     write_diagnosis,
 )
+from pneunet_ros.reports.diagnosis.first_screen import (
+    error_sentence,
+    evidence_bars,
+    missing_sentence,
+)
 from pneunet_ros.reports.diagnosis.localization_figures import maps, shares
 from pneunet_ros.reports.diagnosis.loop_figures import directions_of, loops
 from pneunet_ros.reports.diagnosis.report import Given, report_page
-from pneunet_ros.reports.diagnosis.tables import detectable_table, shift_table, sigmas
+from pneunet_ros.reports.diagnosis.tables import (
+    adequacy_table,
+    detectable_table,
+    evidence_table,
+    shift_table,
+    sigmas,
+)
 from pneunet_ros.reports.diagnosis.words import p_value_text, with_error
 from pneunet_ros.reports.figure import draw_figures
 import pytest
@@ -97,6 +104,64 @@ def test_the_answer_comes_first(page):
     parts = [f'id="{part}"' for part in (*FIGURES, 'detection', 'notes')]
     places = [page.index(part) for part in parts]
     assert places == sorted(places)
+
+
+def test_the_first_screen_goes_from_missing_to_causes_to_the_gap(page):
+    first = page[: page.index('<h2')]
+    order = ['Is anything missing?', '900', 'Evidence for each cause', '1180']
+    order += ['On held-out recordings', 'How sure']
+    places = [first.index(text) for text in order]
+    assert places == sorted(places)
+    assert re.findall('class="bar" style="width: (\\d+)%"', first) == ['100', '10', '8']
+
+
+def test_causes_with_evidence_are_bars_and_laws_are_among_them():
+    found, *_ = diagnosis()
+    bars = evidence_bars(found, discovery(found))
+    assert [bar.name for bar in bars] == ['extensibility', 'a law: push', 'gravity']
+    assert evidence_bars(replace(found, evidence=()), NOTHING_SEARCHED) == ()
+
+
+def test_a_table_and_its_note_never_contradict_each_other():
+    """What a law may miss is more than noise: no `yes` stands beside a p-value of zero."""
+    found, *_ = diagnosis()
+    level = found.settings.lack_of_fit.level
+    for p_value in (0.0, 0.5 * level, 2.0 * level, 0.6):
+        passes = p_value > level
+        first = replace(found.evidence[0], adequate=True, p_value=p_value)
+        test = Adequacy(statistic=41.0 if passes else 90.0, threshold=60.0, p_value=p_value)
+        item = replace(found, evidence=(first,), adequacy_after=test)
+        cells = evidence_table(item).rows[0][3], adequacy_table(item).rows[1][-1]
+        assert [cell.startswith('yes') for cell in cells] == [passes, passes], (p_value, cells)
+    assert adequacy_table(replace(found, effects=())).rows[0][-1] == 'no'
+
+
+def test_rms_does_not_lead_where_it_cannot_show_what_is_missing():
+    found, *_ = diagnosis()
+    assert error_sentence(found).startswith('On held-out recordings the model error goes from')
+
+    def with_rms(side, rms, chi_squared):
+        return replace(side, held_out=replace(side.held_out, rms=rms, chi_squared=chi_squared))
+
+    floor, scatter = found.noise_floor, found.noise_floor_std
+    before = with_rms(found.before, floor + 0.3 * scatter, 1.046)
+    after = with_rms(found.after, floor, 1.041)
+    hardly = replace(found, before=before, after=after)
+    said = error_sentence(hardly)
+    assert said.index('1.046') < said.index('1.041') < said.index('mm rms')
+    unknown = replace(found, answer='unknown', effects=(), before=before, after=before)
+    assert error_sentence(unknown).index('1.046') < error_sentence(unknown).index('mm rms')
+    assert error_sentence(replace(unknown, answer='none')).startswith(
+        'On held-out recordings the model error is'
+    )
+
+
+def test_whether_something_is_missing_is_said_against_noise_alone():
+    found, *_ = diagnosis()
+    assert missing_sentence(found).startswith('Yes: ')
+    clean = replace(found, adequacy_before=found.adequacy_after)
+    assert missing_sentence(clean).startswith('Yes, by the score of single effects')
+    assert missing_sentence(replace(clean, answer='none')).startswith('Nothing that these')
 
 
 def test_every_fact_of_the_first_screen_stands_there_once(page):

@@ -8,8 +8,9 @@ from pathlib import Path
 from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
 from pneunet_ros.discovery.result import Discovery
-from pneunet_ros.reports.diagnosis.error_figures import discovered_sentence, error_sentence
+from pneunet_ros.reports.diagnosis.error_figures import discovered_sentence
 from pneunet_ros.reports.diagnosis.files import DISCOVERED_MODEL, MODEL, NUMBERS, PAGE
+from pneunet_ros.reports.diagnosis.first_screen import error_sentence, missing_sentence
 from pneunet_ros.reports.diagnosis.tables import (
     ANSWERS,
     detectable_table,
@@ -38,6 +39,7 @@ def show(
     console.print(f'({ANSWERS[diagnosis.answer]})')
     for law in discovery.found:
         console.print(Text(f'Discovered: {law.sentence}', style='bold'))
+    console.print(Text(f'Is anything missing? {missing_sentence(diagnosis)}'))
     console.print(Text(f'How sure: {diagnosis.certainty}'))
     print_table(console, rich_table(error_table(diagnosis, discovery), 'Model error'))
     if diagnosis.before.held_out is None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.calibration.checks.frames_in_motion import FramesInMotion, without_motion
 from pneunet_ros.calibration.elongation import without_fitted
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.progress import OnProgress, part_of, say_nothing
-from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.augmented_model import (
     augment_model,
     describe_effects,
@@ -38,7 +37,6 @@ from pneunet_ros.diagnosis.reading_noise import with_reading_noise
 from pneunet_ros.diagnosis.refit import has_ended, Refit
 from pneunet_ros.diagnosis.result import (
     Adequacy,
-    Answer,
     Detectable,
     Diagnosis,
     Evaluation,
@@ -53,37 +51,12 @@ from pneunet_ros.diagnosis.settings import (
     HypothesisSettings,
     SelectionSettings,
 )
+from pneunet_ros.diagnosis.verdict import describe_certainty, describe_verdict, Verdict
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.model.arm import Arm
 
 PARTS = 5  # of the work: base fit, search, evaluation; of the command also discovery and report
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
-    """The answer: the model that holds, and sets of effects that explain the recordings as well.
-
-    probability: how probable it is that each effect is missing; mimicked: effects that an arm
-    which bends unevenly explains as well, where no target shows how it bends; unconfirmed: effects
-    that explain the recordings but are not named; notes: why the best set of effects is not named,
-    or what of its name could not be tested.
-    """
-
-    answer: Answer
-    trial: Trial
-    alike: tuple[tuple[str, ...], ...] = ()
-    probability: Mapping[str, float] = field(default_factory=dict)
-    mimicked: tuple[str, ...] = ()
-    unconfirmed: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-
-    @property
-    def alternatives(self) -> tuple[str, ...]:
-        """Effects that cannot be distinguished from those of the model."""
-        return tuple(
-            sorted({name for names in self.alike for name in names} - {*self.trial.names})
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -325,7 +298,7 @@ def conclude(
     effects = describe_effects(verdict.trial.refit, verdict.probability)
     return Diagnosis(
         answer=verdict.answer,
-        sentence=describe_verdict(verdict, before, after),
+        sentence=describe_verdict(verdict, before, after, (floor, floor_std)),
         certainty=describe_certainty(selection, first, best),
         effects=effects,
         alternatives=verdict.alternatives,
@@ -496,8 +469,13 @@ def worst_test(tests: Sequence[LackOfFit], level: float) -> Adequacy:
     return Adequacy(
         statistic=worst.statistic,
         threshold=worst.threshold(level / len(tests)),
-        p_value=min(1.0, worst.p_value * len(tests)),
+        p_value=worst_p_value(tests),
     )
+
+
+def worst_p_value(tests: Sequence[LackOfFit]) -> float:
+    """Return the least p-value of tests, corrected for their number."""
+    return min(1.0, min(item.p_value for item in tests) * len(tests))
 
 
 def wanted_candidates(
@@ -519,10 +497,14 @@ def collect_evidence(
     least = selection.settings.score_test.same_class
     same_class = [pair for pair, cosine in cosines.items() if abs(cosine) > least]
     trials = sorted(selection.tried.values(), key=lambda item: -item.evidence)
-    rows = [(item.names, item.gain, item.evidence, item.adequate) for item in trials if item.names]
+    rows = [
+        (item.names, item.gain, item.evidence, item.adequate, worst_p_value(item.tests))
+        for item in trials
+        if item.names
+    ]
     fitted = {names for names, *_ in rows}
     rows += [
-        ((item.name,), item.gain, float('nan'), False)
+        ((item.name,), item.gain, float('nan'), False, float('nan'))
         for item in candidates
         if (item.name,) not in fitted
     ]
@@ -532,9 +514,10 @@ def collect_evidence(
             chi_squared=gain,
             evidence=evidence,
             adequate=adequate,
+            p_value=p_value,
             alike=alike_effects(names, same_class),
         )
-        for names, gain, evidence, adequate in rows
+        for names, gain, evidence, adequate, p_value in rows
     )
 
 
@@ -635,79 +618,3 @@ def with_tips(
     runs = [run.without_tip_pose() for run in runs]
     count = len(training)
     return model, runs[:count], runs[count:], notes
-
-
-def describe_verdict(verdict: Verdict, before: Evaluation, after: Evaluation) -> str:
-    """Return the answer in one sentence."""
-    names = ' and '.join(verdict.trial.names)
-    verb = 'reduces' if after.rms < before.rms else 'takes'
-    start, end = two_lengths(before.rms, after.rms)
-    reduced = (
-        f'adding {"it" if len(verdict.trial.names) == 1 else "them"} {verb} the model error from '
-        f'{start} to {end} mm rms.'
-    )
-    match verdict.answer:
-        case 'none':
-            return 'The residuals are consistent with noise: no effect is missing that is visible.'
-        case 'unobservable' if verdict.mimicked:
-            return (
-                f'What shows may be {" and ".join(verdict.mimicked)}, or an arm that bends '
-                'unevenly: these targets cannot tell, so no effect of the library is observable '
-                'in these recordings. More targets along the arm would tell.'
-            )
-        case 'unobservable':
-            return 'No effect of the library is observable in these recordings.'
-        case 'unknown' if verdict.unconfirmed:
-            closest = ' and '.join(verdict.unconfirmed)
-            return (
-                f'The model lacks something. {closest} would explain it, but the name is not '
-                'confirmed: the notes say why.'
-            )
-        case 'unknown':
-            closest = ' The notes say what came closest.' if verdict.notes else ''
-            return f'The model lacks something that no effect of the library explains.{closest}'
-        case 'named':
-            return f'The model lacks {names}: {reduced}'
-    sets = [' and '.join(names) for names in (verdict.trial.names, *verdict.alike)]
-    either = (', or ' if any(' and ' in item for item in sets) else ' or ').join(sets)
-    return f'The model lacks {either}, which cannot be distinguished with these data: {reduced}'
-
-
-def two_lengths(before: float, after: float) -> tuple[str, str]:
-    """Return two lengths (m) in mm, with as many decimals as show that they differ: 2 or 3."""
-    texts = [f'{millimeters(length):.2f}' for length in (before, after)]
-    if texts[0] == texts[1]:
-        texts = [f'{millimeters(length):.3f}' for length in (before, after)]
-    return texts[0], texts[1]
-
-
-def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
-    """Say what was compared, and by how much it differs."""
-    confirmer, base, record = Confirmer.of(selection, first.record), first.record, best.record
-    worst = min(base.tests, key=lambda item: item.p_value)
-    tested = (
-        f'what the base model leaves has p-value {worst.p_value:.2g} at worst, in {worst.name}'
-    )
-    if not best.names:
-        strongest = selection.score_candidates(first)[:1]
-        score = ''.join(
-            f'; the strongest single effect, {item.name}, would take {item.gain:.1f} from chi '
-            'squared'
-            for item in strongest
-        )
-        return f'Compared with clean data, {tested}{score}.'
-    left, before = confirmer.chi_squared(record), confirmer.chi_squared(base)
-    names = ' + '.join(best.names)
-    sentence = f'{names} brings chi squared per coordinate from {before:.3g} to {left:.3g}'
-    if confirmer.has_held_out:
-        ends = [confirmer.chi_squared(item, held_out=True) for item in (base, record)]
-        sentence += f', and from {ends[0]:.3g} to {ends[1]:.3g} in held-out recordings'
-    others = [item for item in selection.tried.values() if not set(best.names) <= set(item.names)]
-    others = [item for item in others if item.names]
-    if others:
-        second = max(others, key=lambda item: item.gain)
-        return (
-            f'{sentence} (1 is noise alone); the next best, {" + ".join(second.names)}, leaves '
-            f'{confirmer.chi_squared(second):.3g}.'
-        )
-    return f'{sentence} (1 is noise alone); no other effect was worth a fit.'

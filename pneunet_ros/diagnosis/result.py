@@ -130,14 +130,16 @@ class Evidence:
     chi_squared: by how much the fit to the training recordings gets better, prior and volume of
     the errors counted; evidence: the gain in
     log probability of every recording predicted from the others, summed, NaN where only the score
-    was tested; adequate: the residuals are then consistent with noise; alike: effects that cannot
-    be distinguished from these with these data.
+    was tested; adequate: nothing is then left but noise, or what the laws of the effects may miss;
+    p_value: of the worst lack-of-fit test, NaN where nothing was fitted; alike: effects that
+    cannot be distinguished from these with these data.
     """
 
     effects: tuple[str, ...]
     chi_squared: float
     evidence: float
     adequate: bool
+    p_value: float = float('nan')
     alike: tuple[str, ...] = ()
 
 

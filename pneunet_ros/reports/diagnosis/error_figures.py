@@ -17,6 +17,7 @@ from pneunet_ros.reports.diagnosis.figure_data import (
     FigureData,
     RecordingErrors,
 )
+from pneunet_ros.reports.diagnosis.first_screen import error_sentence
 from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.style import (
     as_shapes,
@@ -155,24 +156,6 @@ def model_error(data: FigureData) -> Picture:
     )
 
 
-def error_sentence(diagnosis: Diagnosis) -> str:
-    """Say what became of the model error on held-out recordings, or on those of the training."""
-    before, after = diagnosis.before, diagnosis.after
-    first, last, kind = before.training, after.training, 'training'
-    if before.held_out is not None and after.held_out is not None:
-        first, last, kind = before.held_out, after.held_out, 'held-out'
-    start, end = millimeters(first.rms), millimeters(last.rms)
-    if start == end:
-        return (
-            f'On {kind} recordings the model error is {start:.3f} mm rms, '
-            f'{floor_text(diagnosis)}: nothing was added.'
-        )
-    return (
-        f'On {kind} recordings the model error goes from {start:.3f} mm to {end:.3f} mm rms'
-        f'{removed_text(diagnosis)}.'
-    )
-
-
 def discovered_sentence(diagnosis: Diagnosis, discovery: Discovery) -> str:
     """Say what becomes of the model error with the discovered law."""
     found = discovery.evaluation
@@ -187,23 +170,6 @@ def discovered_sentence(diagnosis: Diagnosis, discovery: Discovery) -> str:
         f'{millimeters(diagnosis.before.rms):.3f} mm to {millimeters(found.rms):.3f} mm rms'
         f'{removed}.'
     )
-
-
-def removed_text(diagnosis: Diagnosis) -> str:
-    """Say how much of the reducible error was removed; never more than all of it."""
-    if diagnosis.closed is None:
-        return ''
-    if diagnosis.closed >= 1.0:
-        after = millimeters(diagnosis.after.rms)
-        return f', all of what was reducible: {after:.3f} mm, {floor_text(diagnosis)}'
-    removed = min(100.0 * diagnosis.closed, 99.0)
-    return f', which removed {removed:.0f} % of the reducible error'
-
-
-def floor_text(diagnosis: Diagnosis) -> str:
-    """Say what noise alone would leave."""
-    floor, scatter = diagnosis.noise_floor, diagnosis.noise_floor_std
-    return f'noise alone {millimeters(floor):.3f} ± {millimeters(scatter):.3f} mm'
 
 
 def draw_pairs(axes: Axes, names: list[str], before: list[float], after: list[float]) -> None:

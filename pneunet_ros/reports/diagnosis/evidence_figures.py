@@ -41,9 +41,9 @@ def evidence(data: FigureData) -> Picture | None:
         'refitted. (a) says how much '
         'better the training recordings fit, (b) how much better each of them is predicted from '
         'the others; below zero an effect does harm. Scales are linear near zero, then '
-        'logarithmic. Green: with it the residuals are consistent with noise; grey: they are '
-        'not, so that it is not the answer, however much it improves the fit; white: its score '
-        'promised too little to be worth a fit, and (a) shows that score.',
+        'logarithmic. Green: it leaves nothing but noise, or what its law may miss; grey: it '
+        'leaves more, so that it is not the answer, however much it improves the fit; white: its '
+        'score promised too little to be worth a fit, and (a) shows that score.',
         figure,
     )
 

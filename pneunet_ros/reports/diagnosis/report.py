@@ -12,7 +12,12 @@ from pneunet_ros.diagnosis.result import CLEAR, Diagnosis, UnsettledDiagnosis
 from pneunet_ros.discovery.result import Discovery, NOTHING_SEARCHED
 from pneunet_ros.reports.calibration.tables import flat
 from pneunet_ros.reports.calibration.verdict import bending_stiffness, stiffness_text
-from pneunet_ros.reports.diagnosis.error_figures import discovered_sentence, error_sentence
+from pneunet_ros.reports.diagnosis.error_figures import discovered_sentence
+from pneunet_ros.reports.diagnosis.first_screen import (
+    error_sentence,
+    evidence_bars,
+    missing_sentence,
+)
 from pneunet_ros.reports.diagnosis.tables import (
     added_effects,
     adequacy_table,
@@ -77,6 +82,8 @@ def report_page(
         arm=diagnosis.before.arm,
         added=added_effects(diagnosis),
         meaning=ANSWERS[diagnosis.answer],
+        missing=missing_sentence(diagnosis),
+        bars=evidence_bars(diagnosis, discovery),
         error_sentence=error_sentence(diagnosis),
         where_text=where_text(diagnosis),
         undetectable=undetectable_sentence(diagnosis),

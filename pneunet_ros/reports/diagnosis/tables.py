@@ -8,7 +8,7 @@ import math
 from typing import Any
 
 from pneunet_ros.core.units import millimeters, quantities
-from pneunet_ros.diagnosis.result import Diagnosis, Evidence, Misfit, Shift
+from pneunet_ros.diagnosis.result import Adequacy, Diagnosis, Evidence, Misfit, Shift
 from pneunet_ros.discovery.result import Discovery, NOTHING_SEARCHED
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.reports.calibration.tables import describe_quantity
@@ -16,11 +16,12 @@ from pneunet_ros.reports.diagnosis.words import p_value_text, round_value, unit_
 
 ANSWERS = {
     'none': 'none: the residuals are consistent with noise',
-    'named': 'named: with it the residuals are consistent with noise',
+    'named': 'named: it explains what is missing, and nothing that was tested contradicts it',
     'inseparable': 'inseparable: several effects cannot be distinguished with these data',
     'unknown': 'unknown: something is missing, and no effect of the library can be named',
     'unobservable': 'unobservable: these recordings cannot show whether an effect is there',
 }
+WITHIN_LAW = 'no, but within what its law may miss'
 MOST_SHIFTS = 25  # quantities in the table of the report
 
 
@@ -100,7 +101,7 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
             'effects',
             'delta chi2',
             'gain on recordings left out',
-            'residuals consistent with noise',
+            'consistent with noise',
             'similar to',
         ),
         rows=tuple(
@@ -108,13 +109,24 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
                 ' + '.join(item.effects),
                 round_value(item.chi_squared),
                 'not fitted' if math.isnan(item.evidence) else round_value(item.evidence),
-                '' if math.isnan(item.evidence) else 'yes' if item.adequate else 'no',
+                passes_text(item, diagnosis),
                 ', '.join(item.alike),
             )
             for item in rank_evidence(diagnosis)
         ),
         numbers=(1, 2),
     )
+
+
+def passes_text(item: Evidence, diagnosis: Diagnosis) -> str:
+    """Say whether noise alone is left with a set of effects, with the p-value that says so."""
+    if math.isnan(item.evidence):
+        return ''
+    p_value = '' if math.isnan(item.p_value) else f' (p {p_value_text(item.p_value)})'
+    if not item.adequate:
+        return f'no{p_value}'
+    noise = not item.p_value <= diagnosis.settings.lack_of_fit.level
+    return f'{"yes" if noise else WITHIN_LAW}{p_value}'
 
 
 def adequacy_table(diagnosis: Diagnosis) -> Table:
@@ -133,15 +145,22 @@ def adequacy_table(diagnosis: Diagnosis) -> Table:
                 f'{item.statistic:.4g}',
                 f'{item.threshold:.4g}',
                 p_value_text(item.p_value),
-                'no' if item.statistic > item.threshold else 'yes',
+                consistent_text(item, added),
             )
-            for when, item in (
-                ('before', diagnosis.adequacy_before),
-                ('after', diagnosis.adequacy_after),
+            for when, item, added in (
+                ('before', diagnosis.adequacy_before, False),
+                ('after', diagnosis.adequacy_after, bool(added_effects(diagnosis))),
             )
         ),
         numbers=(1, 2, 3),
     )
+
+
+def consistent_text(test: Adequacy, added: bool) -> str:
+    """Say whether residuals pass a test; added: of effects that may leave what laws miss."""
+    if test.statistic <= test.threshold:
+        return 'yes'
+    return WITHIN_LAW if added else 'no'
 
 
 def where_table(diagnosis: Diagnosis) -> Table:

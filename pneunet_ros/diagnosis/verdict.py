@@ -1,0 +1,128 @@
+"""The answer of a diagnosis, in values and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from pneunet_ros.core.units import millimeters
+from pneunet_ros.diagnosis.confirmation import Confirmer
+from pneunet_ros.diagnosis.result import Answer, Evaluation
+from pneunet_ros.diagnosis.selection import Record, Selection, Trial
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """The answer: the model that holds, and sets of effects that explain the recordings as well.
+
+    probability: how probable it is that each effect is missing; mimicked: effects that an arm
+    which bends unevenly explains as well, where no target shows how it bends; unconfirmed: effects
+    that explain the recordings but are not named; notes: why the best set of effects is not named,
+    or what of its name could not be tested.
+    """
+
+    answer: Answer
+    trial: Trial
+    alike: tuple[tuple[str, ...], ...] = ()
+    probability: Mapping[str, float] = field(default_factory=dict)
+    mimicked: tuple[str, ...] = ()
+    unconfirmed: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def alternatives(self) -> tuple[str, ...]:
+        """Effects that cannot be distinguished from those of the model."""
+        return tuple(
+            sorted({name for names in self.alike for name in names} - {*self.trial.names})
+        )
+
+
+def describe_verdict(
+    verdict: Verdict, before: Evaluation, after: Evaluation, noise: tuple[float, float]
+) -> str:
+    """Return the answer in one sentence; noise: rms (m) of a perfect model, and its scatter."""
+    names = ' and '.join(verdict.trial.names)
+    reduced = describe_gain(verdict.trial.record, before.rms, after.rms, noise)
+    match verdict.answer:
+        case 'none':
+            return 'The residuals are consistent with noise: no effect is missing that is visible.'
+        case 'unobservable' if verdict.mimicked:
+            return (
+                f'What shows may be {" and ".join(verdict.mimicked)}, or an arm that bends '
+                'unevenly: these targets cannot tell, so no effect of the library is observable '
+                'in these recordings. More targets along the arm would tell.'
+            )
+        case 'unobservable':
+            return 'No effect of the library is observable in these recordings.'
+        case 'unknown' if verdict.unconfirmed:
+            closest = ' and '.join(verdict.unconfirmed)
+            return (
+                f'The model lacks something. {closest} would explain it, but the name is not '
+                'confirmed: the notes say why.'
+            )
+        case 'unknown':
+            closest = ' The notes say what came closest.' if verdict.notes else ''
+            return f'The model lacks something that no effect of the library explains.{closest}'
+        case 'named':
+            return f'The model lacks {names}: {reduced}'
+    sets = [' and '.join(names) for names in (verdict.trial.names, *verdict.alike)]
+    either = (', or ' if any(' and ' in item for item in sets) else ' or ').join(sets)
+    return f'The model lacks {either}, which cannot be distinguished with these data: {reduced}'
+
+
+def describe_gain(record: Record, before: float, after: float, noise: tuple[float, float]) -> str:
+    """Say what adding a set of effects gains: in rms (m), where it can show that.
+
+    noise: rms (m) of a perfect model, and how far it scatters.
+    """
+    if before - after <= noise[1]:
+        return (
+            f'each training recording is predicted from the others better by '
+            f'{record.evidence:.0f} nats. The rms error cannot show it '
+            f'({millimeters(after):.3f} mm with it, {millimeters(before):.3f} mm without, noise '
+            f'alone {millimeters(noise[0]):.3f} ± {millimeters(noise[1]):.3f} mm).'
+        )
+    start, end = two_lengths(before, after)
+    return (
+        f'adding {"it" if len(record.names) == 1 else "them"} reduces the model error from '
+        f'{start} to {end} mm rms.'
+    )
+
+
+def two_lengths(before: float, after: float) -> tuple[str, str]:
+    """Return two lengths (m) in mm, with as many decimals as show that they differ: 2 or 3."""
+    texts = [f'{millimeters(length):.2f}' for length in (before, after)]
+    if texts[0] == texts[1]:
+        texts = [f'{millimeters(length):.3f}' for length in (before, after)]
+    return texts[0], texts[1]
+
+
+def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
+    """Say what was compared, and by how much it differs."""
+    confirmer, base, record = Confirmer.of(selection, first.record), first.record, best.record
+    worst = min(base.tests, key=lambda item: item.p_value)
+    tested = (
+        f'what the base model leaves has p-value {worst.p_value:.2g} at worst, in {worst.name}'
+    )
+    if not best.names:
+        strongest = selection.score_candidates(first)[:1]
+        score = ''.join(
+            f'; the strongest single effect, {item.name}, would take {item.gain:.1f} from chi '
+            'squared'
+            for item in strongest
+        )
+        return f'Compared with clean data, {tested}{score}.'
+    names = ' + '.join(best.names)
+    sentence = (
+        f'{names} adds {record.evidence:.0f} nats of evidence (log probability of each training '
+        f'recording predicted from the others), and chi squared falls by {record.gain:.0f}'
+    )
+    if confirmer.has_held_out:
+        fall = confirmer.held_out_fall(record)
+        sentence += f', in held-out recordings by {fall:.0f}'
+    others = [item for item in selection.tried.values() if not {*best.names} <= {*item.names}]
+    others = [item for item in others if item.names]
+    if not others:
+        return f'{sentence}; no other effect was worth a fit.'
+    second = max(others, key=lambda item: item.evidence)
+    return f'{sentence}; the next best, {" + ".join(second.names)}, adds {second.evidence:.0f}.'

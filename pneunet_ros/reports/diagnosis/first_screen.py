@@ -1,0 +1,123 @@
+"""The first screen of a diagnosis: is anything missing, which cause, what does it change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pneunet_ros.core.units import millimeters
+from pneunet_ros.diagnosis.result import Diagnosis, Misfit
+from pneunet_ros.discovery.result import Discovery
+from pneunet_ros.reports.diagnosis.tables import passes_text, rank_evidence
+from pneunet_ros.reports.diagnosis.words import p_value_text
+
+MOST_BARS = 6  # what the screen of a phone holds
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bar:
+    """The evidence for one cause in nats, its length in percent, and what is left with it."""
+
+    name: str
+    nats: str
+    length: int
+    left: str
+
+
+def missing_sentence(diagnosis: Diagnosis) -> str:
+    """Say how surely something is missing, against noise alone."""
+    test, chi_squared = diagnosis.adequacy_before, diagnosis.before.training.chi_squared
+    values = (
+        f'the worst lack-of-fit statistic is {test.statistic:.4g}, where noise alone stays below '
+        f'{test.threshold:.4g} (p-value {p_value_text(test.p_value)}); chi squared per coordinate '
+        f'of the training recordings is {chi_squared:.3g}'
+    )
+    if test.statistic > test.threshold:
+        return f'Yes: {values}.'
+    if diagnosis.answer in ('none', 'unobservable'):
+        return f'Nothing that these recordings show: {values}.'
+    return (
+        f'Yes, by the score of single effects; a test of any smooth error is too blunt: {values}.'
+    )
+
+
+def evidence_bars(diagnosis: Diagnosis, discovery: Discovery) -> tuple[Bar, ...]:
+    """Return the causes with evidence, the strongest first; laws of a discovery among them."""
+    causes = [
+        (' + '.join(item.effects), item.evidence, passes_text(item, diagnosis))
+        for item in rank_evidence(diagnosis)
+        if item.evidence > 0.0
+    ]
+    causes += [(f'a law: {item.kind}', item.left_out_gain, 'proposal') for item in discovery.found]
+    shown = sorted(causes, key=lambda item: -item[1])[:MOST_BARS]
+    return tuple(
+        Bar(
+            name=name,
+            nats=f'{nats:.0f}' if nats >= 10.0 else f'{nats:.1f}',
+            length=max(1, round(100.0 * nats / shown[0][1])),
+            left=left,
+        )
+        for name, nats, left in shown
+    )
+
+
+def error_sentence(diagnosis: Diagnosis) -> str:
+    """Say what became of the error on held-out recordings, or on those of the training.
+
+    In chi squared first where rms cannot show it: noise of readings hides it there.
+    """
+    before, after = diagnosis.before, diagnosis.after
+    first, last, kind = before.training, after.training, 'training'
+    if before.held_out is not None and after.held_out is not None:
+        first, last, kind = before.held_out, after.held_out, 'held-out'
+    start, end = millimeters(first.rms), millimeters(last.rms)
+    missing = diagnosis.answer not in ('none', 'unobservable')
+    if missing and not rms_shows(diagnosis, first, last):
+        return f'On {kind} recordings {in_chi_squared(diagnosis, first, last)}.'
+    if start == end:
+        return (
+            f'On {kind} recordings the model error is {start:.3f} mm rms, '
+            f'{floor_text(diagnosis)}: nothing was added.'
+        )
+    return (
+        f'On {kind} recordings the model error goes from {start:.3f} mm to {end:.3f} mm rms'
+        f'{removed_text(diagnosis)}.'
+    )
+
+
+def rms_shows(diagnosis: Diagnosis, before: Misfit, after: Misfit) -> bool:
+    """Whether rms shows what is missing: what was added lowers it, else it is above the floor."""
+    if before.rms == after.rms:
+        return before.rms > diagnosis.noise_floor + diagnosis.noise_floor_std
+    return before.rms - after.rms > diagnosis.noise_floor_std
+
+
+def in_chi_squared(diagnosis: Diagnosis, before: Misfit, after: Misfit) -> str:
+    """Return the change in chi squared, and that rms cannot show it."""
+    rms = f'{millimeters(before.rms):.3f} mm rms'
+    if before.rms == after.rms:
+        change = f'chi squared per coordinate is {before.chi_squared:.4g}'
+        same = f'{rms}, {floor_text(diagnosis)}; nothing was added'
+    else:
+        change = (
+            f'chi squared per coordinate goes from {before.chi_squared:.4g} to '
+            f'{after.chi_squared:.4g}'
+        )
+        same = f'{rms} before, {millimeters(after.rms):.3f} mm after, {floor_text(diagnosis)}'
+    return f'{change} (noise alone: 1). The rms error cannot show what is missing ({same})'
+
+
+def removed_text(diagnosis: Diagnosis) -> str:
+    """Say how much of the reducible error was removed; never more than all of it."""
+    if diagnosis.closed is None:
+        return ''
+    if diagnosis.closed >= 1.0:
+        after = millimeters(diagnosis.after.rms)
+        return f', all of what was reducible: {after:.3f} mm, {floor_text(diagnosis)}'
+    removed = min(100.0 * diagnosis.closed, 99.0)
+    return f', which removed {removed:.0f} % of the reducible error'
+
+
+def floor_text(diagnosis: Diagnosis) -> str:
+    """Say what noise alone would leave."""
+    floor, scatter = diagnosis.noise_floor, diagnosis.noise_floor_std
+    return f'noise alone {millimeters(floor):.3f} ± {millimeters(scatter):.3f} mm'
