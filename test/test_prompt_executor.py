@@ -14,7 +14,8 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from geometry_msgs.msg import WrenchStamped  # noqa: E402
 from pneunet_ros.core.arrivals import ArrivalOrder, LONGEST_WAIT_NS  # noqa: E402
-from pneunet_ros.nodes.prompt_executor import AtOnce, PromptExecutor  # noqa: E402
+from pneunet_ros.core.pauses import pause, work_in_pauses  # noqa: E402
+from pneunet_ros.nodes.prompt_executor import AtOnce, LONG_NS, PromptExecutor  # noqa: E402
 from pneunet_ros.nodes.topics import input_qos, output_qos, subscription  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
@@ -117,6 +118,39 @@ def test_of_one_stamp_the_wrench_is_taken_first_though_it_arrives_last(executor,
 def has_heard(heard, count):
     """Whether so many messages were taken."""
     return len(heard) >= count
+
+
+@pytest.mark.parametrize('patience_ns', [0, 10_000_000])
+def test_in_pauses_of_a_callback_more_urgent_messages_of_others_have_their_turn(
+    executor, node, patience_ns
+):
+    end = work_in_pauses(executor.call_urgent)
+    heard, out = [], {}
+
+    def work(message, info):
+        begin = time.monotonic_ns()
+        for topic in ('urgent', 'work'):
+            out[topic].publish(String(data=topic))
+        while 'urgent' not in heard:
+            assert time.monotonic_ns() < begin + 1e9 * TIMEOUT
+            pause()
+        heard.append(time.monotonic_ns() - begin)
+        taken.callback = lambda message, info: heard.append('work')
+
+    def listen(topic, callback, patience_ns):
+        group = AtOnce(ArrivalOrder([topic]), topic, patience_ns=patience_ns)
+        out[topic] = node.create_publisher(String, topic, 10)
+        return subscription(node, STRING, topic, callback, output_qos(), group=group)
+
+    taken = listen('work', work, 10_000_000)
+    listen('urgent', lambda message, info: heard.append(message.data), patience_ns)
+    turn_until(executor, node, lambda: all(one.get_subscription_count() for one in out.values()))
+    out['work'].publish(String(data='begin'))
+    turn_until(executor, node, lambda: 'work' in heard)
+    urgent, lasted, later = heard
+    assert (urgent, later) == ('urgent', 'work')  # nothing of its own queue came in a pause
+    assert lasted >= LONG_NS * (patience_ns > 0)  # those as patient wait until it takes long
+    end()
 
 
 def test_timers_services_and_other_subscriptions_have_their_turns(executor, node):

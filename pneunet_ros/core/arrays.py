@@ -32,6 +32,12 @@ def freeze(array: Array) -> Array:
     return array
 
 
+def median(values: Array) -> float:
+    """Return the median of finite values; that of numpy takes ten times as long for a few."""
+    ordered = np.sort(values, axis=None)
+    return 0.5 * float(ordered[(ordered.size - 1) // 2] + ordered[ordered.size // 2])
+
+
 def same_values(left: Any, right: Any) -> bool:
     """Whether two claims are equal field by field, arrays to the last bit (NaN equals NaN)."""
     if type(left) is not type(right):

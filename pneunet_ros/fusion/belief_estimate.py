@@ -163,7 +163,9 @@ def arm_at(
         belief = bench.with_wrench(belief, wrench, instant.gauge)
     bent = bent_at(bench, belief, inputs, causes, start)
     if stamp_ns != before.stamp_ns:
-        path = path_of(state.pressures, before.stamp_ns, before.chamber, instant)
+        path: list[tuple[int, float]] = []
+        if bench.swinging is not None:
+            path = path_of(state.pressures, before.stamp_ns, before.chamber, instant)
         every = None
         if bench.swinging and bent.shape.converged and not bench.knows_force(belief):
             every = causes_with_contact(bench.unknowns, causes, bent.contact)
@@ -211,7 +213,8 @@ def others_likely(
 
 def said_of_bench(bench: Bench, state: FusionState) -> list[str]:
     """Return what somebody has to mend at the bench."""
-    said = [one.sentence for one in CAUSES if one.name in state.sure_causes]
+    sure = state.sure_causes
+    said = [one.sentence for one in CAUSES if one.name in sure]
     return [*said, STIFFNESS_UNKNOWN] if bench.stiffness_unknown else said
 
 

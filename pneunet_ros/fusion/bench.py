@@ -179,8 +179,8 @@ class Bench:
         value = np.clip([true.force_x, true.force_y], -most, most)
         innovation = value - response @ belief.mean
         spread = response @ belief.root
-        covariance = spread @ spread.T + std**2 * np.eye(2)
-        if innovation @ np.linalg.solve(covariance, innovation) > self.settings.force_gate:
+        covariance = spread @ spread.T
+        if misfit_of(innovation, covariance, std**2) > self.settings.force_gate:
             belief = self.without(belief, tip)
         return take_measurement(belief, response, value, np.full(2, std))
 
@@ -268,3 +268,12 @@ class Bench:
     def tells_camera(self) -> bool:
         """Whether the error of the model is known, which else looks like a moved camera."""
         return self.arm.covariance is not None
+
+
+def misfit_of(innovation: Array, covariance: Array, variance: float) -> float:
+    """Return the chi squared of two innovations (2,), whose noise of a variance is added."""
+    x, y = innovation.tolist()
+    (both_x, both), (_, both_y) = covariance.tolist()
+    both_x, both_y = both_x + variance, both_y + variance
+    squared = both_y * x * x - 2.0 * both * x * y + both_x * y * y
+    return float(squared / (both_x * both_y - both * both))

@@ -18,6 +18,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.pauses import pause
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.fusion.belief import Belief
 from pneunet_ros.fusion.bent_arm import bend_arm, BentArm, causes_with_contact
@@ -259,6 +260,7 @@ class FrameProblem:
 
     def try_at(self, xi: Array, start: SolverNodes | None) -> Trial | None:
         """Predict the targets; None where there is no stable shape."""
+        pause()
         unknowns, arm = self.unknowns, self.table.arm
         x = self.mean + self.still_root @ xi
         contact = self.contact_of(x) if self.touched else None

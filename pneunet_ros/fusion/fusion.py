@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
+from pneunet_ros.core.arrays import median
 from pneunet_ros.core.outcome import Refusal, refuse
 from pneunet_ros.core.readings import (
     BaseReading,
@@ -369,7 +370,7 @@ class Fusion:
     def reads_force_often(self, state: FusionState) -> bool:
         """Whether the force is read so often that what changes between readings is noise."""
         stamps = [one.stamp_ns for one in state.force.kept[-self.settings.noise_readings :]]
-        period = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
+        period = median(np.diff(stamps).astype(np.float64)) if len(stamps) > 1 else 0.0
         return period <= self.settings.noise_period * NANOSECONDS_PER_SECOND
 
     def knows_force_noise(self, state: FusionState) -> bool:

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import partial
+from heapq import heapify, heappop, heapreplace
 import time
 from typing import Any
 
 from pneunet_ros.core.arrivals import ArrivalOrder
+from pneunet_ros.core.pauses import work_in_pauses
 from pneunet_ros.messages.builders import header_stamp
 from pneunet_ros.nodes.callback_errors import CallbackErrors
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -30,6 +32,8 @@ SERVICE_NS = 1_000_000  # to wait for a service takes up to 35 us: 3 % of the ti
 # looking took.
 LOOK_AGAIN_NS, LOOKS = 1_000_000, 4
 POLL_NS, POLLS = 20_000_000, 4  # how often, and how far, rclpy looks after a node that is polled
+PAUSE_NS = 1_000_000  # from one look for more urgent messages to the next: looking takes a tenth
+LONG_NS = 5_000_000  # of a callback, after which others are as urgent: two of the usual frames
 Call = Callable[[], None]
 
 
@@ -88,6 +92,7 @@ class Queue:
         self.order, self.patience_ns = order, patience_ns
         self.subscriptions: list[Any] = []
         self.until_ns = 0
+        self.begin_ns: int | None = None  # of the callback that is at work
 
     def is_ready(self, ready: Collection[int], now_ns: int) -> bool:
         """Whether messages came, or one has waited long enough; ready: subscriptions with some."""
@@ -114,15 +119,31 @@ class Queue:
     def call_next(self) -> bool:
         """Call back the next message; whether there was one."""
         call = next(self.order.take(self.until_ns), None)
-        if call is not None:
+        if call is None:
+            return False
+        self.begin_ns = time.time_ns()
+        try:
             call()
-        return call is not None
+        finally:
+            self.begin_ns = None
+        return True
+
+    def yields_to(self, other: Queue, now_ns: int) -> bool:
+        """Whether the callback at work lets messages of another node go first.
+
+        Those of a node with less patience; those of one with as much where it takes long.
+        """
+        if self.begin_ns is None or other.begin_ns is not None:
+            return False
+        is_long = now_ns - self.begin_ns >= LONG_NS
+        return self.patience_ns + is_long > other.patience_ns
 
 
 class PromptExecutor(SingleThreadedExecutor):
     """Calls back timers, and the subscriptions of a group AtOnce; all else rclpy's executor does.
 
     Of several nodes, the message that arrived first has its turn, after the patience of its node.
+    In the pauses of a callback (`core.pauses`) more urgent messages of other nodes have theirs.
     For nodes with subscriptions, timers and services: nothing else wakes it. What else a node has,
     such as an action, is looked at every `POLL_NS` where its `is_polled` says so. A process of
     many nodes has over a hundred services, and waiting for all of them takes longer than an
@@ -141,7 +162,7 @@ class PromptExecutor(SingleThreadedExecutor):
         self._services: list[Any] = []
         self._polled = False  # some node is
         self._sets: dict[bool, Any] = {}
-        self._prompt_until_ns = self._services_due_ns = 0
+        self._prompt_until_ns = self._services_due_ns = self._pause_ns = 0
         self._due_ns: int | None = None  # when a message has waited for another long enough
         self.context.on_shutdown(self.wake)
 
@@ -153,8 +174,12 @@ class PromptExecutor(SingleThreadedExecutor):
 
     def spin(self) -> None:
         """Call back until ROS shuts down; ExternalShutdownException then."""
-        while self.context.ok():
-            self.take_turn()
+        end = work_in_pauses(self.call_urgent)
+        try:
+            while self.context.ok():
+                self.take_turn()
+        finally:
+            end()
         raise ExternalShutdownException()
 
     def take_turn(self) -> None:
@@ -172,6 +197,7 @@ class PromptExecutor(SingleThreadedExecutor):
         ready = set(waiting.get_ready_entities('timer'))
         for timer in [item for item in self._timers if item.handle.pointer in ready]:
             self.call_timer(timer)
+            self.call_arrived(self._queues)
         if not whole:
             return
         self._services_due_ns = time.time_ns() + SERVICE_NS * len(self._services)
@@ -213,22 +239,60 @@ class PromptExecutor(SingleThreadedExecutor):
         for queue in self._queues:
             if queue.is_ready(ready, begin_ns):
                 queue.fill()
-        queues = [queue for queue in self._queues if queue.order.first_ns is not None]
-        now_ns, any_called = time.time_ns(), False
+        now_ns = time.time_ns()
         long_ns = max(LOOK_AGAIN_NS, LOOKS * (now_ns - begin_ns))
-        end_ns = NEVER if whole else now_ns + long_ns
-        while queues and time.time_ns() < end_ns and not self._changed:
-            first = min(queues, key=turn_of)
-            if first.call_next():
-                any_called = True
-            else:
-                queues.remove(first)
-        if queues:  # there are more, and their turn is next
+        any_called, more = self.call_in_turn(self._queues, NEVER if whole else now_ns + long_ns)
+        if more:  # and their turn is next
             self._due_ns = now_ns
-        else:
-            dues = [queue.order.due_ns for queue in self._queues]
-            self._due_ns = min((due for due in dues if due is not None), default=None)
         return any_called
+
+    def call_in_turn(self, queues: Iterable[Queue], end_ns: int) -> tuple[bool, bool]:
+        """Call back messages of queues until a time; whether there was any, and are more."""
+        turns = [
+            (queue.turn_ns, place, queue)
+            for place, queue in enumerate(queues)
+            if queue.order.first_ns is not None
+        ]
+        heapify(turns)
+        any_called = False
+        while turns and time.time_ns() < end_ns and not self._changed:
+            turn_ns, place, queue = turns[0]
+            if turn_ns == queue.turn_ns:  # else some of it had their turn in a pause
+                if not queue.call_next():
+                    heappop(turns)
+                    continue
+                any_called = True
+            heapreplace(turns, (queue.turn_ns, place, queue))
+            if turns[0][0] == NEVER:
+                break
+        dues = [queue.order.due_ns for queue in self._queues]
+        self._due_ns = min((due for due in dues if due is not None), default=None)
+        return any_called, bool(turns) and turns[0][0] < NEVER
+
+    def call_arrived(self, queues: Collection[Queue]) -> None:
+        """Call back all messages of queues that have arrived."""
+        if self._changed:
+            return
+        for queue in queues:
+            queue.fill()
+        self.call_in_turn(queues, NEVER)
+
+    def call_urgent(self) -> None:
+        """Call back what is more urgent than the callbacks at work, in a pause of the last one."""
+        now_ns = time.time_ns()
+        if now_ns < self._pause_ns:
+            return
+        at_work = [queue for queue in self._queues if queue.begin_ns is not None]
+        if not at_work:
+            return
+        self.call_arrived(
+            [
+                queue
+                for queue in self._queues
+                if all(one.yields_to(queue, now_ns) for one in at_work)
+            ]
+        )
+        self._pause_ns = time.time_ns() + PAUSE_NS
 
     def call_timer(self, timer: Any) -> None:
         """Call back a timer that is due, unless a callback before it has destroyed it."""
@@ -269,11 +333,6 @@ def queues_of(subscriptions: Iterable[Any]) -> list[Queue]:
         queue = queues.setdefault(id(group.order), Queue(group.order, group.patience_ns))
         queue.subscriptions.append(item)
     return list(queues.values())
-
-
-def turn_of(queue: Queue) -> int:
-    """Return when the next message of a queue is to have its turn."""
-    return queue.turn_ns
 
 
 def is_at_once(subscription: Any) -> bool:

@@ -9,10 +9,11 @@ from typing import Any
 # Pressures. As many as the queue of a subscription holds: a node that is later than this, and is
 # busy as long once more, loses readings (0.2 s at 100 Hz).
 MOST_WAITING = 20
+FEW_WAITING = 1  # pressure: that of a frame comes just after it
 
 
 class FrameShedding:
-    """Counts frames that are left out from when too many pressures wait until none does.
+    """Counts frames that are left out from when too many pressures wait until at most one does.
 
     waiting: how many pressures have arrived and not had their turn.
     """
@@ -43,7 +44,7 @@ class FrameShedding:
     def is_late(self) -> bool:
         """Whether frames are left out now."""
         waiting = self.waiting()
-        self._late = waiting > 0 if self._late else waiting >= MOST_WAITING
+        self._late = waiting > FEW_WAITING if self._late else waiting >= MOST_WAITING
         return self._late
 
     def sentence(self) -> str:

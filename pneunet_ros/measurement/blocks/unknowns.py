@@ -55,6 +55,9 @@ class Unknowns:
     camera: Array = field(init=False, repr=False)
     as_read: tuple[Placed, ...] = field(init=False, repr=False)
     dots: tuple[Placed, ...] = field(init=False, repr=False)
+    of_wrench: tuple[Placed, ...] = field(init=False, repr=False)
+    of_pressure: tuple[Placed, ...] = field(init=False, repr=False)
+    of_growth: tuple[Placed, ...] = field(init=False, repr=False)
 
     @classmethod
     def of(cls, *blocks: Block) -> Unknowns:
@@ -101,6 +104,9 @@ class Unknowns:
             ('camera', freeze(camera)),
             ('as_read', self._that('on_rod_as_read')),
             ('dots', self._that('on_dots')),
+            ('of_wrench', self._that('on_wrench')),
+            ('of_pressure', self._that('as_pressure')),
+            ('of_growth', self._that('growth')),
         ):
             object.__setattr__(self, name, value)
 
@@ -164,7 +170,9 @@ class Unknowns:
 
     def growth(self, seconds: float, pressed: float) -> Array:
         """Return one sigma of the moves of errors of unknown size, for a size of 1."""
-        return np.array([one for block in self.blocks for one in block.growth(seconds, pressed)])
+        return np.array(
+            [one for own in self.of_growth for one in own.block.growth(seconds, pressed)]
+        )
 
     def move(
         self, known: Known, passage: Passage, noise: tuple[float, ...] | None = None
@@ -215,7 +223,7 @@ class Unknowns:
     def wrench_response(self, seen: WrenchSeen) -> Array:
         """Return what one of each changes of F1 and F2 as read, (2, n)."""
         response = np.zeros((2, self.std.size))
-        for one in self.placed:
+        for one in self.of_wrench:
             read = one.block.on_wrench(seen)
             if read is not None:
                 response[:, one.where] = read
@@ -224,7 +232,7 @@ class Unknowns:
     def as_pressure(self, inputs: FrameInputs) -> Array:
         """Return what one of each is as an error of the pressure, (n,) Pa."""
         row = np.zeros(self.std.size)
-        for one in self.placed:
+        for one in self.of_pressure:
             own = one.block.as_pressure(inputs)
             if own is not None:
                 row[one.where] = own

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.arrays import Array, median
 from pneunet_ros.measurement.dataset import SIGMA_OF_MEDIAN
 
 ORDERS = 2, 4, 6
@@ -27,10 +27,12 @@ def white_std(readings: Array) -> float:
     same = np.count_nonzero(readings[1:, 0] == readings[:-1, 0])
     if same > REPEATS * len(readings):
         return 0.0
-    found = []
+    found, before = [], 0
     for order in ORDERS:
-        sizes = np.abs(np.diff(readings, order, axis=0))
-        if sizes.size >= FEWEST:
-            size = SIGMA_OF_MEDIAN * float(np.median(sizes))
+        for _ in range(order - before):
+            readings = readings[1:] - readings[:-1]
+        before = order
+        if readings.size >= FEWEST:
+            size = SIGMA_OF_MEDIAN * median(np.abs(readings))
             found.append(size / math.sqrt(math.comb(2 * order, order)))
     return min(found, default=0.0)
