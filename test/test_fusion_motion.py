@@ -9,6 +9,8 @@ import numpy as np
 from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.fusion.belief import MOTION
+from pneunet_ros.fusion.causes import MotionCause
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION
@@ -70,9 +72,15 @@ def sightings(recording, frame) -> TargetSightings:
 
 
 @cache
-def fused(loaded: bool, wrench: bool):
-    """Return estimates and their truths: errors of tip (n, 2) m and force, NEES, and the state."""
+def fused(loaded: bool, wrench: bool, known: bool = True):
+    """Return estimates and their truths: errors of tip (n, 2) m and force, NEES, and the state.
+
+    known: the model knows how it swings.
+    """
     recording, _ = recorded(loaded)
+    by = fusion()
+    if not known:
+        by = Fusion(arm=dataclasses.replace(by.arm, motion=None))
     truth, state, rows, estimates = recording.truth, FusionState(), [], []
     for instant, stamp in enumerate(recording.stamp_ns.tolist()):
         events: list = []
@@ -92,7 +100,7 @@ def fused(loaded: bool, wrench: bool):
         pressure = float(recording.pressure[instant])
         events.append(PressureReading(stamp_ns=stamp, pressure=pressure))
         for event in events:
-            state, estimate = fusion().step(state, event)
+            state, estimate = by.step(state, event)
         if isinstance(estimate, FusedEstimate) and truth.time[instant] > 0.4:
             off = np.array([truth.x[instant, -1], truth.y[instant, -1]])
             off = off - np.array(estimate.estimate.shape.tip[:2])
@@ -133,6 +141,18 @@ def test_velocity_is_that_of_the_tip():
     off = [motion.velocity[:2] - true[at] for at, motion in found if motion is not None]
     assert len(off) > 0.9 * len(estimates)
     assert rms(np.array(off)) < 0.1 * rms(true)
+
+
+def test_an_arm_that_swings_by_a_model_without_motion_accuses_nothing_else():
+    rows, estimates, state = fused(False, False, known=False)
+    assert state.causes == {MOTION}
+    assert np.mean(rows[:, 2] < IN_95) > 0.9
+    later = [(instant, one) for instant, one in estimates if instant > 0.3 * RATE * SECONDS]
+    assert all(one.contact is None for _, one in later)
+    assert any(MotionCause.sentence in one.estimate.warnings for _, one in later)
+    known = [one.force for _, one in later if np.isfinite(one.force).all()]
+    assert len(known) > 0.4 * len(later)
+    assert rms(np.array(known)) < 0.02
 
 
 def test_without_motion_in_the_model_nothing_swings():

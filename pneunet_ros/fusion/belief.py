@@ -27,8 +27,10 @@ from pneunet_ros.solver.solution import SolverNodes
 
 # Causes that change what the rod bears, or what is read: the others widen a prior, and no more.
 CONTACT, FORCE_SENSOR, PRESSURE = 'contact', 'force_sensor', 'pressure'
-MIRRORED = 'mirrored'
-LASTING = frozenset({FORCE_SENSOR, PRESSURE, MIRRORED})  # they stay when a belief is begun anew
+MIRRORED, MOTION = 'mirrored', 'motion'
+LASTING = frozenset(
+    {FORCE_SENSOR, PRESSURE, MIRRORED, MOTION}
+)  # they stay when a belief is begun anew
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -87,6 +87,7 @@ def estimate_at(
             return state.answered(), refuse(stamp_ns, 'out_of_plane', beside.sentence)
         notes = [*notes, *([beside.note] if beside.warns else [])]
     start = state.solution if mode is Mode.PREDICTION else None
+    every, bench = bench, bench.of(state.causes)
     arm = arm_at(bench, state, instant, used, start)
     if not arm.bent.shape.converged:
         return replace(state.answered(), solution=None), refuse(
@@ -103,7 +104,7 @@ def estimate_at(
     estimate = shape_estimate(bench, arm, stamp_ns, mode, wrench_age, notes)
     if isinstance(estimate, Refusal):
         return state.answered(), estimate
-    for odds, other in others_likely(bench, state, arm, instant, mode):
+    for odds, other in others_likely(every, state, arm, instant, mode):
         estimate = holding(estimate, other, odds)
     determinable = mode is not Mode.PREDICTION and not bench.stiffness_unknown
     contact = contact_at(bench, state, arm, used) if determinable else None
@@ -329,6 +330,7 @@ def shape_estimate(
 
 def other_shape(bench: Bench, other: Belief, instant: PressureInstant) -> Shape | None:
     """Return the shape that another belief has at a pressure; None where there is none."""
+    bench = bench.of(other.causes)
     inputs = bench.inputs_at(instant, None)
     causes = bench.unknowns.causes_at(inputs)
     bent = bent_at(bench, other, inputs, causes, other.solution)

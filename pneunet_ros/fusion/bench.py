@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
@@ -12,7 +12,7 @@ from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.fusion.belief import Belief, FORCE_SENSOR, MIRRORED, move_belief, PRESSURE
+from pneunet_ros.fusion.belief import Belief, FORCE_SENSOR, MIRRORED, MOTION, move_belief, PRESSURE
 from pneunet_ros.fusion.frame_update import EXACT
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant, ReadFrame
 from pneunet_ros.fusion.settings import FusionSettings
@@ -34,7 +34,7 @@ from pneunet_ros.measurement.inference.gaussian import (
     widen,
     without_prior,
 )
-from pneunet_ros.measurement.moving_arm import MovingArm, places_along
+from pneunet_ros.measurement.moving_arm import likely_motion, MovingArm, places_along
 from pneunet_ros.measurement.swinging_arm import SwingingArm
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import station_arclength
@@ -51,8 +51,8 @@ class Bench:
 
     arclength (stations,) m of an estimate; places (n,) m: those and the targets in their order
     along the arm, of_stations and of_targets: which of them they are.
-    given: the unknowns, None for `unknowns_of` the arm. Raises ModelError where the arm has no
-    targets.
+    given: the unknowns, None for `unknowns_of` the arm; moving: the bench as it is if the arm
+    swings, where its model does not say so. Raises ModelError where the arm has no targets.
     """
 
     arm: Arm
@@ -66,6 +66,7 @@ class Bench:
     table: PerturbationTable = field(init=False, repr=False)
     unknowns: Unknowns = field(init=False, repr=False)
     swinging: SwingingArm | None = field(init=False, repr=False)
+    moving: Bench | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Prepare stations, the table of the model's neighbors, and the unknowns."""
@@ -96,6 +97,23 @@ class Bench:
                 targets=places_along(self.arm.reach, self.arm.target_arclength),
             )
         object.__setattr__(self, 'swinging', swinging)
+        object.__setattr__(self, 'moving', self._moving())
+
+    def _moving(self) -> Bench | None:
+        """Return the same bench of an arm that swings, where the model does not say how."""
+        if self.arm.motion is not None or self.given is not None:
+            return None
+        motion = likely_motion(self.arm)
+        return None if motion is None else replace(self, arm=replace(self.arm, motion=motion))
+
+    @property
+    def swings(self) -> bool:
+        """Whether the arm swings, or may do so."""
+        return self.swinging is not None or self.moving is not None
+
+    def of(self, causes: frozenset[str]) -> Bench:
+        """Return the bench as it is where some causes are at work: the arm may swing."""
+        return self.moving if self.moving is not None and MOTION in causes else self
 
     def without(self, belief: Belief, where: slice) -> Belief:
         """Reset some unknowns to what was known before any frame."""

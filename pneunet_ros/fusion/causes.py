@@ -13,24 +13,27 @@ import math
 from typing import ClassVar
 
 import numpy as np
-from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.fusion.belief import (
     Belief,
     CONTACT,
+    first_belief,
     FORCE_SENSOR,
     MIRRORED,
+    MOTION,
     PRESSURE,
     reset_to_prior,
 )
 from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.contact import differs_from_zero, find_contacts, without_contact
-from pneunet_ros.fusion.frame_update import excess, misfits, take_frame, with_fit
+from pneunet_ros.fusion.frame_update import excess, force_at, misfits, take_frame, with_fit
 from pneunet_ros.fusion.taken_frame import problem_of, TakenFrame
 from pneunet_ros.measurement.blocks.camera import Camera
 from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.target_row import TargetRow
 from pneunet_ros.measurement.blocks.tilt import Tilt
+from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.inference.gaussian import (
     forget,
     prior_log_odds,
@@ -285,7 +288,7 @@ class PressureCause(Cause):
         yield retaken(bench, taken, now), 0.0
         if not before.frames:
             return
-        anew = reset_to_prior(bench.unknowns, taken.after)
+        anew = reset_to_prior(bench.of(taken.after.causes).unknowns, taken.after)
         lost = -ANEW * bench.settings.odds_against
         yield retaken(bench, taken, replace_causes(anew, PRESSURE)), lost
         if math.isinf(frame.instant.step):  # it may be coarse, and not off
@@ -310,11 +313,54 @@ class MirroredCause(Cause):
         Not of one that swings by a model without known errors: far from where that has it, an arm
         may be on either side.
         """
-        return bench.swinging is None or bench.tells_camera
+        return bench.of(taken.before.causes).swinging is None or bench.tells_camera
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
         """Take the targets from the other side."""
         yield retaken(bench, taken, replace_causes(taken.before, MIRRORED)), 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionCause(Cause):
+    """The arm swings, and its model does not say how."""
+
+    name: ClassVar = MOTION
+    sentence: ClassVar = (
+        'the arm swings, and its model has no motion: it is followed by its weight and a damping '
+        'that is likely; calibrate with --motion'
+    )
+
+    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+        """Say yes where the model does not know."""
+        return bench.moving is not None
+
+    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+        """Let it swing since the last frame, by a force that nobody knows, or begin anew."""
+        before, fit = taken.before, taken.update.fit
+        causes = before.causes | {self.name}
+        unknowns = bench.of(causes).unknowns
+        first = first_belief(unknowns, before.stamp_ns, causes)
+        if fit is not None:
+            force = unknowns.at(TipForce)
+            there = extended(widen(before, force, unknowns.std[force]), first)
+            mean = there.mean.copy()
+            mean[force] = force_at(fit[0], fit[1].trial)
+            solution = fit[1].trial.bent.solution
+            yield retaken(bench, taken, replace(there, mean=freeze(mean), solution=solution)), 0.0
+        if before.frames:
+            yield retaken(bench, taken, first), -ANEW * bench.settings.odds_against
+
+
+def extended(known: Belief, first: Belief) -> Belief:
+    """Return what is known of the first unknowns, with what is believed first of those behind."""
+    own, columns = known.mean.size, known.root.shape[1]
+    behind = first.root[own:, first.root[own:].any(axis=0)]
+    root = np.zeros((first.mean.size, columns + behind.shape[1]))
+    root[:own, :columns], root[own:, columns:] = known.root, behind
+    mean = np.concatenate([known.mean, first.mean[own:]])
+    return replace(
+        known, mean=freeze(mean), root=freeze(root), causes=first.causes, walk=first.walk
+    )
 
 
 def lately_or_always(
@@ -363,4 +409,5 @@ CAUSES: tuple[Cause, ...] = (
     ForceSensorCause(),
     PressureCause(),
     MirroredCause(),
+    MotionCause(),
 )

@@ -404,7 +404,7 @@ class Fusion:
         noise, force = self.estimate_force_noise(state), state.force
         known = max(force.largest_noise, self.arm.sensors.force_std)
         if noise > self.settings.noise_ratio * known and FORCE_SENSOR not in state.causes:
-            before = reset_to_prior(self.bench.unknowns, before)
+            before = reset_to_prior(self.bench.of(before.causes).unknowns, before)
             state = replace(state, bank=(Hypothesis(belief=before),))
         force = replace(force, noise=noise, largest_noise=max(force.largest_noise, noise))
         return before, replace(state, force=force)
@@ -501,7 +501,8 @@ class Fusion:
         state = self.weigh_pending(state)
         if not sightings.seen:
             return state.count_unused('not_seen')
-        shown_ns, unknowns = self.bench.shown_ns(sightings), self.bench.unknowns
+        shown_ns = self.bench.shown_ns(sightings)
+        unknowns = self.bench.of(state.lasting).unknowns
         before = state.belief or first_belief(unknowns, shown_ns, state.lasting)
         if before.frames and shown_ns < before.stamp_ns:
             return state.count_unused('older')
@@ -537,7 +538,7 @@ class Fusion:
             or self.is_stale(nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns),
             pressure_still=self.is_still(state) and turn,
             wrench=self.wrench_at(state, shown_ns, with_targets=True),
-            before=state.pressures if self.bench.swinging is not None else (),
+            before=state.pressures if self.bench.swings else (),
         )
 
     def is_still(self, state: FusionState) -> bool:
@@ -579,7 +580,7 @@ class Fusion:
     def learned(self, taken: TakenFrame) -> Belief:
         """Return what is believed after a frame, with the walk of the force, and odd targets."""
         update, unknowns = taken.update, self.bench.unknowns
-        if self.bench.swinging is None:
+        if self.bench.of(taken.after.causes).swinging is None:
             belief = with_walk(unknowns, taken.before, taken.after)
         else:
             belief = replace(taken.after, walk=walk_told(taken))

@@ -48,6 +48,8 @@ def swung_on(
     swung, reference, motion = arm.go_on(
         known, moved, bent.solution, moved.stamp_ns, path, turning
     )
+    if not np.isfinite(reference.left_out).all():  # no such arm can be followed
+        return replace(arm.begun_anew(moved), reference=None), None
     return replace(swung, reference=reference), motion
 
 

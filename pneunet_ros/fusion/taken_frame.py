@@ -80,6 +80,7 @@ def problem_of(
     take for evidence. Of an arm that swings a frame alone tells no force: there it walks, by walk
     (N/sqrt(s)), None for as it moved lately.
     """
+    bench = bench.of(belief.causes)
     frame = bench.used(frame, belief.causes)
     instant = replace(frame.instant, std=0.0) if frame.alone else frame.instant
     inputs = bench.inputs_at(instant, frame.wrench)
@@ -92,7 +93,9 @@ def problem_of(
         pressed,
         noise=(inputs.moment_std, inputs.chamber_std),
         size=size,
-        walk=unknowns.block(TipForce).free_walk if bench.swinging is None else walk,
+        walk=unknowns.block(TipForce).free_walk
+        if walk is None and bench.swinging is None
+        else walk,
     )
     if bench.swinging is not None:
         if frame.wrench is not None:  # a swing follows the force that is read

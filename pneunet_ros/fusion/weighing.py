@@ -9,10 +9,11 @@ less likely than the best is dropped.
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 from pneunet_ros.core.units import seconds_between
-from pneunet_ros.fusion.belief import Belief, CONTACT, first_belief, FORCE_SENSOR, PRESSURE
+from pneunet_ros.fusion.belief import Belief, CONTACT, first_belief, FORCE_SENSOR, MOTION, PRESSURE
 from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.causes import Alternative, ANEW, Cause, CAUSES, CONTACTS, retaken
 from pneunet_ros.fusion.frame_fit import FrameProblem
@@ -52,9 +53,10 @@ def take(bench: Bench, state: FusionState, frame: ReadFrame, before: Belief) -> 
         return TakenFrame(frame=frame, before=before, problem=problem, update=update)
 
     taken = taken_as(problem_of(bench, frame, before))
-    if bench.swinging is None or explains_all(taken):
+    own = bench.of(before.causes)
+    if own.swinging is None or explains_all(taken):
         return taken
-    largest = bench.unknowns.block(TipForce).walks.sizes[-1]
+    largest = own.unknowns.block(TipForce).walks.sizes[-1]
     faster = taken_as(problem_of(bench, frame, before, largest))
     return faster if faster.log_evidence > taken.log_evidence else taken
 
@@ -69,6 +71,14 @@ def walk_told(taken: TakenFrame) -> Walk:
     return taken.problem.unknowns.block(TipForce).walk_told(
         walk, *told, seconds, taken.before.frames
     )
+
+
+def with_walk_told(bench: Bench, taken: TakenFrame) -> Belief:
+    """Return what is believed after a frame, of an arm that swings with the walk that it tells."""
+    after = taken.after
+    if taken.update.belief is None or bench.of(after.causes).swinging is None:
+        return after
+    return replace(after, walk=walk_told(taken))
 
 
 def is_due(state: FusionState) -> bool:
@@ -110,9 +120,10 @@ def weigh(
     if likeliest.update.belief is None:  # nothing explains it: it says nothing
         return state.bank or (leading,), taken
     weights = log_weights(bench, weighed, max(likeliest.cost_per_coordinate, 1.0))
+    after = [with_walk_told(bench, one) for one, _ in weighed]
     candidates = [
-        Hypothesis(belief=one.after, log_weight=weight)
-        for (one, _), weight in zip(weighed, weights, strict=True)
+        Hypothesis(belief=belief, log_weight=weight)
+        for belief, weight in zip(after, weights, strict=True)
     ]
     settings = bench.settings
     bank = ranked(
@@ -122,7 +133,8 @@ def weigh(
         lambda one, other: is_same(bench, one, other),
     )
     bank = with_pressure_first(bank)
-    return bank, next(one for one, _ in weighed if one.after is bank[0].belief)
+    led = next(which for which, belief in enumerate(after) if belief is bank[0].belief)
+    return bank, weighed[led][0]
 
 
 def with_pressure_first(bank: tuple[Hypothesis[Belief], ...]) -> tuple[Hypothesis[Belief], ...]:
@@ -148,8 +160,11 @@ def log_weights(bench: Bench, weighed: list[Alternative], temper: float) -> list
 
     temper: by which it counts less, as nothing explains it well.
     """
+    swings = bench.moving is not None and any(MOTION in one.after.causes for one, _ in weighed)
     weights = [
-        weight + one.log_evidence / temper if one.update.belief is not None else -math.inf
+        weight + (resting if swings else told)(bench, one) / temper
+        if one.update.belief is not None
+        else -math.inf
         for one, weight in weighed
     ]
     used = [one.update.belief is not None for one, _ in weighed]
@@ -167,6 +182,27 @@ def log_weights(bench: Bench, weighed: list[Alternative], temper: float) -> list
             if not one.after.touched and gain > -bench.settings.bound:
                 weights[which] = max(weights[which], weights[contact])
     return weights
+
+
+def told(bench: Bench, taken: TakenFrame) -> float:
+    """Return the log evidence of a frame."""
+    return taken.log_evidence
+
+
+def resting(bench: Bench, taken: TakenFrame) -> float:
+    """Return the log evidence of a frame beside that of an arm that swings, whose force walks.
+
+    An arm that does not swing is taken with a force that is free from frame to frame, and would
+    pay for that, however steadily it is loaded.
+    """
+    if MOTION in taken.before.causes or not taken.before.frames:
+        return taken.log_evidence
+    frame, before = taken.frame, taken.before
+    problem = problem_of(bench, frame, before, before.walk.recent)
+    read = bench.used(frame, before.causes).wrench is not None
+    update = take_frame(problem, cold=False, force_read=read, widely=False)
+    steady = TakenFrame(frame=frame, before=before, problem=problem, update=update)
+    return max(taken.log_evidence, steady.log_evidence)
 
 
 def is_open(bench: Bench, taken: TakenFrame) -> bool:
@@ -243,7 +279,8 @@ def causes_beside(
     found = all_beside(bench, base)
     if state.counts.lost >= bench.settings.frames_lost and best_of([*weighed, *found])[0].misfits:
         taken, weight = base
-        first = first_belief(bench.unknowns, taken.frame.stamp_ns, state.lasting)
+        unknowns = bench.of(state.lasting).unknowns
+        first = first_belief(unknowns, taken.frame.stamp_ns, state.lasting)
         anew = retaken(bench, taken, first), weight - ANEW * bench.settings.odds_against
         found += [anew, *all_beside(bench, anew)]
     return found

@@ -6,7 +6,7 @@ with its mass and damping. At the first reading the arm is taken to rest.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import functools
 import math
 from typing import NamedTuple
@@ -18,6 +18,7 @@ from pneunet_ros.core.units import seconds_between
 from pneunet_ros.measurement.errors.propagated_errors import PropagatedErrors
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve
+from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.model.vibration import LINKS, masses_of, vibration
@@ -39,6 +40,9 @@ SHAPES = 2  # with 3 the tip is up to 0.06 mm nearer to MuJoCo, at three times t
 # MuJoCo, while they swing after steps of 20 to 40 kPa by up to 90 mm.
 LEFT_OUT = 0.002
 WITHIN_95 = 1.96  # standard deviations, 95 % of a normal error
+# What is likely of an arm whose model does not say how it swings: the loss factor of silicone
+# rubber (0.05 to 0.3, by hardness and frequency), and its weight as a model file has it.
+LOSS_FACTOR, LOSS_FACTOR_ERROR, WEIGHT_ERROR = 0.15, 0.7, 0.2
 STEP = 1.0  # of the integration, per shortest time of the motion; it is stable up to 2.8
 MOST_STEPS = 2000  # between two readings: after a longer gap nobody knows how the arm swings
 
@@ -115,6 +119,18 @@ class MotionEstimate:
         )
         along = (self.at_nodes[3:] @ places.nodes).reshape(SHAPES, 3, -1)
         return np.asarray(np.tensordot(spread, along, axes=1))
+
+
+def likely_motion(arm: Arm) -> Motion | None:
+    """Return how an arm likely swings by its weight; None where no unloaded shape is stable."""
+    modes = unloaded_modes(replace(arm, motion=Motion()))
+    if modes is None:
+        return None
+    return Motion(
+        damping_time=LOSS_FACTOR / float(modes.frequency[0]),
+        mass_error=WEIGHT_ERROR,
+        damping_error=LOSS_FACTOR_ERROR,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
