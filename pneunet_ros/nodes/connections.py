@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from typing import Any
 
+from pneunet_ros.core.pauses import pause
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 SHARED_TOPICS = ('/diagnostics', '/tf', '/rosout', '/parameter_events', '/clock')  # of all nodes
@@ -30,6 +31,7 @@ def rival_sentences(node: Any, shared: Collection[str]) -> Iterator[str]:
     if topics:
         yield f'another node publishes on {", ".join(sorted(topics))}, too'
     for topic in sorted({item.topic_name for item in node.subscriptions} - passed):
+        pause()
         names = sorted(map(name_of, node.get_publishers_info_by_topic(topic)))
         if len(names) > 1:
             yield (
@@ -41,6 +43,7 @@ def rival_sentences(node: Any, shared: Collection[str]) -> Iterator[str]:
 def mismatch_sentences(node: Any) -> Iterator[str]:
     """Say whose messages a node cannot receive, and who cannot receive those of the node."""
     for item in node.subscriptions:
+        pause()
         topic = item.topic_name
         for other in node.get_publishers_info_by_topic(topic):
             kind = type_name(item.msg_type)
@@ -54,6 +57,7 @@ def mismatch_sentences(node: Any) -> Iterator[str]:
                     f'qos_overrides.{topic}.subscription.reliability, or publish as is wanted here'
                 )
     for item in node.publishers:
+        pause()
         topic = item.topic_name
         for other in node.get_subscriptions_info_by_topic(topic):
             reason = why_not(item.qos_profile, other.qos_profile)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import partial
 from heapq import heapify, heappop, heapreplace
 import time
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 from pneunet_ros.core.arrivals import ArrivalOrder
 from pneunet_ros.core.pauses import work_in_pauses
@@ -35,6 +35,7 @@ POLL_NS, POLLS = 20_000_000, 4  # how often, and how far, rclpy looks after a no
 PAUSE_NS = 1_000_000  # from one look for more urgent messages to the next: looking takes a tenth
 LONG_NS = 5_000_000  # of a callback, after which others are as urgent: two of the usual frames
 Call = Callable[[], None]
+Result = TypeVar('Result')
 
 
 class AtOnce(MutuallyExclusiveCallbackGroup):
@@ -88,11 +89,10 @@ class AtOnce(MutuallyExclusiveCallbackGroup):
 class Queue:
     """The messages of the subscriptions that share one order, of one node."""
 
-    def __init__(self, order: ArrivalOrder[Call], patience_ns: int) -> None:
-        self.order, self.patience_ns = order, patience_ns
+    def __init__(self, node: Any, order: ArrivalOrder[Call], patience_ns: int) -> None:
+        self.node, self.order, self.patience_ns = node, order, patience_ns
         self.subscriptions: list[Any] = []
         self.until_ns = 0
-        self.begin_ns: int | None = None  # of the callback that is at work
 
     def is_ready(self, ready: Collection[int], now_ns: int) -> bool:
         """Whether messages came, or one has waited long enough; ready: subscriptions with some."""
@@ -119,24 +119,25 @@ class Queue:
     def call_next(self) -> bool:
         """Call back the next message; whether there was one."""
         call = next(self.order.take(self.until_ns), None)
-        if call is None:
-            return False
-        self.begin_ns = time.time_ns()
-        try:
+        if call is not None:
             call()
-        finally:
-            self.begin_ns = None
-        return True
+        return call is not None
+
+
+class AtWork(NamedTuple):
+    """A callback that is at work: the queues of its node, its patience, and when it began."""
+
+    queues: Collection[Queue]
+    patience_ns: int
+    begin_ns: int
 
     def yields_to(self, other: Queue, now_ns: int) -> bool:
-        """Whether the callback at work lets messages of another node go first.
+        """Whether messages of another node go first in its pauses.
 
         Those of a node with less patience; those of one with as much where it takes long.
         """
-        if self.begin_ns is None or other.begin_ns is not None:
-            return False
         is_long = now_ns - self.begin_ns >= LONG_NS
-        return self.patience_ns + is_long > other.patience_ns
+        return other not in self.queues and self.patience_ns + is_long > other.patience_ns
 
 
 class PromptExecutor(SingleThreadedExecutor):
@@ -156,9 +157,11 @@ class PromptExecutor(SingleThreadedExecutor):
         self._signal = SignalHandlerGuardCondition(self.context)
         self._changed = True  # entities, since they were listed
         self._queues: list[Queue] = []
+        self._at_work: list[AtWork] = []  # the last one in a pause of the one before it
         self._prompt: list[Any] = []  # subscriptions of a group AtOnce
         self._other: list[Any] = []  # subscriptions
         self._timers: list[Any] = []
+        self._owners: list[Any] = []  # the node of each timer
         self._services: list[Any] = []
         self._polled = False  # some node is
         self._sets: dict[bool, Any] = {}
@@ -195,9 +198,10 @@ class PromptExecutor(SingleThreadedExecutor):
         if self.call_messages(arrived, looked_ns, whole=whole):
             self._prompt_until_ns = time.time_ns() + SERVICE_NS * len(self._services)
         ready = set(waiting.get_ready_entities('timer'))
-        for timer in [item for item in self._timers if item.handle.pointer in ready]:
-            self.call_timer(timer)
-            self.call_arrived(self._queues)
+        for timer, node in list(zip(self._timers, self._owners, strict=True)):
+            if timer.handle.pointer in ready:
+                self.call_timer(timer, node)
+                self.call_arrived(self._queues)
         if not whole:
             return
         self._services_due_ns = time.time_ns() + SERVICE_NS * len(self._services)
@@ -240,9 +244,11 @@ class PromptExecutor(SingleThreadedExecutor):
             if queue.is_ready(ready, begin_ns):
                 queue.fill()
         now_ns = time.time_ns()
-        long_ns = max(LOOK_AGAIN_NS, LOOKS * (now_ns - begin_ns))
-        any_called, more = self.call_in_turn(self._queues, NEVER if whole else now_ns + long_ns)
-        if more:  # and their turn is next
+        end_ns = now_ns + max(LOOK_AGAIN_NS, LOOKS * (now_ns - begin_ns))
+        any_called, more = self.call_in_turn(self._queues, end_ns)
+        if more and whole:
+            self.call_arrived(self._queues)
+        elif more:  # and their turn is next
             self._due_ns = now_ns
         return any_called
 
@@ -258,7 +264,8 @@ class PromptExecutor(SingleThreadedExecutor):
         while turns and time.time_ns() < end_ns and not self._changed:
             turn_ns, place, queue = turns[0]
             if turn_ns == queue.turn_ns:  # else some of it had their turn in a pause
-                if not queue.call_next():
+                at_work = AtWork([queue], queue.patience_ns, time.time_ns())
+                if not self.work(at_work, queue.call_next):
                     heappop(turns)
                     continue
                 any_called = True
@@ -270,38 +277,49 @@ class PromptExecutor(SingleThreadedExecutor):
         return any_called, bool(turns) and turns[0][0] < NEVER
 
     def call_arrived(self, queues: Collection[Queue]) -> None:
-        """Call back all messages of queues that have arrived."""
-        if self._changed:
-            return
-        for queue in queues:
-            queue.fill()
-        self.call_in_turn(queues, NEVER)
+        """Call back the messages of queues that have arrived by now, and more urgent ones."""
+        now_ns, more = time.time_ns(), True
+        while more and not self._changed:
+            for queue in queues:
+                queue.fill()
+            _, more = self.call_in_turn(queues, time.time_ns() + LOOK_AGAIN_NS)
+            arrivals = [queue.order.first_ns for queue in queues]
+            more = more and any(at_ns is not None and at_ns <= now_ns for at_ns in arrivals)
+
+    def work(self, at_work: AtWork, call: Callable[[], Result]) -> Result:
+        """Call back; meanwhile messages of the same node wait."""
+        self._at_work.append(at_work)
+        try:
+            return call()
+        finally:
+            self._at_work.pop()
 
     def call_urgent(self) -> None:
         """Call back what is more urgent than the callbacks at work, in a pause of the last one."""
         now_ns = time.time_ns()
-        if now_ns < self._pause_ns:
-            return
-        at_work = [queue for queue in self._queues if queue.begin_ns is not None]
-        if not at_work:
+        if now_ns < self._pause_ns or not self._at_work:
             return
         self.call_arrived(
             [
                 queue
                 for queue in self._queues
-                if all(one.yields_to(queue, now_ns) for one in at_work)
+                if all(one.yields_to(queue, now_ns) for one in self._at_work)
             ]
         )
         self._pause_ns = time.time_ns() + PAUSE_NS
 
-    def call_timer(self, timer: Any) -> None:
-        """Call back a timer that is due, unless a callback before it has destroyed it."""
+    def call_timer(self, timer: Any, node: Any) -> None:
+        """Call back a timer of a node, unless a callback before it has destroyed it.
+
+        All other nodes are more urgent: it is for those who look on.
+        """
         try:
             with timer.handle:
                 timer.handle.call_timer()
         except InvalidHandle:
             return
-        timer.callback()
+        own = [queue for queue in self._queues if queue.node is node]
+        self.work(AtWork(own, NEVER, time.time_ns()), timer.callback)
 
     def list_entities(self) -> None:
         """List what there is to wait for, as nodes make and destroy it at any time."""
@@ -312,8 +330,9 @@ class PromptExecutor(SingleThreadedExecutor):
         self._prompt = [item for item in subscriptions if is_at_once(item)]
         self._other = [item for item in subscriptions if not is_at_once(item)]
         self._timers = [item for node in nodes for item in node.timers]
+        self._owners = [node for node in nodes for _ in node.timers]
         self._services = [item for node in nodes for item in node.services]
-        self._queues = queues_of(self._prompt)
+        self._queues = queues_of(nodes)
         self._sets = {
             False: self.wait_set(len(self._prompt), 0),
             True: self.wait_set(len(subscriptions), len(self._services)),
@@ -325,13 +344,14 @@ class PromptExecutor(SingleThreadedExecutor):
         return rclpy_implementation.WaitSet(*size, self.context.handle)
 
 
-def queues_of(subscriptions: Iterable[Any]) -> list[Queue]:
-    """Return the queues of subscriptions of groups AtOnce."""
+def queues_of(nodes: Iterable[Any]) -> list[Queue]:
+    """Return the queues of the subscriptions of nodes in groups AtOnce."""
     queues: dict[int, Queue] = {}
-    for item in subscriptions:
-        group = item.callback_group
-        queue = queues.setdefault(id(group.order), Queue(group.order, group.patience_ns))
-        queue.subscriptions.append(item)
+    for node in nodes:
+        for item in filter(is_at_once, node.subscriptions):
+            group = item.callback_group
+            queue = Queue(node, group.order, group.patience_ns)
+            queues.setdefault(id(group.order), queue).subscriptions.append(item)
     return list(queues.values())
 
 
