@@ -20,23 +20,28 @@ NARROW = np.array([1.0, 2.0, 0.5, 0.01, 0.02, 3.0])
 WIDE = np.array([1.0, 2.0, 0.5, 0.5, 0.7, 3.0])
 
 
-def measured(std, seed):
+def measured(std, seed, center=0.0):
     """Return what is known after eight measurements, from a prior, and their log evidence."""
     random = np.random.default_rng(seed)
     response = random.standard_normal((8, std.size))
     value, noise = 2.0 * random.standard_normal(8), np.full(8, 0.3)
-    prior = Gaussian(mean=np.zeros(std.size), root=np.diag(std))
+    mean = np.zeros(std.size)
+    mean[WHERE] = center
+    prior = Gaussian(mean=mean, root=np.diag(std))
     spread = response @ np.diag(std**2) @ response.T + np.diag(noise**2)
-    evidence = -0.5 * (value @ np.linalg.solve(spread, value) + np.linalg.slogdet(spread)[1])
+    off = value - response @ mean
+    evidence = -0.5 * (off @ np.linalg.solve(spread, off) + np.linalg.slogdet(spread)[1])
     return take_measurement(prior, response, value, noise), float(evidence)
 
 
+@pytest.mark.parametrize('center', [0.0, -0.4])
 @pytest.mark.parametrize('seed', range(5))
-def test_a_prior_is_replaced_after_all_measurements_as_if_it_had_stood_before_them(seed):
-    (narrow, before), (wide, after) = measured(NARROW, seed), measured(WIDE, seed)
-    found, log_odds = with_prior(narrow, WHERE, NARROW[WHERE], WIDE[WHERE])
+def test_a_prior_is_replaced_after_all_measurements_as_if_it_had_stood_before_them(seed, center):
+    narrow, before = measured(NARROW, seed, center)
+    wide, after = measured(WIDE, seed, center)
+    found, log_odds = with_prior(narrow, WHERE, NARROW[WHERE], WIDE[WHERE], center)
     assert log_odds == pytest.approx(after - before, rel=1e-8)
-    assert prior_log_odds(narrow, WHERE, NARROW[WHERE], WIDE[WHERE]) == log_odds
+    assert prior_log_odds(narrow, WHERE, NARROW[WHERE], WIDE[WHERE], center) == log_odds
     assert found.mean == pytest.approx(wide.mean, abs=1e-8)
     assert found.root @ found.root.T == pytest.approx(wide.root @ wide.root.T, abs=1e-9)
 

@@ -146,17 +146,18 @@ class CameraCause(Cause):
         'diagnose'
     )
 
-    def stds(self, bench: Bench) -> tuple[slice, Array, Array]:
-        """Return where its unknowns are, and one sigma of them of a camera that stays, or not."""
+    def priors(self, bench: Bench) -> tuple[slice, Array, Array, Array]:
+        """Return where its unknowns are, one sigma if it stays, if it does not, and the mean."""
         unknowns = bench.unknowns
         where = slice(unknowns.at(Camera, Camera.PLACE).start, unknowns.at(Camera).stop)
-        return where, unknowns.std[where], unknowns.block(Camera).moved_std
+        center = unknowns.block(Camera).prior.mean[Camera.PLACE.start :]
+        return where, unknowns.std[where], unknowns.block(Camera).moved_std, center
 
     def is_told(self, bench: Bench, belief: Belief) -> float:
         """Weigh a turn too small to leave a misfit: a tip force moves the arm much like that."""
         if not bench.tells_camera or not bench.knows_force(belief):
             return -math.inf  # what holds a force that is not determined tells of the rest too
-        where, before, after = self.stds(bench)
+        where, before, after, _ = self.priors(bench)
         turn = slice(where.stop - 1, where.stop)
         innocent = np.array([bench.settings.turn_tolerance])
         return told_beyond(belief, turn, before[-1:], innocent, after[-1:])
@@ -167,7 +168,7 @@ class CameraCause(Cause):
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
         """Let it have moved since the last frame, or have been elsewhere all along."""
-        yield from lately_or_always(bench, taken, self, self.stds(bench))
+        yield from lately_or_always(bench, taken, self, self.priors(bench))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -218,8 +219,8 @@ class TiltCause(Cause):
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
         """Let gravity point elsewhere since the last frame, or all along."""
         tilt = bench.unknowns.block(Tilt)
-        stds = bench.unknowns.at(Tilt), tilt.std, tilt.tilted_std
-        yield from lately_or_always(bench, taken, self, stds)
+        priors = bench.unknowns.at(Tilt), tilt.std, tilt.tilted_std, np.zeros(tilt.std.size)
+        yield from lately_or_always(bench, taken, self, priors)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -364,16 +365,17 @@ def extended(known: Belief, first: Belief) -> Belief:
 
 
 def lately_or_always(
-    bench: Bench, taken: TakenFrame, cause: Cause, stds: tuple[slice, Array, Array]
+    bench: Bench, taken: TakenFrame, cause: Cause, priors: tuple[slice, Array, Array, Array]
 ) -> Iterator[Alternative]:
     """Yield a frame with a wider prior of some unknowns: since the last frame, or all along.
 
-    stds: where they are, one sigma of the prior that the belief came from, and of the wide one.
+    priors: where they are, one sigma of the prior that the belief came from, of the wide one, and
+    the mean of both.
     """
-    where, _, wide = stds
+    where, _, wide, _ = priors
     yield retaken(bench, taken, replace_causes(widen(taken.before, where, wide), cause.name)), 0.0
     if cause.is_told(bench, taken.after) > 0.0:
-        always, told = with_prior(taken.after, *stds)
+        always, told = with_prior(taken.after, *priors)
         yield relearned(taken, replace_causes(always, cause.name)), told
 
 

@@ -76,24 +76,31 @@ def without_prior(known: Gaussian, which: int, before: float) -> tuple[float, fl
     return float(known.mean[which]) / share, before / math.sqrt(share)
 
 
-def prior_log_odds(known: Gaussian, where: Where, before: Array, after: Array) -> float:
+def prior_log_odds(
+    known: Gaussian, where: Where, before: Array, after: Array, center: Array | float = 0.0
+) -> float:
     """Return the log odds (nats) by which all measurements so far favor another prior.
 
-    Of some constant unknowns, of mean zero; before, after: one sigma (k,) of the prior that what
-    is known came from, and of the other one. -inf where an unknown was known exactly.
+    Of some constant unknowns; before, after: one sigma (k,) of the prior that what is known came
+    from, and of the other one; center (k,): mean of both. -inf where one was known exactly.
     """
-    return -math.inf if not before.all() else _other_prior(known, where, before, after)[2]
+    return (
+        -math.inf if not before.all() else _other_prior(known, where, (before, after), center)[2]
+    )
 
 
-def with_prior(known: Known, where: Where, before: Array, after: Array) -> tuple[Known, float]:
+def with_prior(
+    known: Known, where: Where, before: Array, after: Array, center: Array | float = 0.0
+) -> tuple[Known, float]:
     """Replace the prior of some constant unknowns by another one, after all measurements.
 
     What measurements have said of them since is kept, and what they said of all others follows.
 
     Args:
-        known: mean and root, that came from a prior of mean zero on these unknowns.
+        known: mean and root, that came from a prior on these unknowns.
         where: which unknowns; they must not have moved.
         before, after: one sigma (k,) of the prior that it came from, and of a wider one.
+        center: mean (k,) of both.
 
     Returns:
         What would be known by the other prior, and its `prior_log_odds`.
@@ -103,9 +110,9 @@ def with_prior(known: Known, where: Where, before: Array, after: Array) -> tuple
     """
     if not before.all():
         return known, -math.inf
-    moved, covariance, log_odds, spectrum = _other_prior(known, where, before, after)
+    moved, covariance, log_odds, spectrum = _other_prior(known, where, (before, after), center)
     variance, axes = spectrum
-    rows, mean = known.root[where] / before[:, None], known.mean[where] / before
+    rows, mean = known.root[where] / before[:, None], (known.mean[where] - center) / before
     gain = known.root @ rows.T @ (axes / variance) @ axes.T
     grown, wider = np.linalg.eigh(covariance - (axes * variance) @ axes.T)
     more = gain @ (wider * np.sqrt(np.clip(grown, 0.0, None)))
@@ -118,13 +125,14 @@ def with_prior(known: Known, where: Where, before: Array, after: Array) -> tuple
 
 
 def _other_prior(
-    known: Gaussian, where: Where, before: Array, after: Array
+    known: Gaussian, where: Where, stds: tuple[Array, Array], center: Array | float
 ) -> tuple[Array, Array, float, tuple[Array, Array]]:
     """Return mean, covariance and log odds with another prior, and the spectrum of before.
 
     All in sigmas of the prior that it came from.
     """
-    root, mean = known.root[where] / before[:, None], known.mean[where] / before
+    before, after = stds
+    root, mean = known.root[where] / before[:, None], (known.mean[where] - center) / before
     variance, axes = np.linalg.eigh(root @ root.T)
     variance = np.clip(variance, TINY, 1.0)  # measurements take nothing away
     told = (axes / variance) @ (axes.T @ mean)
