@@ -180,8 +180,13 @@ def test_no_arm_is_pressed_harder_than_wanted(closing, pushed):
         seen, dict.fromkeys(seen, PRESSURE), GripCommand(width=0.0, force=0.5 * PUSH), 0.033
     )
     assert min(harder.values()) > PRESSURE > max(softer.values())
-    assert closing.is_stalled(seen, GripCommand(width=0.0, force=PUSH))
-    assert not closing.is_stalled(seen, GripCommand(width=0.0, force=2.0 * PUSH))
+    now = dict.fromkeys(seen, PRESSURE)
+    assert closing.is_stalled(seen, now, GripCommand(width=0.0, force=PUSH), 0.04)
+    assert not closing.is_stalled(seen, now, GripCommand(width=0.0, force=1.2 * PUSH), 0.04)
+    assert not closing.is_stalled(seen, now, GripCommand(width=0.06, force=PUSH), 0.04)
+    for width, end in ((0.0, -1), (0.06, 0)):  # no arm can do more
+        ends = {name: float(closing.reaches[name].pressure[end]) for name in seen}
+        assert closing.is_stalled(seen, ends, GripCommand(width=width, force=2.0 * PUSH), 0.04)
 
 
 def test_a_width_is_reached_to_a_tolerance(free):

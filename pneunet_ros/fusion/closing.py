@@ -13,7 +13,7 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve
 from pneunet_ros.model.pressure_search import SCANNED
 
-SURE = 2.0  # standard deviations, 95 %
+AS_HARD = 0.05  # share of a force to which it is reached: they are known so, acceptance/grasp.py
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,14 +125,31 @@ class Closing:
         felt = touch.force if touch.is_touching else np.nan_to_num(seen.fused.force)
         return min(wanted, (force - float(np.linalg.norm(felt))) * give / slope)
 
-    def is_stalled(self, seen: Mapping[str, SeenArm], command: GripCommand) -> bool:
-        """Whether two arms or more touch something, and each presses as hard as it may."""
-        touches = [one for one in self.gripper.touches(seen).values() if one.is_touching]
-        return len(touches) > 1 and all(
-            np.linalg.norm(one.force) + SURE * np.sqrt(np.trace(one.force_covariance))
-            >= command.force
-            for one in touches
-        )
+    def is_stalled(
+        self,
+        seen: Mapping[str, SeenArm],
+        pressures: Mapping[str, float],
+        command: GripCommand,
+        width: float,
+    ) -> bool:
+        """Whether no arm can do more for a command.
+
+        Each that touches presses as hard as it may, or all are at an end of their pressures.
+        pressures (Pa): as commanded last; width (m): that is seen.
+        """
+        closing = width > command.width
+        end = -1 if closing else 0
+        touches = self.gripper.touches(seen)
+        hard = {
+            name
+            for name, one in touches.items()
+            if closing
+            and one.is_touching
+            and abs(np.linalg.norm(one.force) - command.force) <= AS_HARD * command.force
+        }
+        touching = {name for name, one in touches.items() if one.is_touching}
+        ended = {name for name in pressures if pressures[name] == self.reaches[name].pressure[end]}
+        return (len(touching) > 1 and hard == touching) or hard | ended == touches.keys()
 
 
 def is_reached(grasp: Grasp, command: GripCommand, tolerance: float) -> bool:

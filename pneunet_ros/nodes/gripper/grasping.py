@@ -152,8 +152,11 @@ class Grasping:
         )
 
     def is_stalled(self) -> bool:
-        """Whether the arms hold something as hard as they may."""
-        return self.command is not None and self.closing().is_stalled(self.seen, self.command)
+        """Whether the arms hold something as hard as they may, or can go no further."""
+        if self.command is None or self.grasp is None or self.seen.keys() != self.fusions.keys():
+            return False
+        width = self.grasp.width
+        return self.closing().is_stalled(self.seen, self.pressures, self.command, width)
 
     def forget(self) -> None:
         """Forget all frames, and follow no command."""
