@@ -10,7 +10,7 @@ from pneunet_ros.discovery.amplitude import Columns, FrameColumns, left_out_gain
 from pneunet_ros.discovery.covariates import Covariate
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Cause, choose_law
-from pneunet_ros.discovery.time_law import find_swing
+from pneunet_ros.discovery.time_law import find_swing, find_wandering, wandering_root
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from scipy.stats import multivariate_normal
@@ -165,21 +165,33 @@ TIMES = np.arange(48) * 0.7  # s
 
 def swinging(seed: int, period: float, size: float, runs: int = RUNS):
     """Return what is found where an amplitude swings, with a phase of its own in every run."""
+    return searched(
+        seed,
+        lambda random: size * np.sin(2.0 * np.pi * TIMES / period + random.uniform(0.0, 6.3)),
+        runs,
+        find_swing,
+    )
+
+
+def searched(seed: int, course, runs: int, find):
+    """Return what is found where an amplitude has a course of its own in every run."""
     random = np.random.default_rng(seed)
     columns = [random.standard_normal((TIMES.size * 2, BASE)) for _ in range(runs)]
     fields = [random.standard_normal((TIMES.size, 2)) for _ in range(runs)]
     residuals = []
     for field in fields:
-        swing = size * np.sin(2.0 * np.pi * TIMES / period + random.uniform(0.0, 6.3))
+        amplitude = course(random)
         noise = random.standard_normal(TIMES.size * 2)
-        residuals.append((field * swing[:, None]).ravel() + noise)
+        residuals.append((field * amplitude[:, None]).ravel() + noise)
     gaussian = GaussianModel.of(columns, residuals, np.zeros(BASE))
     blocks = [SimpleNamespace(white=lambda item: item.reshape(-1, item.shape[2]))] * runs
     frames = FrameColumns(Projection(gaussian), SimpleNamespace(blocks=blocks), fields)
     same = {'values': (np.ones(TIMES.size),) * runs, 'scale': 1.0}
     time = Covariate(name='t', values=(TIMES,) * runs, scale=float(TIMES[-1]))
     known = (Covariate(name='1', **same), time)
-    return find_swing(frames, known, 1.0, tuple(range(runs)))
+    if find is find_wandering:
+        return find_wandering(frames, time.values, 1.0, tuple(range(runs)))
+    return find(frames, known, 1.0, tuple(range(runs)))
 
 
 def test_a_swing_is_found_with_its_period_whatever_its_phases():
@@ -199,3 +211,38 @@ def test_a_swing_takes_three_recordings_and_noise_does_not_swing():
 
 def test_what_does_not_repeat_is_no_swing():
     assert swinging(5, 60.0, 1.0) is None
+
+
+@pytest.mark.parametrize('size', [0.7, 2.0])
+@pytest.mark.parametrize('course', ['comes and goes', 'swings slowly'])
+def test_what_changes_by_itself_without_a_period_is_found(course, size):
+    """A load that comes and goes once, and a swing slower than a recording shows."""
+
+    def amplitude(random):
+        if course == 'comes and goes':
+            begin = random.uniform(3.0, 15.0)
+            return size * ((begin < TIMES) & (begin + 12.0 > TIMES))
+        return size * np.sin(2.0 * np.pi * TIMES / 40.0 + random.uniform(0.0, 6.3))
+
+    found = searched(6, amplitude, RUNS, find_wandering)
+    assert found is not None
+    assert not found.periodic
+    assert found.left_out_gain > 4.0
+    assert 0.5 * size < found.size / np.sqrt(0.45) < 1.6 * size
+    assert found.factors.shape == (RUNS * TIMES.size, RUNS * 24)
+    assert searched(6, amplitude, 2, find_wandering) is None
+
+
+def test_noise_does_not_wander():
+    gains = [searched(seed, lambda _: 0.0 * TIMES, RUNS, find_wandering) for seed in range(40, 55)]
+    assert all(item is None or item.left_out_gain <= 0.0 for item in gains)
+
+
+def test_the_root_of_a_wandering_amplitude_is_that_of_its_covariance():
+    seconds = [TIMES[:20], TIMES[:24] + 3.0]
+    root = wandering_root(seconds, 2.5)
+    assert root.shape == (44, 40)
+    first = (root @ root.T)[:20, :20]
+    wanted = np.exp(-np.abs(TIMES[:20, None] - TIMES[None, :20]) / 2.5)
+    assert np.allclose(first, wanted, atol=1e-9)
+    assert not (root @ root.T)[:20, 20:].any()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -55,6 +56,12 @@ def test_of_what_goes_by_itself_it_is_said_that_nothing_predicts_it():
     sentence = swing_sentence(KINDS['chamber_pressure'], None, swing, ())
     assert 'with a period of 12.6 s' in sentence
     assert sentence.endswith('no model can predict it.')
+    assert swing.form.endswith('times the pressure')
+    wandering = replace(swing, period=9.0, periodic=False)
+    sentence = swing_sentence(KINDS['push'], PLACE, wandering, ())
+    assert 'at 0.62 of its length' in sentence
+    assert 'changes by itself, over about 9 s and without a period' in sentence
+    assert wandering.form == 'changes by itself, without a period'
 
 
 def found(answer: str, p_value: float) -> Investigation:

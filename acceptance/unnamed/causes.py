@@ -161,6 +161,37 @@ class LabShyForceSensor(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LabSwingingPush(LabEffect):
+    """A push along the normal that swings slowly: force sin(2 pi t / period)."""
+
+    name: ClassVar[str] = 'swinging_push'
+    force: float = quantity(0.0, unit='N', bounds=(-10.0, 10.0))
+    place: float = quantity(0.6, unit='-', meaning='s / l', bounds=(0.02, 1.0))
+    period: float = quantity(23.0, unit='s', bounds=(0.1, 1e4))
+
+    def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
+        """Push."""
+        force = self.force * np.sin(2.0 * math.pi * chain.time / self.period)
+        return replace(chain, push=Push(place=self.place * arm.length, force=freeze(force)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabVisitingLoad(LabEffect):
+    """Something is hung on a place of the arm and taken off again: a load along E2, N."""
+
+    name: ClassVar[str] = 'visiting_load'
+    load: float = quantity(0.0, unit='N', bounds=(-10.0, 10.0))
+    begins: float = quantity(9.0, unit='s', bounds=(0.0, 1e4))
+    ends: float = quantity(21.0, unit='s', bounds=(0.0, 1e4))
+
+    def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
+        """Hang it on the tip, which no sensor feels."""
+        there = (chain.time >= self.begins) & (chain.time < self.ends)
+        force = chain.force + self.load * there[:, None] * np.array([0.0, 1.0])
+        return replace(chain, force=freeze(force))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Cause:
     """A cause, and what a reader would call right.
 
@@ -288,7 +319,24 @@ LATER = (
         later=True,
     ),
 )
-CAUSES = {item.effect: item for item in (*FIRST, *LATER)}
+BY_ITSELF = (
+    Cause(
+        effect='swinging_push',
+        size=('force', 0.004, 0.02),
+        kinds=frozenset({'push'}),
+        terms=frozenset({'period'}),
+        place='place',
+        later=True,
+    ),
+    Cause(
+        effect='visiting_load',
+        size=('load', 0.004, 0.02),
+        kinds=frozenset({'end_force_y', 'push'}),
+        terms=frozenset({'period'}),
+        later=True,
+    ),
+)
+CAUSES = {item.effect: item for item in (*FIRST, *LATER, *BY_ITSELF)}
 NEW = (
     LabLeaningPush,
     LabSwelling,
@@ -299,6 +347,8 @@ NEW = (
     LabGluedPatch,
     LabSlantedCamera,
     LabShyForceSensor,
+    LabSwingingPush,
+    LabVisitingLoad,
 )
 
 

@@ -148,6 +148,11 @@ class FrameColumns:
         ends = np.cumsum([0, *(len(field) for field in fields)])
         self.frames = [slice(first, last) for first, last in itertools.pairwise(ends.tolist())]
 
+    def of_run(self, which: int) -> Array:
+        """Return which of all frames are those of a run, (frames,)."""
+        own = self.frames[which]
+        return np.arange(own.start, own.stop)
+
     def evidence(self, runs: Runs) -> Evidence:
         """Return score and information in these runs alone."""
         factor, step = self.projection.of(runs)

@@ -48,6 +48,7 @@ from pneunet_ros.discovery.settings import (
     DiscoverySettings,
     LawConfirmationSettings,
 )
+from pneunet_ros.discovery.time_law import Swing
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 
@@ -210,7 +211,7 @@ def look_for_law(
     if not suspects:
         notes = ('no kind of cause that was tried predicts recordings that are left out',)
         nothing = Discovery(searched=True, causes=causes, notes=notes, settings=settings)
-        return nothing, None
+        return by_itself(nothing, selection, first, base, search, on_progress), None
     fits = JointFits(selection, first, base, search, settings)
     findings = judge(fits, suspects, on_progress)
     best = shortened(max(findings, key=lambda item: (item.explains, item.gain)), fits)
@@ -233,7 +234,7 @@ def look_for_law(
         unconfirmed = Discovery(
             searched=True, causes=causes, amplitudes=amplitudes, notes=notes, settings=settings
         )
-        return unconfirmed, best
+        return by_itself(unconfirmed, selection, first, base, search, on_progress), best
     tied = tied_kinds(best, findings, suspects, settings)
     discovery = Discovery(
         searched=True,
@@ -245,6 +246,43 @@ def look_for_law(
         settings=settings,
     )
     return discovery, best
+
+
+def by_itself(
+    unconfirmed: Discovery,
+    selection: Selection,
+    first: Trial,
+    base: Trial,
+    search: Search,
+    on_progress: OnProgress,
+) -> Discovery:
+    """Return what changes by itself, where no law of what is measured holds; else the same."""
+    on_progress('causes that change by themselves', 0, 0)
+    suspects = search.wandering_suspects()
+    if not suspects:
+        return unconfirmed
+    findings = [
+        Finding(
+            suspect=item,
+            proposal=None,
+            gain=item.left_out_gain,
+            share=linear_share(item, base, search),
+        )
+        for item in suspects
+    ]
+    best = findings[0]
+    objections = objections_to(best, selection, first, base, search)
+    if objections:
+        kind = best.suspect.kind.name
+        note = f'{kind} that changes by itself is not confirmed: {"; ".join(objections)}'
+        return replace(unconfirmed, notes=(*unconfirmed.notes, note))
+    tied = tied_kinds(best, findings, suspects, search.settings)
+    return replace(
+        unconfirmed,
+        found=(describe(best, tied, search),),
+        amplitudes=amplitude_series(search, best),
+        notes=(),
+    )
 
 
 def starting_point(investigation: Investigation) -> Trial | None:
@@ -356,6 +394,8 @@ def suspect_explained(suspect: Suspect, search: Search) -> float:
     if suspect.law is not None:
         return suspect.law.explained
     assert suspect.swing is not None
+    if not suspect.swing.periodic:  # an amplitude of its own in every frame explains noise, too
+        return 2.0 * suspect.swing.left_out_gain
     frames = FrameColumns(search.projection, search.fit.linearization, suspect.cause.fields)
     return frames.evidence(search.runs).along(suspect.swing.factors).explained
 
@@ -424,11 +464,12 @@ def predicted_p_value(
     """Return the p-value of the law of some runs in others."""
     linearization, gaussian = search.fit.linearization, search.fit.gaussian
     if suspect.swing is not None:
-        swing = search.swing(suspect.cause, chosen)
+        find = search.swing if suspect.swing.periodic else search.wandering
+        swing = find(suspect.cause, chosen)
         if swing is None:
             return 1.0
         frames = FrameColumns(search.projection, linearization, suspect.cause.fields)
-        white = swing_columns(suspect, search, frames, swing.factors, tested)
+        white = swing_columns(suspect, search, frames, swing, tested)
     else:
         law = search.best_law(suspect.kind, chosen)
         if law is None:
@@ -461,15 +502,16 @@ def predicted_p_value(
 
 
 def swing_columns(
-    suspect: Suspect, search: Search, frames: FrameColumns, factors: Array, runs: Runs
+    suspect: Suspect, search: Search, frames: FrameColumns, swing: Swing, runs: Runs
 ) -> list[Array]:
-    """Return the whitened sine and cosine of a swing in some runs, (rows, 2 runs) each."""
+    """Return the whitened columns of a swing in some runs, such as sine and cosine, (rows, n)."""
     blocks = search.fit.linearization.blocks
-    own = [2 * which + part for which in runs for part in (0, 1)]
+    every = np.arange(swing.factors.shape[1])
+    own = np.concatenate([every[swing.columns_of(which, len(blocks))] for which in runs])
     return [
         blocks[which].white(
             suspect.cause.fields[which][:, :, None]
-            * factors[frames.frames[which]][:, None, :][:, :, own]
+            * swing.factors[frames.frames[which]][:, None, own]
         )
         for which in runs
     ]
@@ -553,10 +595,11 @@ def describe(finding: Finding, tied: Sequence[str], search: Search) -> Discovere
             size={'amplitude': amplitude},
             covariates=(),
             time_law=TimeLaw(
-                form='sine with a phase of its own in every recording'
-                + ('' if swing.modulation == '1' else ', times the pressure'),
+                form=swing.form,
                 parameters={
-                    'period': Estimated(value=swing.period, std=swing.period_std, unit='s')
+                    'period' if swing.periodic else 'correlation_time': Estimated(
+                        value=swing.period, std=swing.period_std, unit='s'
+                    )
                 },
             ),
             share=finding.share,

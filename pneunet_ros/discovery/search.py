@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.discovery.amplitude import FrameColumns, Projection, Runs
-from pneunet_ros.discovery.covariates import Covariate, covariates_of
+from pneunet_ros.discovery.covariates import Covariate, covariates_of, ELAPSED
 from pneunet_ros.discovery.kinds import Kind, KINDS
 from pneunet_ros.discovery.law import Cause, cause_of, choose_law, Law
 from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings
-from pneunet_ros.discovery.time_law import find_swing, Swing
+from pneunet_ros.discovery.time_law import find_swing, find_wandering, Swing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,6 +109,44 @@ class Search:
         """Return the swing of a cause in some of the runs."""
         frames = FrameColumns(self.projection, self.fit.linearization, cause.fields)
         return find_swing(frames, self.covariates, cause.kind.prior, runs, self.settings.law)
+
+    def wandering(self, cause: Cause, runs: Runs) -> Swing | None:
+        """Return a course of its own of a cause in some of the runs, without a period."""
+        seconds = {item.name: item.values for item in self.covariates}.get(ELAPSED)
+        if seconds is None:
+            return None
+        frames = FrameColumns(self.projection, self.fit.linearization, cause.fields)
+        return find_wandering(frames, seconds, cause.kind.prior, runs, self.settings.law)
+
+    def wandering_suspects(self) -> list[Suspect]:
+        """Return the kinds that change by themselves without a period, the best first.
+
+        Each at its best place. What follows a law of what is measured is described better by it.
+        """
+        found = []
+        for kind in KINDS.values():
+            best = self.wandering_at(kind, self.positions(kind))
+            if best is not None and best.cause.position is not None and kind.positions is not None:
+                step = (kind.positions[1] - kind.positions[0]) / (self.settings.place.grid - 1)
+                for _ in range(self.settings.place.rounds):
+                    step *= 0.5
+                    here = best.cause.position
+                    near = [place for place in (here - step, here, here + step)
+                            if kind.positions[0] <= place <= kind.positions[1]]  # fmt: skip
+                    best = self.wandering_at(kind, near) or best
+            if best is not None and best.left_out_gain > 0.0:
+                found.append(best)
+        return sorted(found, key=lambda item: -item.left_out_gain)
+
+    def wandering_at(self, kind: Kind, positions: Sequence[float | None]) -> Suspect | None:
+        """Return a kind at the best of some places; None where nothing wanders."""
+        causes = [self.cause(kind, position) for position in positions]
+        found = [
+            Suspect(cause=cause, law=None, swing=swing)
+            for cause in causes
+            if cause is not None and (swing := self.wandering(cause, self.runs)) is not None
+        ]
+        return max(found, key=lambda item: item.left_out_gain, default=None)
 
     def suspect(self, kind: Kind, runs: Runs) -> Suspect | None:
         """Return a kind with what predicts left-out recordings best; None where nothing does."""

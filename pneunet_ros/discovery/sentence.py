@@ -35,6 +35,13 @@ def swing_sentence(
     grows = (
         ' and is the larger, the higher the pressure is' if swing.modulation != CONSTANT else ''
     )
+    if not swing.periodic:
+        return (
+            f'{begin(kind, location)}: the {kind.amplitude} changes by itself, over about '
+            f'{swing.period:.2g} s and without a period ({swing.size * kind.prior:.2g} '
+            f'{kind.unit} rms).{tied_words(tied)} Nothing that is measured goes with it, so that '
+            'no model can predict it.'
+        )
     return (
         f'{begin(kind, location)}: the {kind.amplitude} goes by itself, with a period of '
         f'{swing.period:.3g} s{grows} (up to {swing.size * kind.prior:.2g} {kind.unit}).'

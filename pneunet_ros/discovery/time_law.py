@@ -1,7 +1,9 @@
-"""An amplitude that goes by itself: a swing with a period, its phase free in every recording.
+"""An amplitude that goes by itself: it swings with a period, or comes and goes without one.
 
 Nothing measured predicts its phase, so a recording that is left out can be expected to swing, with
-the period of the others, but not how: sine and cosine of every recording have a common prior.
+the period of the others, but not how: sine and cosine of every recording have a common prior. What
+has no period is a Gaussian process over the time of every recording, with a common size and
+correlation time (Ornstein-Uhlenbeck: as rough as what is switched on and off).
 """
 
 from __future__ import annotations
@@ -12,18 +14,22 @@ from dataclasses import dataclass
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.discovery.amplitude import Evidence, FrameColumns, Runs
-from pneunet_ros.discovery.covariates import Covariate, ELAPSED
+from pneunet_ros.discovery.covariates import CONSTANT, Covariate, ELAPSED
 from pneunet_ros.discovery.settings import DISCOVERY, LawSettings
+import scipy
 
+CORRELATION_TIMES = 6  # tried, from the shortest period to the longest
+DIRECTIONS = 24  # of a wandering amplitude in a recording
 MODULATIONS = ('1', 'p')  # a swing of the same size, and one that grows with the pressure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Swing:
-    """A swing: its period and error (s), what it grows with, and what it gains.
+    """A course of its own: its period (s) and error, what it grows with, and what it gains.
 
-    size and size_std (amplitude, root mean square over the runs, in units of the kind's prior)
-    where the modulation is largest; factors (frames, 2 runs): sine and cosine of every run.
+    periodic: else the period is the time over which it changes. size and size_std (amplitude, root
+    mean square over the runs, in units of the kind's prior) where the modulation is largest;
+    factors (frames, n): columns of all runs, as many for each, such as sine and cosine.
     """
 
     period: float
@@ -34,6 +40,20 @@ class Swing:
     left_out_gain: float
     factors: Array
     std: float
+    periodic: bool = True
+
+    @property
+    def form(self) -> str:
+        """What it is, in words."""
+        if not self.periodic:
+            return 'changes by itself, without a period'
+        grows = '' if self.modulation == CONSTANT else ', times the pressure'
+        return f'sine with a phase of its own in every recording{grows}'
+
+    def columns_of(self, run: int, runs: int) -> slice:
+        """Return which columns belong to a run."""
+        each = self.factors.shape[1] // runs
+        return slice(run * each, (run + 1) * each)
 
 
 def find_swing(
@@ -96,6 +116,67 @@ def find_swing(
         factors=factors,
         std=std,
     )
+
+
+def find_wandering(
+    frames: FrameColumns,
+    seconds: Sequence[Array],
+    prior: float,
+    runs: Runs,
+    settings: LawSettings = DISCOVERY.law,
+) -> Swing | None:
+    """Return an amplitude that changes by itself without a period; None where none is seen.
+
+    seconds: of the frames of every run; prior: that of the amplitude.
+    """
+    periods = possible_periods(seconds, settings)
+    if not periods.size or len(runs) < settings.fewest_runs:
+        return None
+    everything = frames.evidence(runs)
+    times = np.geomspace(float(periods[0]), float(periods[-1]), CORRELATION_TIMES).tolist()
+    roots = {time: prior * wandering_root(seconds, time) for time in times}
+    gain, std, time = max(
+        (everything.along(root).log_gain(std), std, time)
+        for time, root in roots.items()
+        for std in settings.prior_sizes
+    )
+    if gain <= 0.0:
+        return None
+    root = roots[time]
+    left_out = sum(
+        gain
+        - frames.evidence(tuple(other for other in runs if other != which))
+        .along(root)
+        .log_gain(std)
+        for which in runs
+    )
+    coefficients = everything.along(root).estimate(std)[0]
+    course = np.asarray(root @ coefficients)[np.concatenate([frames.of_run(w) for w in runs])]
+    return Swing(
+        period=time,
+        period_std=0.5 * time,
+        modulation=CONSTANT,
+        size=float(np.sqrt(np.mean(course**2))) / prior,
+        size_std=0.0,
+        left_out_gain=left_out - settings.least_gain,
+        factors=root,
+        std=std,
+        periodic=False,
+    )
+
+
+def wandering_root(seconds: Sequence[Array], time: float) -> Array:
+    """Return a root (all frames, n) of the covariance exp(-|t - t'| / time) in every run.
+
+    Runs have as many columns each: the directions of largest variance.
+    """
+    parts = []
+    for item in seconds:
+        covariance = np.exp(-np.abs(item[:, None] - item[None]) / time)
+        variances, axes = np.linalg.eigh(covariance)
+        parts.append((axes * np.sqrt(np.maximum(variances, 0.0)))[:, ::-1])
+    each = min(DIRECTIONS, *(item.shape[1] for item in parts))
+    return np.asarray(scipy.linalg.block_diag(*(item[:, :each] for item in parts)))
 
 
 def possible_periods(seconds: Sequence[Array], settings: LawSettings) -> Array:
