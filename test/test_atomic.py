@@ -5,9 +5,11 @@ from __future__ import annotations
 import errno
 import os
 from pathlib import Path
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.files.atomic import (
@@ -79,6 +81,24 @@ def test_an_interrupted_run_knows_what_it_has_written(tmp_path):
     Path(first).unlink()
     second.write_text('of somebody else')
     assert outputs_written() == before
+
+
+@pytest.mark.parametrize('instant', ['mkdtemp', 'rmtree', 'replace'])
+def test_an_interrupt_at_any_instant_leaves_nothing_but_what_is_whole(
+    tmp_path, monkeypatch, instant
+):
+    module = {'mkdtemp': tempfile, 'rmtree': shutil, 'replace': os}[instant]
+    real = getattr(module, instant)
+
+    def interrupted(*given, **named):
+        first = real(*given, **named) if instant == 'mkdtemp' else None
+        signal.raise_signal(signal.SIGINT)
+        return first if instant == 'mkdtemp' else real(*given, **named)
+
+    monkeypatch.setattr(module, instant, interrupted)
+    with pytest.raises(KeyboardInterrupt), atomic_output(tmp_path / 'table.csv') as temporary:
+        temporary.write_text('1')
+    assert names(tmp_path) == ([] if instant == 'mkdtemp' else ['table.csv'])
 
 
 def test_an_existing_output_is_refused_before_any_work(tmp_path):

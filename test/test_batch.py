@@ -96,6 +96,16 @@ def test_a_rod_far_from_the_start_is_solved_or_says_so() -> None:
     assert np.isfinite(shapes.x[2]).all()
 
 
+@pytest.mark.parametrize('force, moment', [(1e12, 0.0), (1e20, 0.0), (0.1, 1e30), (0.1, 1e300)])
+def test_a_load_beyond_all_numbers_has_no_shape(force, moment) -> None:
+    start = solve(ARM, pressure=30e3)
+    alone = solve(ARM, pressure=50e3, force=(force, 0.04), moment=moment)
+    beside = solve_many(ARM, [50e3, 30e3], [(force, 0.04), (0.1, 0.0)], [moment, 0.0], start=start)
+    assert not alone.converged
+    assert beside.converged.tolist() == [False, True]
+    assert not np.isfinite(beside.x[0]).any()
+
+
 def test_misuse_is_refused() -> None:
     start = solve(ARM, 31e3)
     with pytest.raises(RequestError, match='3 x 2 forces'):

@@ -173,5 +173,18 @@ def test_pressure_before_its_past_dies_away():
     )
     felt = high_pass(run, memory)
     assert felt[:100] == pytest.approx(np.zeros(100), abs=1e-6)
-    after = 1e-9 * (stamps[100:] - stamps[99])
-    assert felt[100:] == pytest.approx(20e3 * np.exp(-after / memory), abs=1.0)
+    rise = 0.05  # s, along a straight line between two readings
+    at_top = 20e3 * memory / rise * (1.0 - np.exp(-rise / memory))
+    after = 1e-9 * (stamps[100:] - stamps[100])
+    assert felt[100:] == pytest.approx(at_top * np.exp(-after / memory), abs=1e-6)
+
+
+def test_the_past_of_a_night_between_two_readings_takes_no_memory():
+    arm, stamps = paper_arm(), np.array([0, 1, 2, 100_000_001, 100_000_002]) * 1_000_000_000
+    pressure = np.array([10e3, 20e3, 20e3, 30e3, 30e3])
+    run = replace(
+        made(arm, np.zeros(5)), reading_stamp_ns=stamps, pressure=pressure, stamp_ns=stamps
+    )
+    felt = high_pass(run, 1.0)
+    assert felt[2] > 2e3
+    assert abs(felt[3]) < 1e-3

@@ -101,3 +101,24 @@ def test_the_law_has_the_errors_are_the_fit_s_errors_at_its_rows():
         for section in range(2):
             expected = stds[f'moment_law.rigidity.{row}.{section}']
             assert view.rigidity_std[row, section] == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_law_keeps_its_errors_beside_an_elongation():
+    fit = calibration().joint
+    place = fit.parameters.before_law
+    parameters = replace(fit.parameters, elongates=True)
+    added = parameters.before_law - place
+    covariance = fit.covariance
+    for axis in (0, 1):
+        covariance = np.insert(covariance, [place] * added, 0.0, axis=axis)
+    longer = replace(
+        fit,
+        parameters=parameters,
+        values=np.insert(fit.values, [place] * added, 0.0),
+        covariance=covariance,
+    )
+    pressure = np.array([20e3, 40e3])
+    before, after = law_view(fit, pressure), law_view(longer, pressure)
+    assert np.all(before.rigidity_std > 0.0)
+    assert np.allclose(after.rigidity_std, before.rigidity_std)
+    assert np.allclose(after.split_std, before.split_std)

@@ -11,6 +11,7 @@ from pneunet_ros.calibration.noise_estimate import (
     resolution_of,
     second_differences,
 )
+from pneunet_ros.calibration.settings import NOISE_ESTIMATE
 from pneunet_ros.model.uncertainty import SensorNoise
 import pytest
 from support.example_arms import paper_arm
@@ -333,3 +334,12 @@ def test_noise_that_is_not_as_stated_is_said():
     assert 'force_std' not in note
     fair = replace(TRUE, pressure_std=1.5 * TRUE.pressure_std)
     assert estimate_noise(runs(TRUE), PAPER.target_arclength, fair).notes == ()
+
+
+def test_a_tracker_that_repeats_a_pose_is_not_taken_for_exact():
+    arm = paper_arm()
+    (run, *_) = runs(TRUE)
+    frames = len(run.stamp_ns)
+    stuck = np.full((frames, 3), [0.11, 0.0, 0.0]) + 1e-12 * np.arange(frames)[:, None] ** 2
+    found = estimate_noise([replace(run, tip_pose=stuck)], arm.target_arclength, arm.sensors)
+    assert found.noise.heading_std == NOISE_ESTIMATE.least_target

@@ -140,8 +140,9 @@ def calibrate(
             on_progress=on_progress,
             settings=settings,
         )
-        # What is left of a swing looks like a clock that drifts.
-        asked = earlier is None and found.motion is None
+        # What is left of a swing looks like a clock that drifts, and around a fit that did not
+        # settle anything does.
+        asked = earlier is None and found.motion is None and found.joint.converged
         more = camera_clocks(found.joint, found.noise.noise) if asked else {}
         if not more or rounds == MOST_ROUNDS:
             break

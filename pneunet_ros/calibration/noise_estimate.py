@@ -80,14 +80,16 @@ def estimate_noise(
     }
     white = white_of_targets(runs, settings)
     found['target_std'] = white, 'second differences of target positions in time'
-    least = settings.least_target * float(arclength[-1]) if arclength.size else 0.0
-    if white is not None and white < least:
-        white = least
-        found['target_std'] = (
-            white,
-            f'{settings.least_target:g} of the length: target positions in time differ by less, '
-            'as in a lossy film, which repeats what rests',
-        )
+    length = float(arclength[-1]) if arclength.size else 0.0
+    for key, scale in (('target_std', length), ('heading_std', 1.0)):
+        std, least = found[key][0], settings.least_target * scale
+        if std is not None and std < least:
+            found[key] = (
+                least,
+                f'{settings.least_target:g} of the length: positions and headings in time differ '
+                'by less, as in a lossy film or with a tracker that repeats what rests',
+            )
+    white = found['target_std'][0]
     white = white if white is not None else assumed.target_std
     # Differences of a pressure that swings fast tell of that: it never rests.
     pressure_std = min(found['pressure_std'][0] or np.inf, assumed.pressure_std)

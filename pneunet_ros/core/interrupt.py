@@ -1,6 +1,31 @@
-"""An interrupt that was dealt with is over: the exit code is the program's own."""
+"""Interrupts: held back while something is done that must be done whole, and over when met."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import signal
+import threading
+
+
+@contextmanager
+def interrupted_afterwards() -> Iterator[None]:
+    """Hold an interrupt (SIGINT) back until what is done inside is done.
+
+    Only the main thread is ever interrupted; in others nothing has to be held back.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: held.append(number))
+    try:
+        yield
+    finally:
+        # None: a handler that is not of Python, and cannot be set from here.
+        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+        if held:
+            signal.raise_signal(signal.SIGINT)
 
 
 def forget_interrupt() -> None:

@@ -18,7 +18,6 @@ from pneunet_ros.diagnosis.settings import DEFAULTS, LinearizationSettings
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
-import scipy
 
 PAST = 'past'  # stands for the past over `LinearizationSettings.field_memory`
 STRETCH_REGRESSORS = ('1', 'p', 'p^2', 't', PAST, 'F1', 'F2')
@@ -103,19 +102,19 @@ def past_name(time_constant: float) -> str:
 
 
 def high_pass(run: RecordingData, time_constant: float) -> Array:
-    """Return pressure (Pa) less its first-order low-pass, at the frames; static ones rest."""
+    """Return pressure (Pa) less its first-order low-pass, at the frames; static ones rest.
+
+    Exact for readings joined by straight lines.
+    """
     if run.static:
         return np.zeros(len(run.stamp_ns))
-    seconds = (run.reading_stamp_ns - run.reading_stamp_ns[0]) / NANOSECONDS_PER_SECOND
-    step = max(float(np.median(np.diff(seconds))), 1e-3) if seconds.size > 1 else 1.0
-    grid = np.arange(0.0, seconds[-1] + step, step)
-    pressure = np.interp(grid, seconds, run.pressure)
-    decay = np.exp(-step / time_constant)
-    smoothed, _ = scipy.signal.lfilter(
-        [1.0 - decay], [1.0, -decay], pressure, zi=[decay * pressure[0]]
-    )
-    difference: Array = np.interp(seconds, grid, pressure - smoothed)[run.reading]
-    return difference
+    steps = np.diff(run.reading_stamp_ns) / NANOSECONDS_PER_SECOND
+    decay = np.exp(-steps / time_constant)
+    rate = np.divide(np.diff(run.pressure), steps, out=np.zeros_like(steps), where=steps > 0.0)
+    gain = time_constant * rate * (1.0 - decay)
+    pairs = zip(decay.tolist(), gain.tolist(), strict=True)
+    left = itertools.accumulate(pairs, lambda left, pair: pair[0] * left + pair[1], initial=0.0)
+    return np.fromiter(left, np.float64, steps.size + 1)[run.reading]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

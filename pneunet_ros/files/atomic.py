@@ -1,9 +1,9 @@
 """Output files and folders that appear whole or not at all.
 
 Everything is written beside its final place under a hidden name and moved there at the very end.
-After an exception nothing is left; after a kill only the hidden scratch folder is, and whoever
-writes there next removes it. A live run holds a lock on its scratch folder, which the system lets
-go when the run ends, however it ends.
+After an exception nothing is left, whenever an interrupt comes; after a kill only the hidden
+scratch folder is, and whoever writes there next removes it. A live run holds a lock on its scratch
+folder, which the system lets go when the run ends, however it ends.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import shutil
 import tempfile
 
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.interrupt import interrupted_afterwards
 from pneunet_ros.core.paths import resolved
 
 # What the system says when there is no room: disk full, quota used up, file larger than allowed.
@@ -50,18 +51,21 @@ def atomic_output(
 
     Raises RecordingError at once when the place cannot be used, and later when there is no room.
     """
-    output = _open_output(path, overwrite, inputs, tuple(replaceable))
+    output, together = None, _TOGETHER.get()
     try:
+        with interrupted_afterwards():
+            output = _open_output(path, overwrite, inputs, tuple(replaceable))
         with _no_room_said(path):
             yield output.temporary
-    except BaseException:
-        output.discard()
-        raise
-    finished = _TOGETHER.get()
-    if finished is None:
-        _finish([output])
-    else:
-        finished.append(output)
+        with interrupted_afterwards():
+            if together is None:
+                _put_in_place([output])
+            else:
+                together.append(output)
+                output = None
+    finally:
+        if output is not None:
+            output.discard()
 
 
 @contextmanager
@@ -71,13 +75,12 @@ def written_together() -> Iterator[None]:
     token = _TOGETHER.set(finished)
     try:
         yield
-    except BaseException:
-        for output in finished:
-            output.discard()
-        raise
+        with interrupted_afterwards():
+            _put_in_place(finished)
     finally:
         _TOGETHER.reset(token)
-    _finish(finished)
+        for output in finished:
+            output.discard()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,8 +127,9 @@ class _Output:
 
     def discard(self) -> None:
         """Remove what is left beside the final place."""
-        shutil.rmtree(self.scratch, ignore_errors=True)
-        os.close(self.lock)
+        with interrupted_afterwards():
+            shutil.rmtree(self.scratch, ignore_errors=True)
+            os.close(self.lock)
 
 
 # Outputs that this process has put in place or begun to: what the user called them, their place,
@@ -144,17 +148,13 @@ def outputs_written() -> list[str]:
     ]
 
 
-def _finish(outputs: list[_Output]) -> None:
+def _put_in_place(outputs: list[_Output]) -> None:
     """Put outputs in place when none of them has anything against it."""
-    try:
-        for output in outputs:
-            output.check()
-        for output in outputs:
-            with _no_room_said(output.path):
-                output.put_in_place()
-    finally:
-        for output in outputs:
-            output.discard()
+    for output in outputs:
+        output.check()
+    for output in outputs:
+        with _no_room_said(output.path):
+            output.put_in_place()
 
 
 @contextmanager

@@ -128,7 +128,7 @@ class Lines:
     def chi_squared(self, first: npt.ArrayLike, last: npt.ArrayLike) -> Array:
         """Return what the best lines leave of parts of the series, in units of the noise."""
         count, tt, tp, pp = self.moments(first, last)
-        left = pp - np.divide(tp**2, tt, out=np.zeros_like(tp), where=count > 1)
+        left = pp - np.divide(tp**2, tt, out=np.zeros_like(tp), where=tt > 0.0)
         return np.where(count > 2, np.maximum(left, 0.0), 0.0)
 
     def pieces(self) -> list[Piece]:

@@ -33,6 +33,7 @@ from pneunet_ros.solver.columns import (
     FORCE_X,
     FORCE_Y,
     LOADS,
+    THETA,
 )
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.settings import ACCEPTED, SOLVER, SolverSettings
@@ -113,7 +114,8 @@ def solve_many(
     evaluate_batch(*batch, nodes, arclength, fields, detail, missed)
     inside = np.array([arm.beyond_range(value) <= EXTRAPOLATION for value in pressure])
     fine = detail <= settings.finest_detail * arm.length
-    converged = inside & (residual <= ACCEPTED) & fine
+    converged = inside & (residual <= ACCEPTED) & fine & (missed <= settings.turn_per_panel)
+    converged &= np.isfinite(fields[THETA]).all(axis=1)
     converged &= ~np.any(rods.sections[:, :, CUBIC] != 0.0, axis=1)
     converged &= ~rods.push.any(axis=(1, 2))  # pushes that turn with the arm are solved for alone
     residual = np.maximum(residual, missed)

@@ -283,7 +283,7 @@ def solve_dead_loads(
         return failed_shape(arm, load, arclength, sentence, math.nan, 0)
     if start is not None and is_compiled():
         followed = follow_shape(rods, load, start, arclength, settings)
-        if followed is not None:
+        if followed is not None and followed.residual <= settings.turn_per_panel:
             return replace(followed, extrapolated=True) if beyond > 0.0 else followed
     problem = BoundaryValueProblem(rods, (load.force_x, load.force_y), load.moment, settings)
     reason = problem.solve(start, quick)
@@ -293,6 +293,10 @@ def solve_dead_loads(
     missed = at_stations(
         problem.panels, problem.nodes, rods.knots, rods.rotation[0], arclength, values
     )
+    # Loads beyond all numbers leave residuals of zero at the Gauss points, and NaN elsewhere.
+    if missed > settings.turn_per_panel or not np.isfinite(values[THETA]).all():
+        reason = 'no equilibrium found: the load is far beyond that of any arm'
+        return failed_shape(arm, load, arclength, reason, missed, problem.iterations)
     solution = problem.solution()
     stable = None
     if min(rods.sections[0, :, RIGIDITY].tolist()) > 0.0:

@@ -196,7 +196,7 @@ def law_view(fit: Fit, pressure: Array) -> LawView:
     jacobian = parameters.input_jacobian(fit.values, idle(pressure))
     by_column = jacobian[:, LOADS + parameters.arclength.size :]
     variance = np.einsum('pcu,uv,pcv->pc', by_column, fit.covariance, by_column)
-    for place, (section, column) in enumerate(parameters.columns.tolist()):
+    for place, (section, column) in enumerate(parameters.law.columns if parameters.law else ()):
         std[:, section, column] = np.sqrt(np.maximum(variance[:, place], 0.0))
     scale = arm.weight * arm.length**2
     two = sections.shape[1] > 1
