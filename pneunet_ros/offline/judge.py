@@ -346,7 +346,7 @@ def target_fit(series: Mapping[str, ReadingSeries], reading: Array, arm: Arm) ->
         if arm.domain is not None:  # what is far outside belongs to a meaning of its own
             most = FAR_OUTSIDE * arm.domain.largest_force
             matched &= np.hypot(load[:, 0], load[:, 1]) <= most
-    usable = np.flatnonzero(matched & np.isfinite(points).all(axis=1).any(axis=1))
+    usable = np.flatnonzero(matched & np.isfinite(points.sum(axis=1)).any(axis=1))
     if not usable.size:
         return None
     values = reading[at[usable]]
