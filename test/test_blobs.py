@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from pneunet_ros.core.image import Image
 from pneunet_ros.vision.camera.camera_settings import AdaptiveBand, AreaLimits, FixedBand
+from pneunet_ros.vision.dots.areas import _round_ones
 from pneunet_ros.vision.dots.blobs import (
     Appearance,
     Blobs,
@@ -344,6 +345,15 @@ def test_a_background_that_differs_all_around_does_not_move_a_dot():
         claims.append(row.std[0])
     assert np.abs(errors).max() < 0.1
     assert np.sqrt(np.mean(np.square(errors))) < np.sqrt(np.mean(np.square(claims)))
+
+
+def test_a_hairline_is_no_hole_of_a_dot():
+    radius, appearance = 5.0, Appearance(band=BAND, limits=LIMITS)
+    spread = 0.25 * radius**2
+    dot = [np.pi * radius**2, 40.0, 30.0, spread, 0.0, spread]
+    hairline = [-40.0, *[np.nan] * 5]  # a contour there and back again
+    found = _round_ones(np.array([dot, hairline]), appearance)
+    assert found.tolist() == [dot]
 
 
 def test_dark_dots_are_found_in_the_inverted_image():

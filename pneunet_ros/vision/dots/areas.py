@@ -209,7 +209,7 @@ def _round_ones(table: Array, appearance: Appearance) -> Array:
         & (ratio <= 0.5 * (most + 1.0 / most))
     )
     found: Array = table[possible]
-    holes = table[area < -limits.hole]
+    holes = table[(area < -limits.hole) & np.isfinite(uu)]  # a hairline has no inside
     if len(found) and len(holes):
         apart, nearest = scipy.spatial.cKDTree(found[:, 1:3]).query(holes[:, 1:3])
         around = found[nearest, 0]
