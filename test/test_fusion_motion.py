@@ -128,8 +128,15 @@ def test_steps_of_pressure_leave_tip_and_force_known_and_accuse_nothing():
 def test_a_load_that_is_read_moves_the_arm_as_it_swings():
     rows, _, state = fused(True, True)
     assert rms(rows[:, :2]) < 1e-3
-    assert np.mean(rows[:, 2] < IN_95) > 0.85
+    assert np.mean(rows[:, 2] < IN_95) > 0.93
     assert state.causes == frozenset()
+
+
+def test_a_load_that_is_read_accuses_no_force_sensor_by_a_model_without_motion():
+    rows, estimates, state = fused(True, True, known=False)
+    assert state.causes == {MOTION}
+    assert all(one.force_sensor is None for _, one in estimates)
+    assert np.mean(rows[:, 2] < IN_95) > 0.9
 
 
 def test_velocity_is_that_of_the_tip():

@@ -7,8 +7,10 @@ from functools import cache
 
 import numpy as np
 from pneunet_ros import load_model, solve
+from pneunet_ros.core.readings import WrenchReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.readings import path_of, PressureInstant
 from pneunet_ros.measurement.blocks.motion import Motion as Block
 from pneunet_ros.measurement.moving_arm import go_between, MovingState, rates_about
 from pneunet_ros.measurement.swinging_arm import Reference
@@ -128,3 +130,33 @@ def test_faster_shapes_answer_a_ramp_late():
     assert slow == pytest.approx(-DAMPING_TIME / 30.0 * ramp, rel=1e-6)
     left = chain.lag_of(ramp, np.zeros(LINKS), DAMPING_TIME)
     assert left == pytest.approx(np.exp(-1.0) * ramp)
+
+
+def test_between_two_stamps_pressure_and_force_go_as_they_are_read():
+    known = tuple(pressed(stamp, 1e4 * stamp) for stamp in (1, 2, 4))
+    pulls = tuple(
+        WrenchReading(stamp_ns=stamp, force_x=0.0, force_y=force, moment=0.0, frame_id='')
+        for stamp, force in ((0, 0.0), (2, 0.0), (3, 0.1), (5, 0.3))
+    )
+    alone = path_of(known, (), 0, 0.0, pressed(5, 5e4))
+    assert [(one.stamp_ns, one.share) for one in alone] == [(1, 0.2), (2, 0.4), (4, 0.8)]
+    path = path_of(known, pulls, 0, 0.0, pressed(5, 5e4))
+    assert [one.share for one in path] == [one.share for one in alone]
+    beyond = np.array([one.beyond for one in path])
+    assert beyond == pytest.approx(np.array([[0.0, -0.06], [0.0, -0.12], [0.0, -0.04]]))
+
+
+def test_a_force_that_is_read_goes_its_way_where_the_pressure_is_there_again():
+    still = (pressed(1, 2e4), pressed(2, 2e4))
+    assert path_of(still, (), 0, 2e4, pressed(4, 2e4)) == []
+    pull = WrenchReading(stamp_ns=0, force_x=0.02, force_y=0.0, moment=0.0, frame_id='')
+    path = path_of(still, (pull,), 0, 2e4, pressed(4, 2e4))
+    assert [one.share for one in path] == [0.25, 0.5]
+    assert not np.array([one.beyond for one in path]).any()
+
+
+def pressed(stamp_ns: int, chamber: float) -> PressureInstant:
+    """Return a pressure as a fusion keeps it."""
+    return PressureInstant(
+        stamp_ns=stamp_ns, gauge=chamber, chamber=chamber, std=0.0, history=(), memory=()
+    )

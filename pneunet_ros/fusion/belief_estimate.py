@@ -34,6 +34,7 @@ from pneunet_ros.measurement.errors.propagated_errors import (
 )
 from pneunet_ros.measurement.inference.bank import Hypothesis, odds_beside_first
 from pneunet_ros.measurement.inference.gaussian import compress
+from pneunet_ros.measurement.swinging_arm import Passed
 from pneunet_ros.model.domain_position import DomainPosition, locate_load
 from pneunet_ros.model.equilibrium import jacobian_of, Sensitivity
 from pneunet_ros.model.shape import Shape
@@ -164,9 +165,10 @@ def arm_at(
         belief = bench.with_wrench(belief, wrench, instant.gauge)
     bent = bent_at(bench, belief, inputs, causes, start)
     if stamp_ns != before.stamp_ns:
-        path: list[tuple[int, float]] = []
+        path: list[Passed] = []
         if bench.swinging is not None:
-            path = path_of(state.pressures, before.stamp_ns, before.chamber, instant)
+            pulls = () if wrench is None else state.force.kept
+            path = path_of(state.pressures, pulls, before.stamp_ns, before.chamber, instant)
         every = None
         if bench.swinging and bent.shape.converged and not bench.knows_force(belief):
             every = causes_with_contact(bench.unknowns, causes, bent.contact)

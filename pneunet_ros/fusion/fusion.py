@@ -528,6 +528,8 @@ class Fusion:
     def read_frame(self, state: FusionState, sightings: TargetSightings) -> ReadFrame:
         """Return a frame with what was read at the stamp of what it shows."""
         shown_ns = self.bench.shown_ns(sightings)
+        wrench = self.wrench_at(state, shown_ns, with_targets=True)
+        read = wrench is not None and not self.settings.free_tip
         turn = not state.counts.frames % self.settings.still_frames
         return ReadFrame(
             stamp_ns=shown_ns,
@@ -537,8 +539,9 @@ class Fusion:
             or state.pressures[-1].stamp_ns < shown_ns  # it has waited for one in vain
             or self.is_stale(nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns),
             pressure_still=self.is_still(state) and turn,
-            wrench=self.wrench_at(state, shown_ns, with_targets=True),
+            wrench=wrench,
             before=state.pressures if self.bench.swings else (),
+            pulls=state.force.kept if self.bench.swings and read else (),
         )
 
     def is_still(self, state: FusionState) -> bool:

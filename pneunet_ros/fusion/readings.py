@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 import math
 from typing import TypeVar
 
+import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings, WrenchReading
 from pneunet_ros.effects.effect import History, Load
+from pneunet_ros.measurement.swinging_arm import Passed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,8 +66,8 @@ class ReadFrame:
     """A frame with what was read at the stamp of what it shows.
 
     alone: no pressure is known there; pressure_still: the last readings of it are the same to the
-    last bit, and it is this frame's turn to be asked; wrench: None where none is near. before: the
-    readings of the pressure before it, of an arm that swings.
+    last bit, and it is this frame's turn to be asked; wrench: None where none is near. before,
+    pulls: readings of pressure and force around it, of an arm that swings.
     """
 
     stamp_ns: int
@@ -75,10 +77,11 @@ class ReadFrame:
     pressure_still: bool
     wrench: NearWrench | None
     before: tuple[PressureInstant, ...] = ()
+    pulls: tuple[WrenchReading, ...] = ()
 
     def without_wrench(self) -> ReadFrame:
         """Return it as if nobody had read the force."""
-        return replace(self, wrench=None)
+        return replace(self, wrench=None, pulls=())
 
     def with_pressure_std(self, std: float) -> ReadFrame:
         """Return it as if the pressure had been read with this noise (Pa)."""
@@ -108,19 +111,43 @@ def followed_by(known: tuple[Stamped, ...], reading: Stamped, most: int) -> tupl
 
 
 def path_of(
-    known: tuple[PressureInstant, ...], since_ns: int, chamber: float, instant: PressureInstant
-) -> list[tuple[int, float]]:
-    """Return stamps of readings between, and by which share of the way the pressure had moved.
+    known: tuple[PressureInstant, ...],
+    pulls: tuple[WrenchReading, ...],
+    since_ns: int,
+    chamber: float,
+    instant: PressureInstant,
+) -> list[Passed]:
+    """Return how pressure and force went between two stamps.
 
-    since_ns, chamber (Pa): from where; instant: to where. None where it is there again.
+    known, pulls: readings of pressure and force; since_ns, chamber (Pa): from where; instant: to
+    where. Nothing where the pressure is there again, and nobody reads the force.
     """
-    way = instant.chamber - chamber
     between = [one for one in known if since_ns < one.stamp_ns < instant.stamp_ns]
-    if not abs(way) > 0.0 or not all(
-        0.0 <= (one.chamber - chamber) / way <= 1.0 for one in between
-    ):
+    if not between:
         return []
-    return [(one.stamp_ns, (one.chamber - chamber) / way) for one in between]
+    stamps = [one.stamp_ns for one in between]
+    way = instant.chamber - chamber
+    shares = [(one.chamber - chamber) / way for one in between] if abs(way) > 0.0 else []
+    if not shares or not all(0.0 <= share <= 1.0 for share in shares):
+        if not pulls:
+            return []
+        whole = instant.stamp_ns - since_ns
+        shares = [(stamp_ns - since_ns) / whole for stamp_ns in stamps]
+    if not pulls:
+        return [Passed(*one) for one in zip(stamps, shares, strict=True)]
+    first, *force, last = forces_at(pulls, [since_ns, *stamps, instant.stamp_ns])
+    return [
+        Passed(stamp_ns, share, pulled - first - share * (last - first))
+        for stamp_ns, share, pulled in zip(stamps, shares, force, strict=True)
+    ]
+
+
+def forces_at(pulls: tuple[WrenchReading, ...], stamps: list[int]) -> Array:
+    """Return the tip force (stamps, 2) N at stamps, on the lines between its readings."""
+    at = [one.stamp_ns - stamps[0] for one in pulls]
+    times = [stamp_ns - stamps[0] for stamp_ns in stamps]
+    force_x = np.interp(times, at, [one.force_x for one in pulls])
+    return np.stack([force_x, np.interp(times, at, [one.force_y for one in pulls])], axis=1)
 
 
 def nearest_to(known: tuple[Stamped, ...], stamp_ns: int) -> Stamped:

@@ -15,7 +15,7 @@ from pneunet_ros.measurement.blocks.motion import Motion
 from pneunet_ros.measurement.errors.propagated_errors import PropagatedErrors
 from pneunet_ros.measurement.errors.second_order import second_order_factor
 from pneunet_ros.measurement.moving_arm import is_settled, MotionEstimate, Moved
-from pneunet_ros.measurement.swinging_arm import Reference, SwingingArm, Swung
+from pneunet_ros.measurement.swinging_arm import Passed, Reference, SwingingArm, Swung
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.solver.modes import modes_of
 from pneunet_ros.solver.swing import Swing
@@ -28,7 +28,7 @@ def swung_on(
     before: Belief,
     moved: Belief,
     bent: BentArm,
-    path: Sequence[tuple[int, float]] = (),
+    path: Sequence[Passed] = (),
     causes: Array | None = None,
 ) -> tuple[Belief, Moved | None]:
     """Return a belief that has moved with the swing of the arm there, and how the arm moves.

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 import math
+from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
@@ -43,6 +44,17 @@ from pneunet_ros.solver.swing import at_rest, P, Q, Swing
 # Measured: with it steps of 50 kPa and 0.3 N leave chi squared near 1 on three rigs in MuJoCo.
 NEXT, BEYOND = 3, 0.005
 Q_ROWS, P_ROWS = slice(0, Motion.SHAPES), slice(Motion.SHAPES, 2 * Motion.SHAPES)
+
+
+class Passed(NamedTuple):
+    """Where an equilibrium was between two stamps.
+
+    share: of the way; beyond (2,) N: of the tip force, which went another way.
+    """
+
+    stamp_ns: int
+    share: float
+    beyond: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -210,7 +222,7 @@ class SwingingArm:
         moved: Known,
         solution: SolverNodes,
         stamp_ns: int,
-        path: Sequence[tuple[int, float]] = (),
+        path: Sequence[Passed] = (),
         turning: Array | None = None,
     ) -> tuple[Known, Reference, Moved]:
         """Let an arm swing on to a stamp, where its equilibrium is solved.
@@ -220,7 +232,7 @@ class SwingingArm:
             moved: the same with all other unknowns moved, and the force there if it is read.
             solution: the equilibrium there, at the mean of that; it is the new reference.
             stamp_ns: where to.
-            path: stamps between, and by which share of the way the equilibrium has moved there.
+            path: between the stamps.
             turning: how each unknown turns the links there, None for as before: along a straight
                 arm a force that nobody knows says nothing of how it bends next.
 
@@ -238,9 +250,14 @@ class SwingingArm:
             )
             state = self.state_of(moved, old, since, old_ns)
             ahead = links_at(solution) if path else since
-            for between_ns, share in path:
-                there = between(since, ahead, share)
-                state = go_between(state, between_ns, there, masses, motion.damping_time, modes)
+            for passed in path:
+                there = between(since, ahead, passed.share)
+                if passed.beyond is not None:
+                    turned = old.turning[:, self.tip] @ passed.beyond
+                    there = there._replace(heading=there.heading + turned)
+                state = go_between(
+                    state, passed.stamp_ns, there, masses, motion.damping_time, modes
+                )
         following, moving = follow_reading(
             state, stamp_ns, solution.for_kernels(), masses, motion.damping_time, modes
         )
