@@ -179,9 +179,10 @@ def likely_name(name: str) -> str:
         if plain not in KINDS and f'_{plain}'.endswith(f'_{end}'):
             return known_name
     for quantity in KINDS.keys() - TOGETHER.keys():  # of a longer name: elapsed_time_s
-        _, within, unit = plain.rpartition(f'_{quantity}_')
-        if within and unit in SI_PER_UNIT[KINDS[quantity]]:
-            return f'{quantity}_{unit}'
+        _, within, after = f'_{plain}'.rpartition(f'_{quantity}_')
+        for unit in (after, after.partition('_')[0]):  # the first word: PT-101 pressure kPa(g)
+            if within and unit in SI_PER_UNIT[KINDS[quantity]]:
+                return f'{quantity}_{unit}'
     head, _, unit = plain.rpartition('_')
     for other, quantity in _OTHER_WORDS.items():
         if head == other and unit in SI_PER_UNIT[KINDS[quantity]]:

@@ -20,7 +20,7 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.progress import say_how_far, STEP
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.tables.clock import Clock
-from pneunet_ros.tables.columns import standard_name, TIME
+from pneunet_ros.tables.columns import is_unit, standard_name, TIME
 from pneunet_ros.tables.header import (
     ask_about_time,
     check_header,
@@ -279,6 +279,8 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
             hint = ' and no time such as 10:15:03.12 or 2026-11-22 10:15:03.12'
         if _APART.fullmatch(text):
             hint = ' (nothing may set thousands apart, and decimals need a point)'
+        if is_unit(text.lstrip('+-.0123456789 ')):
+            hint = ' (a unit belongs into the name of the column)'
         raise RecordingError(
             f'{path}, line {line}, column {name}: {text[:40]!r} is no number{hint}; a missing '
             'value is an empty cell, NA or nan'

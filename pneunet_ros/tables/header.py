@@ -161,9 +161,11 @@ def check_no_preamble(path: Path, names: int, ahead: Sequence[str], above: int) 
             None,
         )
     if table is not None:
+        line = above + table + 1
         raise RecordingError(
-            f'{path}: the table seems to begin in line {above + table + 1}; the first line must '
-            'name the columns: remove what stands above, or put # before each of these lines'
+            f'{path}: the table seems to begin in line {line}; the first line must name the '
+            f'columns. Leave out what stands above: tail -n +{line} {shlex.quote(str(path))} > '
+            'TABLE.csv, or put # before each of these lines'
         )
 
 
