@@ -211,7 +211,8 @@ def look_for_law(
     if not suspects:
         notes = ('no kind of cause that was tried predicts recordings that are left out',)
         nothing = Discovery(searched=True, causes=causes, notes=notes, settings=settings)
-        return by_itself(nothing, selection, first, base, search, on_progress), None
+        instead = by_itself(selection, first, base, search)
+        return nothing if instead is None else replace(instead, causes=causes), None
     fits = JointFits(selection, first, base, search, settings)
     findings = judge(fits, suspects, on_progress)
     best = shortened(max(findings, key=lambda item: (item.explains, item.gain)), fits)
@@ -234,7 +235,12 @@ def look_for_law(
         unconfirmed = Discovery(
             searched=True, causes=causes, amplitudes=amplitudes, notes=notes, settings=settings
         )
-        return by_itself(unconfirmed, selection, first, base, search, on_progress), best
+        instead = by_itself(selection, first, base, search)
+        return unconfirmed if instead is None else replace(instead, causes=causes), best
+    if best.goes_by_itself:
+        instead = by_itself(selection, first, base, search, best.gain)
+        if instead is not None:
+            return replace(instead, causes=causes), best
     tied = tied_kinds(best, findings, suspects, settings)
     discovery = Discovery(
         searched=True,
@@ -249,18 +255,16 @@ def look_for_law(
 
 
 def by_itself(
-    unconfirmed: Discovery,
-    selection: Selection,
-    first: Trial,
-    base: Trial,
-    search: Search,
-    on_progress: OnProgress,
-) -> Discovery:
-    """Return what changes by itself, where no law of what is measured holds; else the same."""
-    on_progress('causes that change by themselves', 0, 0)
+    selection: Selection, first: Trial, base: Trial, search: Search, least: float = 0.0
+) -> Discovery | None:
+    """Return what changes by itself without a period, where that gains more than so much.
+
+    None where nothing of that sort is confirmed. It takes the place of a law that is not, and of
+    one on time that explains less: that predicts nothing either.
+    """
     suspects = search.wandering_suspects()
-    if not suspects:
-        return unconfirmed
+    if not suspects or suspects[0].left_out_gain <= least:
+        return None
     findings = [
         Finding(
             suspect=item,
@@ -271,17 +275,14 @@ def by_itself(
         for item in suspects
     ]
     best = findings[0]
-    objections = objections_to(best, selection, first, base, search)
-    if objections:
-        kind = best.suspect.kind.name
-        note = f'{kind} that changes by itself is not confirmed: {"; ".join(objections)}'
-        return replace(unconfirmed, notes=(*unconfirmed.notes, note))
+    if objections_to(best, selection, first, base, search):
+        return None
     tied = tied_kinds(best, findings, suspects, search.settings)
-    return replace(
-        unconfirmed,
+    return Discovery(
+        searched=True,
         found=(describe(best, tied, search),),
         amplitudes=amplitude_series(search, best),
-        notes=(),
+        settings=search.settings,
     )
 
 
