@@ -165,7 +165,7 @@ def diagnosis_content(
     provenance: Mapping[str, Any],
     discovery: Discovery = NOTHING_SEARCHED,
 ) -> dict[str, Any]:
-    """Return the content of `diagnosis.json`; see docs/diagnosis.md and docs/discovery.md."""
+    """Return the content of `diagnosis.json`; see docs/diagnosis.md."""
     before, after, found = diagnosis.before, diagnosis.after, discovery.evaluation
     content = {
         'answer': diagnosis.answer,
