@@ -246,6 +246,29 @@ def test_targets_that_are_painted_anew_are_found_out_with_the_first_frame():
         assert one.estimate.shape.tip == pytest.approx(other.estimate.shape.tip, abs=5e-5)
 
 
+def test_a_row_that_is_painted_closer_lies_on_the_arc_and_not_on_its_tangent():
+    truth, places = recorded().truth, recorded().scenario.arm.targets
+
+    def closer(frame, seen):
+        x, y = (
+            np.interp(0.95 * places, truth.arclength, row[frame])
+            - np.interp(places, truth.arclength, row[frame])
+            for row in (truth.x, truth.y)
+        )
+        return sightings_at(seen.stamp_ns, seen.x + x, seen.y + y)
+
+    found = fuse(with_placement(truth.placement.T.ravel()), change=closer)
+    assert TARGETS in found.state.causes
+    force, covariance = (
+        found.force_error,
+        np.array([one.force_covariance for one in found.estimates]),
+    )
+    known = np.isfinite(force).all(axis=1)
+    assert np.mean(known) > 0.8
+    assert covered(force[known], covariance[known]) > 0.9
+    assert rms(force[known]) < 8e-3
+
+
 def test_a_target_that_was_painted_over_is_learned_anew_and_the_others_stay():
     moved, by = 12, 3e-4
 

@@ -279,19 +279,23 @@ class FrameProblem:
         if not shape.converged or shape.stable is False:
             return None
         there_x, there_y, theta, swung = shape.x, shape.y, shape.theta, self.swung(bent, x)
+        curvature = shape.curvature
         if swung is not None:
-            moved_x, moved_y, turned, _ = swung.beside
+            moved_x, moved_y, turned, bends = swung.beside
+            curvature = curvature + bends
             if self.left_out is not None:
                 off = xi[self.left_out : self.left_out + NEXT]
                 off_x, off_y = np.tensordot(off, swung.left_out, axes=1)
                 moved_x, moved_y = moved_x + off_x, moved_y + off_y
             there_x, there_y, theta = there_x + moved_x, there_y + moved_y, theta + turned
-        heading = np.exp(1j * theta)
         along, across = unknowns.dots_moved(x)
+        # A dot that is painted further along is further on the arc: its chord and its heading.
+        chord = along * np.exp(1j * (theta + 0.5 * curvature * along))
+        heading = np.exp(1j * (theta + curvature * along))
         clamp_x, clamp_y, angle = (unknowns.camera @ x).tolist()
         clamp, turn = complex(clamp_x, clamp_y), cmath.rect(1.0, angle)
         seen_x, seen_y = arm.see(there_x, there_y)
-        seen = turn * (seen_x + 1j * seen_y + heading * (along + 1j * across))
+        seen = turn * (seen_x + 1j * seen_y + chord + 1j * heading * across)
         back = heading.conj() / turn
         residual = self.whiten((self.measured - clamp - seen) * back)
         cost = float(xi @ xi + residual @ residual)
