@@ -1,0 +1,1 @@
+"""One marginal likelihood for effects of the library and kinds of discovery: a trial."""
