@@ -67,3 +67,9 @@ def test_corrected_stamps_are_those_of_the_readings():
     time = seconds_after(run, clock.middle_ns)
     apart = clock.late + clock.rate * time + 0.001 + 1e-3 * (time - 1.0)
     assert both.late + both.rate * time == pytest.approx(apart)
+
+
+@pytest.mark.parametrize('rate, is_wrong', [(5e-4, False), (-2e-4, False), (-2e-3, True)])
+def test_a_clock_is_wrong_where_that_of_a_crystal_would_not_be(rate, is_wrong):
+    clock = CameraClock(name='film', middle_ns=0, late=0.0, rate=rate, rate_std=1e-4)
+    assert (clock.evidence > 0.0) == is_wrong

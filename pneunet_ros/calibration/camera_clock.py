@@ -27,7 +27,9 @@ from pneunet_ros.model.uncertainty import SensorNoise
 import scipy
 
 LATE_STD = 0.1  # s, half of the prior of camera_delay
-RATE_STD = 0.01  # of every hundred frames one is lost; crystals are off by 1e-4 at most
+RATE_STD = 0.01  # of every hundred frames one is lost
+CRYSTAL_STD = 1e-4  # of two clocks in order, by data sheets of crystals
+ODDS_AGAINST = 5.0  # nats, that a clock is wrong: one in 150, as of a cause in the fusion
 STEP = 0.1  # s, of a central difference: in less the noise of readings looks like a change
 MOST_ROUNDS = 6  # of calibrations, each with better stamps
 FEWEST = 20  # frames, with which diagnosis looks at time
@@ -49,9 +51,10 @@ class CameraClock:
 
     @property
     def evidence(self) -> float:
-        """How much more probable its frames are with a rate than without: log."""
-        sure, volume = self.rate / self.rate_std, RATE_STD / self.rate_std
-        return 0.5 * (sure**2 - math.log1p(volume**2))
+        """Log odds, by its frames, that it is wrong and not in order."""
+        wrong, right = RATE_STD**2 + self.rate_std**2, CRYSTAL_STD**2 + self.rate_std**2
+        odds = 0.5 * (self.rate**2 * (1.0 / right - 1.0 / wrong) - math.log(wrong / right))
+        return odds - ODDS_AGAINST
 
     @property
     def sentence(self) -> str:
