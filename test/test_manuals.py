@@ -158,7 +158,16 @@ REASONS = {
         UPRIGHT,
         AHEAD,
         WRONG_CAMERA_INFO,
-        *(reasons_in(m) for m in ('vision/tracker', 'vision/rest_plane', 'vision/row_tracker')),
+        *(
+            reasons_in(m)
+            for m in (
+                'vision/tracker',
+                'vision/rest_plane',
+                'vision/rows/view',
+                'vision/rows/row_search',
+                'vision/rows/row_search_at_rest',
+            )
+        ),
     ],
     'fusion': [
         UNREADABLE,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pneunet_ros.vision.row_tracker import velocity_along_row
+from pneunet_ros.vision.rows.row_motion import velocity_along_row
 import pytest
 
 ARCLENGTH = np.linspace(0.0, 0.11, 12)

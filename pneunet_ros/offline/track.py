@@ -22,7 +22,7 @@ from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recording_writer import RecordingWriter
 from pneunet_ros.vision.camera.camera_model import Lens
 from pneunet_ros.vision.rest_plane import RESTING, UPRIGHT
-from pneunet_ros.vision.row_tracker import CAUSES
+from pneunet_ros.vision.rows.row import CAUSES
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 
 OFTEN = 0.03  # share of the frames in which a target is missing, from which on it is said

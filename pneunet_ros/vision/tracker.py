@@ -37,19 +37,13 @@ from pneunet_ros.vision.rest_plane import (
     spacing_of,
     UPRIGHT,
 )
-from pneunet_ros.vision.row_tracker import (
-    at_stamp,
-    follow_row,
-    is_at_clamp,
-    ObservedRow,
-    search_around,
-    search_at_rest,
-    search_row,
-    start_row,
-    target_sightings,
-    TrackedRow,
-    View,
-)
+from pneunet_ros.vision.row_tracker import follow_row
+from pneunet_ros.vision.rows.row import ObservedRow, target_sightings, TrackedRow
+from pneunet_ros.vision.rows.row_gate import is_at_clamp
+from pneunet_ros.vision.rows.row_motion import at_stamp, start_row
+from pneunet_ros.vision.rows.row_search import search_around, search_row
+from pneunet_ros.vision.rows.row_search_at_rest import search_at_rest
+from pneunet_ros.vision.rows.view import View
 from pneunet_ros.vision.settings import VISION, VisionSettings
 from pneunet_ros.vision.smoother import FEWEST_TARGETS, MeasuredCurve, smoother_for
 
@@ -59,7 +53,7 @@ UNKNOWN = Plane(base_from_normalized=np.eye(3))  # one meter from the camera, as
 
 
 class Missing(NamedTuple):
-    """Why a target is not seen (a key of `row_tracker.CAUSES`), and where it should be, px."""
+    """Why a target is not seen (a key of `rows.row.CAUSES`), and where it should be, px."""
 
     cause: str
     u: float

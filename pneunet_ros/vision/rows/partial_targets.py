@@ -1,0 +1,246 @@
+"""Targets of which a part is seen, or which are smeared: their neighbors tell the rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.vision.dots.blobs import blobs_at
+from pneunet_ros.vision.dots.centroid import AREA, CONTRAST, is_possible, rows_of, STD, U
+from pneunet_ros.vision.dots.ellipse_fit import (
+    AXIS_XX,
+    AXIS_YY,
+    CENTER_U,
+    CENTER_V,
+    SIZE_STD,
+    SMEAR_U,
+    SMEAR_V,
+)
+from pneunet_ros.vision.dots.moving_dots import (
+    as_fitted,
+    end_of_arm,
+    fit_moving_dot,
+    is_dot,
+    known_by,
+    moves_far,
+    MovingDot,
+    nothing_known,
+)
+from pneunet_ros.vision.gating import Mask
+from pneunet_ros.vision.row_look import (
+    believable_parts,
+    has_whole_edge,
+    is_larger,
+    looks_of_neighbors,
+    part_stds,
+    share_of_area,
+    whole_targets,
+)
+from pneunet_ros.vision.rows.row import ObservedRow, TrackedRow
+from pneunet_ros.vision.rows.row_gate import expected_pixels, gate_row
+from pneunet_ros.vision.rows.row_motion import velocity_along_row
+from pneunet_ros.vision.rows.view import View
+
+
+def with_partial(
+    view: View, row: ObservedRow, usual: Array, sized: Mask, last: TrackedRow | None = None
+) -> ObservedRow:
+    """Return a row with the targets of which a part is seen, where their neighbors tell the rest.
+
+    sized (targets,): whose usual area is their own; other arguments as of `gate_row`.
+    """
+    settings = view.vision.row_look
+    if row.seen <= settings.fewest:
+        return row
+    starts = _places_by_neighbors(view, row, last)
+    large = is_larger(usual, view.vision.gating) & ~sized
+    own = np.where(sized | large, usual, np.nan)
+    expected = looks_of_neighbors(row.table, starts[0], own, settings)
+    expected[large, SIZE_STD] = settings.own_std
+    expected[large, AXIS_XX : AXIS_YY + 1] *= 1.0 + settings.own_std
+    share = share_of_area(row.table, expected)
+    partial = ~whole_targets(row.table, expected, settings)
+    same = has_whole_edge(row.table, settings) & (
+        row.table[:, AREA] >= settings.least_area * usual
+    )
+    if last is None:  # nothing tells yet how large each is
+        partial &= ~same
+    found = np.full_like(row.table, np.nan)
+    swept = expected
+    if last is not None and partial.any():
+        swept = _with_ways(view, row, expected, last)
+    moving = partial & moves_far(swept, view.vision.moving_dots)
+    if moving.any():
+        found[moving] = _moving_at(view, row, moving, swept, starts, last)[moving]
+    for places in starts:
+        expected[:, [CENTER_U, CENTER_V]] = places
+        looked_at = partial & ~moving & np.isfinite(places[:, 0])
+        if looked_at.any():
+            part = _parts_at(view, row, usual, looked_at, expected, last)
+            better = np.isfinite(part[:, U]) & ~(found[:, STD] <= part[:, STD])
+            found[better] = part[better]
+    believed = np.isfinite(found[:, U])
+    # What is neither as large as it has been, nor a part of what its neighbors are, is something
+    # else.
+    other = partial & ~believed & ~same & np.isfinite(share)
+    if not (believed | other).any():
+        return row
+    table = np.where(believed[:, None], found, row.table)
+    table[other] = np.nan
+    causes = tuple(np.where(other, 'part', row.causes).tolist())
+    return gate_row(view, table, usual, last, believed, causes)
+
+
+def _parts_at(
+    view: View,
+    row: ObservedRow,
+    usual: Array,
+    partial: Mask,
+    expected: Array,
+    last: TrackedRow | None,
+) -> Array:
+    """Return the targets that are what their neighbors are, as far as they are seen.
+
+    partial (targets,): which are looked at; expected: where, and as `looks_of_neighbors`. Rows
+    (targets, columns), NaN where there is none to be believed.
+    """
+    settings = view.vision.row_look
+    found = np.full_like(row.table, np.nan)
+    found[partial] = blobs_at(view.image, expected[partial], view.appearance)
+    found[:, STD] = part_stds(found, expected, settings)
+    off = np.hypot(*(found[:, :2] - expected[:, [CENTER_U, CENTER_V]]).T)
+    believed = off <= settings.moved * np.sqrt(usual / math.pi)
+    believed &= believable_parts(found, expected, share_of_area(row.table, expected), settings)
+    if last is not None:
+        # What was not seen before must be on the row: a finger nail is as bright and as large.
+        worse = found[:, STD] > settings.worse * np.nanmedian(row.table[:, STD])
+        believed &= _are_on_row(view, row, found, partial & (~last.seen | worse))
+    found[~believed] = np.nan
+    return found
+
+
+def _with_ways(view: View, row: ObservedRow, expected: Array, last: TrackedRow) -> Array:
+    """Return outlines (targets, FITTED) that move as the row does while the shutter is open.
+
+    A line over how neighbors are smeared tells too little where most of them are not seen whole:
+    the longer way counts of that one and of the way since the last frame.
+    """
+    outlines, both = expected.copy(), np.isfinite(row.table[:, U]) & last.seen
+    if both.any():
+        seconds = seconds_between(last.stamp_ns, view.image.stamp_ns)
+        moved = (row.table[both, :2] - last.pixels[both]) / seconds
+        neighbors = view.vision.row_look.neighbors
+        ways = last.exposure * velocity_along_row(moved, view.arclength, both, neighbors)
+        longer = np.hypot(*ways.T) > np.hypot(expected[:, SMEAR_U], expected[:, SMEAR_V])
+        outlines[longer, SMEAR_U : SMEAR_V + 1] = ways[longer]
+    return outlines
+
+
+def _moving_at(
+    view: View,
+    row: ObservedRow,
+    moving: Mask,
+    expected: Array,
+    starts: tuple[Array, ...],
+    last: TrackedRow | None,
+) -> Array:
+    """Return the targets that move far while the shutter is open, rows (targets, columns).
+
+    moving (targets,): which are looked for, at each of `starts`, and where the others lead, as a
+    blob that is smeared may be elsewhere; expected: as `looks_of_neighbors`. NaN where there is
+    none to be believed.
+    """
+    without = replace(row, table=row.table.copy(), points=row.points.copy())
+    without.table[moving] = without.points[moving] = np.nan
+    starts = _places_by_neighbors(view, without, last) + starts
+    settings, look, grey = view.vision.moving_dots, view.vision.row_look, view.image.grey()
+    along = np.gradient(starts[0], axis=0)
+    along /= np.hypot(*along.T)[:, None]
+    ends = np.full(len(along), math.inf)
+    ends[-1] = end_of_arm(expected[-1], along[-1], settings)
+    tell = np.flatnonzero(whole_targets(row.table, expected, look)).tolist()
+    if not tell:
+        return np.full_like(row.table, np.nan)
+    fitted: dict[int, MovingDot | None] = {}
+    found = np.full_like(row.table, np.nan)
+    away = np.abs(np.arange(len(moving))[:, None] - tell).min(axis=1)
+    for target in sorted(np.flatnonzero(moving).tolist(), key=lambda it: int(away[it])):
+        nearest = sorted(tell, key=lambda it: abs(it - target))[: settings.alike]
+        for other in nearest:
+            if other not in fitted:
+                outline = expected[other].copy()
+                outline[[CENTER_U, CENTER_V]] = row.table[other, :2]
+                nothing = nothing_known(outline, row.table[other, CONTRAST], settings)
+                fitted[other] = fit_moving_dot(
+                    grey, outline, along[other], ends[other], nothing, settings
+                )
+        alike = [dot for it in nearest if (dot := fitted[it]) is not None]
+        if len(alike) < settings.fewest:
+            continue
+        known = known_by(alike, settings)
+        for places in starts:
+            outline = expected[target].copy()
+            outline[[CENTER_U, CENTER_V]] = places[target]
+            near = settings.near * math.sqrt(expected[target, AXIS_XX] * expected[target, AXIS_YY])
+            again = math.hypot(*(places[target] - found[target, :2])) < near
+            if np.isnan(outline).any() or again:
+                continue
+            dot = fit_moving_dot(grey, outline, along[target], ends[target], known, settings)
+            if dot is None or not is_dot(dot, known, settings):
+                continue
+            fitting = rows_of(as_fitted(outline, dot)[None])[0]
+            radius = math.sqrt(fitting[AREA] / math.pi)
+            off = math.hypot(*(dot.center - places[target]))
+            sure = dot.std <= look.unsure * radius and not found[target, STD] <= dot.std
+            if sure and off <= settings.astray * radius:
+                found[target], fitted[target] = fitting, dot
+        if target in fitted:  # skin and light change along the arm: it tells the next one more
+            tell.append(target)
+    found[~is_possible(found, view.appearance.look, grey.shape)] = np.nan
+    if last is not None:
+        worse = found[:, STD] > look.worse * np.nanmedian(row.table[:, STD])
+        found[~_are_on_row(view, row, found, moving & (~last.seen | worse))] = np.nan
+    return found
+
+
+def _places_by_neighbors(
+    view: View, row: ObservedRow, last: TrackedRow | None
+) -> tuple[Array, ...]:
+    """Return where targets are, or may be by those next to them, (targets, 2) px each.
+
+    One that is not seen is where the row leads, which tells little beyond a gap; or, if it was
+    seen in the last row, where its motion leads and the others are off theirs (NaN of all others).
+    """
+    seen = np.isfinite(row.table[:, U])
+    on_row = np.where(seen[:, None], row.table[:, :2], expected_pixels(view, row.points))
+    if last is None:
+        return (on_row,)
+    lost, both = last.seen & ~seen, last.seen & seen
+    if not (lost.any() and both.any()):
+        return (on_row,)
+    predicted = last.predict(view.image.stamp_ns, view.vision.row_tracker.longest_prediction)
+    moved, off = np.full_like(predicted, np.nan), (row.table[:, :2] - predicted)[both]
+    for axis in range(2):
+        more = np.interp(view.arclength[lost], view.arclength[both], off[:, axis])
+        moved[lost, axis] = predicted[lost, axis] + more
+    return on_row, moved
+
+
+def _are_on_row(view: View, row: ObservedRow, found: Array, doubtful: Mask) -> Mask:
+    """Whether doubtful targets are where those on either side of them say (targets,).
+
+    found (targets, columns): where each is; doubtful (targets,): which appear by a part, or fit
+    badly. True of all others, and of those at an end of what is seen.
+    """
+    others = np.where(doubtful[:, None], np.nan, row.points)
+    seen = np.flatnonzero(np.isfinite(others[:, 0]))
+    if seen.size < 2:
+        return ~doubtful
+    between = np.zeros_like(doubtful)
+    between[seen[0] : seen[-1]] = True
+    off = np.hypot(*(found[:, :2] - expected_pixels(view, others)).T)
+    reach = view.vision.row_look.appeared * np.sqrt(found[:, AREA] / math.pi)
+    return np.asarray(~(doubtful & between) | (off <= reach))

@@ -1,0 +1,94 @@
+"""Which blobs are believed to be targets of the row, and where the others must be."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.vision.dots.centroid import AREA, MAJOR, MINOR, STD, U
+from pneunet_ros.vision.gating import (
+    consistent_motion,
+    consistent_size,
+    consistent_spacing,
+    expected_points,
+    gating_numbers,
+    Mask,
+)
+from pneunet_ros.vision.rows.row import ObservedRow, TrackedRow
+from pneunet_ros.vision.rows.view import View
+
+
+def gate_row(
+    view: View,
+    table: Array,
+    usual: Array,
+    last: TrackedRow | None = None,
+    parts: Mask | None = None,
+    causes: tuple[str, ...] | None = None,
+) -> ObservedRow:
+    """Return the blobs of a table that are believed to be targets.
+
+    usual (targets,) px^2: how large they are compared with each other; parts (targets,): which of
+    them were measured by a part, with the size of their neighbors; causes: why some are not in the
+    table. Those that were seen in the last row must have moved as their neighbors; without one the
+    ends of the row must be near the other targets.
+    """
+    table, gating = table.copy(), view.vision.gating
+    there = np.isfinite(table[:, U])
+    why = np.array(causes or ('',) * len(table), dtype='U8')
+    why[there] = ''
+    why[~there & (why == '')] = 'no_dot'
+    farthest = gating.farthest
+    if last is not None:
+        off = table[:, :2] - last.predict(
+            view.image.stamp_ns, view.vision.row_tracker.longest_prediction
+        )
+        off[~last.seen] = np.nan
+        alone = consistent_motion(off, last.spacing, gating)[1]
+        table[alone], why[alone] = np.nan, 'motion'
+        farthest = math.inf
+    normalized = view.lens.undistort(table[:, :2])
+    points = view.plane.points(normalized)
+    sized = consistent_size(table[:, AREA], usual, table[:, MAJOR] / table[:, MINOR], gating)
+    if parts is not None:
+        sized |= parts
+    points[~sized] = np.nan
+    why[~sized & (why == '')] = 'size'
+    x, y = np.ascontiguousarray(points.T)
+    seen = consistent_spacing(x, y, view.arclength, farthest, gating_numbers(gating))
+    std = table[:, STD] * view.lens.scale(normalized) * view.plane.scale(normalized)
+    table[~seen] = points[~seen] = std[~seen] = np.nan
+    why[~seen & (why == '')] = 'place'
+    return ObservedRow(
+        table=table,
+        points=points,
+        std=std,
+        seen=int(np.count_nonzero(seen)),
+        causes=tuple(why.tolist()),
+    )
+
+
+def expected_pixels(view: View, points: Array) -> Array:
+    """Return where all targets are expected by those that are seen, (targets, 2) px.
+
+    points (targets, 2) m in base, NaN where a target is not seen.
+    """
+    x, y = np.ascontiguousarray(points.T)
+    gating = gating_numbers(view.vision.gating)
+    expected = np.column_stack(expected_points(x, y, view.arclength, gating))
+    return view.lens.distort(view.plane.normalized(expected))
+
+
+def is_at_clamp(view: View, points: Array) -> bool:
+    """Whether the first target that is seen, if it is near the clamp, is where it must be."""
+    settings, arclength, clamp_angle = view.vision.row_tracker, view.arclength, view.clamp_angle
+    seen = np.flatnonzero(np.isfinite(points[: settings.near_clamp, 0]))
+    if not seen.size:
+        return True
+    first = int(seen[0])
+    x, y = points[first].tolist()
+    aside = y * math.cos(clamp_angle) - x * math.sin(clamp_angle)
+    allowed = (1.0 + first) * float(arclength[1] - arclength[0])
+    off_along = abs(math.hypot(x, y) - float(arclength[first]))
+    return off_along <= settings.off_along * allowed and abs(aside) <= settings.off_aside * allowed

@@ -1,0 +1,139 @@
+"""How a row moves: from one frame to the next, and while the shutter is open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.vision.dots.centroid import AREA, SMEAR, STD, U, V
+from pneunet_ros.vision.gating import initial_area, Mask
+from pneunet_ros.vision.row_look import has_whole_edge, shows_own_size
+from pneunet_ros.vision.rows.row import ObservedRow, TrackedRow
+from pneunet_ros.vision.rows.row_gate import expected_pixels
+from pneunet_ros.vision.rows.view import View
+from pneunet_ros.vision.settings import VisionSettings
+
+
+def start_row(view: View, row: ObservedRow) -> TrackedRow:
+    """Return a row that was found from nothing as the next frame needs it."""
+    shown = shows_own_size(row.table, view.vision.row_look, view.vision.gating)
+    nowhere = TrackedRow(
+        stamp_ns=view.image.stamp_ns - 1,
+        pixels=row.table[:, :2],
+        velocity=np.zeros((len(row.table), 2)),
+        velocity_std=np.full(len(row.table), math.inf),
+        area=initial_area(row.table[:, AREA], shown, view.vision.gating),
+        table=row.table,
+        seen=np.zeros(len(row.table), np.bool_),
+        sized=has_whole_edge(row.table, view.vision.row_look),
+        spacing=math.nan,
+        exposure=0.0,
+    )
+    return next_row(view, row, nowhere)
+
+
+def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
+    """Return what the next frame starts from.
+
+    Targets that are not seen are where the others say, and move as those next to them.
+    """
+    arclength, seen = view.arclength, np.isfinite(row.table[:, U])
+    pixels, area = row.table[:, :2].copy(), last.area.copy()
+    shown = shows_own_size(row.table, view.vision.row_look, view.vision.gating) & ~last.sized
+    area[shown] = row.table[shown, AREA]
+    area[seen] += view.vision.row_tracker.area_gain * (row.table[seen, AREA] - area[seen])
+    if not seen.all():
+        pixels[~seen] = expected_pixels(view, row.points)[~seen]
+    velocity, exposure = np.zeros_like(pixels), last.exposure
+    velocity_std = np.full(len(pixels), math.inf)
+    both = seen & last.seen
+    if both.any():
+        seconds = seconds_between(last.stamp_ns, view.image.stamp_ns)
+        moved = (pixels[both] - last.pixels[both]) / seconds
+        velocity = velocity_along_row(moved, arclength, both, view.vision.row_look.neighbors)
+        exposure = exposure_of(row.table[both], moved, seconds, last.exposure, view.vision)
+        exposure = view.settings.shutter.exposure or exposure
+        noise = np.hypot(row.table[both, STD], last.table[both, STD]) / seconds
+        # It is that of the middle between the frames; how it changed tells how it goes on.
+        change = 0.5 * np.hypot(*(velocity - last.velocity)[both].T)
+        velocity_std[both] = np.hypot(noise, change)
+        velocity_std[~both] = velocity_std[both].max()
+    steps = np.hypot(*np.diff(pixels, axis=0).T)
+    known = steps[np.isfinite(steps)]
+    looked = np.where(seen[:, None], row.table, last.table)
+    return TrackedRow(
+        stamp_ns=view.image.stamp_ns,
+        pixels=pixels,
+        velocity=velocity,
+        velocity_std=velocity_std,
+        area=area,
+        table=looked,
+        seen=seen,
+        sized=last.sized | has_whole_edge(row.table, view.vision.row_look),
+        spacing=float(np.median(known)) if known.size else math.nan,
+        exposure=exposure,
+    )
+
+
+def velocity_along_row(moved: Array, arclength: Array, known: Mask, neighbors: int) -> Array:
+    """Return how all targets move, (targets, 2) px or px/s, by those of which it is known.
+
+    moved (known, 2), in the same unit. Between two of them it changes evenly; beyond the last ones
+    it goes on as along so many neighbors: the end of an arm moves faster than what is before it.
+    """
+    velocity, places = np.empty((len(arclength), 2)), arclength[known]
+    for axis in range(2):
+        velocity[:, axis] = np.interp(arclength, places, moved[:, axis])
+    if len(places) < neighbors:
+        return velocity
+    for beyond, near in (
+        (arclength < places[0], slice(neighbors)),
+        (arclength > places[-1], slice(-neighbors, None)),
+    ):
+        away = places[near] - places[near].mean()
+        slope = away @ (moved[near] - moved[near].mean(axis=0)) / (away @ away)
+        end = np.clip(arclength[beyond], places[0], places[-1])
+        velocity[beyond] += (arclength[beyond] - end)[:, None] * slope
+    return velocity
+
+
+def exposure_of(
+    table: Array, velocity: Array, seconds: float, before: float, vision: VisionSettings
+) -> float:
+    """Return how long (s) the shutter seems to be open, by how far targets are smeared.
+
+    velocity (n, 2) px/s; seconds: between frames; before: what it seemed to be in the last frame,
+    0 where nothing is known. Where hardly anything moves a frame tells nothing of it.
+    """
+    settings = vision.row_tracker
+    least, most = settings.least_exposure * seconds, settings.most_exposure * seconds
+    if before == 0.0:
+        before = settings.first_exposure * seconds
+    smeared = (table[:, SMEAR] != 0.0).any(axis=1)
+    square = np.sum(velocity[smeared] ** 2)
+    if square * seconds**2 < settings.least_way**2:
+        return before
+    along = np.sum(np.abs(np.sum(velocity[smeared] * table[smeared, SMEAR], axis=1)))
+    return float(np.clip(along / square, least, most))
+
+
+def at_stamp(view: View, row: ObservedRow, now: TrackedRow) -> ObservedRow:
+    """Return a row as it was at the stamp of its frame, by how it moves.
+
+    A rolling shutter sees each target at a time of its own. One whose motion is not known, as in
+    the first frame that shows it, stays where it was seen.
+    """
+    shutter = view.settings.shutter
+    known = np.isfinite(row.points[:, 0]) & np.isfinite(now.velocity_std)
+    if shutter.is_at_stamp or not known.any():
+        return row
+    seconds = shutter.seconds_after_stamp(row.table[known, V], view.image.height)
+    normalized = view.lens.undistort(row.table[known, :2] - seconds[:, None] * now.velocity[known])
+    points, std = row.points.copy(), row.std.copy()
+    points[known] = view.plane.points(normalized)
+    scale = view.lens.scale(normalized) * view.plane.scale(normalized)
+    std[known] = np.hypot(std[known], np.abs(seconds) * now.velocity_std[known] * scale)
+    return replace(row, points=points, std=std)

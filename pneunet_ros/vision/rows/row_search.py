@@ -1,0 +1,94 @@
+"""The row that starts at the clamp, found among all areas of a frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+
+import numpy as np
+from pneunet_ros.vision.association import least_seen, near_row_from_clamp, row_from_clamp
+from pneunet_ros.vision.dots.areas import round_areas
+from pneunet_ros.vision.dots.blobs import Blobs, measure_areas
+from pneunet_ros.vision.dots.centroid import AREA, COLUMNS
+from pneunet_ros.vision.gating import initial_area
+from pneunet_ros.vision.rest_plane import Failure
+from pneunet_ros.vision.row_look import has_whole_edge, shows_own_size
+from pneunet_ros.vision.rows.partial_targets import with_partial
+from pneunet_ros.vision.rows.row import ObservedRow, TrackedRow
+from pneunet_ros.vision.rows.row_gate import gate_row, is_at_clamp
+from pneunet_ros.vision.rows.view import NO_AREAS, View
+
+
+def search_around(view: View, last: TrackedRow) -> ObservedRow | Failure:
+    """Find the row that starts at the clamp around where it was last."""
+    reach = view.vision.gating.farthest * last.spacing
+    places = last.pixels[np.isfinite(last.pixels[:, 0])]
+    if not (len(places) and math.isfinite(reach)):
+        return NO_AREAS
+    size = view.image.width, view.image.height
+    first = np.clip(np.floor(places.min(axis=0) - reach), 0, size).astype(np.int64)
+    after = np.clip(np.ceil(places.max(axis=0) + reach) + 1.0, 0, size).astype(np.int64)
+    piece = view.image.grey()[first[1] : after[1], first[0] : after[0]]
+    if not piece.size:
+        return NO_AREAS
+    areas = round_areas(piece, view.appearance)
+    areas = areas._replace(centers=areas.centers + first)
+    return search_row(replace(view, areas=areas, shallow=True))
+
+
+def search_row(view: View) -> ObservedRow | Failure:
+    """Find the row that starts at the clamp among all areas of the frame.
+
+    Areas on a row, as their moments say, are measured first. Where that does not show all of the
+    targets, all areas are.
+    """
+    areas = view.round_areas()
+    points = view.plane.points(view.lens.undistort(areas.centers))
+    usable = np.flatnonzero(np.isfinite(points[:, 0]))
+    near = usable[
+        near_row_from_clamp(
+            points[usable],
+            areas.areas[usable],
+            view.arclength,
+            view.clamp_angle,
+            view.vision.beam_search,
+        )
+    ]
+    if len(near) < len(areas.centers):
+        row = row_among(view, measure_areas(view.image, areas.only(near), view.appearance))
+        if isinstance(row, ObservedRow) and row.seen == view.arclength.size:
+            return row
+        if view.shallow:
+            return replace(row, found=areas.centers) if isinstance(row, Failure) else row
+    blobs = measure_areas(view.image, areas, view.appearance)
+    if len(blobs) == 0:
+        return NO_AREAS
+    found = row_among(view, blobs)
+    return replace(found, found=blobs.centers) if isinstance(found, Failure) else found
+
+
+def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
+    """Find the row that starts at the clamp among these blobs."""
+    vision = view.vision
+    points = view.plane.points(view.lens.undistort(blobs.centers))
+    usable = np.flatnonzero(np.isfinite(points[:, 0]))
+    row = row_from_clamp(
+        points[usable], blobs.area[usable], view.arclength, view.clamp_angle, vision.beam_search
+    )
+    targets = view.arclength.size
+    least = least_seen(targets, vision.association)
+    table, chosen = np.full((targets, COLUMNS), np.nan), row.chosen >= 0
+    table[chosen] = blobs.table.T[usable[row.chosen[chosen]]]
+    shown = shows_own_size(table, vision.row_look, vision.gating)
+    usual = initial_area(table[:, AREA], shown, vision.gating)
+    sized = has_whole_edge(table, vision.row_look)
+    found = with_partial(view, gate_row(view, table, usual), usual, sized)
+    if found.seen < least or not is_at_clamp(view, found.points):
+        return Failure(
+            reason='no_row',
+            seen=found.seen,
+            sentence=f'only {found.seen} of {targets} targets stand in a row from the clamp, '
+            f'among {len(blobs)} areas; {least} are needed: is the arm covered, or has '
+            'the camera moved?',
+        )
+    return found

@@ -1,0 +1,147 @@
+"""The row of the arm at rest, found while the plane of the arm is not known yet."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.vision.association import near_rows_anywhere
+from pneunet_ros.vision.camera.camera_settings import CurvedRestPlane
+from pneunet_ros.vision.dots.areas import RoundAreas
+from pneunet_ros.vision.dots.blobs import Blobs, measure_areas
+from pneunet_ros.vision.rest_plane import (
+    Failure,
+    plane_at_rest,
+    RestSearch,
+    row_at_rest,
+    row_points,
+    spacing_of,
+)
+from pneunet_ros.vision.rows.row import ObservedRow
+from pneunet_ros.vision.rows.row_search import row_among
+from pneunet_ros.vision.rows.view import NO_AREAS, View
+
+
+def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
+    """Find the targets of the arm at rest, normalized (targets, 2), NaN where one is not seen.
+
+    view: its plane is not known yet, and not used; rest: where the arm has rested so far, which
+    tells the targets of a frame that does not show a row by itself.
+    """
+    areas = view.round_areas()
+    if len(areas.centers) == 0:
+        return NO_AREAS
+    first = _search_what_stands_out(view, areas)
+    if view.shallow or not (isinstance(first, Failure) or np.isnan(first).any()):
+        return first
+    blobs = measure_areas(view.image, areas, view.appearance)
+    if len(blobs) == 0:
+        return NO_AREAS
+    points = view.lens.undistort(blobs.centers)
+    found = _search_anew(view, blobs, points)
+    if not isinstance(found, Failure):
+        return found
+    found = replace(found, found=blobs.centers)
+    if found.reason != 'no_row':
+        return found
+    seen = points[np.isfinite(points[:, 0])]
+    again = rest.recognize(seen, view.arclength, view.vision)
+    return found if again is None else again
+
+
+def _search_what_stands_out(view: View, areas: RoundAreas) -> Array | Failure:
+    """Find the targets of the arm at rest by the areas that stand out, as `search_at_rest`.
+
+    Only those on a row, as their moments say, are measured, and all areas near it.
+    """
+    points = view.lens.undistort(areas.centers)
+    usable = np.isfinite(points[:, 0])
+    clear = areas.stand_out(view.appearance)
+    clear = clear[usable[clear]]
+    near = near_rows_anywhere(points, areas.areas, view.arclength, clear, view.vision.beam_search)
+    near = near[usable[near]]
+    if not len(near):
+        return Failure(
+            reason='no_row',
+            sentence=f'no row of {view.arclength.size} targets at their distances among '
+            f'{len(clear)} areas that stand out clearly',
+            found=areas.centers[clear],
+        )
+    blobs = measure_areas(view.image, areas.only(near), view.appearance)
+    if len(blobs) == 0:
+        return NO_AREAS
+    found = _search_anew(view, blobs, view.lens.undistort(blobs.centers))
+    return replace(found, found=blobs.centers) if isinstance(found, Failure) else found
+
+
+def _search_anew(view: View, blobs: Blobs, points: Array) -> Array | Failure:
+    """Find the targets of the arm at rest by this frame alone, as `search_at_rest` returns them.
+
+    points (blobs, 2): the blobs, normalized. A row that is found must be what is found again from
+    its clamp once the plane is known by it: what a frame says does not depend on what was known
+    before.
+    """
+    settings, vision, arclength = view.settings, view.vision, view.arclength
+    at_rest = whole = _row_at_rest(view, blobs, points, arclength)
+    if isinstance(whole, Failure):
+        # The last target may be seen in part: its neighbors tell where to look for it.
+        short = arclength.size > vision.association.least_targets
+        if whole.reason != 'no_row' or not short:
+            return whole
+        at_rest = _row_at_rest(view, blobs, points, arclength[:-1])
+    if isinstance(at_rest, Failure):
+        return whole
+    plane = plane_at_rest(at_rest, arclength[: len(at_rest)], settings.plane)
+    found = row_among(replace(view, plane=plane), blobs)
+    if isinstance(found, Failure):
+        return found
+    ambiguous = isinstance(whole, Failure) and np.isnan(found.std[-1])
+    if ambiguous and not _begins_at_clamp_pixel(view, found):
+        return Failure(
+            reason='no_row',
+            seen=found.seen,
+            sentence=f'only {arclength.size - 1} of {arclength.size} targets are seen, and their '
+            f'distances do not tell whether target 0 or target {arclength.size - 1} is missing: '
+            'give clamp_pixel (--clamp-pixel U V) to within half of their spacing. Does one of '
+            'them stand out too little (contrast, focus), or lie half beyond the end of the arm?',
+        )
+    again = view.lens.undistort(found.table[:, :2])
+    # One beside a slot or a glint is measured anew by its neighbors' look: the same target still.
+    apart = np.hypot(*(again[: len(at_rest)] - at_rest).T)
+    same = np.count_nonzero(apart < 0.5 * spacing_of(at_rest, arclength[: len(at_rest)]))
+    if same < vision.beam_search.seen * arclength.size:
+        return Failure(
+            reason='no_row',
+            seen=int(same),
+            sentence=f'of the row of {arclength.size} targets at rest only {same} are found '
+            'again from its clamp: are their places those of target_arclength?',
+        )
+    return again
+
+
+def _begins_at_clamp_pixel(view: View, row: ObservedRow) -> bool:
+    """Whether clamp_pixel says beyond doubt which target the first one of a row is."""
+    if view.settings.clamp_pixel is None:
+        return False
+    spacing = float(np.nanmedian(np.hypot(*np.diff(row.table[:, :2], axis=0).T)))
+    return math.hypot(*(row.table[0, :2] - view.settings.clamp_pixel)) < 0.5 * spacing
+
+
+def _row_at_rest(view: View, blobs: Blobs, points: Array, arclength: Array) -> Array | Failure:
+    """Return the targets of a resting arm among blobs, normalized (targets, 2), NaN where missing.
+
+    points (blobs, 2) normalized, NaN where the lens does not see.
+    """
+    settings, usable = view.settings, np.isfinite(points[:, 0])
+    row = row_at_rest(
+        points[usable],
+        blobs.centers[usable],
+        blobs.area[usable],
+        arclength,
+        settings.clamp_pixel,
+        math.inf if isinstance(settings.plane, CurvedRestPlane) else settings.rest_straightness,
+        view.vision,
+    )
+    return row if isinstance(row, Failure) else row_points(row, points[usable])

@@ -1,0 +1,50 @@
+"""A frame with all that is needed to look at it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.image import Image
+from pneunet_ros.vision.camera.camera_model import Lens
+from pneunet_ros.vision.camera.camera_settings import CameraSettings
+from pneunet_ros.vision.camera.working_plane import Plane
+from pneunet_ros.vision.dots.areas import Appearance, RoundAreas
+from pneunet_ros.vision.dots.blobs import find_areas
+from pneunet_ros.vision.rest_plane import Failure
+from pneunet_ros.vision.settings import VisionSettings
+
+NO_AREAS = Failure(
+    reason='no_areas',
+    sentence='no area could be a target: look at light, exposure, focus, grey_band and area',
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class View:
+    """A frame with all that is needed to look at it.
+
+    areas: what may be a blob, where that has been found already; shallow: whether to look only at
+    what stands out, as long as another look can follow.
+    """
+
+    image: Image
+    lens: Lens
+    plane: Plane
+    arclength: Array
+    clamp_angle: float
+    settings: CameraSettings
+    vision: VisionSettings
+    areas: RoundAreas | None = None
+    shallow: bool = False
+
+    def round_areas(self) -> RoundAreas:
+        """Return the areas that may be blobs, those that stand out most first."""
+        if self.areas is None:
+            return find_areas(self.image, self.appearance)
+        return self.areas.only(slice(self.appearance.blobs.most))
+
+    @property
+    def appearance(self) -> Appearance:
+        """What counts as a blob."""
+        return self.vision.appearance(self.settings)
