@@ -15,20 +15,18 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis import base_fit as base
 from pneunet_ros.diagnosis.diagnosis import (
     considered_hypotheses,
-    describe_verdict,
     diagnose,
     effect_probabilities,
     is_settled,
     notes_on_rest,
     passes_alike,
-    two_lengths,
-    Verdict,
 )
 from pneunet_ros.diagnosis.hypothesis import hypotheses
 from pneunet_ros.diagnosis.refit import refit
 from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
 from pneunet_ros.diagnosis.selection import Record, Selection
 from pneunet_ros.diagnosis.settings import DEFAULTS
+from pneunet_ros.diagnosis.verdict import describe_verdict, two_lengths, Verdict
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.files.scenario_file import load_scenario
@@ -305,26 +303,32 @@ def test_static_frames_and_too_few_of_them_show_no_effect_with_a_time_in_it():
 
 def test_sets_that_explain_as_much_are_said_as_sets():
     def verdict(*sets):
-        trial = SimpleNamespace(names=sets[0])
+        record = SimpleNamespace(names=sets[0], evidence=34.0)
+        trial = SimpleNamespace(names=sets[0], record=record)
         return Verdict(answer='inseparable', trial=trial, alike=sets[1:])
 
     before, after = (SimpleNamespace(rms=rms, held_out=rms) for rms in (3e-4, 1e-4))
     pair = verdict(('creep', 'force_misalignment'), ('creep', 'camera_rotation'))
     assert pair.alternatives == ('camera_rotation',)
-    assert describe_verdict(pair, before, after).startswith(
+    noise = (1e-4, 1e-5)
+    assert describe_verdict(pair, before, after, noise).startswith(
         'The model lacks creep and force_misalignment, or creep and camera_rotation, which cannot '
     )
     single = verdict(('creep',), ('gravity',))
-    assert describe_verdict(single, before, after).startswith(
+    said = describe_verdict(single, before, after, noise)
+    assert said.startswith(
         'The model lacks creep or gravity, which cannot be distinguished with these data: '
     )
+    assert said.endswith('from 0.30 to 0.10 mm rms.')
+    # Where rms cannot show it, evidence says it.
+    assert '34 nats' in describe_verdict(single, before, before, noise)
 
 
 def test_a_name_that_is_not_confirmed_is_said_to_explain():
     same = SimpleNamespace(rms=1e-3, held_out=())
     trial = SimpleNamespace(names=())
     found = Verdict(answer='unknown', trial=trial, unconfirmed=('creep',), notes=('why',))
-    assert describe_verdict(found, same, same) == (
+    assert describe_verdict(found, same, same, (1e-3, 1e-5)) == (
         'The model lacks something. creep would explain it, but the name is not confirmed: '
         'the notes say why.'
     )

@@ -42,7 +42,6 @@ def describe_verdict(
 ) -> str:
     """Return the answer in one sentence; noise: rms (m) of a perfect model, and its scatter."""
     names = ' and '.join(verdict.trial.names)
-    reduced = describe_gain(verdict.trial.record, before.rms, after.rms, noise)
     match verdict.answer:
         case 'none':
             return 'The residuals are consistent with noise: no effect is missing that is visible.'
@@ -64,10 +63,12 @@ def describe_verdict(
             closest = ' The notes say what came closest.' if verdict.notes else ''
             return f'The model lacks something that no effect of the library explains.{closest}'
         case 'named':
-            return f'The model lacks {names}: {reduced}'
+            gained = describe_gain(verdict.trial.record, before.rms, after.rms, noise)
+            return f'The model lacks {names}: {gained}'
     sets = [' and '.join(names) for names in (verdict.trial.names, *verdict.alike)]
     either = (', or ' if any(' and ' in item for item in sets) else ' or ').join(sets)
-    return f'The model lacks {either}, which cannot be distinguished with these data: {reduced}'
+    gained = describe_gain(verdict.trial.record, before.rms, after.rms, noise)
+    return f'The model lacks {either}, which cannot be distinguished with these data: {gained}'
 
 
 def describe_gain(record: Record, before: float, after: float, noise: tuple[float, float]) -> str:
