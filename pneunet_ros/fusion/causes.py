@@ -338,18 +338,21 @@ class MotionCause(Cause):
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
         """Let it swing since the last frame, by a force that nobody knows, or begin anew."""
         before, fit = taken.before, taken.update.fit
+        if fit is None:
+            return
         causes = before.causes | {self.name}
         unknowns = bench.of(causes).unknowns
         first = first_belief(unknowns, before.stamp_ns, causes)
-        if fit is not None:
-            force = unknowns.at(TipForce)
-            there = extended(widen(before, force, unknowns.std[force]), first)
-            mean = there.mean.copy()
-            mean[force] = force_at(fit[0], fit[1].trial)
-            solution = fit[1].trial.bent.solution
-            yield retaken(bench, taken, replace(there, mean=freeze(mean), solution=solution)), 0.0
-        if before.frames:
-            yield retaken(bench, taken, first), -ANEW * bench.settings.odds_against
+        force = unknowns.at(TipForce)
+        lately = extended(widen(before, force, unknowns.std[force]), first)
+        mean = lately.mean.copy()
+        mean[force] = force_at(fit[0], fit[1].trial)  # the search begins there
+        solution = fit[1].trial.bent.solution
+        lately = replace(lately, mean=freeze(mean), solution=solution)
+        for other, told in ((lately, 0.0), (first, -ANEW * bench.settings.odds_against)):
+            there = retaken(bench, taken, other)
+            if not there.misfits:  # else it is noise that nobody knows, and no swing
+                yield there, told
 
 
 def extended(known: Belief, first: Belief) -> Belief:

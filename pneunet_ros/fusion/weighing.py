@@ -162,7 +162,7 @@ def log_weights(bench: Bench, weighed: list[Alternative], temper: float) -> list
     """
     swings = bench.moving is not None and any(MOTION in one.after.causes for one, _ in weighed)
     weights = [
-        weight + (resting if swings else told)(bench, one) / temper
+        weight + (log_evidence(bench, one) if swings else one.log_evidence) / temper
         if one.update.belief is not None
         else -math.inf
         for one, weight in weighed
@@ -184,25 +184,19 @@ def log_weights(bench: Bench, weighed: list[Alternative], temper: float) -> list
     return weights
 
 
-def told(bench: Bench, taken: TakenFrame) -> float:
-    """Return the log evidence of a frame."""
-    return taken.log_evidence
-
-
-def resting(bench: Bench, taken: TakenFrame) -> float:
-    """Return the log evidence of a frame beside that of an arm that swings, whose force walks.
+def log_evidence(bench: Bench, taken: TakenFrame) -> float:
+    """Return the log evidence of a frame, where an arm may swing whose force walks.
 
     An arm that does not swing is taken with a force that is free from frame to frame, and would
-    pay for that, however steadily it is loaded.
+    pay for that, however steadily it is loaded: here its force may also walk as it did lately.
     """
-    if MOTION in taken.before.causes or not taken.before.frames:
+    before = taken.before
+    if MOTION in before.causes or not before.frames:
         return taken.log_evidence
-    frame, before = taken.frame, taken.before
-    problem = problem_of(bench, frame, before, before.walk.recent)
-    read = bench.used(frame, before.causes).wrench is not None
+    problem = problem_of(bench, taken.frame, before, before.walk.recent)
+    read = bench.used(taken.frame, before.causes).wrench is not None
     update = take_frame(problem, cold=False, force_read=read, widely=False)
-    steady = TakenFrame(frame=frame, before=before, problem=problem, update=update)
-    return max(taken.log_evidence, steady.log_evidence)
+    return max(taken.log_evidence, replace(taken, problem=problem, update=update).log_evidence)
 
 
 def is_open(bench: Bench, taken: TakenFrame) -> bool:
