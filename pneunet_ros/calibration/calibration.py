@@ -129,6 +129,7 @@ def calibrate(
 
     """
     clocks, rounds = dict[str, CameraClock](), 0
+    settled: tuple[Calibration, dict[str, CameraClock]] | None = None
     while True:
         found = calibrate_as_stamped(
             unloaded,
@@ -142,6 +143,10 @@ def calibrate(
         )
         # What is left of a swing looks like a clock that drifts, and around a fit that did not
         # settle anything does.
+        if settled is not None and not found.joint.converged:
+            found, clocks = settled
+            break
+        settled = found, dict(clocks)
         asked = earlier is None and found.motion is None and found.joint.converged
         more = camera_clocks(found.joint, found.noise.noise) if asked else {}
         if not more or rounds == MOST_ROUNDS:

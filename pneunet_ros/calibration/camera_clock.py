@@ -52,8 +52,12 @@ class CameraClock:
     @property
     def evidence(self) -> float:
         """Log odds, by its frames, that it is wrong and not in order."""
-        wrong, right = RATE_STD**2 + self.rate_std**2, CRYSTAL_STD**2 + self.rate_std**2
-        odds = 0.5 * (self.rate**2 * (1.0 / right - 1.0 / wrong) - math.log(wrong / right))
+        told = 1.0 - (self.rate_std / RATE_STD) ** 2  # the rest is the prior
+        if not told > 0.0:
+            return -ODDS_AGAINST
+        rate, variance = self.rate / told, self.rate_std**2 / told
+        wrong, right = RATE_STD**2 + variance, CRYSTAL_STD**2 + variance
+        odds = 0.5 * (rate**2 * (1.0 / right - 1.0 / wrong) - math.log(wrong / right))
         return odds - ODDS_AGAINST
 
     @property

@@ -81,13 +81,17 @@ def estimate_noise(
     white = white_of_targets(runs, settings)
     found['target_std'] = white, 'second differences of target positions in time'
     length = float(arclength[-1]) if arclength.size else 0.0
-    for key, scale in (('target_std', length), ('heading_std', 1.0)):
-        std, least = found[key][0], settings.least_target * scale
+    least_target = settings.least_target
+    for key, least, words in (
+        ('target_std', least_target * length, f'{least_target:g} of the length'),
+        ('heading_std', least_target, f'{least_target:g} rad, as of targets a length apart'),
+    ):
+        std = found[key][0]
         if std is not None and std < least:
             found[key] = (
                 least,
-                f'{settings.least_target:g} of the length: positions and headings in time differ '
-                'by less, as in a lossy film or with a tracker that repeats what rests',
+                f'{words}: positions and headings in time differ by less, as in a lossy film or '
+                'with a tracker that repeats what rests',
             )
     white = found['target_std'][0]
     white = white if white is not None else assumed.target_std

@@ -19,6 +19,7 @@ from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.hypothesis import carries_time
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection
 from pneunet_ros.diagnosis.settings import ConfirmationSettings, DiagnosisSettings
+from scipy.special import ndtr, stdtrit
 
 NO_ERROR = 1e-18  # m^2: what no camera sees, so that there is a ratio
 
@@ -217,7 +218,8 @@ def error_rises(
     if len(change) < settings.batches:
         return ''
     rms = np.sqrt(np.nanmean(np.concatenate(squares, axis=1), axis=1))
-    surely = np.sqrt(settings.fall / len(change)) * np.std(change, ddof=1)
+    few = stdtrit(len(change) - 1, ndtr(np.sqrt(settings.fall))) / np.sqrt(settings.fall)
+    surely = few * np.sqrt(settings.fall / len(change)) * np.std(change, ddof=1)
     if rms[1] <= rms[0] or np.mean(change) <= surely:
         return ''
     return (

@@ -110,11 +110,12 @@ def high_pass(run: RecordingData, time_constant: float) -> Array:
         return np.zeros(len(run.stamp_ns))
     steps = np.diff(run.reading_stamp_ns) / NANOSECONDS_PER_SECOND
     decay = np.exp(-steps / time_constant)
-    rate = np.divide(np.diff(run.pressure), steps, out=np.zeros_like(steps), where=steps > 0.0)
-    gain = time_constant * rate * (1.0 - decay)
+    change, left = np.diff(run.pressure), np.ones_like(steps)  # of a step, at once
+    np.divide(time_constant * (1.0 - decay), steps, out=left, where=steps > 0.0)
+    gain = change * left
     pairs = zip(decay.tolist(), gain.tolist(), strict=True)
-    left = itertools.accumulate(pairs, lambda left, pair: pair[0] * left + pair[1], initial=0.0)
-    return np.fromiter(left, np.float64, steps.size + 1)[run.reading]
+    beside = itertools.accumulate(pairs, lambda left, pair: pair[0] * left + pair[1], initial=0.0)
+    return np.fromiter(beside, np.float64, steps.size + 1)[run.reading]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

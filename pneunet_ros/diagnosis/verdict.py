@@ -78,8 +78,8 @@ def describe_gain(record: Record, before: float, after: float, noise: tuple[floa
     """
     if before - after <= noise[1]:
         return (
-            f'each training recording is predicted from the others better by '
-            f'{record.evidence:.0f} nats. The rms error cannot show it '
+            f'the training recordings, each predicted from the others, are {record.evidence:.0f} '
+            'nats more probable in all. The rms error cannot show it '
             f'({millimeters(after):.3f} mm with it, {millimeters(before):.3f} mm without, noise '
             f'alone {millimeters(noise[0]):.3f} ± {millimeters(noise[1]):.3f} mm).'
         )
@@ -120,7 +120,8 @@ def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
     )
     if confirmer.has_held_out:
         fall = confirmer.held_out_fall(record)
-        sentence += f', in held-out recordings by {fall:.0f}'
+        less = f'by {fall:.0f}' if fall >= 0.0 else f'it rises by {-fall:.0f}'
+        sentence += f', in held-out recordings {less}'
     others = [item for item in selection.tried.values() if not {*best.names} <= {*item.names}]
     others = [item for item in others if item.names]
     if not others:

@@ -79,8 +79,9 @@ def written_together() -> Iterator[None]:
             _put_in_place(finished)
     finally:
         _TOGETHER.reset(token)
-        for output in finished:
-            output.discard()
+        with interrupted_afterwards():
+            for output in finished:
+                output.discard()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -167,7 +167,7 @@ def arm_at(
     if stamp_ns != before.stamp_ns:
         path: list[Passed] = []
         if bench.swinging is not None:
-            pulls = () if wrench is None else state.force.kept
+            pulls = bench.pulled(() if wrench is None else state.force.kept, instant.gauge)
             path = path_of(state.pressures, pulls, before.stamp_ns, before.chamber, instant)
         every = None
         if bench.swinging and bent.shape.converged and not bench.knows_force(belief):

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.core.readings import TargetSightings
+from pneunet_ros.core.readings import TargetSightings, WrenchReading
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -176,6 +176,18 @@ class Bench:
         if MIRRORED in causes:
             frame = frame.mirrored()
         return frame
+
+    def pulled(self, kept: tuple[WrenchReading, ...], gauge: float) -> tuple[WrenchReading, ...]:
+        """Return readings of the force as they are true at a pressure (Pa); none of a free tip."""
+        if self.settings.free_tip:
+            return ()
+        if not self.arm.sensing:
+            return kept
+        true = [self.arm.sense(load_read(one, gauge)) for one in kept]
+        return tuple(
+            replace(one, force_x=load.force_x, force_y=load.force_y)
+            for one, load in zip(kept, true, strict=True)
+        )
 
     def with_wrench(self, belief: Belief, wrench: NearWrench, gauge: float) -> Belief:
         """Return the belief after an end wrench (base frame), a linear measurement of the force.

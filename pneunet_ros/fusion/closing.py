@@ -145,7 +145,7 @@ class Closing:
             for name, one in touches.items()
             if closing
             and one.is_touching
-            and abs(np.linalg.norm(one.force) - command.force) <= AS_HARD * command.force
+            and np.linalg.norm(one.force) >= (1.0 - AS_HARD) * command.force
         }
         touching = {name for name, one in touches.items() if one.is_touching}
         ended = {name for name in pressures if pressures[name] == self.reaches[name].pressure[end]}

@@ -529,7 +529,6 @@ class Fusion:
         """Return a frame with what was read at the stamp of what it shows."""
         shown_ns = self.bench.shown_ns(sightings)
         wrench = self.wrench_at(state, shown_ns, with_targets=True)
-        read = wrench is not None and not self.settings.free_tip
         turn = not state.counts.frames % self.settings.still_frames
         return ReadFrame(
             stamp_ns=shown_ns,
@@ -541,7 +540,7 @@ class Fusion:
             pressure_still=self.is_still(state) and turn,
             wrench=wrench,
             before=state.pressures if self.bench.swings else (),
-            pulls=state.force.kept if self.bench.swings and read else (),
+            pulls=state.force.kept if self.bench.swings and wrench is not None else (),
         )
 
     def is_still(self, state: FusionState) -> bool:

@@ -149,7 +149,8 @@ def swung_to(
         quick=True,
         contact=contact,
     )
-    path = path_of(frame.before, frame.pulls, before.stamp_ns, before.chamber, frame.instant)
+    pulls = bench.pulled(frame.pulls, frame.instant.gauge)
+    path = path_of(frame.before, pulls, before.stamp_ns, before.chamber, frame.instant)
     every = None
     if bent.shape.converged and not bench.knows_force(moved):
         every = causes_with_contact(bench.unknowns, causes, contact)
