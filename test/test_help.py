@@ -14,7 +14,8 @@ import contextlib, io, sys
 from pneunet_ros.cli.main import main
 try:
     with contextlib.redirect_stdout(io.StringIO()) as said:
-        main([*sys.argv[1:], '--help'])
+        sys.argv.append('--help')
+        main()
 except SystemExit as error:
     assert not error.code and said.getvalue()
 print(*(name for name in {heavy!r} if name in sys.modules))

@@ -257,8 +257,11 @@ UNIT = re.compile(r'([kMm]?(Pa|Nm?)|[mc]?m|m?bar|psi|k?g)\b')
 NEGATIVE_WITH_UNIT = re.compile(rf'({NEGATIVE_NUMBER.pattern})([A-Za-z_]+)')
 
 
-def parser(words: Sequence[str]) -> CommandParser:
-    """Build the command line of all verbs, with the options of the one among the words."""
+def parser(words: Sequence[str], *, ends: bool = False) -> CommandParser:
+    """Build the command line of all verbs, with the options of the one among the words.
+
+    ends: the process does, with the help that is asked for.
+    """
     command = CommandParser(
         prog='pneunet',
         example='pneunet demo',
@@ -279,7 +282,7 @@ def parser(words: Sequence[str]) -> CommandParser:
             allow_abbrev=False,
         )
         if words and words[0] == verb.name:
-            if {'--help', '-h'} & set(words):
+            if ends and {'--help', '-h'} & set(words):
                 jit.answer_first()  # nothing is computed: no kernel is loaded
             elif verb.kernels != 'none':
                 answer_first()
@@ -325,7 +328,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complete()
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        command = parser(words)
+        command = parser(words, ends=arguments is None)
         names = [verb.name for verb in VERBS]
         if words and words[0] not in names and not words[0].startswith('-'):
             command.refuse(f'{words[0]!r} is no verb{likely(words[0], names)}')
