@@ -8,17 +8,26 @@ must not touch what the work reads or writes: so nothing that comes of the work 
 from __future__ import annotations
 
 from collections.abc import Callable
+import threading
 
-_in_pauses: list[Callable[[], None]] = []
+
+class InPauses(threading.local):
+    """What is done in the pauses of this thread."""
+
+    def __init__(self) -> None:
+        self.work: list[Callable[[], None]] = []
+
+
+IN_PAUSES = InPauses()
 
 
 def pause() -> None:
     """Let what is more urgent go first."""
-    for work in _in_pauses:
+    for work in IN_PAUSES.work:
         work()
 
 
 def work_in_pauses(work: Callable[[], None]) -> Callable[[], None]:
-    """Do `work` in every pause from now on; returns what ends that."""
-    _in_pauses.append(work)
-    return lambda: _in_pauses.remove(work)
+    """Do `work` in every pause of this thread from now on; returns what ends that, there."""
+    IN_PAUSES.work.append(work)
+    return lambda: IN_PAUSES.work.remove(work)

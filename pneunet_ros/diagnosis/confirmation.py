@@ -218,8 +218,8 @@ def error_rises(
     if len(change) < settings.batches:
         return ''
     rms = np.sqrt(np.nanmean(np.concatenate(squares, axis=1), axis=1))
-    few = stdtrit(len(change) - 1, ndtr(np.sqrt(settings.fall))) / np.sqrt(settings.fall)
-    surely = few * np.sqrt(settings.fall / len(change)) * np.std(change, ddof=1)
+    level = stdtrit(len(change) - 1, ndtr(np.sqrt(settings.fall)))  # of Student's t
+    surely = level * np.std(change, ddof=1) / np.sqrt(len(change))
     if rms[1] <= rms[0] or np.mean(change) <= surely:
         return ''
     return (

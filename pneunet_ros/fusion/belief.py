@@ -28,9 +28,8 @@ from pneunet_ros.solver.solution import SolverNodes
 # Causes that change what the rod bears, or what is read: the others widen a prior, and no more.
 CONTACT, FORCE_SENSOR, PRESSURE = 'contact', 'force_sensor', 'pressure'
 MIRRORED, MOTION = 'mirrored', 'motion'
-LASTING = frozenset(
-    {FORCE_SENSOR, PRESSURE, MIRRORED, MOTION}
-)  # they stay when a belief is begun anew
+# They stay when a belief is begun anew.
+LASTING = frozenset({FORCE_SENSOR, PRESSURE, MIRRORED, MOTION})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -76,9 +76,14 @@ class Cause(abc.ABC):
         """
 
 
-def retaken(bench: Bench, taken: TakenFrame, before: Belief) -> TakenFrame:
-    """Return a frame taken by another belief, near the last shape where there is one."""
-    frame, problem = taken.frame, problem_of(bench, taken.frame, before)
+def retaken(
+    bench: Bench, taken: TakenFrame, before: Belief, walk: float | None = None
+) -> TakenFrame:
+    """Return a frame taken by another belief, near the last shape where there is one.
+
+    walk (N/sqrt(s)): of the tip force, as `problem_of` takes it.
+    """
+    frame, problem = taken.frame, problem_of(bench, taken.frame, before, walk)
     cold = not before.frames
     read = bench.used(frame, before.causes).wrench is not None
     update = take_frame(problem, cold=cold, force_read=read, widely=cold)

@@ -33,7 +33,7 @@ from pneunet_ros.measurement.disturbances import SMALLEST_STD
 from pneunet_ros.measurement.gauss_newton import End, gauss_newton
 from pneunet_ros.measurement.inference.gaussian import innovation_factor, root_after
 from pneunet_ros.measurement.inference.variance_component import ErrorGrowth
-from pneunet_ros.measurement.predicted_targets import target_jacobian
+from pneunet_ros.measurement.predicted_targets import along_the_arc, target_jacobian
 from pneunet_ros.measurement.swinging_arm import NEXT, Reference, SwingingArm, Swung
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.part_load import (
@@ -289,9 +289,7 @@ class FrameProblem:
                 moved_x, moved_y = moved_x + off_x, moved_y + off_y
             there_x, there_y, theta = there_x + moved_x, there_y + moved_y, theta + turned
         along, across = unknowns.dots_moved(x)
-        # A dot that is painted further along is further on the arc: its chord and its heading.
-        chord = along * np.exp(1j * (theta + 0.5 * curvature * along))
-        heading = np.exp(1j * (theta + curvature * along))
+        chord, heading = along_the_arc(theta, curvature, along)
         clamp_x, clamp_y, angle = (unknowns.camera @ x).tolist()
         clamp, turn = complex(clamp_x, clamp_y), cmath.rect(1.0, angle)
         seen_x, seen_y = arm.see(there_x, there_y)

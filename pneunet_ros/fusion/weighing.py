@@ -162,7 +162,7 @@ def log_weights(bench: Bench, weighed: list[Alternative], temper: float) -> list
     """
     swings = bench.moving is not None and any(MOTION in one.after.causes for one, _ in weighed)
     weights = [
-        weight + (log_evidence(bench, one) if swings else one.log_evidence) / temper
+        weight + (evidence_beside_swing(bench, one) if swings else one.log_evidence) / temper
         if one.update.belief is not None
         else -math.inf
         for one, weight in weighed
@@ -184,7 +184,7 @@ def log_weights(bench: Bench, weighed: list[Alternative], temper: float) -> list
     return weights
 
 
-def log_evidence(bench: Bench, taken: TakenFrame) -> float:
+def evidence_beside_swing(bench: Bench, taken: TakenFrame) -> float:
     """Return the log evidence of a frame, where an arm may swing whose force walks.
 
     An arm that does not swing is taken with a force that is free from frame to frame, and would
@@ -193,10 +193,8 @@ def log_evidence(bench: Bench, taken: TakenFrame) -> float:
     before = taken.before
     if MOTION in before.causes or not before.frames:
         return taken.log_evidence
-    problem = problem_of(bench, taken.frame, before, before.walk.recent)
-    read = bench.used(taken.frame, before.causes).wrench is not None
-    update = take_frame(problem, cold=False, force_read=read, widely=False)
-    return max(taken.log_evidence, replace(taken, problem=problem, update=update).log_evidence)
+    steady = retaken(bench, taken, before, before.walk.recent)
+    return max(taken.log_evidence, steady.log_evidence)
 
 
 def is_open(bench: Bench, taken: TakenFrame) -> bool:

@@ -12,6 +12,7 @@ import functools
 import math
 
 import numpy as np
+import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.measurement.disturbances import placement_jacobian, SMALLEST_STD
@@ -112,6 +113,18 @@ def seen_targets(arm: Arm, sensitivity: Sensitivity) -> tuple[Array, Array]:
     """Return where the targets of a solved rod are measured, x and y (targets,) m."""
     true_x, true_y = sensitivity.fields(arm.target_arclength)[:2]
     return arm.see(true_x, true_y)
+
+
+def along_the_arc(
+    theta: Array, curvature: Array, along: Array
+) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
+    """Return where dots are that are painted along (..) m further, x + i y, and how they head.
+
+    theta (rad), curvature (1/m): of the arm where they should be. They are on its arc, and not on
+    its tangent.
+    """
+    turned = curvature * along
+    return along * np.exp(1j * (theta + 0.5 * turned)), np.exp(1j * (theta + turned))
 
 
 def painted_beside(arm: Arm, theta: Array) -> tuple[Array, Array]:

@@ -125,7 +125,7 @@ class Queue:
 
 
 class AtWork(NamedTuple):
-    """A callback that is at work: the queues of its node, its patience, and when it began."""
+    """A callback at work: the queues that wait for its end, its patience, and when it began."""
 
     queues: Collection[Queue]
     patience_ns: int
@@ -287,7 +287,7 @@ class PromptExecutor(SingleThreadedExecutor):
             more = more and any(at_ns is not None and at_ns <= now_ns for at_ns in arrivals)
 
     def work(self, at_work: AtWork, call: Callable[[], Result]) -> Result:
-        """Call back; meanwhile messages of the same node wait."""
+        """Call back; meanwhile the messages of its queues wait."""
         self._at_work.append(at_work)
         try:
             return call()
