@@ -6,11 +6,12 @@ import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.core.share import share_path
+from pneunet_ros.core.units import PRESSURE_UNITS
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.pressure_watch import OTHER_PRESSURE
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.measurement.pressure_convention import PRESSURE_UNITS, PressureConvention
+from pneunet_ros.measurement.pressure_convention import PressureConvention
 from pneunet_ros.measurement.pressure_judge import (
     ANY_ACTUATOR,
     expected_of,

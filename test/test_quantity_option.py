@@ -20,6 +20,8 @@ import pytest
         ('310mbar', 'pressure', 31e3),
         ('-0.5psi', 'pressure', -0.5 * 0.45359237 * 9.80665 / 0.0254**2),
         ('150 mN', 'force', 0.15),
+        ('20inHg', 'pressure', 20 * 3386.388640341),
+        ('10 cmH2O', 'pressure', 980.665),
         ('20g', 'force', 0.02 * 9.80665),
         ('1kg', 'force', 9.80665),
         ('0.2mNm', 'moment', 2e-4),
@@ -43,9 +45,7 @@ def test_a_number_may_carry_its_unit(text, kind, expected):
 )
 def test_what_is_no_pressure_is_refused_with_what_is_allowed(text):
     """A unit of something else is no pressure."""
-    with pytest.raises(
-        RequestError, match=r'not a pressure: .* Pa, .*hPa, kPa, MPa, mbar, bar, psi'
-    ):
+    with pytest.raises(RequestError, match=r'not a pressure: .* Pa, .*psi, .*inHg, .*cmH2O'):
         parse_quantity(text, 'pressure')
 
 

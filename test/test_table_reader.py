@@ -230,7 +230,7 @@ def test_what_the_estimator_made_is_left_out(tmp_path):
         ('Time,pressure_pa\n1,1\n0.9,1\n0.8,1\n', 'line 3, .*earlier than in the row above'),
         ('Time,pressure_pa\n1,1\n1,1\n', 'line 3, .* --ignore Time --rate HZ counts rows inst'),
         ('time_s,pressure_pa\n1772618400000,1\n', 'smaller unit, as time_ms'),
-        ('time_s,pressure_pa\n04-Mar-2026 10:00,1\n', 'no number and no time such as 10:15:03.12'),
+        ('time_s,pressure_pa\nMar 4 10:00,1\n', 'no number and no time such as 10:15:03.12'),
         (
             'time_s pressure_pa\n0 1\n',
             "'time_s pressure_pa' is one cell: separate cells by commas",
@@ -372,6 +372,15 @@ def test_columns_that_are_called_by_numbers_are_renamed(tmp_path):
         ('X3 (mm)', 'x3_mm'),
         ('Tip-Heading [\u00b0]', 'tip_heading_deg'),
         ('Temperature (K)', 'Temperature (K)'),
+        ('Pressure [in Hg]', 'pressure_inhg'),
+        ('p (cm H\u2082O)', 'pressure_cmh2o'),
+        ('Pressure [kgf/cm\u00b2]', 'pressure_at'),
+        ('psig', 'pressure_psi'),
+        ('Pressure, kPa(g)', 'pressure_kpa'),
+        ('bar(a)', 'pressure_bar'),
+        ('P abs [mmHg]', 'pressure_mmhg'),
+        ('imu_ax [g]', 'imu_ax_g'),
+        ('atm', 'atm'),
     ],
 )
 def test_names_may_be_written_as_people_do(written, read_as):
@@ -386,7 +395,7 @@ def test_names_may_be_written_as_people_do(written, read_as):
         ('Fx (N)', 'force_x_n'),
         ('forcey_mn', 'force_y_mn'),
         ('x3mm', ''),
-        ('pressure_torr', ''),
+        ('pressure_furlong', f'pressure_({"|".join(SI_PER_UNIT["pressure"])})'),
         ('valve', ''),
         ('Elapsed Time (s)', 'time_s'),
         ('chamber pressure [kPa]', 'pressure_kpa'),
@@ -444,7 +453,7 @@ def test_units_below_the_names_are_units(tmp_path, text):
 @pytest.mark.parametrize(
     ('text', 'said'),
     [
-        ('Time,Pressure\ns,psig\n0,1\n', "'Pressure [psig]'"),
+        ('Time,Pressure\ns,furlong\n0,1\n', "'Pressure [furlong]'"),
         ('time_s,pressure_kpa\ns,mbar\n0,1\n', "'pressure_kpa [mbar]'"),
         ('Time,Pressure\ns,kPa\n0,1\nx,2\n', 'line 4, column time_s'),
         ('Time,Pressure\ns,kPa\n', 'no rows'),
@@ -455,6 +464,13 @@ def test_units_below_the_names_are_units(tmp_path, text):
 def test_a_line_of_units_that_does_not_fit_is_refused(tmp_path, text, said):
     with pytest.raises(RecordingError, match=re.escape(said)):
         read(tmp_path, text)
+
+
+def test_a_column_is_renamed_with_the_unit_below_it_or_without(tmp_path):
+    text = 'Time,Luft\ns,kPa\n0,1\n'
+    for name in ('Luft [kPa]', 'Luft'):
+        table = read(tmp_path, text, rename={name: 'pressure_kpa'})
+        assert table.values['pressure'].tolist() == [[1000.0]]
 
 
 def test_how_names_were_read_is_said(tmp_path):
@@ -719,3 +735,45 @@ def test_the_time_is_asked_for_before_other_unknown_columns(tmp_path, name):
         read(tmp_path, f'{name},Druck [kPa],lamp\n{rows}\n')
     assert 'time_UNIT' in str(caught.value)
     assert '--ignore' not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ('written', 'absolute'),
+    [('psia', True), ('bar(a)', True), ('P abs [kPa]', True), ('psi', False), ('kPa(g)', False)],
+)
+def test_the_reference_of_a_pressure_is_read_from_its_name(tmp_path, written, absolute):
+    path = tmp_path / 'table.csv'
+    path.write_text(f'time_s,{written}\n0,14.7\n1,15.0\n', encoding='utf-8')
+    table, sentences = read_table(path, ImportRequest())
+    assert table.absolute == absolute
+    assert ('--pressure-reference absolute' in ' '.join(sentences)) == absolute
+
+
+@pytest.mark.parametrize(
+    'first',
+    ['2026-03-04T10:00:0{}Z', '04-Mar-2026 10:00:0{}', '3/4/2026 10:00:0{} AM', '10:00:0{},5'],
+)
+def test_the_only_column_of_times_is_the_time_whatever_it_is_called(tmp_path, first):
+    rows = '\n'.join(f'{first.format(row)};{row}' for row in range(4))
+    table = read(tmp_path, f'Timestamp;kPa\n{rows}\n')
+    assert np.diff(table.stamp_ns).tolist() == [10**9] * 3
+
+
+@pytest.mark.parametrize(
+    ('start', 'step', 'meant'),
+    [
+        (1.77e9, 0.05, 'time_s'),
+        (1.77e12, 50, 'time_ms'),
+        (1.77e18, 5e7, 'stamp_ns'),
+        (7, 0.05, 'time_UNIT'),
+    ],
+)
+def test_the_unit_of_times_since_1970_is_named(tmp_path, start, step, meant):
+    rows = '\n'.join(f'{start + step * row:.3f},{row}' for row in range(4))
+    with pytest.raises(RecordingError, match=f'--rename Timestamp={meant}'):
+        read(tmp_path, f'Timestamp,kPa\n{rows}\n')
+
+
+def test_a_second_pressure_is_not_proposed_as_the_pressure(tmp_path):
+    with pytest.raises(RecordingError, match=r"add --ignore 'Setpoint pressure .kPa.'"):
+        read(tmp_path, 'time_s,kPa,Setpoint pressure [kPa]\n0,1,1\n')

@@ -8,10 +8,12 @@ import math
 import re
 
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.units import SI_PER_UNIT
+from pneunet_ros.core.units import PRESSURE_UNITS, SI_PER_UNIT
 from pneunet_ros.model.string import String
 
-_NUMBER_AND_UNIT = re.compile(r'\s*([-+0-9.eE]+?)\s*([A-Za-z][A-Za-z_ .*·]*)?\s*')
+_NUMBER_AND_UNIT = re.compile(
+    r'\s*([-+]?[0-9.]+(?:[eE][-+]?\d+)?)\s*([A-Za-z][A-Za-z0-9_ .*·]*)?\s*', re.ASCII
+)
 _BETWEEN_UNITS = re.compile(r'[_ .*·]')
 KIND_OF_UNIT = {  # of SI
     'Pa': 'pressure',
@@ -32,11 +34,7 @@ _EXAMPLES = {
     'acceleration': '1g',
 }
 _SHOWN = {
-    'pa': 'Pa',
-    'hpa': 'hPa',
-    'kpa': 'kPa',
-    'mpa': 'MPa',
-    'mmhg': 'mmHg',
+    **{name.lower(): name for name in PRESSURE_UNITS},
     'n': 'N',
     'mn': 'mN',
     'n_m': 'Nm',

@@ -18,20 +18,29 @@ PASCALS_PER_KILOPASCAL = 1000.0
 STANDARD_ATMOSPHERE = 101_325.0  # Pa
 STANDARD_GRAVITY = 9.80665  # m/s^2
 
+# Units of pressure as people write them, in Pa (NIST SP 811, appendix B).
+PRESSURE_UNITS = {
+    'Pa': 1.0,
+    'hPa': 100.0,
+    'mbar': 100.0,
+    'kPa': 1000.0,
+    'MPa': 1e6,
+    'bar': 1e5,
+    'psi': 6894.757293168,
+    'mmHg': 133.322387415,
+    'Torr': STANDARD_ATMOSPHERE / 760.0,
+    'inHg': 25.4 * 133.322387415,
+    'mmH2O': STANDARD_GRAVITY,
+    'cmH2O': 10.0 * STANDARD_GRAVITY,
+    'inH2O': 25.4 * STANDARD_GRAVITY,
+    'at': 1e4 * STANDARD_GRAVITY,
+    'atm': STANDARD_ATMOSPHERE,
+}
 # How much of the SI unit a unit is, by what is measured: the units in names of table columns and
 # on the command line.
 SI_PER_UNIT: dict[str, dict[str, float]] = {
     'time': {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'min': 60.0, 'h': 3600.0, 'd': 86400.0},
-    'pressure': {
-        'pa': 1.0,
-        'hpa': 100.0,
-        'kpa': 1000.0,
-        'mpa': 1e6,
-        'mbar': 100.0,
-        'bar': 1e5,
-        'psi': 6894.757293168,
-        'mmhg': 133.322387415,
-    },
+    'pressure': {name.lower(): size for name, size in PRESSURE_UNITS.items()},
     # What a scale shows in g or kg is the weight of that mass.
     'force': {
         'n': 1.0,

@@ -9,11 +9,10 @@ import re
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME, is_rotation, Quaternion, quaternion_of_angles
 from pneunet_ros.core.settings import check_settings, setting
-from pneunet_ros.core.units import quantity, STANDARD_ATMOSPHERE
+from pneunet_ros.core.units import PRESSURE_UNITS, quantity, STANDARD_ATMOSPHERE
 from pneunet_ros.measurement.pressure_convention import (
     ABSOLUTE,
     GAUGE,
-    PRESSURE_UNITS,
     PressureConvention,
 )
 from pneunet_ros.measurement.wrench_judge import FORCE_UNITS, WrenchConvention
@@ -35,7 +34,9 @@ class EstimatorSettings:
     input_timeout: float = quantity(
         0.5, unit='s', meaning='silence of the pressure that is an error', bounds=(1e-3, 3600.0)
     )
-    pressure_unit: str = setting('Pa', 'unit of what the pressure sensor reports', PRESSURE_UNITS)
+    pressure_unit: str = setting(
+        'Pa', 'unit of what the pressure sensor reports', tuple(PRESSURE_UNITS)
+    )
     pressure_reference: str = setting(GAUGE, 'what the pressure sensor reports', (GAUGE, ABSOLUTE))
     pressure_sign: int = setting(
         1, '-1 where the ports of a differential pressure sensor are swapped', (1, -1)

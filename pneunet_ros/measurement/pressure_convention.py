@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pneunet_ros.core.units import SI_PER_UNIT, STANDARD_ATMOSPHERE
+from pneunet_ros.core.units import PRESSURE_UNITS, STANDARD_ATMOSPHERE
 
-PRESSURE_UNITS = ('Pa', 'hPa', 'mbar', 'kPa', 'MPa', 'bar', 'psi', 'mmHg')
 GAUGE, ABSOLUTE = 'gauge', 'absolute'
 
 
 def pressure_unit(size: float) -> str:
     """Return the name of the unit that is so many Pa."""
-    return next(name for name in PRESSURE_UNITS if SI_PER_UNIT['pressure'][name.lower()] == size)
+    return next(name for name, own in PRESSURE_UNITS.items() if own == size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,7 +32,7 @@ class PressureConvention:
     @property
     def size(self) -> float:
         """How many Pa one unit is."""
-        return SI_PER_UNIT['pressure'][self.unit.lower()]
+        return PRESSURE_UNITS[self.unit]
 
     def gauge(self, reading: float) -> float:
         """Return the gauge pressure (Pa) behind a reading (in `unit`)."""

@@ -14,11 +14,10 @@ from itertools import product
 import math
 
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.core.units import kilopascals
+from pneunet_ros.core.units import kilopascals, PRESSURE_UNITS
 from pneunet_ros.measurement.pressure_convention import (
     ABSOLUTE,
     GAUGE,
-    PRESSURE_UNITS,
     PressureConvention,
 )
 from pneunet_ros.measurement.reading_judge import JudgeSettings, ranked, ReadingVerdict
@@ -31,7 +30,7 @@ class PressureJudgeSettings(JudgeSettings):
     """Priors of what pressure readings mean and look like, and the odds that are enough."""
 
     rare_unit: float = tuning(
-        0.005, 'prior of MPa and mmHg', source='convention: a quarter of the usual ones'
+        0.005, 'prior of MPa, mmHg and inHg', source='convention: a quarter of the usual ones'
     )
     absolute: float = tuning(
         0.05, 'prior of the other reference', source='convention: nineteen of twenty set it right'
@@ -126,6 +125,8 @@ class PressureJudgeSettings(JudgeSettings):
 
 
 JUDGE = PressureJudgeSettings()
+USUAL_UNITS = ('Pa', 'hPa', 'kPa', 'bar', 'psi')
+RARE_UNITS = ('MPa', 'mmHg', 'inHg')  # other units are close to one of these, or rarer still
 LEAST = 1e-300  # whose logarithm is a number
 FULL_VACUUM = 1.0e5  # Pa below the air: less than nothing
 IMPOSSIBLE = -1e6  # log likelihood of what cannot be
@@ -407,9 +408,9 @@ def meanings(
     """
     yield declared
     rests = {(one.high < -one.low) for one in expected}
-    for unit, sign in product(PRESSURE_UNITS, (1, -1)):
-        if unit == 'mbar' and declared.unit != 'mbar':
-            continue  # the same as hPa
+    own_size = PRESSURE_UNITS[declared.unit]
+    others = [one for one in (*USUAL_UNITS, *RARE_UNITS) if PRESSURE_UNITS[one] != own_size]
+    for unit, sign in product((declared.unit, *others), (1, -1)):
         gauge = replace(declared, unit=unit, reference=GAUGE, sign=sign, offset=0.0)
         own = unit == declared.unit and sign == declared.sign
         if not own or declared.reference == ABSOLUTE:
@@ -434,7 +435,7 @@ def log_prior(
     """Return the log prior of a meaning where another may be declared."""
     weight = 0.0
     if meaning.unit != declared.unit:
-        rare = meaning.unit in ('MPa', 'mmHg')
+        rare = meaning.unit in RARE_UNITS
         weight += math.log(settings.rare_unit if rare else settings.other_unit)
     if meaning.reference != declared.reference:
         weight += math.log(settings.absolute)

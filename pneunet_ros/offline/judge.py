@@ -295,17 +295,37 @@ def judge_table(
 
 
 def table_doubts(table: ReadingTable, expected: Sequence[ExpectedPressure]) -> tuple[str, ...]:
-    """Say what the pressures of a table most likely are, and what to do; empty where they fit."""
-    verdict = judge_table(table, expected)
+    """Say what the pressures of a table most likely are, and what to do; empty where they fit.
+
+    What a column calls absolute is left to the verbs, which are told the pressure of the air.
+    """
+    verdict = None if table.absolute else judge_table(table, expected)
     if verdict is None or not verdict.doubted:
         return ()
+    return (f'the pressure is {verdict.finding}: {table_remedy(verdict)}',)
+
+
+def table_hints(table: ReadingTable, expected: Sequence[ExpectedPressure]) -> tuple[str, ...]:
+    """Say what the pressures of a table may be, where that is likelier but not nearly sure."""
+    verdict = None if table.absolute else judge_table(table, expected)
+    if verdict is None or verdict.doubted or verdict.log_odds <= 0.0:
+        return ()
+    return (
+        f'the pressure may be {verdict.other.words}, {verdict.range_of(verdict.other)}, and not '
+        f'{verdict.declared.words}, {verdict.range_of(verdict.declared)}: if so, '
+        f'{table_remedy(verdict)}',
+    )
+
+
+def table_remedy(verdict: PressureVerdict) -> str:
+    """Return what to do so that the pressures of a table are taken by the other meaning."""
     changes = dict(verdict.changes)
     unit = changes.pop('pressure_unit', None)
     do = [f'rename its column to pressure_{unit.lower()}'] if unit else []
     if changes:
         options = (f'--{name.replace("_", "-")} {value}' for name, value in changes.items())
-        do.append(f'give {" ".join(options)} to every verb that reads the recording')
-    return (f'the pressure is {verdict.finding}: {" and ".join(do)}',)
+        do.append(f'give {" ".join(options)} to every command that reads the recording')
+    return ' and '.join(do)
 
 
 def readable_series(

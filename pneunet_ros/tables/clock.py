@@ -8,9 +8,24 @@ from pathlib import Path
 import re
 
 _LINES_SHOWN = 30
+_MONTHS = [
+    'Jan',
+    'Feb',
+    'Mar',
+    'Apr',
+    'May',
+    'Jun',
+    'Jul',
+    'Aug',
+    'Sep',
+    'Oct',
+    'Nov',
+    'Dec',
+]  # as MATLAB writes them
 _HALF_A_DAY, _DAY = 43_200, 86_400  # s
 _TIME_OF_DAY = re.compile(
-    r'(?:(?P<date>\d{4}(?:-\d\d?-|/\d\d?/)\d\d?|\d\d?\.\d\d?\.\d{4}|\d\d?/\d\d?/\d{4})[T ]+)?'
+    r'(?:(?P<date>\d{4}(?:-\d\d?-|/\d\d?/)\d\d?|\d\d?\.\d\d?\.\d{4}|\d\d?/\d\d?/\d{4}'
+    r'|\d\d?-[A-Z][a-z][a-z]-\d{4})[T ]+)?'
     r'(?P<hour>[01]?\d|2[0-3]):(?P<minute>[0-5]\d)(?::(?P<second>[0-5]\d(?:[.,]\d{1,9})?))?'
     r' ?(?:Z|UTC|(?P<zone>[+-](?:0\d|1[0-4])(?::?[0-5]\d)?)|(?P<half>[AaPp][Mm]))?',
     re.ASCII,
@@ -78,11 +93,14 @@ def _zone(text: str | None) -> int:
 
 
 def _days(text: str) -> int:
-    """Return days since 1970 of 2026-11-22, 2026/11/22, 22.11.2026 or 11/22/2026.
+    """Return days since 1970 of 2026-11-22, 2026/11/22, 22.11.2026, 11/22/2026 or 22-Nov-2026.
 
     Raises ValueError for no day.
     """
-    first, second, third = (int(part) for part in re.split(r'[-./]', text))
+    parts = re.split(r'[-./]', text)
+    first, second, third = (
+        _MONTHS.index(part) + 1 if part.isalpha() else int(part) for part in parts
+    )
     year_first = first > 31
     year, month, day = (first, second, third) if year_first else (third, second, first)
     if (

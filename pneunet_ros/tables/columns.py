@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
 import re
@@ -17,6 +17,7 @@ TIME = 'time'
 ESTIMATE = 'estimate_'  # begins the columns of what the estimator made of readings
 MOST_TARGETS = 500
 _NAMES_SHOWN = 12
+KNOWN_NAMES = '`pneunet import --help` lists them'
 
 IN_BASE = ('force_x', 'force_y')
 OF_STRINGS = ('force_a', 'angle_a', 'force_b', 'angle_b')
@@ -36,8 +37,14 @@ KINDS = {
     **{name: _KINDS[name] for name in TOGETHER},
 }
 _TARGET = re.compile(r'(.+?)(\d{1,3})')
-_UNIT_IN_BRACKETS = re.compile(r'\s*[\[(]([^\[\]()]*)[\])]\s*$')
-_BETWEEN_WORDS = re.compile(r'[\s_./*·-]+')
+_BETWEEN_WORDS = re.compile(r'[\s_.,/*·()\[\]-]+')
+# Units of pressure that people write as two words: mm Hg, kgf/cm2 (a technical atmosphere).
+_TWO_WORDS = (
+    (re.compile(r'(?<![^_])(mm|cm|in)_(hg|h2o)(?![^_])'), r'\1\2'),
+    (re.compile(r'(?<![^_])kgf?_cm2(?![^_])'), 'at'),
+)
+_ABSOLUTE = ('a', 'abs', 'absolute')  # the reference of a pressure: psia, bar(a), P abs [kPa]
+_REFERENCES = ('g', 'gauge', *_ABSOLUTE)
 _UNIT_SPELLINGS = {
     'nm': 'n_m',
     'mnm': 'mn_m',
@@ -53,7 +60,14 @@ _UNIT_SPELLINGS = {
     'hours': 'h',
     'days': 'd',
 }
-_LETTERS = {ord('µ'): 'u', ord('μ'): 'u', ord('°'): 'deg', ord('²'): '2', ord('^'): ''}
+_LETTERS = {
+    ord('µ'): 'u',
+    ord('μ'): 'u',
+    ord('°'): 'deg',
+    ord('²'): '2',
+    ord('₂'): '2',
+    ord('^'): '',
+}
 _UNITS = {'ns', *(unit for units in SI_PER_UNIT.values() for unit in units)}
 # How names end that tables of ROS messages have, in any folder of topics.
 _OF_MESSAGES = {
@@ -62,10 +76,11 @@ _OF_MESSAGES = {
     'force_y': 'force_y_n',
     'torque_z': 'moment_n_m',
 }
-# Units that say by themselves what is measured, as sketches of an Arduino call columns.
+# Units that say by themselves what is measured, as sketches of an Arduino call columns; `at` and
+# `atm` may as well be a time and the pressure of the air.
 _BARE = {
     **{unit: f'{TIME}_{unit}' for unit in ('s', 'ms', 'us')},
-    **{unit: f'pressure_{unit}' for unit in SI_PER_UNIT['pressure']},
+    **{unit: f'pressure_{unit}' for unit in SI_PER_UNIT['pressure'].keys() - {'at', 'atm'}},
 }
 # What others call a time or a pressure, which its unit makes sure.
 _UNMISTAKABLE = {
@@ -73,7 +88,6 @@ _UNMISTAKABLE = {
     'elapsed': TIME,
     'timestamp': TIME,
     'p': 'pressure',
-    'gauge_pressure': 'pressure',
 }
 # What others call a quantity: to ask whether it was meant, as a letter alone can mean much.
 _OTHER_WORDS = {
@@ -140,10 +154,34 @@ def names_no_unit(name: str) -> bool:
     return _plain(name) == TIME
 
 
+def names_absolute(name: str) -> bool:
+    """Whether a column is an absolute pressure by its name: 'psia', 'P abs [kPa]'."""
+    return _without_reference(_words(name))[1] in _ABSOLUTE
+
+
+def _words(name: str) -> list[str]:
+    """Return the words of a name in small letters, a unit as one word."""
+    plain = _BETWEEN_WORDS.sub('_', name.strip().lower().translate(_LETTERS)).strip('_')
+    for written, one in _TWO_WORDS:
+        plain = written.sub(one, plain)
+    return plain.split('_')
+
+
+def _without_reference(words: list[str]) -> tuple[list[str], str]:
+    """Return the words of a pressure without its reference, and the reference; '' for none."""
+    *head, last = words
+    units = SI_PER_UNIT['pressure']
+    if last not in units and last[:-1] in units and last[-1] in 'ag':
+        return [*head, last[:-1]], last[-1]
+    if last in _REFERENCES and head and head[-1] in units:
+        return head, last
+    named = [word for word in head if word in _REFERENCES] if last in units else []
+    return [word for word in words if word not in named], ''.join(named[:1])
+
+
 def _plain(name: str) -> str:
-    text = name.strip().lower().translate(_LETTERS)
-    text = _UNIT_IN_BRACKETS.sub(r' \1', text)
-    plain = _BETWEEN_WORDS.sub('_', text).strip('_')
+    words, _ = _without_reference(_words(name))
+    plain = '_'.join(words)
     head, _, unit = plain.rpartition('_')
     unit = _UNIT_SPELLINGS.get(unit, unit)
     quantity = _UNMISTAKABLE.get(head, '')
@@ -169,7 +207,7 @@ def with_unit(name: str, text: str) -> str:
 
 def _unit(text: str) -> str:
     """Return a unit as names of columns end with it: 'n_mm' for '[N mm]', '' for '-'."""
-    return _plain(f'in [{text.strip("[]() ")}]').removeprefix('in').strip('_')
+    return _plain(f'of [{text.strip("[]() ")}]').removeprefix('of').strip('_')
 
 
 def likely_name(name: str) -> str:
@@ -187,7 +225,7 @@ def likely_name(name: str) -> str:
     for other, quantity in _OTHER_WORDS.items():
         if head == other and unit in SI_PER_UNIT[KINDS[quantity]]:
             return f'{quantity}_{unit}'
-    quantity = _OTHER_WORDS.get(plain, plain)
+    quantity = _OTHER_WORDS.get(plain, head if head in KINDS else plain)
     if quantity in KINDS and quantity not in TOGETHER:
         return f'{quantity}_({"|".join(SI_PER_UNIT[KINDS[quantity]])})'
     target = ''.join(filter(str.isdigit, plain)) or '0'
@@ -232,14 +270,22 @@ def columns_of(names: Iterable[str], where: str) -> list[Column]:
             )
         columns[key] = column
     if unknown:
-        raise RecordingError(f'{where}: {_unknown_columns(unknown)}')
+        there = {column.quantity for column in columns.values()}
+        raise RecordingError(f'{where}: {_unknown_columns(unknown, there)}')
     _check_whole({key: column.name for key, column in columns.items()}, where)
     return list(columns.values())
 
 
-def _unknown_columns(names: list[str]) -> str:
-    """Say which columns are not known, all of them, and what to type."""
-    likely = {name: likely_name(name) for name in names[:_NAMES_SHOWN]}
+def _unknown_columns(names: list[str], there: Collection[str]) -> str:
+    """Say which columns are not known, all of them, and what to type.
+
+    there: the quantities of known columns, which no other column stands for.
+    """
+    likely = {
+        name: '' if _quantity(known) in there else known
+        for name in names[:_NAMES_SHOWN]
+        for known in [likely_name(name)]
+    }
     shown = ', '.join(
         f'{name!r} ({meant}?)' if meant else repr(name) for name, meant in likely.items()
     )
@@ -254,8 +300,15 @@ def _unknown_columns(names: list[str]) -> str:
     if any('UNIT' in word for word in meant):
         sentence += ', with its unit in place of UNIT'
     if others:
-        sentence += f', or --rename OLD=NEW with a name that is known: {known_names()}'
+        sentence += f', or --rename OLD=NEW with a known name ({KNOWN_NAMES})'
     return sentence
+
+
+def _quantity(pattern: str) -> str:
+    """Return the quantity of a known name or of several: pressure_kpa, pressure_(pa|kpa)."""
+    head, several, _ = pattern.partition('_(')
+    column = None if several else column_of(pattern)
+    return head if column is None else column.quantity
 
 
 def _one_unit(pattern: str) -> str:

@@ -37,6 +37,7 @@ from pneunet_ros.tables.header import (
     renamed_columns,
     TableRequest,
     units_below,
+    with_clock,
 )
 
 MOST_BYTES = 500_000_000
@@ -128,8 +129,10 @@ def _read(
     below = next(filter(str.strip, ahead), '') if reader.line_num == 1 else ''
     units = units_below(header, next(csv.reader([below], delimiter=mark), []), request)
     renamed = renamed_columns(header, units, request)
-    check_header(path, header, renamed, request)
-    standard = [standard_name(name) for name in renamed]
+    check_header(path, header, units, renamed, request)
+    standard = with_clock(
+        [standard_name(name) for name in renamed], {'', *request.ignore}, ahead, mark
+    )
     places: dict[str, int] = {}
     for place, (name, *new) in enumerate(zip(header, renamed, standard, strict=True)):
         if not name or {name, *new} & set(request.ignore) or name in request.select:

@@ -19,7 +19,7 @@ from pneunet_ros.tables.columns import (
     column_of,
     is_known,
     is_unit,
-    known_names,
+    KNOWN_NAMES,
     likely_name,
     STAMP,
     TIME,
@@ -31,6 +31,7 @@ LONGEST_CELL = 200
 LONGEST_PREAMBLE = 50  # lines above a table, to say where it begins
 NAMES_SHOWN = 30
 FEWEST_TIMES = 3  # rows that show that a column increases
+UNIX_SECONDS = 1e9, 4.2e9  # since 1970, from 2001 to 2103
 MISSING = {'', 'nan', 'na', 'n/a', '#n/a', 'null', 'none'}
 _DIGIT = re.compile(r'\d')
 _QUOTED = re.compile(r'"[^"]*"')
@@ -73,8 +74,8 @@ def lines_from_names(
         comment = ', and no comment above it holds a known name' if comments else ''
         raise RecordingError(
             f'{path}: no line names the columns: line {above + 1} is a row already{comment}; '
-            f'write a line above it that names each column, such as time_s{mark}pressure_kpa; '
-            f'known are {known_names()}'
+            f'write a line above it that names each column, such as time_s{mark}pressure_kpa '
+            f'({KNOWN_NAMES})'
         )
     return itertools.chain(names, rest), above - len(names)
 
@@ -134,10 +135,11 @@ def renamed_columns(
     names = [request.rename.get(name, name) for name in header]
     if not units:
         return names
-    return [
+    below = [
         new if new != old and column_of(new) else with_unit(new, unit)
         for old, new, unit in zip(header, names, units, strict=True)
     ]
+    return [request.rename.get(name, name) for name in below]
 
 
 def check_no_preamble(path: Path, names: int, ahead: Sequence[str], above: int) -> None:
@@ -180,19 +182,47 @@ def check_separated(path: Path, header: Sequence[str]) -> None:
         )
 
 
+def with_clock(
+    names: Sequence[str], left_out: Collection[str], ahead: Sequence[str], mark: str
+) -> list[str]:
+    """Return the names of the columns with that of the time, where only one holds dates or times.
+
+    That is unmistakable, whatever it is called. left_out: columns that are not read; ahead: the
+    lines below the names. Nothing changes where a column is known as the time.
+    """
+    if any(_is_time_column(name) for name in names):
+        return list(names)
+    rows = [cells for line in ahead if _is_row(cells := _cells(line, mark))]
+    clocks = [
+        place
+        for place, name in enumerate(names)
+        if name not in left_out
+        and (cells := [row[place] for row in rows if place < len(row)])
+        and all(map(is_time, cells))
+    ]
+    if len(clocks) != 1:
+        return list(names)
+    return [f'{TIME}_s' if place in clocks else name for place, name in enumerate(names)]
+
+
+def _is_time_column(name: str) -> bool:
+    column = column_of(name)
+    return name == STAMP or (column is not None and column.quantity == TIME)
+
+
 def ask_about_time(path: Path, places: Mapping[str, int], ahead: Sequence[str], mark: str) -> None:
     """Ask first which column is the time, where none is and one increases from row to row.
 
     places: of the columns by their names; ahead: the lines below the names.
     """
-    known = {name: column_of(name) for name in places}
-    times = [name for name, item in known.items() if item is not None and item.quantity == TIME]
-    if times or STAMP in places:
+    if any(map(_is_time_column, places)):
         return
     rows = [cells for line in ahead if _is_row(cells := _cells(line, mark))]
     for name, place in places.items():
         cells = [row[place] for row in rows if place < len(row)]
-        if known[name] is not None or likely_name(name) or len(cells) < FEWEST_TIMES:
+        likely = likely_name(name)
+        other = column_of(name) is not None or (likely and not likely.startswith(TIME))
+        if other or len(cells) < FEWEST_TIMES:
             continue
         if not all(map(_is_number, cells)) or any(map(is_time, cells)):
             continue
@@ -200,11 +230,20 @@ def ask_about_time(path: Path, places: Mapping[str, int], ahead: Sequence[str], 
         steps = sorted(after - before for before, after in itertools.pairwise(numbers))
         if steps[0] > 0.0:
             units = '|'.join(SI_PER_UNIT['time'])
+            known = likely if column_of(likely) else _since_1970(numbers[0])
+            new = known or f'{TIME}_UNIT, with {units} in place of UNIT'
             raise RecordingError(
                 f'{path}: no column is known as the time; {name!r} increases from row to row, by '
-                f'{steps[len(steps) // 2]:.4g}: if it is, add --rename {shlex.quote(name)}='
-                f'{TIME}_UNIT, with {units} in place of UNIT'
+                f'{steps[len(steps) // 2]:.4g}: if it is, add --rename {shlex.quote(name)}={new}'
             )
+
+
+def _since_1970(time: float) -> str:
+    """Return the name of a column of times since 1970 in a unit that its size shows; else ''."""
+    for name, per_second in (('time_s', 1.0), ('time_ms', 1e3), ('time_us', 1e6), (STAMP, 1e9)):
+        if UNIX_SECONDS[0] <= time / per_second < UNIX_SECONDS[1]:
+            return name
+    return ''
 
 
 def _is_row(cells: Sequence[str]) -> bool:
@@ -218,7 +257,11 @@ def _last_text(lines: Sequence[Sequence[str]]) -> int | None:
 
 
 def check_header(
-    path: Path, header: Sequence[str], renamed: Sequence[str], request: TableRequest
+    path: Path,
+    header: Sequence[str],
+    units: Sequence[str],
+    renamed: Sequence[str],
+    request: TableRequest,
 ) -> None:
     """Refuse names that are none, are too many or too long, or stand twice, and requests."""
     if not header or not any(header):
@@ -234,11 +277,12 @@ def check_header(
             raise RecordingError(f'{path}: a name of a column has {len(name)} characters')
         if name and header.count(name) > 1:
             raise RecordingError(f'{path}: two columns are called {name!r}')
-    there = {*header, *request.rename.values(), *renamed}
+    below = map(with_unit, header, units) if units else ()
+    there = {*header, *below, *request.rename.values(), *renamed}
     asked = {'--select': request.select, '--rename': request.rename, '--ignore': request.ignore}
     for option, names in asked.items():
         for name in names:
-            if name not in (there if option == '--ignore' else header):
+            if name not in (header if option == '--select' else there):
                 raise RecordingError(
                     f'{path} has no column {name!r} ({option}); it has '
                     f'{", ".join(header[:NAMES_SHOWN])}'

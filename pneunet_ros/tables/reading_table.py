@@ -21,12 +21,14 @@ class ReadingTable:
 
     values: for every sensor of SENSORS (rows, *row_shape), SI in the base frame, NaN where there
     is no reading: pressure (rows, 1), end_wrench (rows, 3), targets (rows, 2, targets). A row
-    without any target is no frame. pressure_unit: that in which the table has the pressure.
+    without any target is no frame. pressure_unit: that in which the table has the pressure;
+    absolute: the name of its column says that the pressure is counted from nothing.
     """
 
     stamp_ns: Stamps
     values: Mapping[str, Array]
     pressure_unit: str = 'Pa'
+    absolute: bool = False
 
     def __post_init__(self) -> None:
         """Check the shapes and the order of the stamps."""

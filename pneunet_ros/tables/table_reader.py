@@ -14,7 +14,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, LARGEST
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.stamps import LATEST_STAMP, Stamps
-from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT, STANDARD_ATMOSPHERE
 from pneunet_ros.measurement.pressure_convention import pressure_unit
 from pneunet_ros.messages.readings import PRESSURE, Sensor, SENSORS, TARGETS
 from pneunet_ros.tables.columns import (
@@ -22,6 +22,7 @@ from pneunet_ros.tables.columns import (
     columns_of,
     ESTIMATE,
     IN_BASE,
+    names_absolute,
     names_no_unit,
     OF_STRINGS,
     STAMP,
@@ -146,10 +147,13 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         stamp_ns=stamp_ns,
         values={sensor.name: values_of(sensor) for sensor in SENSORS},
         pressure_unit='Pa' if pressure is None else pressure_unit(pressure.si_per_unit),
+        absolute=pressure is not None and names_absolute(table.written[pressure.name]),
     )
     if not any(found.counts().values()):
         raise RecordingError(f'{path} holds no reading: no pressure, no force, no target')
     sentences += _coincident(path, table.lines, found.values[TARGETS.name])
+    if pressure is not None and found.absolute:
+        sentences.append(_absolute(table.written[pressure.name], found.values[PRESSURE.name]))
     return found, tuple(sentences)
 
 
@@ -169,6 +173,18 @@ def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
         f'({place.real:.4g}, {place.imag:.4g}) m in line {lines[rows[0]]}: where a target was not '
         'seen the cell must be empty'
     ]
+
+
+def _absolute(column: str, pressure: Array) -> str:
+    """Say how the other verbs are told that a pressure (Pa) is absolute, and of which air."""
+    ends = np.nanmin(pressure), np.nanmax(pressure)
+    vented = min(ends, key=lambda end: abs(end - STANDARD_ATMOSPHERE))
+    return (
+        f'{column!r} is an absolute pressure: add --pressure-reference absolute '
+        f'--ambient-pressure {vented:.0f} to every command that reads the recording (that is its '
+        'reading nearest to the standard atmosphere, in Pa; if the arm was never vented, give the '
+        'pressure of the air)'
+    )
 
 
 def string_force(

@@ -22,7 +22,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.measurement.pressure_judge import ANY_ACTUATOR, expected_of
 from pneunet_ros.messages.readings import TARGETS
-from pneunet_ros.offline.judge import table_doubts
+from pneunet_ros.offline.judge import table_doubts, table_hints
 from pneunet_ros.offline.table_conversion import record_table
 from pneunet_ros.recordings.file_kinds import recording_from, VIDEOS
 from pneunet_ros.recordings.recording_writer import write_recording
@@ -64,7 +64,10 @@ def run(arguments: Namespace) -> int:
     with reading_bar(shown=not arguments.json):
         table, sentences = read_table(arguments.table, request)
     expected = ANY_ACTUATOR if arguments.model is None else [expected_of(model_of(arguments))]
-    doubts = table_doubts(table, expected) if arguments.judge_readings else ()
+    doubts: tuple[str, ...] = ()
+    if arguments.judge_readings:
+        doubts = table_doubts(table, expected)
+        sentences = (*table_hints(table, expected), *sentences)
     with (
         reading_bar(shown=not arguments.json),
         write_recording(
