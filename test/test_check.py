@@ -156,7 +156,7 @@ def test_readings_left_out_are_counted(tmp_path, said, arm):
     late = START + 700 * MS
     check = found(tmp_path, [*said, ('pressure', late, pressure(late, math.nan))], arm)
     assert check['sentences'] == [
-        '/pneunet/pressure: 1 pressure reading left out, NaN or infinite'
+        '/pneunet/pressure: 1 pressure reading left out, NaN, infinite or beyond 1e+30'
     ]
 
 
@@ -246,7 +246,7 @@ def test_shipped_recordings(capsys):
     ('bend', 'reason'),
     [
         (lambda at: pressure(0, 1000.0), 'pressure reading without a header stamp'),
-        (lambda at: pressure(at, math.nan), 'holds NaN or infinity'),
+        (lambda at: pressure(at, math.nan), 'holds NaN, infinity'),
         (lambda at: pressure(at, 3e5), 'is outside the calibrated range'),
     ],
 )

@@ -207,7 +207,7 @@ def test_a_turned_sensor_of_the_reaction_gives_the_same_shape(yaw):
 # Readings that cannot be used, and what comes after them
 
 
-@pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf, 1e300])
 @pytest.mark.parametrize('what', ['pressure', 'variance', 'force_x', 'force_y', 'moment'])
 def test_what_is_no_finite_number_is_dropped_and_changes_nothing(what, bad):
     good = pressure(1.1) if what in ('pressure', 'variance') else wrench(1.1)

@@ -754,8 +754,8 @@ def test_the_reference_of_a_pressure_is_read_from_its_name(tmp_path, written, ab
     ['2026-03-04T10:00:0{}Z', '04-Mar-2026 10:00:0{}', '3/4/2026 10:00:0{} AM', '10:00:0{},5'],
 )
 def test_the_only_column_of_times_is_the_time_whatever_it_is_called(tmp_path, first):
-    rows = '\n'.join(f'{first.format(row)};{row}' for row in range(4))
-    table = read(tmp_path, f'Timestamp;kPa\n{rows}\n')
+    rows = '\n'.join(f'{first.format(row)};{row};open' for row in range(4))
+    table = read(tmp_path, f'Timestamp;kPa;valve\n{rows}\n', ignore=['valve'])
     assert np.diff(table.stamp_ns).tolist() == [10**9] * 3
 
 
@@ -769,9 +769,9 @@ def test_the_only_column_of_times_is_the_time_whatever_it_is_called(tmp_path, fi
     ],
 )
 def test_the_unit_of_times_since_1970_is_named(tmp_path, start, step, meant):
-    rows = '\n'.join(f'{start + step * row:.3f},{row}' for row in range(4))
+    rows = '\n'.join(f'{start + step * row:.3f},{row},open' for row in range(4))
     with pytest.raises(RecordingError, match=f'--rename Timestamp={meant}'):
-        read(tmp_path, f'Timestamp,kPa\n{rows}\n')
+        read(tmp_path, f'Timestamp,kPa,valve\n{rows}\n')
 
 
 def test_a_second_pressure_is_not_proposed_as_the_pressure(tmp_path):

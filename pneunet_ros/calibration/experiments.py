@@ -379,7 +379,7 @@ def squared_errors(arm: Arm, run: RecordingData, placement: Array | None = None)
     beside = run.points - model.points
     if placement is not None:
         beside -= placement_jacobian(model.fields[:, THETA]) @ placement.ravel()
-        if solved.any():
+        if np.isfinite(beside[solved]).any(axis=(0, 2)).all():
             beside -= np.nanmedian(beside[solved], axis=(0, 2), keepdims=True)
     apart = np.nan_to_num(beside) ** 2
     apart[~solved] = arm.length**2

@@ -54,7 +54,12 @@ def same_values(left: Any, right: Any) -> bool:
     return bool(left == right)
 
 
-LARGEST = 1e30  # no table of an arm holds more; splines of it would overflow
+LARGEST = 1e30  # no table or reading of an arm holds more; splines and squares of it overflow
+
+
+def are_numbers(values: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """Return which values can be used: neither NaN nor infinite, nor beyond LARGEST."""
+    return np.asarray(np.abs(values) <= LARGEST)
 
 
 def pressure_rows(pressure: Array, at: npt.ArrayLike) -> tuple[npt.NDArray[np.int64], Array]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import math
 from types import MappingProxyType
 
+from pneunet_ros.core.arrays import LARGEST
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
 from pneunet_ros.core.stamps import (
@@ -146,8 +147,9 @@ def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refu
     else:
         values = (reading.pressure, reading.variance)
     stamp_ns = reading.stamp_ns
-    if not all(math.isfinite(value) for value in values):
-        reason, sentence = 'not_finite', f'{what} reading holds NaN or infinity'
+    if not all(abs(value) <= LARGEST for value in values):
+        sentence = f'{what} reading holds NaN, infinity or a number beyond {LARGEST:g}'
+        reason = 'not_finite'
     else:
         reason, sentence = stamp_fault(f'{what} reading', last, stamp_ns)
     if reason == STARTS_ANEW:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.arrays import are_numbers, Array, freeze
 from pneunet_ros.core.arrivals import ArrivalOrder
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.frames import (
@@ -112,8 +112,8 @@ class Sensor(Input[ReadingType]):
     def present(self, values: Array) -> npt.NDArray[np.bool_]:
         """Return which of these rows (rows, *row_shape) are readings."""
         if self.partial:
-            return np.asarray(np.isfinite(values).any(axis=1))
-        complete = np.asarray(np.isfinite(values).all(axis=1))
+            return np.asarray(are_numbers(values).any(axis=1))
+        complete = np.asarray(are_numbers(values).all(axis=1))
         return np.asarray(complete.any(axis=1)) if self.per_target else complete
 
 
@@ -275,7 +275,7 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
     for row, name in zip(table, _OF_A_TARGET, strict=True):
         if name in kinds:
             row[:] = points[name]
-    seen = np.isfinite(table[:2]).all(axis=0)
+    seen = np.asarray(are_numbers(table[:2]).all(axis=0))
     seen[1:] &= (table[:2, 1:] != 0.0).any(axis=0)
     if not seen.all():
         table[:, ~seen] = np.nan

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.arrays import Array, freeze, LARGEST
 from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.stamps import AHEAD, match_stamps, StampGate, Stamps, STARTS_ANEW
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -29,7 +29,7 @@ from pneunet_ros.recordings.recording import Recording
 
 REASONS = {
     UNREADABLE: 'not readable',
-    'not_finite': 'NaN or infinite',
+    'not_finite': f'NaN, infinite or beyond {LARGEST:g}',
     'no_stamp': 'without a header stamp',
     'duplicate': 'with the stamp of the one before',
     'older': 'older than the one before',

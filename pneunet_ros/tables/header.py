@@ -192,7 +192,7 @@ def with_clock(
     """
     if any(_is_time_column(name) for name in names):
         return list(names)
-    rows = [cells for line in ahead if _is_row(cells := _cells(line, mark))]
+    rows = _rows(ahead, mark)
     clocks = [
         place
         for place, name in enumerate(names)
@@ -217,7 +217,7 @@ def ask_about_time(path: Path, places: Mapping[str, int], ahead: Sequence[str], 
     """
     if any(map(_is_time_column, places)):
         return
-    rows = [cells for line in ahead if _is_row(cells := _cells(line, mark))]
+    rows = _rows(ahead, mark)
     for name, place in places.items():
         cells = [row[place] for row in rows if place < len(row)]
         likely = likely_name(name)
@@ -244,6 +244,12 @@ def _since_1970(time: float) -> str:
         if UNIX_SECONDS[0] <= time / per_second < UNIX_SECONDS[1]:
             return name
     return ''
+
+
+def _rows(ahead: Sequence[str], mark: str) -> list[list[str]]:
+    """Return the cells of the lines that hold a number or a time; others may be text."""
+    lines = [_cells(line, mark) for line in ahead]
+    return [cells for cells in lines if any(map(_is_number, cells))]
 
 
 def _is_row(cells: Sequence[str]) -> bool:

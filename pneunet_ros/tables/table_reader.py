@@ -16,6 +16,7 @@ from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.stamps import LATEST_STAMP, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT, STANDARD_ATMOSPHERE
 from pneunet_ros.measurement.pressure_convention import pressure_unit
+from pneunet_ros.measurement.pressure_judge import record_of
 from pneunet_ros.messages.readings import PRESSURE, Sensor, SENSORS, TARGETS
 from pneunet_ros.tables.columns import (
     Column,
@@ -153,7 +154,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         raise RecordingError(f'{path} holds no reading: no pressure, no force, no target')
     sentences += _coincident(path, table.lines, found.values[TARGETS.name])
     if pressure is not None and found.absolute:
-        sentences.append(_absolute(table.written[pressure.name], found.values[PRESSURE.name]))
+        sentences.append(_absolute(table.written[pressure.name], found))
     return found, tuple(sentences)
 
 
@@ -175,10 +176,12 @@ def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
     ]
 
 
-def _absolute(column: str, pressure: Array) -> str:
-    """Say how the other verbs are told that a pressure (Pa) is absolute, and of which air."""
-    ends = np.nanmin(pressure), np.nanmax(pressure)
-    vented = min(ends, key=lambda end: abs(end - STANDARD_ATMOSPHERE))
+def _absolute(column: str, table: ReadingTable) -> str:
+    """Say how the other verbs are told that a pressure is absolute, and of which air."""
+    pressure = table.values[PRESSURE.name][:, 0]
+    kept = np.isfinite(pressure)
+    record = record_of(table.stamp_ns[kept].tolist(), pressure[kept].tolist())
+    vented = min(record.low, record.high, key=lambda end: abs(end - STANDARD_ATMOSPHERE))
     return (
         f'{column!r} is an absolute pressure: add --pressure-reference absolute '
         f'--ambient-pressure {vented:.0f} to every command that reads the recording (that is its '
