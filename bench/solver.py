@@ -53,11 +53,11 @@ from pneunet_ros.solver.columns import (
 )
 from pneunet_ros.solver.interpolation import resolution
 from pneunet_ros.solver.sensitivity import sensitivities
-from pneunet_ros.solver.settings import SOLVER
 from scipy.integrate import solve_bvp, solve_ivp
 from scipy.optimize import root_scalar
 
 sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
+from pneunet_ros.solver.settings import BATCH_ITERATIONS, BATCH_TOLERANCE
 from support.example_arms import Row, TABLE_1
 
 MECHANICS = {
@@ -341,8 +341,8 @@ class Batch:
             lambda: newton_batch(
                 *self.batch,
                 self.predicted,
-                SOLVER.batch_iterations,
-                SOLVER.batch_tolerance,
+                BATCH_ITERATIONS,
+                BATCH_TOLERANCE,
                 self.many,
                 self.residual,
             ),

@@ -50,7 +50,7 @@ from pneunet_ros.solver.columns import (
 )
 from pneunet_ros.solver.frame_series import FrameSolutions, linearize_frames, solve_frames
 from pneunet_ros.solver.rod import Rods
-from pneunet_ros.solver.settings import SOLVER
+from pneunet_ros.solver.settings import FRAME_ITERATIONS, MOST_PANELS, MOST_TURNS, SOLVER, TURNED
 
 LOAD_STEP = 1e-4  # of weight and length: of differences where effects go with the end load
 Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
@@ -122,14 +122,14 @@ class ForwardModel:
             self.heading = np.nan_to_num(self.headings)
         search = HeadingSearch(self.heading)
         missed = np.zeros(0)
-        for _ in range(SOLVER.most_turns):
+        for _ in range(MOST_TURNS):
             self.solve_on_mesh(arm, rods.pointed(search.heading), loads)
             self.heading = search.heading
             found = np.where(self.solved[:, None], self.headings, self.heading)
             missed = np.abs(found - self.heading).max(axis=1)
-            if search.turn(found) <= SOLVER.turned:
+            if search.turn(found) <= TURNED:
                 return
-        self.solved &= missed <= SOLVER.turned
+        self.solved &= missed <= TURNED
         self.every_field[~self.solved] = np.nan
 
     @property
@@ -143,7 +143,7 @@ class ForwardModel:
             self.solve_frames(arm, rods, loads)
             if not np.any(self.detail[self.solved] > SOLVER.finest_detail * arm.length):
                 return
-            if 2 * int(self.counts.sum()) > SOLVER.most_panels:
+            if 2 * int(self.counts.sum()) > MOST_PANELS:
                 self.solved &= self.detail <= SOLVER.finest_detail * arm.length
                 return
             self.remesh(2 * self.counts, len(loads))
@@ -168,7 +168,7 @@ class ForwardModel:
         first = 0
         while first < frames:
             first = solve_frames(
-                rods, loads, self.solutions(), first, SOLVER.frame_iterations, SOLVER.tolerance
+                rods, loads, self.solutions(), first, FRAME_ITERATIONS, SOLVER.tolerance
             )
             if first == frames:
                 return

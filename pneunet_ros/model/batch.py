@@ -36,7 +36,13 @@ from pneunet_ros.solver.columns import (
     THETA,
 )
 from pneunet_ros.solver.rod import Rods
-from pneunet_ros.solver.settings import ACCEPTED, SOLVER, SolverSettings
+from pneunet_ros.solver.settings import (
+    ACCEPTED,
+    BATCH_ITERATIONS,
+    BATCH_TOLERANCE,
+    SOLVER,
+    SolverSettings,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,7 +115,7 @@ def solve_many(
     fields = np.empty((FIELD_COUNT, pressure.size, stations))
     detail, missed = np.empty(pressure.size), np.empty(pressure.size)
     batch = rods, loads, np.array(start.solution.counts)
-    limits = settings.batch_iterations, settings.batch_tolerance
+    limits = BATCH_ITERATIONS, BATCH_TOLERANCE
     newton_batch(*batch, guesses, *limits, nodes, residual)
     evaluate_batch(*batch, nodes, arclength, fields, detail, missed)
     inside = np.array([arm.beyond_range(value) <= EXTRAPOLATION for value in pressure])

@@ -42,7 +42,14 @@ from pneunet_ros.solver.interpolation import at_stations
 from pneunet_ros.solver.linearization import panel_changes, station_changes
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.sensitivity import sensitivities
-from pneunet_ros.solver.settings import SOLVER, SolverSettings
+from pneunet_ros.solver.settings import (
+    MOST_PANELS,
+    MOST_TURNS,
+    NEWTON_ITERATIONS,
+    SOLVER,
+    SolverSettings,
+    TURNED,
+)
 from pneunet_ros.solver.sides import Response
 from pneunet_ros.solver.solution import SolverNodes
 
@@ -214,13 +221,13 @@ def solve_rod(
         if start is None:
             return without
     search = HeadingSearch(headings(start, rods)[None])
-    for _ in range(settings.most_turns):
+    for _ in range(MOST_TURNS):
         pointed = rods.pointed(search.heading)
         shape = solve_dead_loads(arm, pointed, load, start, arclength, settings, quick)
         start = shape.solution
         if start is None:
             return shape
-        if search.turn(headings(start, rods)[None]) <= settings.turned:
+        if search.turn(headings(start, rods)[None]) <= TURNED:
             return shape
     sentence = 'no equilibrium found with a push that turns with the arm'
     return failed_shape(arm, load, arclength, sentence, shape.residual, shape.iterations)
@@ -333,8 +340,8 @@ def follow_shape(
         np.array(start.counts),
         settings.decay_per_panel,
         settings.turn_per_panel,
-        settings.most_panels,
-        settings.iterations,
+        MOST_PANELS,
+        NEWTON_ITERATIONS,
         settings.tolerance,
         settings.finest_detail * rods.length,
         settings.coarser,

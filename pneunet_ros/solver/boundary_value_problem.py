@@ -15,10 +15,19 @@ from pneunet_ros.solver.branches.energy_descent import loaded_guess
 from pneunet_ros.solver.interpolation import resolution
 from pneunet_ros.solver.panel import GAUSS_ABSCISSAE, GAUSS_POINTS
 from pneunet_ros.solver.rod import Rods
-from pneunet_ros.solver.settings import ACCEPTED, SOLVER, SolverSettings
+from pneunet_ros.solver.settings import (
+    ACCEPTED,
+    MOST_PANELS,
+    NEWTON_ITERATIONS,
+    SOLVER,
+    SolverSettings,
+)
 from pneunet_ros.solver.solution import SolverNodes
 
 ANGLES = col.NODE_GAUSS + GAUSS_POINTS  # columns of a node that hold angles
+# Those of one that was not; panels over those of a plain mesh: halving doubles them, rounding up
+# adds a few.
+REFINED = 1.5
 
 
 def newton(
@@ -87,7 +96,7 @@ class BoundaryValueProblem:
         finest (m): the detail that a mesh must carry.
         """
         settings = self.settings
-        if len(known.panels) <= settings.refined * len(self.panels):
+        if len(known.panels) <= REFINED * len(self.panels):
             return
         panels, _, nodes = known.for_kernels()
         detail = resolution(panels, nodes, self.rods.knots, self.rods.rotation[0])
@@ -126,7 +135,7 @@ class BoundaryValueProblem:
         """Newton's method from the present nodes; whether the equations hold afterwards."""
         settings = self.settings
         self.residual, steps = newton(
-            self.panels, self.ends, self.nodes, settings.iterations, settings.tolerance
+            self.panels, self.ends, self.nodes, NEWTON_ITERATIONS, settings.tolerance
         )
         self.iterations += steps
         return self.residual <= ACCEPTED
@@ -161,7 +170,7 @@ class BoundaryValueProblem:
         knots, rotation = self.rods.knots, self.rods.rotation[0]
         while resolution(self.panels, self.nodes, knots, rotation) > finest:
             total = len(self.panels)
-            if 2 * total > self.settings.most_panels:
+            if 2 * total > MOST_PANELS:
                 return f'not resolved: the shape has detail finer than {total} panels'
             known = self.solution()
             self.mesh(2 * self.counts)
@@ -191,7 +200,7 @@ def panels_needed(
         ends,
         settings.decay_per_panel,
         settings.turn_per_panel,
-        settings.most_panels,
+        MOST_PANELS,
     )
     return counts
 

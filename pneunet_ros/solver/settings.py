@@ -16,6 +16,14 @@ NEWTON_HALVINGS = 8  # of a step that does not help
 # Descent in energy (all invented): largest step, and the step that leaves the rest to Newton, rad.
 LARGEST_STEP, SETTLED = 0.6, 0.02
 DESCENT_ITERATIONS, DESCENT_HALVINGS = 60, 12
+# Most steps of Newton's method on one mesh: it converges quadratically or never.
+NEWTON_ITERATIONS = 25
+MOST_PANELS = 400  # of a mesh: it ends the halving of panels that rounding keeps from converging
+TURNED = 1e-10  # rad, between a push and the normal of the arm: as exact as ACCEPTED
+MOST_TURNS = 30  # solves by the secant method, which converges in a few or never
+FRAME_ITERATIONS = 12  # most steps of Newton's method from a neighbor: else it starts anew
+BATCH_ITERATIONS = 8  # the same, for all rods of a batch
+BATCH_TOLERANCE = 1e-11  # rad; sum of residuals that a batch aims at, beyond rounding
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,30 +31,11 @@ class SolverSettings:
     """How the rod is meshed and brought to equilibrium."""
 
     tolerance: float = tuning(1e-13, 'residual Newton aims at', unit='rad')
-    iterations: int = tuning(25, 'most Newton steps on one mesh')
     decay_per_panel: float = tuning(0.8, 'longest panel', unit='decay lengths sqrt(B/F)')
     turn_per_panel: float = tuning(0.5, 'largest rotation over a panel', unit='rad')
     finest_detail: float = tuning(1e-6, 'last Legendre term of a fine mesh', unit='of the length')
-    refined: float = tuning(
-        1.5, 'panels from which on a mesh was refined', unit='those of one that was not'
-    )
     coarser: float = tuning(32.0, 'detail on half as many panels, at least', unit='detail')
-    most_panels: int = tuning(400, 'panels of the finest mesh')
     shortest: float = tuning(0.05, 'least stretch that rest strain may leave')
-    first_load_step: float = tuning(0.05, 'first step of load continuation', unit='of the load')
-    least_load_step: float = tuning(
-        1e-4, 'step at which continuation gives up', unit='of the load'
-    )
-    load_step_iterations: int = tuning(10, 'most Newton steps at one load')
-    easy_iterations: int = tuning(4, 'Newton steps after which the load step grows')
-    load_step_growth: float = tuning(1.5, 'growth of an easy load step')
-    turned: float = tuning(
-        1e-10, 'between where a push points and the normal of the arm there', unit='rad'
-    )
-    most_turns: int = tuning(30, 'most solves with pushes that turn with the arm')
-    frame_iterations: int = tuning(12, 'most Newton steps from the frame before')
-    batch_iterations: int = tuning(8, 'Newton steps of a batch')
-    batch_tolerance: float = tuning(1e-11, 'sum of residuals a batch aims at', unit='rad')
 
 
 SOLVER = SolverSettings()

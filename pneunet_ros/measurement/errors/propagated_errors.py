@@ -19,7 +19,7 @@ from pneunet_ros.measurement.errors.second_order import (
 )
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.solver import columns as col
-from pneunet_ros.solver.settings import SOLVER
+from pneunet_ros.solver.settings import FRAME_ITERATIONS, SOLVER
 from pneunet_ros.solver.sides import Beside, Response, second_difference, solve_sides
 
 Indices = npt.NDArray[np.intp]
@@ -91,7 +91,7 @@ def propagate_errors(
         response,
         KINDS[sensitivity.stable],
         np.array(DEFAULTS.steps),
-        SOLVER.frame_iterations,
+        FRAME_ITERATIONS,
         SOLVER.tolerance,
         frozen_array(at.arclength),
         at.changes,

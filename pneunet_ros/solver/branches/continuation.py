@@ -10,6 +10,13 @@ from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import unloaded_nodes
 from pneunet_ros.solver.settings import ACCEPTED, SolverSettings
 
+FIRST_LOAD_STEP = 0.05  # of the load; of the load; steps adapt from there
+LEAST_LOAD_STEP = 1e-4  # of the load; of the load, where steps that are halved again and again end
+# Most steps of Newton's method at one load, before the load step is halved.
+LOAD_STEP_ITERATIONS = 10
+EASY_ITERATIONS = 4  # steps of Newton's method up to which the load step may grow
+LOAD_STEP_GROWTH = 1.5  # of a load step that was easy
+
 Newton = Callable[[Array, Array, Array, int, float], tuple[float, int]]
 
 
@@ -27,7 +34,7 @@ def continue_in_load(
         slice(col.PANEL_FORCE_X, col.PANEL_LOSS_Y + 1),
         slice(col.END_X, col.END_MOMENT + 1),
     )
-    reached, step, total = 0.0, settings.first_load_step, 0
+    reached, step, total = 0.0, FIRST_LOAD_STEP, 0
     residual = np.inf
     while reached < 1.0:
         share = min(1.0, reached + step)
@@ -35,15 +42,15 @@ def continue_in_load(
         panels_now[:, forces] = share * panels[:, forces]
         ends_now[loads] = share * ends[loads]
         residual, steps = newton(
-            panels_now, ends_now, nodes, settings.load_step_iterations, settings.tolerance
+            panels_now, ends_now, nodes, LOAD_STEP_ITERATIONS, settings.tolerance
         )
         total += steps
         if residual <= ACCEPTED:
             reached = share
-            step *= settings.load_step_growth if steps <= settings.easy_iterations else 1.0
+            step *= LOAD_STEP_GROWTH if steps <= EASY_ITERATIONS else 1.0
             continue
         nodes[:] = before
         step *= 0.5
-        if step < settings.least_load_step:
+        if step < LEAST_LOAD_STEP:
             break
     return residual, total

@@ -1,0 +1,527 @@
+"""Halve and double every number that decides, and say which figure moves: a source, or idle.
+
+    python acceptance/sweep.py ROOM... [--output FILE.csv] [--only Class.field ...]
+
+Each room has a small set of figures that takes seconds (FIGURES): shapes, replays, fused
+recordings with a cause of error, calibrations, sealed trials, composed films. All is imported and
+compiled once; a number is changed where its class keeps the default and in all instances that are
+there, and what was cached is forgotten. A row of the table: number, default, and what moved when
+it was halved and doubled (the figures that moved most, relative to their size; `nothing` where
+none moved by more than MOVES). A whole number of one halves to zero and is left alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+import contextlib
+import csv
+from dataclasses import dataclass, fields, is_dataclass
+import functools
+import gc
+import importlib
+import inspect
+import io
+import json
+import math
+from pathlib import Path
+import pkgutil
+import sys
+import tempfile
+import time
+from typing import Any
+
+from pneunet_ros.core.threads import use_one_thread
+
+if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
+    use_one_thread()
+
+import pneunet_ros
+from pneunet_ros import load_model, save_model, solve, solve_tip
+from pneunet_ros.cli.main import main as pneunet
+from pneunet_ros.core.errors import PneunetError
+from pneunet_ros.core.share import share_path
+
+CHECKOUT = Path(__file__).resolve().parent.parent
+sys.path.append(str(CHECKOUT / 'test'))
+KEPT = Path(tempfile.gettempdir()) / 'pneunet_sweep'
+MOVES = 1e-3  # relative change of a figure that counts; what rounds differently is not told
+SHOWN = 2  # figures that are named
+Figures = dict[str, float | str]
+UNSTABLE = ('time', 'version', 'sha256', 'seconds', 'created', 'file', 'took', 'settings', 'per_s')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Number:
+    """A field made by `tuning`, and the class that owns it."""
+
+    owner: type
+    name: str
+    default: Any
+
+    @property
+    def room(self) -> str:
+        return self.owner.__module__.split('.')[1]
+
+    def __str__(self) -> str:
+        return f'{self.owner.__name__}.{self.name}'
+
+    def times(self, factor: float) -> Any:
+        """Return the default times a factor; None where that is the same or means nothing."""
+        changed = scaled(self.default, factor)
+        return None if changed == self.default else changed
+
+
+def scaled(value: Any, factor: float) -> Any:
+    """Return a number, or all numbers of nested tuples, times a factor."""
+    if isinstance(value, tuple):
+        return tuple(scaled(item, factor) for item in value)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return value
+    if isinstance(value, int):
+        return max(1, math.ceil(value * factor)) if value > 0 else value
+    return value * factor
+
+
+def numbers_of(rooms: list[str]) -> list[Number]:
+    """Return all numbers that decide of rooms, in the order of their modules."""
+    for module in pkgutil.walk_packages(pneunet_ros.__path__, 'pneunet_ros.'):
+        if not module.name.startswith('pneunet_ros.nodes') and '__main__' not in module.name:
+            importlib.import_module(module.name)
+    found: dict[tuple[str, str], Number] = {}
+    modules = [one for name, one in sys.modules.items() if name.startswith('pneunet_ros.')]
+    for owner in {value for one in modules for value in vars(one).values()
+                  if isinstance(value, type) and is_dataclass(value)}:  # fmt: skip
+        declared = inspect.get_annotations(owner)
+        for item in fields(owner) if owner.__module__.startswith('pneunet_ros.') else ():
+            if item.name in declared and 'used_unit' in item.metadata:
+                number = Number(owner=owner, name=item.name, default=item.default)
+                found[owner.__module__, str(number)] = number
+    return [one for _, one in sorted(found.items()) if one.room in rooms]
+
+
+@contextlib.contextmanager
+def changed(number: Number, value: Any) -> Iterator[None]:
+    """Let a number have another value, in its class and in all instances with the default."""
+    classes = [number.owner, *subclasses(number.owner)]
+    set_defaults(classes, number.name, value)
+    holders = [
+        one
+        for one in gc.get_objects()
+        if type(one) in classes and getattr(one, number.name) == number.default
+    ]
+    for one in holders:
+        object.__setattr__(one, number.name, value)
+    forget()
+    try:
+        yield
+    finally:
+        set_defaults(classes, number.name, number.default)
+        for one in holders:
+            object.__setattr__(one, number.name, number.default)
+        forget()
+
+
+def subclasses(owner: type) -> list[type]:
+    """Return all classes that inherit the fields of one."""
+    return [one for direct in owner.__subclasses__() for one in (direct, *subclasses(direct))]
+
+
+def set_defaults(classes: list[type], name: str, value: Any) -> None:
+    """Let instances that are made from now on have a value."""
+    for one in classes:
+        defaults = one.__init__.__kwdefaults__
+        if defaults is not None and name in defaults:
+            defaults[name] = value
+
+
+def forget() -> None:
+    """Empty all caches of the package: they know what followed from other numbers."""
+    for one in gc.get_objects():
+        if isinstance(one, functools._lru_cache_wrapper) and one.__module__.startswith(
+            ('pneunet_ros.model', 'pneunet_ros.measurement', 'pneunet_ros.vision',
+             'pneunet_ros.fusion', 'pneunet_ros.estimation', 'pneunet_ros.calibration',
+             'pneunet_ros.diagnosis', 'pneunet_ros.discovery')
+        ):  # fmt: skip
+            one.cache_clear()
+
+
+def leaves(content: Any, path: str = '') -> Iterator[tuple[str, float | str]]:
+    """Yield (dotted path, number or word) of nested content."""
+    if isinstance(content, dict):
+        for key, value in content.items():
+            if not any(word in str(key) for word in UNSTABLE):
+                yield from leaves(value, f'{path}.{key}' if path else str(key))
+    elif isinstance(content, (list, tuple)):
+        for place, value in enumerate(content):
+            yield from leaves(value, f'{path}.{place}')
+    elif isinstance(content, (bool, str)) or content is None:
+        yield path, str(content)
+    else:
+        yield path, float(content)
+
+
+def verb(*words: str) -> Figures:
+    """Return all that a verb prints as JSON, and its exit code."""
+    printed, errors = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(errors):
+        try:
+            code = pneunet([*words, '--json'])
+        except SystemExit as end:
+            code = end.code
+    text = printed.getvalue()
+    found: Figures = {'exit code': str(code), 'error': errors.getvalue()[-200:] if code else ''}
+    try:
+        return found | dict(leaves(json.loads(text))) if text else found
+    except json.JSONDecodeError:
+        return found
+
+
+def named(name: str, figures: Figures) -> Figures:
+    """Return figures with a name before theirs."""
+    return {f'{name} {key}': value for key, value in figures.items()}
+
+
+def shapes() -> Figures:
+    """Solve easy and hard rods, tips to forces, and ask the model where it knows nothing."""
+    found: Figures = {}
+    for model in ('paper_arm', 'lab_arm'):
+        arm = load_model(share_path(f'config/{model}.yaml'))
+        for load in ((0.0, 0.0), (0.175, 0.07), (-0.4, 0.02), (4.0, 3.0)):
+            for pressure in (0.0, 60e3):
+                shape = solve(arm, pressure=pressure, force=load)
+                key = f'{model} {pressure:g} {load}'
+                found[f'{key} status'] = str(shape.status)
+                found |= {f'{key} tip.{axis}': float(v) for axis, v in enumerate(shape.tip)}
+        for tip in ((0.1035, 0.0395), (0.08, 0.06)):
+            try:
+                force = solve_tip(arm, pressure=31e3, tip=tip).force
+                found |= {f'{model} {tip} force.{axis}': float(v) for axis, v in enumerate(force)}
+            except PneunetError as error:
+                found[f'{model} {tip} error'] = str(error)
+        path = f'config/{model}.yaml'
+        low, high = arm.pressure_range
+        for share, force in ((1.01, 0.1), (1.04, 0.1), (1.08, 0.1), (0.5, 0.36), (0.5, 0.6)):
+            pressure = low + share * (high - low)
+            load = ('--force', str(force), str(0.6 * force))
+            words = ('predict', '--pressure', str(pressure), *load, '--model', path)
+            found |= named(f'{model} {share:g} of the range, {force:g} N:', verb(*words))
+    return found
+
+
+def simulated(name: str, *words: str) -> str:
+    """Return a recording of the virtual lab, made once."""
+    path = KEPT / f'{name}.mcap'
+    if not path.exists():
+        KEPT.mkdir(exist_ok=True)
+        verb('simulate', *words, '--output', str(path))
+    return str(path)
+
+
+def replays() -> Figures:
+    """Replay what is shipped, and a recording of an arm that creeps, and check them."""
+    crept = simulated(
+        'crept', 'random_mix', '--seed', '5', '--effect', 'creep.amplitude=0.3',
+        '--effect', 'creep.time_constant=6',
+    )  # fmt: skip
+    found: Figures = {}
+    for name, path, model in (
+        ('table1', 'bags/table1', 'paper_arm'),
+        ('held out', 'bags/lab_day/heldout.mcap', 'lab_arm'),
+        ('other model', 'bags/lab_day/loaded.mcap', 'paper_arm'),
+        ('creep', crept, 'lab_arm'),
+    ):
+        with tempfile.TemporaryDirectory() as folder:
+            output = ('--output', f'{folder}/o.mcap')
+            found |= named(name, verb('replay', path, '--model', f'config/{model}.yaml', *output))
+        found |= named(f'check {name}', verb('check', path))
+    return found
+
+
+@functools.cache
+def rig() -> Any:
+    """Return the calibrated model of a rig, made once."""
+    path = KEPT / 'rig.yaml'
+    if not path.exists():
+        from rigs import model_of
+
+        KEPT.mkdir(exist_ok=True)
+        save_model(model_of(5000), path)
+    return load_model(path)
+
+
+CAUSES = (
+    ('nothing wrong', 8.0),
+    ('dots 3 mm beside the neutral line', 5.0),
+    ('table tilted by 10 degrees', 5.0),
+    ('friction: a play of 4 kPa', 5.0),
+    ('the arm has mass, steps', 5.0),
+)
+
+
+@functools.cache
+def rig_recording(name: str, seconds: float) -> Any:
+    """Return a recording of the rig with a cause of error, made once."""
+    import everyday_causes
+
+    return everyday_causes.recording_of(5000, 0, name, seconds)
+
+
+def fusions() -> Figures:
+    """Fuse recordings of a rig with a cause of error each, with and without a force sensor."""
+    import everyday_causes
+    from pneunet_ros.fusion.fusion import Fusion
+
+    found: Figures = {}
+    fusion = Fusion(arm=rig())
+    for name, seconds in CAUSES:
+        recording = rig_recording(name, seconds)
+        for wrench in (False, True) if name == 'nothing wrong' else (False,):
+            rows, said = everyday_causes.fuse(fusion, recording, name, 500_000, wrench=wrench)
+            key = f'{name}{", force sensor" if wrench else ""}:'
+            numbers = everyday_causes.numbers_of(rows[None])
+            found |= {f'{key} {what}': value for what, value in numbers.items()}
+            for text in everyday_causes.shares_of(said):
+                if text:
+                    share, _, sentence = text.partition(' ')
+                    found[f'{key} says {sentence}'] = float(share)
+    return found
+
+
+def fused_files() -> Figures:
+    """Fuse what is shipped, as a verb does."""
+    found = fusions()
+    with tempfile.TemporaryDirectory() as folder:
+        words = ('--fuse', '--model', 'config/lab_arm.yaml', '--output', f'{folder}/o.mcap')
+        found |= named('fuse held out', verb('replay', 'bags/lab_day/heldout.mcap', *words))
+    return found
+
+
+def measurements() -> Figures:
+    """Return what fusions and judges of recordings say, and a calibration."""
+    found = fusions()
+    for path in ('bags/lab_day/loaded.mcap', 'bags/lab_day/heldout.mcap'):
+        found |= named(f'check {path}', verb('check', path, '--model', 'config/lab_arm.yaml'))
+    return found
+
+
+def calibrations() -> Figures:
+    """Calibrate the shipped day in the lab, and an arm that creeps."""
+    found: Figures = {}
+    day = [f'bags/lab_day/{name}.mcap' for name in ('unloaded', 'loaded')]
+    for name, (free, loaded) in (('lab day', day),):
+        with tempfile.TemporaryDirectory() as folder:
+            words = ('--unloaded', free, '--loaded', loaded, '--output', f'{folder}/m.yaml')
+            found |= named(name, verb('calibrate', *words))
+    return found
+
+
+TRIALS = (('nothing', 1_000_003), ('single', 1_000_004), ('outside', 1_000_001))
+
+
+@functools.cache
+def trial(block: str, seed: int) -> Any:
+    """Return what a sealed trial gives a diagnosis, made once."""
+    from blind.trials import made
+
+    return made(block, seed)[1]
+
+
+def diagnoses() -> Figures:
+    """Diagnose short sealed trials, as the verb does."""
+    from blind.running import answered, investigate_as_said
+
+    found: Figures = {}
+    for block, seed in TRIALS:
+        answer, _ = answered(trial(block, seed), investigate_as_said)
+        found |= named(block, dict(leaves(answer)))
+    return found
+
+
+FILMS = (('coffee', 'bright', ('hand', 'blur')), ('china', 'dark', ('jpeg', 'uneven')))
+RESTING, FOLLOWED = 6, 10  # frames
+
+
+@functools.cache
+def film(name: str, polarity: str, disturbances: tuple[str, ...]) -> tuple[Any, Any, Any]:
+    """Return a composed film, its frames, and a tracker's state after the rest, made once."""
+    from pneunet_ros.vision.tracker import TrackerState
+    from support.composed_pictures import Composer, Composition
+    from support.tracked_films import lens_of_films
+
+    composition = Composition(
+        photograph=name,
+        polarity=polarity,
+        disturbances=frozenset(disturbances),
+        frames=RESTING + FOLLOWED,
+        resting=RESTING,
+        seed=3,
+    )
+    frames = list(Composer(composition))
+    tracker = tracker_of(composition)
+    state, _ = tracker.step(TrackerState(), lens_of_films())
+    return composition, frames, followed(tracker, state, frames[:RESTING])[0]
+
+
+def tracker_of(composition: Any) -> Any:
+    """Return a new tracker of a film."""
+    from pneunet_ros.vision.camera.camera_settings import CameraSettings
+    from pneunet_ros.vision.tracker import Tracker
+    from support.tracked_films import arm_of
+
+    return Tracker(arm_of(load_model(share_path('config/paper_arm.yaml')), composition),
+                   CameraSettings())  # fmt: skip
+
+
+def followed(tracker: Any, state: Any, frames: list[Any]) -> tuple[Any, list[Any]]:
+    """Return the state of a tracker after frames, and what it made of each."""
+    from support.tracked_films import image_of
+
+    outcomes = []
+    for frame in frames:
+        state, outcome = tracker.step(state, image_of(frame))
+        outcomes.append(outcome)
+    return state, outcomes
+
+
+def films() -> Figures:
+    """Track composed films from the rest on, one of them from its first frame, and a plain one."""
+    from pneunet_ros.vision.tracker import TrackerState
+    from support.tracked_films import lens_of_films, Score
+
+    found: Figures = {}
+    for place, one in enumerate(FILMS):
+        composition, frames, state = film(*one)
+        tracker = tracker_of(composition)
+        if place == 0:
+            state, _ = tracker.step(TrackerState(), lens_of_films())
+            state, _ = followed(tracker, state, frames[:RESTING])
+        score = Score()
+        length = 0.112 / ((composition.targets - 1) * composition.spacing)
+        for frame, outcome in zip(
+            frames[RESTING:], followed(tracker, state, frames[RESTING:])[1], strict=True
+        ):
+            score.count(outcome, frame, length)
+        found |= named(' '.join((one[0], *one[2])), dict(leaves(score.numbers())))
+    with tempfile.TemporaryDirectory() as folder:
+        words = ('track', 'bags/camera_demo', '--output', f'{folder}/o.mcap')
+        found |= named('camera demo', verb(*words))
+    return found
+
+
+FIGURES: dict[str, Callable[[], Figures]] = {
+    'solver': shapes,
+    'model': shapes,
+    'estimation': replays,
+    'fusion': fused_files,
+    'measurement': measurements,
+    'calibration': calibrations,
+    'reports': calibrations,
+    'diagnosis': diagnoses,
+    'discovery': diagnoses,
+    'vision': films,
+}
+
+
+def attempted(figures: Callable[[], Figures]) -> Figures:
+    """Return the figures, or what broke off: a number that cannot be changed so far."""
+    try:
+        return figures()
+    except Exception as error:
+        return {'breaks off': f'{type(error).__name__}: {error}'[:120]}
+
+
+def moved(before: Figures, after: Figures) -> str:
+    """Return the figures that moved most, in words; `nothing` where none did."""
+    found: list[tuple[float, str]] = []
+    sizes = sizes_of(before)
+    for name in dict.fromkeys([*before, *after]):
+        old, new = before.get(name, 'none'), after.get(name, 'none')
+        if isinstance(old, float) and isinstance(new, float):
+            if old == new or (math.isnan(old) and math.isnan(new)):
+                continue
+            size = max(sizes.get(array_of(name), 0.0), abs(old))
+            far = abs(new - old) / size if size and math.isfinite(new - old) else 1.0
+            found.append((far, f'{name} {old:.3g} -> {new:.3g}'))
+        elif old != new and not (is_prose(old) and is_prose(new)):
+            found.append((2.0, f'{name} {str(old)[:40]} -> {str(new)[:40]}'))
+    found.sort(key=lambda item: -item[0])
+    told = [text for far, text in found if far > MOVES]
+    if not told:
+        return 'nothing' if not found else f'nothing above {found[0][0]:.0e}'
+    more = f' and {len(told) - SHOWN} more' if len(told) > SHOWN else ''
+    return '; '.join(told[:SHOWN]) + more
+
+
+def is_prose(value: float | str) -> bool:
+    """Whether a value is a sentence with numbers in it, which others say as numbers."""
+    return isinstance(value, str) and len(value) > 40
+
+
+def array_of(name: str) -> str:
+    """Return the array that a figure stands in."""
+    head, _, last = name.rpartition('.')
+    return head if last.isdecimal() else name
+
+
+def sizes_of(figures: Figures) -> dict[str, float]:
+    """Return the largest number of each array."""
+    sizes: dict[str, float] = {}
+    for name, value in figures.items():
+        if isinstance(value, float) and math.isfinite(value):
+            sizes[array_of(name)] = max(sizes.get(array_of(name), 0.0), abs(value))
+    return sizes
+
+
+def swept(number: Number, before: Figures, figures: Callable[[], Figures]) -> list[str]:
+    """Return the row of a number: what moves where it is halved, and where it is doubled."""
+    row = [number.room, str(number), repr(number.default)]
+    for factor in (0.5, 2.0):
+        value = number.times(factor)
+        if value is None:
+            row.append('not a number')
+            continue
+        with changed(number, value):
+            row.append(moved(before, attempted(figures)))
+    return row
+
+
+def main(words: list[str] | None = None) -> int:
+    """Sweep rooms, and write a row for every number as soon as it is known."""
+    command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    command.add_argument('room', nargs='+', choices=tuple(FIGURES))
+    command.add_argument('--only', nargs='+', default=(), help='Class.field')
+    command.add_argument('--output', type=Path, default=CHECKOUT / 'acceptance' / 'sweep.csv')
+    asked = command.parse_args(words)
+    kept: dict[tuple[str, str], list[str]] = {}
+    if asked.output.exists():
+        with asked.output.open(encoding='utf-8', newline='') as known:
+            kept = {(row[0], row[1]): row for row in list(csv.reader(known))[1:]}
+    for room in asked.room:
+        numbers = [one for one in numbers_of([room]) if not asked.only or str(one) in asked.only]
+        figures = FIGURES[room]
+        attempted(figures)
+        begun = time.process_time()
+        before = attempted(figures)
+        print(f'{room}: {len(numbers)} numbers, {len(before)} figures, '
+              f'{time.process_time() - begun:.1f} s of CPU', file=sys.stderr)  # fmt: skip
+        if (noise := moved(before, attempted(figures))) != 'nothing':
+            print(f'{room}: not the same twice: {noise}', file=sys.stderr)
+        for number in numbers:
+            row = swept(number, before, figures)
+            kept[row[0], row[1]] = row
+            print(*row, sep=' | ', file=sys.stderr, flush=True)
+            write(asked.output, list(kept.values()))
+    return 0
+
+
+def write(path: Path, rows: list[list[str]]) -> None:
+    """Write the table."""
+    with path.open('w', encoding='utf-8', newline='') as table:
+        writer = csv.writer(table, lineterminator='\n')
+        writer.writerow(['room', 'number', 'default', 'halved', 'doubled'])
+        writer.writerows(sorted(rows))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
