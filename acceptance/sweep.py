@@ -36,6 +36,7 @@ from pneunet_ros.core.threads import use_one_thread
 if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
     use_one_thread()
 
+import numpy as np
 import pneunet_ros
 from pneunet_ros import load_model, save_model, solve, solve_tip
 from pneunet_ros.cli.main import main as pneunet
@@ -48,7 +49,18 @@ KEPT = Path(tempfile.gettempdir()) / 'pneunet_sweep'
 MOVES = 1e-3  # relative change of a figure that counts; what rounds differently is not told
 SHOWN = 2  # figures that are named
 Figures = dict[str, float | str]
-UNSTABLE = ('time', 'version', 'sha256', 'seconds', 'created', 'file', 'took', 'settings', 'per_s')
+UNSTABLE = (
+    'time',
+    'version',
+    'sha256',
+    'seconds',
+    'created',
+    'file',
+    'took',
+    'settings',
+    'per_s',
+    'output',
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -250,13 +262,7 @@ def rig() -> Any:
     return load_model(path)
 
 
-CAUSES = (
-    ('nothing wrong', 8.0),
-    ('dots 3 mm beside the neutral line', 5.0),
-    ('table tilted by 10 degrees', 5.0),
-    ('friction: a play of 4 kPa', 5.0),
-    ('the arm has mass, steps', 5.0),
-)
+CAUSES = (('nothing wrong', 3.0), ('table tilted by 10 degrees', 2.0))
 
 
 @functools.cache
@@ -384,18 +390,34 @@ def followed(tracker: Any, state: Any, frames: list[Any]) -> tuple[Any, list[Any
     return state, outcomes
 
 
-def films() -> Figures:
-    """Track composed films from the rest on, one of them from its first frame, and a plain one."""
+def rows_found() -> Figures:
+    """Find the row of a composed film that rests, and of a plain one."""
     from pneunet_ros.vision.tracker import TrackerState
-    from support.tracked_films import lens_of_films, Score
+    from support.tracked_films import lens_of_films
+
+    composition, frames, _ = film(*FILMS[0])
+    tracker = tracker_of(composition)
+    state, _ = tracker.step(TrackerState(), lens_of_films())
+    outcomes = followed(tracker, state, frames[: RESTING + 1])[1]
+    found: Figures = {
+        f'frame {place} {what}': float(np.nan_to_num(values).sum())
+        for place, outcome in enumerate(outcomes)
+        for what, values in (('u', outcome.sightings.u), ('v', outcome.sightings.v))
+    }
+    found |= {f'frame {place} reason': str(one.reason) for place, one in enumerate(outcomes)}
+    with tempfile.TemporaryDirectory() as folder:
+        words = ('track', 'bags/camera_demo', '--output', f'{folder}/o.mcap')
+        return found | named('camera demo', verb(*words))
+
+
+def films() -> Figures:
+    """Follow the row of composed films from the rest on."""
+    from support.tracked_films import Score
 
     found: Figures = {}
-    for place, one in enumerate(FILMS):
+    for one in FILMS:
         composition, frames, state = film(*one)
         tracker = tracker_of(composition)
-        if place == 0:
-            state, _ = tracker.step(TrackerState(), lens_of_films())
-            state, _ = followed(tracker, state, frames[:RESTING])
         score = Score()
         length = 0.112 / ((composition.targets - 1) * composition.spacing)
         for frame, outcome in zip(
@@ -403,9 +425,6 @@ def films() -> Figures:
         ):
             score.count(outcome, frame, length)
         found |= named(' '.join((one[0], *one[2])), dict(leaves(score.numbers())))
-    with tempfile.TemporaryDirectory() as folder:
-        words = ('track', 'bags/camera_demo', '--output', f'{folder}/o.mcap')
-        found |= named('camera demo', verb(*words))
     return found
 
 
@@ -421,6 +440,12 @@ FIGURES: dict[str, Callable[[], Figures]] = {
     'discovery': diagnoses,
     'vision': films,
 }
+
+
+# Classes whose numbers are not asked in what their room does most.
+FIGURES_OF: dict[str, Callable[[], Figures]] = dict.fromkeys(
+    ('AssociationSettings', 'BeamSearchSettings', 'RestPlaneSettings', 'PriorSettings'), rows_found
+)
 
 
 def attempted(figures: Callable[[], Figures]) -> Figures:
@@ -497,22 +522,28 @@ def main(words: list[str] | None = None) -> int:
     if asked.output.exists():
         with asked.output.open(encoding='utf-8', newline='') as known:
             kept = {(row[0], row[1]): row for row in list(csv.reader(known))[1:]}
-    for room in asked.room:
-        numbers = [one for one in numbers_of([room]) if not asked.only or str(one) in asked.only]
-        figures = FIGURES[room]
-        attempted(figures)
-        begun = time.process_time()
-        before = attempted(figures)
-        print(f'{room}: {len(numbers)} numbers, {len(before)} figures, '
-              f'{time.process_time() - begun:.1f} s of CPU', file=sys.stderr)  # fmt: skip
-        if (noise := moved(before, attempted(figures))) != 'nothing':
-            print(f'{room}: not the same twice: {noise}', file=sys.stderr)
-        for number in numbers:
-            row = swept(number, before, figures)
-            kept[row[0], row[1]] = row
-            print(*row, sep=' | ', file=sys.stderr, flush=True)
-            write(asked.output, list(kept.values()))
+    numbers = [one for one in numbers_of(asked.room) if not asked.only or str(one) in asked.only]
+    befores: dict[Any, Figures] = {}
+    for number in numbers:
+        figures = FIGURES_OF.get(number.owner.__name__, FIGURES[number.room])
+        if figures not in befores:
+            befores[figures] = baseline(figures)
+        row = swept(number, befores[figures], figures)
+        kept[row[0], row[1]] = row
+        print(*row, sep=' | ', file=sys.stderr, flush=True)
+        write(asked.output, list(kept.values()))
     return 0
+
+
+def baseline(figures: Callable[[], Figures]) -> Figures:
+    """Return the figures as they are; says how long they take, and what is not the same twice."""
+    figures()
+    begun = time.process_time()
+    before = attempted(figures)
+    taken, noise = time.process_time() - begun, moved(before, attempted(figures))
+    print(f'{figures.__name__}: {len(before)} figures, {taken:.1f} s of CPU, '
+          f'twice: {noise} moved', file=sys.stderr, flush=True)  # fmt: skip
+    return before
 
 
 def write(path: Path, rows: list[list[str]]) -> None:

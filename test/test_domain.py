@@ -9,7 +9,7 @@ import math
 import numpy as np
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.effects.effect import Load
-from pneunet_ros.model.domain import DOMAIN, Domain, load_hull, MOST_LOADS, spanned_domain
+from pneunet_ros.model.domain import DOMAIN, Domain, load_hull, spanned_domain, WRITTEN_LOADS
 from pneunet_ros.model.domain_position import (
     LOAD_BEYOND,
     LOAD_OUT_OF_DOMAIN,
@@ -130,7 +130,7 @@ def test_few_vertices_stand_for_all_loads_that_were_seen():
         [pull * np.cos(turn), pull * np.sin(turn), np.zeros(frames), rng.uniform(-90, 5e4, frames)]
     )
     domain = spanned_domain(loads, LENGTH, (0.0, 66e3))
-    assert len(domain.end_load) <= DOMAIN.most_loads
+    assert len(domain.end_load) <= WRITTEN_LOADS
     assert domain.pressure == pytest.approx((0.0, loads[:, 3].max()), rel=1e-5)
     hull = load_hull(domain.end_load, domain.pressure, LENGTH)
     clipped = np.clip(loads, [-1, -1, -1, 0.0], np.inf)
@@ -177,7 +177,7 @@ def test_what_is_known_is_said_in_words():
         ([0.0, 6e4], [0, 0, 0, 0], 'a list of rows of numbers'),
         ([0.0, 6e4], [[0, 0, 0, 0], [0, 0, 0]], 'rows of equal length'),
         ([0.0, 6e4], [['a', 0, 0, 0]], 'a table of numbers'),
-        ([0.0, 6e4], [[0, 0, 0, 0]] * (MOST_LOADS + 1), f'1 to {MOST_LOADS} rows'),
+        ([0.0, 6e4], [[0, 0, 0, 0]] * (WRITTEN_LOADS + 1), f'1 to {WRITTEN_LOADS} rows'),
         ([0.0, 6e4], [[0, 0, 0, 7e4]], 'a pressure outside domain.pressure, 0 to 60000 Pa'),
     ],
 )

@@ -22,6 +22,8 @@ MOST_LOADS = 64  # rows of `domain.end_load`: each costs time at every reading
 FAR = 1e6  # sizes of a hull, or newtons; what lies further is no further
 ROUNDING = 1e-9  # of a load: what arithmetic leaves of a distance that is none
 MOMENT, PRESSURE = 2, 3  # columns of `domain.end_load`, after F1 and F2
+THINNING = 0.01  # of the size of the hull; how near to it a load lies that the file leaves out
+WRITTEN_LOADS = 32  # rows of `domain.end_load` that calibration writes: half of MOST_LOADS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,10 +51,6 @@ class DomainSettings:
         "one sigma of the model's own error beyond the range, as a pressure",
         unit='of the pressure beyond it',
     )
-    thinning: float = tuning(
-        0.01, 'how far from the hull a load may be that is left out', unit='of its size'
-    )
-    most_loads: int = tuning(32, 'rows of `domain.end_load` that calibration writes')
 
 
 DOMAIN = DomainSettings()
@@ -199,10 +197,10 @@ def spanned_domain(
     loads = np.array([[float(f'{value:.6g}') for value in load] for load in loads.tolist()])
     pressure = float(loads[:, PRESSURE].min()), float(loads[:, PRESSURE].max())
     whole = load_hull(loads, pressure, length)
-    scaled, near = loads * whole.scale, settings.thinning * whole.size
+    scaled, near = loads * whole.scale, THINNING * whole.size
     hull = replace(whole, points=freeze(whole.scale * unloaded(pressure)))
     distance, taken = np.linalg.norm(scaled[:, :PRESSURE], axis=1), list[int]()
-    while len(taken) < settings.most_loads:
+    while len(taken) < WRITTEN_LOADS:
         furthest = int(np.argmax(distance))
         if distance[furthest] <= near:
             break

@@ -32,18 +32,21 @@ from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.settings import SolverSettings
 from pneunet_ros.solver.solution import SolverNodes
 
+ROUNDING = 1e-13  # of the length; tip error where no step helps: some last digits of float64
+ARRIVED = 1e-10  # of the length; tip error of a solution: a thousand times ROUNDING
+# B / l^2; first forces along the chord, of which the search begins with the nearest.
+PULLS = (-1.5, 1.5, 5.0, 15.0, 50.0)
+# From one first guess; Levenberg and Marquardt's method ends by itself long before.
+MOST_TRIALS = 150
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipSearchSettings:
     """How the end force is searched that brings the tip to a place."""
 
     determined: float = tuning(1e-4, 'least singular value of d tip / d force', unit='m/N')
-    rounding: float = tuning(1e-13, 'tip error where no step helps', unit='of the length')
-    arrived: float = tuning(1e-10, 'tip error of a solution', unit='of the length')
     near: float = tuning(1e-3, 'tip error that blames the force', unit='of the length')
     far: float = tuning(10.0, 'tip that will be in millimeters', unit='of the length')
-    pulls: tuple[float, ...] = tuning((-1.5, 1.5, 5.0, 15.0, 50.0), 'first forces', unit='B / l^2')
-    most_trials: int = tuning(150, 'most trials from one initial guess')
 
 
 SEARCH = TipSearchSettings()
@@ -95,7 +98,7 @@ def solve_tip(
     shapes = [guesses[0]]
     for guess in guesses:
         shapes.append(search.descend(guess))
-        if search.tip_error(shapes[-1]) <= settings.rounding * arm.length:
+        if search.tip_error(shapes[-1]) <= ROUNDING * arm.length:
             break
     return search.check(min(shapes, key=search.tip_error))
 
@@ -138,7 +141,7 @@ class TipSearch:
         stiffness = float(np.abs(rods.sections[0, :, RIGIDITY]).min()) / self.arm.length**2
         chord = self.tip / max(float(np.hypot(*self.tip)), 1e-9)
         shapes = [unloaded]
-        for pull in self.settings.pulls:
+        for pull in PULLS:
             force = pull * stiffness * chord
             shape = self.at((force[0], force[1]), None, unloaded.arclength)
             if shape.converged and shape.stable is not False:
@@ -170,7 +173,7 @@ class TipSearch:
             jac=lambda force: self.force_jacobian(latest if fits(force) else best),
             method='lm',
             x_scale='jac',
-            max_nfev=self.settings.most_trials,
+            max_nfev=MOST_TRIALS,
             **dict.fromkeys(('xtol', 'ftol', 'gtol'), 1e-15),  # to rounding
         )
         return best
@@ -185,7 +188,7 @@ class TipSearch:
                 f'tip by {1000.0 * weakest:.2g} mm only '
                 f'(at least {1000.0 * self.settings.determined:.2g} mm is needed)'
             )
-        elif distance > self.settings.arrived * self.arm.length:
+        elif distance > ARRIVED * self.arm.length:
             sentence = (
                 f'no end force brings the tip to ({self.tip[0]:.6g}, {self.tip[1]:.6g}) m; '
                 f'the nearest equilibrium found is {1000.0 * distance:.3g} mm away'

@@ -13,10 +13,14 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.effects.effect import History, Load, NOTHING, Terms
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import over_meters
-from pneunet_ros.model.neighbors import DEFAULTS, DifferenceSettings, neighbors
+from pneunet_ros.model.neighbors import neighbors
 from pneunet_ros.model.record import Record
 from pneunet_ros.solver.columns import CLAMP_WIDTH, LOAD_X, LOAD_Y, LOADS
 from pneunet_ros.solver.rod import Rods, RodTable
+
+PRESSURE_STEP = 1e-5  # of the calibrated range; step of a central difference
+# Of weight and length; step of a central difference, for what effects make of a load.
+LOAD_STEP = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -186,7 +190,6 @@ class PerturbationTable:
     """
 
     arm: Arm
-    settings: DifferenceSettings = DEFAULTS
     further: tuple[Mapping[str, float], ...] = ()
     neighbors: tuple[Arm, ...] = field(init=False, repr=False)
     own: RodTable = field(init=False, repr=False)
@@ -205,14 +208,14 @@ class PerturbationTable:
         arm = self.arm
         known = () if arm.covariance is None else arm.covariance.columns()
         columns = (*known, *self.further)
-        pairs = [neighbors(arm, column, self.settings) for column in columns]
+        pairs = [neighbors(arm, column) for column in columns]
         befores, afters = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
         by_cause = [[arm, *befores], [arm, *afters]]
         sides = tuple(by_cause[0] + by_cause[1])
         same_places = all(
             side.reach == arm.reach and np.array_equal(side.knots, arm.knots) for side in sides
         )
-        distance = [2.0 * pressure_step(arm, self.settings), *(pair[2] for pair in pairs)]
+        distance = [2.0 * pressure_step(arm), *(pair[2] for pair in pairs)]
         rows = reduce(np.union1d, (side.table.pressure for side in sides), arm.table.pressure)
         clamp = np.zeros((len(sides), CLAMP_WIDTH))
         terms = [effect.terms(rows) for effect in arm.effects]
@@ -330,7 +333,7 @@ class PerturbationTable:
             same_places=self.same_places,
         )
         if arm.by_load:
-            change = change.followed_by(load_change(arm, pressure, history, load, self.settings))
+            change = change.followed_by(load_change(arm, pressure, history, load))
         return every.record(0), change
 
     @property
@@ -444,10 +447,10 @@ def group_equal_terms(
     return tuple(runs)
 
 
-def pressure_step(arm: Arm, settings: DifferenceSettings) -> float:
+def pressure_step(arm: Arm) -> float:
     """Return the step of the chamber pressure, Pa."""
     low, high = arm.table_range
-    return settings.pressure_step * (high - low)
+    return PRESSURE_STEP * (high - low)
 
 
 def with_pressure_change(
@@ -455,16 +458,15 @@ def with_pressure_change(
     chamber_pressure: float,
     history: tuple[History, ...] | None = None,
     load: Load | None = None,
-    settings: DifferenceSettings = DEFAULTS,
 ) -> tuple[Rods, Perturbation]:
     """Return the record of the rod at a chamber pressure (Pa), its change per sudden pascal.
 
     Where effects go with the end load, what that changes of the record follows.
     """
-    step = pressure_step(arm, settings)
+    step = pressure_step(arm)
     rods, change = pressure_change(arm, chamber_pressure, step, history, load)
     if arm.by_load:
-        of_loads = load_change(arm, chamber_pressure, history, load, settings)
+        of_loads = load_change(arm, chamber_pressure, history, load)
         change = change.followed_by(of_loads)
     return rods, change
 
@@ -506,10 +508,9 @@ def load_change(
     pressure: float,
     history: tuple[History, ...] | None,
     load: Load | None,
-    settings: DifferenceSettings,
 ) -> Perturbation:
     """Return how the record of the rod changes with F1, F2 and M, by effects alone."""
-    step = settings.load_step * arm.weight * np.array([1.0, 1.0, arm.length])
+    step = LOAD_STEP * arm.weight * np.array([1.0, 1.0, arm.length])
     known = np.zeros((1, LOADS)) if load is None else load.row
     at = np.full(LOADS, pressure)
     before, after = (

@@ -28,12 +28,6 @@ class ReportSettings:
     )
     share_p_value: float = tuning(0.01, 'below it a share of the misfit stands out')
     linearity_sigmas: float = tuning(3.0, 'a larger departure from a straight line is no chance')
-    rigidity_error: float = tuning(0.3, 'largest relative error of a slope that is shown')
-    similar_cosine: float = tuning(0.5, 'from it two effects are listed as similar')
-    turn_share: float = tuning(0.02, 'pressure has turned when so far back', unit='of the largest')
-    turn_sigmas: float = tuning(6.0, 'and at least so far', unit='sigma of a pressure reading')
-    loop_start: float = tuning(0.3, 'middle of the arm over which loops average', unit='s / l')
-    loop_stop: float = tuning(0.8, 'its end', unit='s / l')
 
 
 REPORT_SETTINGS = ReportSettings()

@@ -29,6 +29,8 @@ from pneunet_ros.solver.columns import RIGIDITY
 PAPER_PRESSURE = 53_800.0  # Pa, of Figure 8 (a)
 MILLI = 1000.0  # mN m per N m
 SECTION_COLORS = (FIRST, SECOND)
+# Largest relative error of a slope that a figure draws: beyond it a point is all bar.
+RIGIDITY_ERROR = 0.3
 
 
 def moments(data: FigureData) -> Picture | None:
@@ -193,7 +195,7 @@ def law(data: FigureData) -> Picture | None:
     fitted = law_view(fit, np.clip(pressure, *arm.pressure_range))
     two = fitted.split is not None
     figure, axes = panels(2 if two else 1)
-    worst = data.settings.rigidity_error
+    worst = RIGIDITY_ERROR
     for place in range(fitted.rigidity.shape[1]):
         color = SECTION_COLORS[place]
         name = rf'$\alpha_{place + 1}$' if two else r'$\alpha$'

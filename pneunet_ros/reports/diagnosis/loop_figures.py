@@ -31,6 +31,10 @@ FRAMES = 40  # of every recording, at most
 DIRECTIONS = ((1.0, 'pressure rising', SECOND), (-1.0, 'pressure falling', FIRST))
 HELD = (0.0, 'pressure not moved', GREY)
 MILLI = 1000.0  # mN m per N m
+TURN_SHARE = 0.02  # of the largest pressure; the figure has another arrow where it turned by it
+TURN_SIGMAS = 6.0  # of a pressure reading; and at least by as much, which no noise is
+LOOP_START = 0.3  # s / l; where the middle of the arm begins over which a figure averages
+LOOP_STOP = 0.8  # s / l; where it ends
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,8 +88,8 @@ def loops(data: FigureData) -> Picture | None:
     return picture(
         '06_loops',
         'Moment and curvature, by direction of pressure',
-        f'Means over the middle of the arm (s / l from {settings.loop_start:g} to '
-        f'{settings.loop_stop:g}) in frames of all training recordings. (a), (b): moment from '
+        f'Means over the middle of the arm (s / l from {LOOP_START:g} to '
+        f'{LOOP_STOP:g}) in frames of all training recordings. (a), (b): moment from '
         'measured shape and end force, against measured curvature less that of the unloaded arm; '
         'rising and falling pressure should lie on one band. (c), (d): curvature that the model '
         'does not predict. Red and blue that separate into a loop mean that the past matters '
@@ -101,7 +105,7 @@ def loop_of(side: Evaluation, settings: ReportSettings) -> Loop:
     arm = fit.arm
     smoother = smoother_of(fit)
     largest = max(float(np.abs(item.run.frame_pressure).max()) for item in fit.runs)
-    band = max(settings.turn_share * largest, settings.turn_sigmas * arm.sensors.pressure_std)
+    band = max(TURN_SHARE * largest, TURN_SIGMAS * arm.sensors.pressure_std)
     rows = []
     for item in fit.runs:
         points, pressure = arm_points(item, arm), item.run.frame_pressure
@@ -112,7 +116,7 @@ def loop_of(side: Evaluation, settings: ReportSettings) -> Loop:
             if view is None:
                 continue
             share = view.arclength / arm.length
-            middle = (share >= settings.loop_start) & (share <= settings.loop_stop)
+            middle = (share >= LOOP_START) & (share <= LOOP_STOP)
             if not middle.any() or not item.solved[frame]:
                 continue
             expected = np.interp(

@@ -34,10 +34,10 @@ from pneunet_ros.reports.diagnosis.tables import (
 )
 from pneunet_ros.reports.figure import Pictures, units_note
 from pneunet_ros.reports.page import render_page
-from pneunet_ros.reports.settings import REPORT_SETTINGS
 
 TEMPLATE = 'diagnosis_report.html.jinja'
 UNSETTLED = 'unsettled_report.html.jinja'
+SIMILAR_COSINE = 0.5  # from it a table lists two effects as similar
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,7 +93,7 @@ def report_page(
         where=where_table(diagnosis),
         effects=effect_table(diagnosis),
         evidence=evidence_table(diagnosis),
-        similar=similarity_table(diagnosis, REPORT_SETTINGS.similar_cosine),
+        similar=similarity_table(diagnosis, SIMILAR_COSINE),
         shift=shift_table(diagnosis),
         detectable=detectable_table(diagnosis),
         units_note=units_note(units),
