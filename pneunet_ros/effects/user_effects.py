@@ -126,7 +126,7 @@ def breach(effect: Any) -> str:
     """Say how a class breaks the contract of effects; empty where it does not.
 
     What only numbers tell, such as whether its neutral value does nothing, the property suite says
-    (`test/test_effects.py`).
+    (`test/effects/test_effects.py`).
     """
     if not (inspect.isclass(effect) and issubclass(effect, Effect)):
         return 'is no subclass of Effect'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -18,12 +19,15 @@ from pneunet_ros.effects.stiffening import Stiffening
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import Domain
+from pneunet_ros.model.gravity import gravity_of
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import LinearLaw, MomentLaw, PiecewiseLinearLaw
+from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.uncertainty import SensorNoise
 
 LENGTH = 0.112  # m
 STIFFNESS = 1e-3  # N m^2
+TIP_MASS = 0.004  # kg
 NOISE = SensorNoise(pressure_std=60.0, force_std=1e-3, moment_std=1e-5, target_std=1.2e-4)
 PAPER_ARM = Path(__file__).resolve().parents[2] / 'config' / 'paper_arm.yaml'
 
@@ -87,6 +91,12 @@ def paper_arm(effects: tuple[Effect, ...] = ()) -> Arm:
 def with_effects(arm: Arm, effects: Sequence[Effect]) -> Arm:
     """Make the same arm with other effects."""
     return rebuilt(arm, effects=tuple(effects))
+
+
+def heavy(direction: object, tip_mass: float = TIP_MASS, **changes: object) -> Arm:
+    """Return the paper's arm with gravity in this direction and a mass at its tip."""
+    arm = replace(paper_arm(), gravity=gravity_of(direction), motion=Motion(tip_mass=tip_mass))
+    return replace(arm, **changes)  # type: ignore[arg-type]
 
 
 def rebuilt(arm: Arm, **changes: object) -> Arm:

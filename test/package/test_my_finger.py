@@ -28,7 +28,7 @@ from support.camera_images import as_image
 from support.finger_film import Bench, CAMERA, write_arduino_table, write_film
 from support.rendered_frames import lens_of
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'docs/images'))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'docs/images'))
 from make_my_finger import FILMS, QuickSteps, TARGETS
 
 BESIDE = 0.002  # m

@@ -58,7 +58,7 @@ from support.dds_peer import CameraPeer, running_node, START_TIMEOUT, TIMEOUT  #
 DOMAIN = int(os.environ['ROS_DOMAIN_ID'])
 OTHER_DOMAIN = (DOMAIN + 50) % 101 + 1
 
-CHECKOUT = Path(__file__).resolve().parent.parent
+CHECKOUT = Path(__file__).resolve().parents[2]
 COUNT = len(filmed.ARM.target_arclength)
 REST = filmed.REST
 FILM = filmed.pictures()

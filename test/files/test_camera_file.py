@@ -25,7 +25,7 @@ from pneunet_ros.vision.camera.camera_settings import (
 import pytest
 from ruamel.yaml import YAML
 
-SHIPPED = Path(__file__).resolve().parent.parent / 'config' / 'camera.yaml'
+SHIPPED = Path(__file__).resolve().parents[2] / 'config' / 'camera.yaml'
 EXAMPLE = """\
 schema_version: 1
 plane: {method: rest}

@@ -21,7 +21,7 @@ import pytest
 from ruamel.yaml import YAML
 from support.setup_arguments import arguments_of_setup, commands_of
 
-CHECKOUT = Path(__file__).resolve().parent.parent
+CHECKOUT = Path(__file__).resolve().parents[2]
 PACKAGE = CHECKOUT / 'pneunet_ros'
 ROS = ('rclpy', 'builtin_interfaces', 'std_srvs', 'std_msgs', 'sensor_msgs', 'geometry_msgs')
 SHIPPED = ('config', 'launch', 'rviz', 'foxglove', 'plotjuggler', 'bags/table1', 'scenarios')
@@ -127,6 +127,13 @@ def test_what_tests_import_is_declared(manifest):
     keys = {name: key for name, (_, key) in LIBRARIES.items()} | OF_TESTS
     for name in imported_by(CHECKOUT / 'test') - own - BESIDE_TESTS:
         assert keys.get(name, name) in depends, f'{name}: no test_depend of package.xml'
+
+
+def test_a_test_lies_in_the_room_that_it_tests():
+    rooms = {path.parent.name for path in PACKAGE.glob('*/__init__.py')} | {'package'}
+    flat = {path.name for path in (CHECKOUT / 'test').glob('test_*.py')}
+    assert not flat, f'move into the room of test/ that is tested: {", ".join(sorted(flat))}'
+    assert {path.parent.name for path in (CHECKOUT / 'test').glob('*/test_*.py')} <= rooms
 
 
 def test_the_manifest_names_what_launch_files_and_workflow_need(manifest):

@@ -130,6 +130,6 @@ def test_nothing_is_offered_by_nobody():
 
 
 def test_the_depth_is_that_of_the_documentation():
-    page = (Path(__file__).resolve().parent.parent / 'docs/tracker.md').read_text()
+    page = (Path(__file__).resolve().parents[2] / 'docs/tracker.md').read_text()
     depths = re.findall(r'^\| `.*\| in\b.*as its publisher, depth (\d+)', page, re.MULTILINE)
     assert depths == [str(DEPTH)] * 3

@@ -15,7 +15,7 @@ from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 LINK = re.compile(r'\]\((?!https?:|#)([^)#\s]+)')
 
 

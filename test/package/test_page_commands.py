@@ -1,6 +1,6 @@
 """Every command on every page is run as it stands there, and prints what stands below it.
 
-`pytest test/test_page_commands.py -m '' --rewrite` puts what was printed into the pages.
+`pytest test/package/test_page_commands.py -m '' --rewrite` puts what was printed into the pages.
 """
 
 from __future__ import annotations

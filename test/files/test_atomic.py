@@ -291,7 +291,7 @@ def test_after_a_kill_nothing_stands_under_the_name(tmp_path, foreign_environmen
         '    print("ready", flush=True)\n'
         '    time.sleep(60)\n'
     )
-    root = Path(__file__).resolve().parent.parent
+    root = Path(__file__).resolve().parents[2]
     process = subprocess.Popen(
         [sys.executable, '-c', code, str(place)],
         stdout=subprocess.PIPE,

@@ -18,7 +18,7 @@ import pytest
 from support.made_recordings import header
 from support.recorded_datasets import MS, pressure, readings, record, START, targets
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 
 BENCHES = sorted(
     path
-    for path in (Path(__file__).parent.parent / 'bench').glob('*.py')
+    for path in (Path(__file__).parents[2] / 'bench').glob('*.py')
     if '__main__' in path.read_text()
 )
 

@@ -13,7 +13,7 @@ import sys
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / 'docs/extending.md').read_text(encoding='utf-8')
 BLOCK = re.compile(r'```(python|diff)\n# (\S+)\n(.*?)```', re.DOTALL)
 
@@ -146,5 +146,5 @@ def test_the_property_suite_and_the_rooms_pass(copy):
     rooms = 'from importlinter.cli import lint_imports_command as rooms; rooms()'
     run(copy, '-c', rooms)
     subset = 'clamp_turn and not solving_anew'  # that one takes minutes without compiled kernels
-    said = run(copy, '-m', 'pytest', '-q', '-x', 'test/test_effects.py', '-k', subset)
+    said = run(copy, '-m', 'pytest', '-q', '-x', 'test/effects/test_effects.py', '-k', subset)
     assert int(re.search(r'(\d+) passed', said)[1]) >= 10

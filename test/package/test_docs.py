@@ -13,7 +13,7 @@ import pytest
 from support.manuals import table
 from support.page_commands import blocks_of, DOCS, PAGES
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 MODEL = (ROOT / 'docs/model.md').read_text(encoding='utf-8')
 every_page = pytest.mark.parametrize('page', PAGES, ids=lambda page: page.stem)
 

@@ -30,7 +30,7 @@ from support.recorded_datasets import (
     wrench,
 )
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope='module')

@@ -20,19 +20,12 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.gravity import gravity_of
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import LinearLaw
-from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
 from scipy.integrate import solve_bvp
-from support.example_arms import LENGTH, paper_arm, WIDE
+from support.example_arms import heavy, LENGTH, paper_arm, TIP_MASS, WIDE
 
-WEIGHT, TIP_MASS = 0.17, 0.004
-
-
-def heavy(direction: object, tip_mass: float = TIP_MASS, **changes: object) -> Arm:
-    """Return the paper's arm with gravity in this direction and a mass at its tip."""
-    arm = replace(paper_arm(), gravity=gravity_of(direction), motion=Motion(tip_mass=tip_mass))
-    return replace(arm, **changes)  # type: ignore[arg-type]
+WEIGHT = 0.17  # N
 
 
 def straight(stiffness: float, direction: object) -> Arm:

@@ -21,7 +21,7 @@ from pneunet_ros.model.gravity import gravity_of
 from pneunet_ros.model.uncertainty import ModelCovariance
 from pneunet_ros.solver.columns import LOAD_Y
 import pytest
-from test_gravity import heavy
+from support.example_arms import heavy
 
 G = STANDARD_GRAVITY
 MS = 1_000_000

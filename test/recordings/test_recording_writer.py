@@ -286,7 +286,7 @@ def test_after_a_kill_nothing_stands_under_the_name(tmp_path, name, foreign_envi
 
 
 def run(code, argument, env):
-    root = Path(__file__).resolve().parent.parent
+    root = Path(__file__).resolve().parents[2]
     return subprocess.run(
         [sys.executable, '-c', code, argument],
         env={**env, 'PYTHONPATH': f'{root}:{root / "test"}'},

@@ -25,7 +25,7 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from support.dds_peer import Peer, running_node, START_TIMEOUT  # noqa: E402
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / 'examples' / 'tip_controller.py'
 WALL = ROOT / 'examples' / 'soft_wall.py'
 MODEL = share_path('config/lab_arm.yaml')

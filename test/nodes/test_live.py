@@ -19,7 +19,7 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from support.dds_peer import START_TIMEOUT  # noqa: E402
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 LIVE = [sys.executable, str(ROOT / 'examples' / 'live.py')]
 LINE = re.compile(
     r' *([\d.]+) kPa +tip +(-?[\d.]+) +(-?[\d.]+) mm +from the true one +([\d.]+) mm, '

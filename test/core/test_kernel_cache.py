@@ -14,7 +14,7 @@ from pneunet_ros.core.kernels import cache as kernel_cache
 from pneunet_ros.core.kernels import jit
 import pytest
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 # A process that finds no kernel on the disk until the file is there, and has none compiled.
 UNKEPT = """
 import sys
