@@ -30,7 +30,7 @@ class PressureJudgeSettings(JudgeSettings):
     """Priors of what pressure readings mean and look like, and the odds that are enough."""
 
     rare_unit: float = tuning(
-        0.005, 'prior of MPa, mmHg and inHg', source='convention: a quarter of the usual ones'
+        0.005, 'prior of MPa and mmHg', source='convention: a quarter of the usual ones'
     )
     absolute: float = tuning(
         0.05, 'prior of the other reference', source='convention: nineteen of twenty set it right'
@@ -126,7 +126,7 @@ class PressureJudgeSettings(JudgeSettings):
 
 JUDGE = PressureJudgeSettings()
 USUAL_UNITS = ('Pa', 'hPa', 'kPa', 'bar', 'psi')
-RARE_UNITS = ('MPa', 'mmHg', 'inHg')  # other units are close to one of these, or rarer still
+RARE_UNITS = ('MPa', 'mmHg')  # others are close to one of these, or named by who uses them
 LEAST = 1e-300  # whose logarithm is a number
 FULL_VACUUM = 1.0e5  # Pa below the air: less than nothing
 IMPOSSIBLE = -1e6  # log likelihood of what cannot be

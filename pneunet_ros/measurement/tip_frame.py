@@ -1,7 +1,8 @@
 """Where the clamp is in the frame of motion capture, from the poses of the tip alone.
 
 The arm bends along arcs of constant length from the clamp, at first: a rigid motion of three
-numbers brings all poses onto such arcs. What bends unevenly or gets longer is in its error.
+numbers brings all poses onto such arcs. By how much it would change if the arm bent unevenly or
+got longer is in its error (Schmidt's consider covariance, as in a calibration from few targets).
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
+import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.frames import BASE_FRAME, rotate
@@ -19,6 +21,8 @@ from pneunet_ros.core.units import millimeters
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 import scipy
+
+Places = npt.NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,10 +42,18 @@ class TipFrameSettings:
         source='convention: more is half the motion that is to be explained',
     )
     most: int = tuning(100, 'poses that are used', source='convention: seconds of CPU')
-    starts: int = tuning(12, 'directions the search begins in', source='convention: every 30 deg')
+    uneven: float = tuning(
+        0.3,
+        'departure of the curvature from its mean along the arm, one sigma',
+        unit='of the mean',
+        source="the shipped table of the paper's arm: 0.3",
+    )
 
 
 TIP_FRAME = TipFrameSettings()
+DIRECTIONS = 12  # the search begins in
+MODES = 4  # Legendre polynomials by which the curvature departs from its mean
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,7 +154,7 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
 
     middle = poses[:, :2].mean(axis=0)
     best = None
-    for angle in np.linspace(-np.pi, np.pi, settings.starts, endpoint=False).tolist():
+    for angle in np.linspace(-np.pi, np.pi, DIRECTIONS, endpoint=False).tolist():
         for turn in (-1.0, 1.0):
             start = np.zeros(3 + frames)
             start[:3] = *(middle - reach * np.array([np.cos(angle), np.sin(angle)])), angle
@@ -157,10 +169,15 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
         return None
     variance = 2.0 * best.cost / freedom
     normal = best.jac.T @ best.jac
-    std = np.sqrt(np.abs(variance * np.diag(np.linalg.pinv(normal)))[:3])
+    inverse = np.linalg.pinv(normal)
+    std = np.sqrt(np.abs(variance * np.diag(inverse))[:3])
     singular = np.linalg.svd(normal, compute_uv=False)
     if singular[-1] < 1e-12 * singular[0] or max(std[0], std[1]) > settings.largest_std * reach:
         return None
+    other = departures(turns_of(best.x), arm, settings) * np.exp(1j * (clamp + best.x[2]))
+    unused = np.zeros((frames, other.shape[1]))
+    shift = inverse[:3] @ best.jac.T @ np.concatenate([other.real, other.imag, unused])
+    std = np.hypot(std, np.sqrt(np.sum(shift**2, axis=1)))
     return FoundBase(
         x=float(best.x[0]),
         y=float(best.x[1]),
@@ -170,3 +187,21 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
         std_angle=float(std[2]),
         rms=math.sqrt(2.0 * best.cost / frames),
     )
+
+
+def departures(turns: Array, arm: Arm, settings: TipFrameSettings) -> Places:
+    """Return by how much the tip leaves its arc, x + i y (m), for one sigma of what no arc has.
+
+    turns (frames,) rad: the heading of the tip over that of the clamp. Returned (frames, modes):
+    of the curvature along the arm, and last of an arm that lengthens as it turns.
+    """
+    share = 0.5 * (1.0 + _NODES)
+    arc = np.exp(1j * turns[:, None] * share)
+    found = []
+    for order in range(1, MODES + 1):
+        of_rms_one = math.sqrt(2 * order + 1) * np.polynomial.legendre.Legendre.basis(order)
+        heading = 0.5 * settings.uneven / math.sqrt(MODES) * of_rms_one.integ(lbnd=-1)(_NODES)
+        found.append(1j * turns * (arc * heading @ _WEIGHTS) / 2.0)
+    longer = (settings.out_of_reach - 1.0) * np.abs(turns) / (np.max(np.abs(turns)) or 1.0)
+    found.append(longer * (arc @ _WEIGHTS) / 2.0)
+    return np.array(arm.reach * np.column_stack(found))

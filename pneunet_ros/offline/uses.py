@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import functools
 from typing import Any
@@ -24,6 +24,7 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.tip_frame import in_base_frame
 from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.messages.readings import (
     END_WRENCH,
@@ -128,15 +129,21 @@ def uses(
             raise RecordingError(f'{verdicts.findings}; give {verdicts.options}')
         return '' if has(END_WRENCH) else 'the tip force is estimated, no sensor measures it'
 
+    @functools.cache
+    def in_base() -> tuple[RecordingData, tuple[str, ...]]:
+        (run,), found = in_base_frame([reads_as_run()], request.arm)
+        return run, found
+
     def calibrates_unloaded() -> str:
         find_series(recording, PRESSURE, overrides)
-        arm, (data,) = with_tip_target(request.arm, [reads_as_run()])
+        run, found = in_base()
+        arm, (data,) = with_tip_target(request.arm, [run])
         idle = PRECONDITIONS.unloaded_force * arm.weight
         if data.loaded and (force := largest_force(data)) > idle:
             raise RecordingError(f'its end force reaches {force:.3g} N: it is a loaded one')
         declared = settings.pressure if settings.judge_readings else None
         checked_at_rest([data], [], arm, settings=judging(declared))
-        return by_tip(data)
+        return by_tip(data, found)
 
     def calibrates_loaded() -> str:
         if not (has(END_WRENCH) or has(STRING_WRENCH)):
@@ -144,7 +151,8 @@ def uses(
                 'no sensor read an end load: it is an unloaded one, or say which weight hung on '
                 f'the arm, --end-load {recording.path} FX FY'
             )
-        arm, (data,) = with_tip_target(request.arm, [reads_as_run()])
+        run, found = in_base()
+        arm, (data,) = with_tip_target(request.arm, [run])
         check_targets(data, arm)
         check_units(data, arm)
         check_clamp(data, arm)
@@ -152,12 +160,15 @@ def uses(
             raise RecordingError(
                 'its end force never exceeds the noise of the force sensor: it is an unloaded one'
             )
-        return by_tip(data) if data.pressurized else f'of a beam: there is no {PRESSURE.name}'
+        return (
+            by_tip(data, found) if data.pressurized else f'of a beam: there is no {PRESSURE.name}'
+        )
 
     def diagnoses() -> str:
-        arm, (data,), _, notes = with_tips(request.arm, [reads_as_run()], [])
+        run, found = in_base()
+        arm, (data,), _, notes = with_tips(request.arm, [run], [])
         check_targets(data, arm)
-        return '; '.join(notes)
+        return '; '.join((*notes, *found))
 
     asked: dict[str, Callable[[], str]] = {
         'replay': replays,
@@ -170,9 +181,13 @@ def uses(
     return {name: _answer(attempt) for name, attempt in asked.items()}
 
 
-def by_tip(run: RecordingData) -> str:
-    """Say that a calibration goes by the measured pose of the tip, where it does."""
-    return '' if run.tip_pose is None else f'with {TIP_POSE.name} as a target at the tip'
+def by_tip(run: RecordingData, found: Sequence[str]) -> str:
+    """Say that a calibration goes by the measured pose of the tip, where it does.
+
+    found: what was found of the frame that the pose was measured in.
+    """
+    way = [] if run.tip_pose is None else [f'with {TIP_POSE.name} as a target at the tip']
+    return '; '.join((*way, *found))
 
 
 def check_estimates(replayed: Iterable[Step]) -> None:

@@ -22,6 +22,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.disturbances import placement_jacobian
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.measurement.tip_pose import heading_residual
@@ -134,7 +135,7 @@ def leave_levels_out(
         fitted = refit(without(runs, part == index))
         at = pressure[out]
         changes.append(fitted.values - full.values)
-        predicted, before = tip_of(fitted.arm, at), tip_of(full.arm, at)
+        predicted, before = tip_of(fitted, at), tip_of(full, at)
         arc = interpolated(pressure[kept], bend[kept], at)
         if is_angle:
             errors['model'].append(heading_residual(turn[out], predicted[1] - arm.clamp_angle))
@@ -203,27 +204,39 @@ def interpolated(pressure: Array, values: Array, at: Array) -> Array:
 
 
 def arc_tip(arm: Arm, curvature: Array) -> Places:
-    """Return the tip x + i y (m) of arcs of the length of the arm, from its clamp."""
-    half = 0.5 * arm.reach * curvature
-    chord = arm.reach * np.sinc(half / np.pi)
+    """Return where arcs from the clamp have the last target, x + i y (m)."""
+    length = float(arm.target_arclength[-1])
+    half = 0.5 * length * curvature
+    chord = length * np.sinc(half / np.pi)
     return np.array(chord * np.exp(1j * (half + arm.clamp_angle)))
 
 
-def tip_of(arm: Arm, pressure: Array) -> tuple[Places, Array]:
-    """Return the tip x + i y (m) and its heading (rad) of an unloaded arm; NaN without one."""
-    model = ForwardModel(np.array([0.0, arm.reach]))
+def tip_of(fit: Fit, pressure: Array) -> tuple[Places, Array]:
+    """Return where the last target is seen, x + i y (m), and the heading there (rad).
+
+    Of the arm without a load, NaN without an equilibrium; the target as the fit has placed it.
+    """
+    model = ForwardModel(fit.arm.target_arclength[[0, -1]])
     inputs = Inputs(pressure=pressure, loads=np.zeros((pressure.size, 3)))
-    solved = model.solve(arm, inputs)
+    solved = model.solve(fit.arm, inputs)
     points = np.where(solved[:, None, None], model.points, np.nan)
-    tip = points[:, 0, -1] + 1j * points[:, 1, -1]
-    return np.array(tip), np.asarray(model.fields[:, THETA, -1])
+    heading = np.asarray(model.fields[:, THETA, -1])
+    placed = complex(*fit.placement[:, -1]) * np.exp(1j * heading) + complex(*fit.origin)
+    return np.array(points[:, 0, -1] + 1j * points[:, 1, -1] + placed), heading
 
 
 def tip_variance(fit: Fit, pressure: Array, *, is_angle: bool) -> float:
-    """Return the sum over frames of the variance of the tip (m^2), or of its heading (rad^2)."""
-    arm = fit.arm
+    """Return the sum over frames of the variance of `tip_of` (m^2, or rad^2 of the heading)."""
+    arm, size, targets = fit.arm, fit.values.size, fit.placement.shape[1]
     inputs = Inputs(pressure=pressure, loads=np.zeros((pressure.size, 3)))
-    jacobian = jacobian_at(fit, inputs, np.array([0.0, arm.reach]))
-    moved = np.einsum('ij,jk,ik->i', jacobian, fit.covariance, jacobian)
-    total = float(np.sum(moved))
-    return total / (0.5 * arm.reach) ** 2 if is_angle else total
+    jacobian = jacobian_at(fit, inputs, arm.target_arclength[[0, -1]]).reshape(-1, 2, 2, size)
+    if is_angle:
+        moved = np.einsum('fij,jk,fik->', jacobian[:, :, 1], fit.covariance, jacobian[:, :, 1])
+        return float(moved) / (0.5 * arm.reach) ** 2
+    _, heading = tip_of(fit, pressure)
+    solved = ForwardModel(arm.target_arclength[[0, -1]]).solve(arm, inputs)
+    placed = placement_jacobian(heading[solved, None])[:, :, 0]  # (frames, 2, along and across)
+    whole = np.concatenate([jacobian[:, :, 1], placed], axis=2)
+    rows = [*range(size), size + targets - 1, size + 2 * targets - 1]
+    covariance = fit.shared_covariance[np.ix_(rows, rows)]
+    return float(np.einsum('fij,jk,fik->', whole, covariance, whole))
