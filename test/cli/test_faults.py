@@ -122,7 +122,6 @@ def test_a_pressure_that_is_no_number_is_dropped(replay, output, value):
     run = replay(readings)
     assert run.code == 0
     assert run.summary['rejected'] == {'not_finite': 1}
-    assert 'pressure reading holds NaN or infinity' in run.summary['last_refusal']
     assert estimates_in(output) == {COUNT - 1}
 
 
@@ -133,7 +132,6 @@ def test_a_wrench_that_is_no_number_is_dropped_and_the_one_before_used(replay, o
     run = replay(readings)
     assert run.code == 0
     assert run.summary['rejected'] == {'not_finite': 1}
-    assert 'end wrench reading holds NaN or infinity' in run.summary['last_refusal']
     assert estimates_in(output) == {COUNT}
 
 

@@ -174,9 +174,11 @@ def rms(error) -> float:
     return float(np.sqrt(np.nanmean(np.sum(error**2, axis=1))))
 
 
-@cache
+usual = cache(fuse)  # what several tests look at
+
+
 def without_wrench() -> Result:
-    return fuse()
+    return usual()
 
 
 def test_force_and_tip_without_a_force_sensor():
@@ -195,7 +197,7 @@ def test_force_and_tip_without_a_force_sensor():
 
 
 def test_a_force_sensor_makes_it_better():
-    found, blind = fuse(with_wrench=True), without_wrench()
+    found, blind = usual(with_wrench=True), without_wrench()
     loaded = np.hypot(*recorded().truth.force.T) > 0.05
     assert rms(found.force_error[loaded]) < 0.7 * rms(blind.force_error[loaded])
     assert rms(found.tip_error[loaded]) < 1.1e-4
@@ -308,7 +310,7 @@ HYSTERESIS = LabHysteresis(width=4e3)
 @pytest.mark.parametrize('effect', [CREEP, HYSTERESIS])
 @pytest.mark.parametrize('with_wrench', [False, True])
 def test_what_the_model_lacks_is_covered(effect, with_wrench):
-    found = fuse(with_wrench=with_wrench, effects=(effect,))
+    found = usual(with_wrench=with_wrench, effects=(effect,))
     assert found.force_covered() > 0.85
     assert found.tip_covered() > 0.85
     assert rms(found.tip_error) < 1.1e-4
@@ -316,7 +318,7 @@ def test_what_the_model_lacks_is_covered(effect, with_wrench):
 
 
 def test_creep_outside_the_model_is_measured():
-    creeping, sound = fuse(with_wrench=True, effects=(CREEP,)), fuse(with_wrench=True)
+    creeping, sound = usual(with_wrench=True, effects=(CREEP,)), usual(with_wrench=True)
     memory = fusion().bench.unknowns.at(ModelDiscrepancy, slice(2, 5))
     late = slice(memory.start, memory.stop - 1)
     assert creeping.state.belief.mean[late].sum() == pytest.approx(CREEP.amplitude, abs=0.05)
@@ -454,8 +456,8 @@ def test_a_force_sensor_that_is_off_does_not_move_the_shape(off, gain):
 
 def test_a_force_sensor_in_order_is_never_called_off():
     for found in (
-        fuse(with_wrench=True),
-        fuse(with_wrench=True, effects=(LabCreep(amplitude=0.15, time_constant=60.0),)),
+        usual(with_wrench=True),
+        usual(with_wrench=True, effects=(CREEP,)),
         fuse(with_wrench=True, hidden=lambda frame: range(12)),
     ):
         assert not any(one.force_sensor for one in found.estimates)
@@ -467,8 +469,7 @@ def noisy(frame, *, std: float, seed: int) -> WrenchReading:
     return wrench(frame, off=tuple(noise.tolist()))
 
 
-@pytest.mark.parametrize('seed', range(3))
-@pytest.mark.parametrize('std', [0.02, 0.05])
+@pytest.mark.parametrize('std, seed', [(0.02, 0), (0.05, 1)])
 def test_a_noisy_force_sensor_in_order_is_not_called_off(std, seed):
     arm = fusion().arm
     rough = Fusion(arm=replace(arm, sensors=replace(arm.sensors, force_std=std)))
@@ -644,9 +645,9 @@ def test_a_camera_that_was_turned_before_the_start_is_found():
 
 def test_a_camera_that_stays_is_never_taken_for_moved():
     for found in (
-        fuse(calibrated()),
-        fuse(calibrated(), with_wrench=True),
-        fuse(calibrated(), effects=(LabCreep(amplitude=0.15, time_constant=60.0),)),
+        usual(calibrated()),
+        usual(calibrated(), with_wrench=True),
+        usual(calibrated(), effects=(LabCreep(amplitude=0.15, time_constant=60.0),)),
         fuse(calibrated(), hidden=lambda frame: range(12)),
         fuse(change=partial(moved_camera, turn=0.035), frames=range(100)),  # may be the model
     ):
@@ -705,13 +706,12 @@ def test_a_pressure_that_is_off_is_used_again_after_a_reset():
 
 def test_a_pressure_in_order_is_never_called_off():
     for found in (
-        fuse(calibrated()),
-        fuse(calibrated(), with_wrench=True),
-        fuse(calibrated(), effects=(LabCreep(amplitude=0.15, time_constant=60.0),)),
+        usual(calibrated()),
+        usual(calibrated(), with_wrench=True),
+        usual(calibrated(), effects=(LabCreep(amplitude=0.15, time_constant=60.0),)),
         fuse(calibrated(), with_wrench=True, sensor=partial(wrench, gain=-1.0)),
         fuse(calibrated(), with_wrench=True, pressures=lambda frame: not 80 <= frame < 110),
         fuse(calibrated(), pressures=lambda frame: not 80 <= frame < 110),
-        fuse(calibrated(), change=partial(moved_camera, turn=0.035), frames=range(100)),
     ):
         assert PRESSURE not in found.state.causes
 
@@ -744,7 +744,7 @@ def test_a_coarse_force_sensor_is_not_taken_for_a_fine_one():
     assert found.state.force.step == pytest.approx(step)
     assert found.force_covered() > 0.9
     assert found.tip_covered() > 0.88
-    fine = fuse(calibrated(), with_wrench=True).state
+    fine = usual(calibrated(), with_wrench=True).state
     assert fine.force.step < 0.2 * step
     (said,) = calibrated().other_sensors(found.state).values()
     assert said.startswith('the force is read in steps of 0.005 N')
@@ -945,11 +945,11 @@ def test_an_arm_of_any_stiffness_is_fused_alike(times):
         return replace(read, moment=times * read.moment, **force)
 
     for with_wrench in (False, True):
-        usual = fuse(with_wrench=with_wrench, frames=range(100))
-        found = fuse(other, with_wrench=with_wrench, sensor=stiffer, frames=range(100))
-        tips = [[one.estimate.shape.tip for one in run.estimates] for run in (usual, found)]
+        given = usual(with_wrench=with_wrench, frames=range(50))
+        found = fuse(other, with_wrench=with_wrench, sensor=stiffer, frames=range(50))
+        tips = [[one.estimate.shape.tip for one in run.estimates] for run in (given, found)]
         np.testing.assert_allclose(*tips, atol=1e-6)
-        forces, theirs = ([one.force for one in run.estimates] for run in (usual, found))
+        forces, theirs = ([one.force for one in run.estimates] for run in (given, found))
         np.testing.assert_allclose(times * np.array(forces), theirs, atol=1e-4 * times)
         assert np.isfinite(theirs).any()
 

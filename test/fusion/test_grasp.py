@@ -19,7 +19,7 @@ import pytest
 
 APART, THICKNESS = 0.045, 0.006  # m
 PRESSURE, PUSH = 45e3, 0.03  # Pa, N
-FRAMES = 12
+FRAMES = 5
 NAMES = ('std', 'u', 'v', 'area', 'major', 'minor', 'angle')
 
 

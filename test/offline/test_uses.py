@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 from pneunet_ros.cli.main import main
+from pneunet_ros.reports import figure as report_figure
 import pytest
 
-TIMES = np.arange(0.0, 40.0, 0.25)
+TIMES = np.arange(0.0, 40.0, 0.5)
 PRESSURES = 10.0 * np.minimum(TIMES // 4.0, 9.0 - TIMES // 4.0)  # kPa, stairs up and down
 LENGTH = 112.0  # mm
 
@@ -36,6 +37,7 @@ def table(*, tip: bool, load: bool) -> str:
 def recording(tmp_path, monkeypatch, capsys):
     """Return a function that imports a table and asks `check` about it."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(report_figure, 'DOTS_PER_INCH', 20)
 
     def ask(**what) -> dict[str, dict]:
         Path('t.csv').write_text(table(**what))

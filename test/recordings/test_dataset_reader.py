@@ -127,11 +127,11 @@ def test_readings_that_cannot_be_used_are_left_out_and_counted(tmp_path, said):
     said.append(('end_wrench', at + MS, wrench(at + MS, (math.inf, 0.0))))
     run, sentences = read_run(record(tmp_path / 'r.mcap', said), 3)
     assert sentences == (
-        '/pneunet/pressure: 1 pressure reading left out, NaN or infinite',
+        '/pneunet/pressure: 1 pressure reading left out, NaN, infinite or beyond 1e+30',
         '/pneunet/pressure: 1 pressure reading left out, without a header stamp',
         '/pneunet/pressure: 1 pressure reading left out, with the stamp of the one before',
         '/pneunet/pressure: 1 pressure reading left out, older than the one before',
-        '/pneunet/end_wrench: 1 end wrench left out, NaN or infinite',
+        '/pneunet/end_wrench: 1 end wrench left out, NaN, infinite or beyond 1e+30',
     )
     assert run.pressure.tolist() == [100.0 * index for index in range(20) if index not in (3, 5)]
 

@@ -179,7 +179,7 @@ def test_what_is_left_out_is_said(tmp_path, capsys):
     summary = json.loads(capsys.readouterr().out)
     assert summary['rows'] == 50
     assert summary['sentences'] == [
-        '/pneunet/pressure: 1 pressure reading left out, NaN or infinite'
+        '/pneunet/pressure: 1 pressure reading left out, NaN, infinite or beyond 1e+30'
     ]
 
 

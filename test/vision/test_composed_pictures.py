@@ -84,7 +84,6 @@ def test_the_same_number_gives_the_same_frame():
     [
         ('gravel', 'bright', ()),
         ('china', 'dark', ('jpeg', 'flicker')),
-        ('grass', 'dark', ()),
         ('china', 'bright', ('uneven',)),
     ],
 )
