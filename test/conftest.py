@@ -46,18 +46,21 @@ hypothesis.settings.register_profile('local', deadline=None)
 hypothesis.settings.register_profile('ci', deadline=None, derandomize=True)
 hypothesis.settings.load_profile('ci' if os.environ.get('CI') else 'local')
 
-# Files that `make quick` leaves out: they start processes, film, calibrate or diagnose.
+# Files that `make quick` leaves out: they start processes, simulate films and recordings,
+# calibrate or diagnose. None of the others takes 3 s of CPU.
 LENGTHY = """
-    atomic blobs calibrate_verb calibration calibration_report camera_demo cli consistency
-    diagnose_verb diagnosis diagnosis_report effects estimator_topics evaluation
-    extending faults fuzz_archives fuzz_files fuzz_messages fuzz_recordings fuzz_tables
-    gaussian_model
-    generic_field golden hypothesis lab_day lab_live lab_renderer lack_of_fit
-    linearization localization lab_effects map_estimation named_effects noise_estimate
-    outside_effects packaging page_commands pages preview published recording_writer refit
-    benches experiment_node explore_verb exploration survey survey_verb
-    replay score_test
-    simulate_verb simulation smoother solver track tracker working_plane_and_lens
+    atomic beam benches blobs bursts calibrate_verb calibration calibration_report camera_demo
+    check cli clock_delay composed_pictures consistency contact demo_plot diagnose_verb
+    diagnosis diagnosis_report effects estimator_topics evaluation experiment_node exploration
+    explore_verb extending faults few_numbers few_targets film first_curvature
+    frames_in_motion fuse_replay fusion fusion_motion fuzz_archives fuzz_files fuzz_messages
+    fuzz_recordings fuzz_tables gaussian_model generic_field golden grasp help hypothesis
+    kernel_cache lab_day lab_effects lab_live lab_renderer lack_of_fit left_out_recordings
+    linearization localization map_estimation markers motion_fit named_effects noise_estimate
+    odd_dots outside_effects packaging page_commands pages preview published reading_noise
+    recorded_gravity recording_writer refit replay score_test simulate_verb simulation
+    smoother solver stiffness_variation survey survey_verb tip_pose track tracker
+    tracking_page user_effects uses working_plane_and_lens
 """
 
 

@@ -9,7 +9,14 @@ import math
 import numpy as np
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.effects.effect import Load
-from pneunet_ros.model.domain import DOMAIN, Domain, load_hull, spanned_domain, WRITTEN_LOADS
+from pneunet_ros.model.domain import (
+    DOMAIN,
+    Domain,
+    load_hull,
+    MOST_LOADS,
+    spanned_domain,
+    WRITTEN_LOADS,
+)
 from pneunet_ros.model.domain_position import (
     LOAD_BEYOND,
     LOAD_OUT_OF_DOMAIN,
@@ -177,7 +184,7 @@ def test_what_is_known_is_said_in_words():
         ([0.0, 6e4], [0, 0, 0, 0], 'a list of rows of numbers'),
         ([0.0, 6e4], [[0, 0, 0, 0], [0, 0, 0]], 'rows of equal length'),
         ([0.0, 6e4], [['a', 0, 0, 0]], 'a table of numbers'),
-        ([0.0, 6e4], [[0, 0, 0, 0]] * (WRITTEN_LOADS + 1), f'1 to {WRITTEN_LOADS} rows'),
+        ([0.0, 6e4], [[0, 0, 0, 0]] * (MOST_LOADS + 1), f'1 to {MOST_LOADS} rows'),
         ([0.0, 6e4], [[0, 0, 0, 7e4]], 'a pressure outside domain.pressure, 0 to 60000 Pa'),
     ],
 )
