@@ -114,3 +114,11 @@ def test_the_equations_use_no_symbol_that_is_not_in_the_table():
         equation = re.split(r'  +Eq|   +', line.strip())[0]
         for word in re.findall(r'[A-Za-z_][A-Za-z_0-9]*', equation):
             assert word in known, line
+
+
+def test_what_the_tour_names_is_there():
+    named = re.findall(r'`([\w/]+\.py):(\w+)`', (ROOT / 'CONTRIBUTING.md').read_text())
+    assert len(named) > 20
+    for file, name in named:
+        text = (ROOT / 'pneunet_ros' / file).read_text()
+        assert re.search(rf'^ *(def|class) {name}\b', text, re.M), f'{file}: {name}'
