@@ -118,7 +118,7 @@ def read_experiments(
     loads = end_loads(arguments.end_load, paths)
     threads = strings(arguments.string, paths)
     if both := loads.keys() & threads.keys():
-        raise RequestError(f'{both.pop()} stands after --end-load and after --string')
+        raise RequestError(f'{both.pop()} is given to both --end-load and --string')
     loads = {**loads, **{place: (one.tension, 0.0) for place, one in threads.items()}}
     named = {resolved(path) for path in arguments.unloaded}
     check_given(named, paths, '--unloaded')
@@ -199,8 +199,8 @@ def with_known_load(run: RecordingData, load: tuple[float, float]) -> RecordingD
     """Return a run under its known load; RequestError where a sensor has read another."""
     if run.loaded:
         raise RequestError(
-            f'--end-load or --string {run.name}: the recording has readings of end_wrench; the '
-            'option is for recordings without (--no-wrench-required takes no notice of the topic)'
+            f'--end-load or --string {run.name}: the recording contains end_wrench readings, and '
+            'this option is for recordings without them (--no-wrench-required ignores the topic)'
         )
     return run.with_end_load(*load)
 
@@ -237,6 +237,5 @@ def check_given(places: set[Path], paths: Sequence[Path], option: str) -> None:
     """Refuse a recording that an option names and that is not among those to read."""
     for place in sorted(places - {resolved(path) for path in paths}):
         raise RequestError(
-            f'{option} {place.name}: this recording is not among those that are to be read; the '
-            'option only says what they hold'
+            f'{option} {place.name}: this recording is not among the inputs; name it there, too'
         )

@@ -17,7 +17,7 @@ def add_table_options(parser: ArgumentParser) -> None:
     group = parser.add_argument_group('columns of the table')
     for option, form, meaning in (
         ('--select', 'COLUMN=VALUE', 'read only the rows that hold this text in this column'),
-        ('--rename', 'OLD=NEW', 'call a column by a name that is known'),
+        ('--rename', 'OLD=NEW', 'rename a column to a known name'),
         ('--offset', 'COLUMN=NUMBER', 'add to a column (new name), in its unit'),
         ('--ignore', 'COLUMN', 'leave columns out'),
         (

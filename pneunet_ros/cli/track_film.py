@@ -50,7 +50,7 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
         for option in ('delay', 'end_load', 'string', 'select', 'rename', 'offset', 'ignore'):
             if getattr(arguments, option):
                 name = option.replace('_', '-')
-                raise RequestError(f'--{name} says something of --readings, which is not given')
+                raise RequestError(f'--{name} needs --readings TABLE.csv')
         return None
     if stream.recording is not None:
         raise RequestError(
@@ -64,7 +64,7 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
     if arguments.string is not None:
         check_no_forces(table, '--string')
         if arguments.end_load is not None:
-            raise RequestError('give --end-load or --string: a tip that has both is under neither')
+            raise RequestError('give either --end-load or --string, not both')
     if arguments.end_load is not None:
         table = with_end_load(
             table, *(quantity_of('--end-load', text, 'force') for text in arguments.end_load)

@@ -179,13 +179,13 @@ class Agreement:
         tips = ''
         if not self.tips_hold:
             tips = (
-                f', and the tip is outside of its 95 % ellipse in {100.0 * self.tips_outside:.0f} '
+                f'; the tip is outside its 95 % ellipse in {100.0 * self.tips_outside:.0f} '
                 '%: the errors that the model states are too small'
             )
         return (
-            f'{verdict}: median {self.median:.2f} x the noise, more than noise explains in '
-            f'{100.0 * self.beyond:.0f} % of {self.frames} frames (it holds up to '
-            f'{100.0 * self.most:.0f} %){tips}{together}{advice}'
+            f'{verdict}: {100.0 * self.beyond:.0f} % of {self.frames} frames exceed the noise '
+            f'limit (pass: at most {100.0 * self.most:.0f} %), and the median frame is '
+            f'{self.median:.2f} x the noise{tips}{together}{advice}'
             + ('' if self.force_read else f'; {FORCE_NOT_JUDGED}')
         )
 

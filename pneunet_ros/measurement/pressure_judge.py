@@ -303,8 +303,8 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
             return ''
         below = self.declared.gauge(self.low) + self.declared.gauge(self.high) < 0.0
         return (
-            f'the pressure, {self.range_of(self.declared)}, is that of another kind of actuator '
-            f'than {self.name}, whose model is taken where none is given: give --model FILE'
+            f'the pressure, {self.range_of(self.declared)}, does not match '
+            f'{self.name}, the default model: give --model FILE'
             f'{"; if the ports of the sensor are swapped, --pressure-sign -1" * below}'
         )
 

@@ -177,8 +177,8 @@ class WrenchVerdict(ReadingVerdict[WrenchConvention]):
         one, other = (self.largest * meaning.size for meaning in (self.other, self.declared))
         where = f'in frame {self.frame!r}, and ' if self.frame else ''
         return (
-            f'{where}most likely {self.other.words}: {self.largest:.3g} is {one:.3g} N; as '
-            f'{self.declared.words} ({other:.3g} N) it does not fit the arm'
+            f'{where}most likely {self.other.words}: {self.largest:.3g} means {one:.3g} N; '
+            f'{self.declared.words}, {other:.3g} N, it does not fit the arm'
         )
 
 

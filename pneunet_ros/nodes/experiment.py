@@ -127,11 +127,13 @@ def run_experiment(node: ExperimentNode, path: Path) -> None:
     pressure, targets = (node.resolve_topic_name(item.name) for item in (PRESSURE, TARGETS))
     if not node.waited(lambda: min(node.counts[PRESSURE.name], node.counts[TARGETS.name]) > 0):
         raise RequestError(
-            f'nothing comes on {pressure} or {targets}: is the arm there, and a tracker?'
+            f'no messages on {pressure} or {targets}: are the arm and the tracker running?'
         )
     loaded = bool(np.any(node.corners[:, 2:]))
     if not node.waited(lambda: node.pressures.get_subscription_count() > 0):
-        raise RequestError(f'nobody takes {node.pressures.topic_name}: no valve to command')
+        raise RequestError(
+            f'no node subscribes to {node.pressures.topic_name}: is the valve driver running?'
+        )
     if loaded and node.forces.get_subscription_count() == 0:
         ask_for_load(node.corners, node.forces.topic_name)
     node.spin(REST, lambda _: node.command(0.0))

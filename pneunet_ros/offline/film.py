@@ -67,7 +67,9 @@ def check_readings(table: ReadingTable, path: Path) -> None:
 def check_no_forces(table: ReadingTable, option: str) -> None:
     """Refuse an option that says what pulled, beside a sensor that read it."""
     if table.counts()[END_WRENCH.name]:
-        raise RequestError(f'{option} is for tables without forces, and this one has them')
+        raise RequestError(
+            f'{option} is for tables without forces, but this table has force columns'
+        )
 
 
 def with_end_load(table: ReadingTable, force_x: float, force_y: float) -> ReadingTable:

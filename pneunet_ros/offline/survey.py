@@ -307,7 +307,7 @@ def work_on_fleet(
         for arm in suspects:
             died, _ = yield from work_together([arm], work, open_workers, 1)
             for one in died:
-                why = 'the process that worked on it died, as where memory runs out'
+                why = 'its process died, possibly because memory ran out'
                 yield one, ChildProcessError(why)
 
 

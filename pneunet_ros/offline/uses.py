@@ -203,7 +203,7 @@ def check_estimates(replayed: Iterable[Step]) -> None:
         if reasons['no_equilibrium'] > SOLVES_TRIED:
             break
     if not reasons:
-        raise RecordingError('there is no pressure reading in it')
+        raise RecordingError('it contains no pressure reading')
     reason, count = reasons.most_common(1)[0]
     raise RecordingError(f'no reading gives an estimate; {count} times: {sentences[reason]}')
 

@@ -101,7 +101,7 @@ def read_run(
         keep |= TIP_POSE.present(pose)
     _say_left_out(sentences, frames, ~keep, 'no target was seen')
     if readings is None:
-        sentences.append('there is no pressure topic: the arm is taken to have no pressure, 0 Pa')
+        sentences.append('there is no pressure topic: the pressure is taken as 0 Pa')
         reading = np.arange(len(frames.stamp_ns))
     else:
         reading, keep = _match(sentences, frames, readings, keep)
@@ -125,7 +125,7 @@ def read_run(
     if measured is not None:
         sentences += measured.sentences
         unknown = keep & ~measured.near(frames.stamp_ns)
-        _say_left_out(sentences, frames, unknown, 'nobody says where gravity pointed')
+        _say_left_out(sentences, frames, unknown, 'the direction of gravity is unknown')
         keep &= ~unknown
     if not keep.any():
         raise RecordingError(f'{path}: no frame is left: {"; ".join(sentences)}')

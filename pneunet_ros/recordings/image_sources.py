@@ -84,7 +84,7 @@ def _open_video(path: Path, request: SourceRequest) -> ImageStream:
 
 def _refuse_topics(path: Path, request: SourceRequest) -> None:
     if request.topics:
-        raise RequestError(f'{path} is no recording and has no topics: leave out --topic')
+        raise RequestError(f'{path} is not a recording and has no topics: omit --topic')
 
 
 def _open_recording(path: Path, request: SourceRequest) -> ImageStream:

@@ -266,7 +266,8 @@ def columns_of(names: Iterable[str], where: str) -> list[Column]:
         key = column.quantity, column.target
         if key in columns:
             raise RecordingError(
-                f'{where}: {columns[key].name} and {name} say the same: --ignore one of them'
+                f'{where}: {columns[key].name} and {name} measure the same quantity: --ignore one '
+                'of them'
             )
         columns[key] = column
     if unknown:
@@ -322,11 +323,15 @@ def _check_whole(names: dict[tuple[str, int | None], str], where: str) -> None:
     for (quantity, target), name in names.items():
         for other in TOGETHER.get(quantity, ()):
             if (other, target) not in names:
-                raise RecordingError(f'{where}: {name} is there without its {other}{target}')
+                raise RecordingError(
+                    f'{where}: {name} has no matching column {other}{target}_UNIT'
+                )
         if target is not None and target >= MOST_TARGETS:
             raise RecordingError(f'{where}: {name}: at most {MOST_TARGETS} targets are read')
         if quantity.startswith('angle') and f'force{quantity[5:]}' not in quantities:
-            raise RecordingError(f'{where}: {name} is there without force{quantity[5:]}')
+            raise RecordingError(
+                f'{where}: {name} has no matching column force{quantity[5:]}_UNIT'
+            )
     if quantities & set(IN_BASE) and quantities & set(OF_STRINGS):
         raise RecordingError(
             f'{where}: the end force is given both along the axes (force_x, force_y) and by '

@@ -208,8 +208,9 @@ def _check_decimals(path: Path, line: int, written: str, seen: dict[str, str]) -
     for one, other in ('.,', ',.'):
         if one + 'thousands' in seen and other in seen:
             raise RecordingError(
-                f'{path}: {seen[one + "thousands"]} seems to set thousands apart, as '
-                f'{seen[other]} has another mark for decimals; write numbers without that'
+                f'{path}: {seen[one + "thousands"]} seems to have a thousands '
+                f'separator, because the decimal mark of {seen[other]} is another: write numbers '
+                'without thousands separators'
             )
 
 
@@ -254,7 +255,7 @@ def _rows(
         if cells[0].startswith('# ') or (len(cells) != columns and cells[0].startswith('#')):
             comments.append(line)
         elif len(cells) < columns and cut and next(reader, None) is None:
-            left_out.append(f'{path}: line {line}, the last one, is cut off and was left out')
+            left_out.append(f'{path}: line {line}, the last one, is incomplete and was skipped')
         elif len(cells) != columns:
             noun = 'cell' if len(cells) == 1 else 'cells'
             raise RecordingError(
@@ -266,7 +267,7 @@ def _rows(
     if comments:
         lines = ', '.join(map(str, comments[:NAMES_SHOWN]))
         more = ', ...' * (len(comments) > NAMES_SHOWN)
-        left_out.append(f'{path}: comments among the rows were passed by: line {lines}{more}')
+        left_out.append(f'{path}: comment lines among the rows were skipped: line {lines}{more}')
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float:
@@ -277,13 +278,13 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        hint = ' (decimals need a point)' if ',' in text else ''
+        hint = ' (use a decimal point)' if ',' in text else ''
         if name == CLOCK and not hint:
             hint = ' and no time such as 10:15:03.12 or 2026-11-22 10:15:03.12'
         if _APART.fullmatch(text):
-            hint = ' (nothing may set thousands apart, and decimals need a point)'
+            hint = ' (no thousands separators; use a decimal point)'
         if is_unit(text.lstrip('+-.0123456789 ')):
-            hint = ' (a unit belongs into the name of the column)'
+            hint = ' (put the unit into the column name)'
         raise RecordingError(
             f'{path}, line {line}, column {name}: {text[:40]!r} is no number{hint}; a missing '
             'value is an empty cell, NA or nan'

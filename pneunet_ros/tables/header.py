@@ -166,7 +166,7 @@ def check_no_preamble(path: Path, names: int, ahead: Sequence[str], above: int) 
         line = above + table + 1
         raise RecordingError(
             f'{path}: the table seems to begin in line {line}; the first line must name the '
-            f'columns. Leave out what stands above: tail -n +{line} {shlex.quote(str(path))} > '
+            f'columns. Remove the lines above it: tail -n +{line} {shlex.quote(str(path))} > '
             'TABLE.csv, or put # before each of these lines'
         )
 
@@ -178,7 +178,8 @@ def check_separated(path: Path, header: Sequence[str]) -> None:
         return
     if any(map(is_known, words)) or all(map(_is_number, words)):
         raise RecordingError(
-            f'{path}: {header[0][:40]!r} is one cell: separate cells by commas, semicolons or tabs'
+            f'{path}: {header[0][:40]!r} is a single cell: separate cells by commas, semicolons '
+            'or tabs'
         )
 
 

@@ -89,7 +89,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     columns = {(item.quantity, item.target): item for item in known}
     for name in request.offsets:
         if name not in table.numbers or name == STAMP:
-            raise RequestError(f'--offset {name}=: there is no such column to be read')
+            raise RequestError(f'--offset {name}=: no such column was read')
         if not math.isfinite(request.offsets[name]):
             raise RequestError(f'--offset {name}={request.offsets[name]} is no number')
     stamp_ns = _stamps(path, table, columns.get((TIME, None)), request)
@@ -118,8 +118,8 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         )
     if targets and 0 not in targets:
         sentences.append(
-            f'{path}: no column of target 0, which is never seen then; targets count from 0 at '
-            'the clamp: are these counted from 1?'
+            f'{path}: target 0 has no columns. Targets count from 0 at the clamp: are these '
+            'numbered from 1?'
         )
     nothing = np.zeros(len(stamp_ns))
     along_axes: dict[str, Array] = {}
@@ -170,9 +170,9 @@ def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
         return []
     place = places[rows[0], int(np.argmax(same[rows[0]]))]
     return [
-        f'{path}: in {rows.size} of {len(lines)} rows some targets stand at one place, '
-        f'({place.real:.4g}, {place.imag:.4g}) m in line {lines[rows[0]]}: where a target was not '
-        'seen the cell must be empty'
+        f'{path}: in {rows.size} of {len(lines)} rows several targets have the same position, '
+        f'({place.real:.4g}, {place.imag:.4g}) m in line {lines[rows[0]]}: leave the cells of '
+        'targets that were not seen empty'
     ]
 
 
@@ -240,7 +240,7 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
     for line, value in zip(table.lines, given, strict=True):
         where = f'{path}, line {line}, column {name}'
         if value is None:
-            raise RecordingError(f'{where}: there is no time')
+            raise RecordingError(f'{where}: the time is missing')
         stamp_ns = round(value)
         if not stamps and name != STAMP and stamp_ns <= 0:
             shift = FIRST_STAMP - stamp_ns
@@ -250,20 +250,21 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
             seconds = float(value) / NANOSECONDS_PER_SECOND
             shown = f'{value} ns' if name == STAMP else f'{seconds:.13g} s'
             raise RecordingError(
-                f'{where}: {shown} is no time that a header can hold{unit * (name != STAMP)}'
+                f'{where}: {shown} is not a valid time stamp{unit * (name != STAMP)}'
             )
         if stamps and stamp_ns == stamps[-1]:
             remedy = (
                 f'import --ignore {table.written.get(name, name)} --rate HZ counts rows instead'
             )
             raise RecordingError(
-                f'{where}: time must increase from row to row, and is that of the row above (are '
-                f'fractions of a second missing? {remedy})'
+                f'{where}: time must increase from row to row, but this row repeats the time '
+                f'above (are fractions of a second missing? {remedy})'
             )
         if stamps and stamp_ns < stamps[-1]:
             raise RecordingError(
-                f'{where}: time must increase from row to row, and is earlier than in the row '
-                'above: sort the rows by time, or split the table where its clock was set back'
+                f'{where}: time must increase from row to row, but this row is earlier '
+                'than the row above: sort the rows by time, or split the table where its clock '
+                'was set back'
             )
         stamps.append(stamp_ns)
     return np.array(stamps, dtype=np.int64)
@@ -283,7 +284,7 @@ def _check_unnamed_unit(path: Path, table: CsvTable, time: Column) -> None:
     named = written if not any(mark.isspace() for mark in written) else f'"{written}"'
     choices = 'time_ms for milliseconds' if step >= LARGEST_STEP else 'time_d for days (Excel)'
     raise RecordingError(
-        f'{path}: the column {written!r} names no unit, and its rows are {step:.3g} apart '
+        f'{path}: the column {written!r} has no unit, and its rows are {step:.3g} apart '
         f'(median), which is unusual for seconds: say what it is, --rename {named}={choices}, '
         f'{named}=time_s for seconds'
     )

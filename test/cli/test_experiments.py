@@ -90,7 +90,7 @@ def test_unloaded_recordings_that_are_given_win(lab):
     assert 'light.mcap (given)' in found.unloaded
     with pytest.raises(RecordingError, match=r'loaded.mcap was given as unloaded.* 0.2 N'):
         read('--first', 'loaded.mcap', '--unloaded', 'loaded.mcap')
-    with pytest.raises(RequestError, match=r'--unloaded idle.mcap.* not among those'):
+    with pytest.raises(RequestError, match=r'--unloaded idle.mcap.* not among the inputs'):
         read('--first', 'bare.mcap', '--unloaded', 'idle.mcap')
 
 
@@ -103,10 +103,10 @@ def test_a_known_end_load(lab):
     assert not bare.moment.any()
     assert not idle.load_known
     for name, load, match in (
-        ('loaded.mcap', ('0', '0.1'), 'has readings of end_wrench'),
+        ('loaded.mcap', ('0', '0.1'), 'contains end_wrench readings'),
         ('bare.mcap', ('0', 'one'), 'is not a force: write a number in N'),
         ('bare.mcap', ('0', 'nan'), 'is not a force: write a number in N'),
-        ('idle.mcap', ('0', '1'), 'not among those'),
+        ('idle.mcap', ('0', '1'), 'not among the inputs'),
     ):
         with pytest.raises(RequestError, match=match):
             read('--first', 'bare.mcap', 'loaded.mcap', '--end-load', name, *load)
@@ -123,9 +123,9 @@ def test_a_string_pulls_from_the_tip_of_every_frame(lab):
     assert bare.loaded and bare.load_known
     np.testing.assert_allclose(np.hypot(*bare.force.T), 0.01 * 9.80665)
     both = ('--string', 'bare.mcap', '10g', '0.4', '0', '--end-load', 'bare.mcap', '0.1', '0')
-    with pytest.raises(RequestError, match=r'--end-load and after --string'):
+    with pytest.raises(RequestError, match=r'to both --end-load and --string'):
         read('--first', 'bare.mcap', *both)
-    with pytest.raises(RequestError, match=r'has readings of end_wrench'):
+    with pytest.raises(RequestError, match=r'contains end_wrench readings'):
         read('--first', 'loaded.mcap', '--string', 'loaded.mcap', '10g', '0.4', '0')
 
 

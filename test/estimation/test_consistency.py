@@ -498,13 +498,13 @@ def test_a_model_without_targets_has_nothing_to_compare():
 @pytest.mark.parametrize(
     ('rms', 'holds', 'words'),
     [
-        ([1.0] * 99 + [3.0], True, 'the model holds on this recording: median 1.00 x the noise'),
+        ([1.0] * 99 + [3.0], True, 'the model holds on this recording: 1 % of 100 frames exceed'),
         (
             [1.0] * 90 + [3.0] * 10,
             False,
-            'in 10 % of 100 frames (it holds up to 5 %); run pneunet',
+            '10 % of 100 frames exceed the noise limit (pass: at most 5 %), and the median frame',
         ),
-        ([1.0] * 5, None, 'too few frames to say whether the model holds (fewer than 10): median'),
+        ([1.0] * 5, None, 'too few frames to say whether the model holds (fewer than 10): 0 %'),
         ([3.0] * 9, None, 'too few frames to say whether the model holds'),
     ],
 )
@@ -536,4 +536,4 @@ def test_a_model_does_not_hold_where_its_tips_lie_outside_of_their_ellipses(
     )
     assert agreement.tips_outside == pytest.approx(outside / frames)
     assert agreement.holds is holds
-    assert ('the tip is outside of its 95 % ellipse' in agreement.sentence) is not holds
+    assert ('the tip is outside its 95 % ellipse' in agreement.sentence) is not holds

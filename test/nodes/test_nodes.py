@@ -338,7 +338,7 @@ def test_dropped_readings_are_counted_by_reason(peer):
     level, message, after = peer.report()
     assert Level(level).name == 'WARN'
     for words in (
-        'pressure reading holds NaN or infinity',
+        'pressure reading holds NaN, infinity',
         'the stamp of the last one',
         '0.3 s older than the last one',
         'nanosec = 4000000000',
@@ -393,7 +393,7 @@ def test_no_shape_is_better_than_a_wrong_one(peer, what):
             'pneunet_base',
             math.inf,
             'WARN',
-            'end wrench reading holds NaN or infinity',
+            'end wrench reading holds NaN, infinity',
         ),
     ],
 )

@@ -141,7 +141,7 @@ def test_a_film_is_no_table(folder, tmp_path, capsys):
 
 def test_options_of_a_table_need_one(folder, capsys):
     assert main(['track', str(folder / 'film.avi'), '--camera-info', 'none', '--delay', '1']) == 2
-    assert '--delay says something of --readings' in capsys.readouterr().err
+    assert '--delay needs --readings' in capsys.readouterr().err
     demo, table = str(share_path('bags/camera_demo')), str(folder / 'table.csv')
     assert main(['track', demo, '--readings', table, '--output', 'x.mcap']) == 2
     assert 'is a recording, whose topics have stamps of their own' in capsys.readouterr().err

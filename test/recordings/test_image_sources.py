@@ -433,7 +433,7 @@ def test_what_does_not_go_together_is_refused(tmp_path):
         open_images(path, NONE)
     with pytest.raises(RequestError, match='either --camera-info or --topic'):
         open_images(path, SourceRequest(camera_info='none', topics={'camera_info': INFO}))
-    with pytest.raises(RequestError, match='no recording and has no topics'):
+    with pytest.raises(RequestError, match='not a recording and has no topics'):
         open_images(folder, SourceRequest(camera_info='none', topics={'image_raw': IMAGE}))
     with pytest.raises(CameraError, match=r'absent\.yaml'):
         open_images(folder, SourceRequest(camera_info='absent.yaml'))

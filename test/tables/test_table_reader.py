@@ -147,7 +147,7 @@ def test_one_arm_of_a_table_of_many(tmp_path):
     np.testing.assert_allclose(table.values['targets'][:, 1], [[0.0], [-0.0172]])
     with pytest.raises(RecordingError, match=r'no row has arm=C; there are A; B$'):
         read(tmp_path, text, **(request | {'select': {'arm': 'C'}}))
-    with pytest.raises(RequestError, match='--offset x1_mm=: there is no such column'):
+    with pytest.raises(RequestError, match='--offset x1_mm=: no such column was read'):
         read(tmp_path, text, **(request | {'offsets': {'x1_mm': 1.0}}))
     with pytest.raises(RecordingError, match=r"no column 'q' \(--rename\); it has arm, p, dx"):
         read(tmp_path, text, **(request | {'rename': {'q': 'pressure_pa'}}))
@@ -195,14 +195,17 @@ def test_what_the_estimator_made_is_left_out(tmp_path):
         ('time_s;pressure_pa\n1;2;5\n', 'line 2: 3 cells, but there are 2 columns; .*semicolons'),
         (
             'time_s;pressure_pa\n0,15;598\n0,2;1.060\n',
-            "'1.060' in line 3 seems to set thousands apart",
+            "'1.060' in line 3 seems to have a thousands separator",
         ),
-        ('time_s;pressure_pa\n0.2;1,060\n', "'1,060' in line 2 seems .* as '0.2' in line 2 has"),
+        (
+            'time_s;pressure_pa\n0.2;1,060\n',
+            "'1,060' in line 2 seems .* decimal mark of '0.2' in line 2 is",
+        ),
         ('time_s;pressure_pa\n1;1.234,5\n', "column pressure_pa: '1.234,5' is no number"),
-        ('time_s;pressure_pa\n1;1,220.9\n', r"'1,220.9' is no number \(nothing may set thousands"),
-        ('time_s,pressure_pa\n1,1 220.9\n', r"'1 220.9' is no number \(nothing may set thousands"),
-        ('time_s,pressure_psi\n1,1.5psi\n', 'is no number .a unit belongs into the name'),
-        ("time_s,pressure_pa\n1,1'220\n", 'is no number .nothing may set thousands apart'),
+        ('time_s;pressure_pa\n1;1,220.9\n', r"'1,220.9' is no number \(no thousands"),
+        ('time_s,pressure_pa\n1,1 220.9\n', r"'1 220.9' is no number \(no thousands"),
+        ('time_s,pressure_psi\n1,1.5psi\n', 'is no number .put the unit into the column name'),
+        ("time_s,pressure_pa\n1,1'220\n", 'is no number .no thousands separators'),
         ('Logger XY\ntime_s;pressure_pa\n1;2\n', 'begin in line 2; .* put # before each of these'),
         ('# a\nLogger\n\nSerial\nTime,Pressure\n1,2\n', 'the table seems to begin in line 5'),
         ('Logger XY,No 7\nTime,Pressure\n1,2\n', 'the table seems to begin in line 2'),
@@ -213,30 +216,39 @@ def test_what_the_estimator_made_is_left_out(tmp_path):
         ('time_ms,pressure_pa\n10:00:00,1\n', "column time_ms: '10:00:00' is no number"),
         ('Time,pressure_pa\n10:00:01,1\n10:00:01,1\n', 'line 3, .*fractions of a second miss'),
         ('time_s,pressure_pa\n1,2,5\n', 'line 2: 3 cells, but there are 2 columns; .*a point'),
-        ('time_s,pressure_pa\n1,"2,5"\n', r"line 2, column pressure_pa: '2,5' is no number \(dec"),
+        (
+            'time_s,pressure_pa\n1,"2,5"\n',
+            r"line 2, column pressure_pa: '2,5' is no number \(use a dec",
+        ),
         ('time_s,pressure_pa\n1,5\n2,abc\n', "line 3, column pressure_pa: 'abc' is no number; a"),
         ('time_s,pressure_pa\n1,inf\n', "column pressure_pa: 'inf' is no number"),
         ('time_s,pressure_pa\n1,1e999\n', "'1e999' is no number"),
         ('time_s,pressure_pa\n1,1_0\n', "'1_0' is no number"),
         ('time_s,pressure_pa\n1,=1+1\n', "'=1.1' is no number"),
         ('time_s,pressure_pa\n1,0x1F\n', 'is no number'),
-        ('time_s,pressure_pa\n,1\n', 'line 2, column time_s: there is no time'),
-        ('time_s,pressure_pa\nnan,1\n', 'line 2, column time_s: there is no time'),
+        ('time_s,pressure_pa\n,1\n', 'line 2, column time_s: the time is missing'),
+        ('time_s,pressure_pa\nnan,1\n', 'line 2, column time_s: the time is missing'),
         ('time_s,pressure_pa\n1,1\n1,1\n', 'line 3, column time_s: time must increase from row'),
         (
             'time_s,pressure_pa\n2,1\n1,1\n',
-            'line 3, .*earlier than in the row above: sort the rows',
+            'line 3, .*earlier than the row above: sort the rows',
         ),
-        ('Time,pressure_pa\n1,1\n0.9,1\n0.8,1\n', 'line 3, .*earlier than in the row above'),
+        ('Time,pressure_pa\n1,1\n0.9,1\n0.8,1\n', 'line 3, .*earlier than the row above'),
         ('Time,pressure_pa\n1,1\n1,1\n', 'line 3, .* --ignore Time --rate HZ counts rows inst'),
         ('time_s,pressure_pa\n1772618400000,1\n', 'smaller unit, as time_ms'),
         ('time_s,pressure_pa\nMar 4 10:00,1\n', 'no number and no time such as 10:15:03.12'),
         (
             'time_s pressure_pa\n0 1\n',
-            "'time_s pressure_pa' is one cell: separate cells by commas",
+            "'time_s pressure_pa' is a single cell: separate cells by commas",
         ),
-        ('# time_s pressure_pa\n0.0 1.0\n', "'0.0 1.0' is one cell: separate cells by commas"),
-        ('time_s|pressure_pa\n0|1\n', 'is one cell: separate cells by commas, semicolons or tabs'),
+        (
+            '# time_s pressure_pa\n0.0 1.0\n',
+            "'0.0 1.0' is a single cell: separate cells by commas",
+        ),
+        (
+            'time_s|pressure_pa\n0|1\n',
+            'is a single cell: separate cells by commas, semicolons or tabs',
+        ),
         ('1772618400,10,base,5.0\n', 'line 1 is a row already; write a line above it'),
         (
             'LabVIEW\t\nTime\t10:15:03,12\n***End***\t\nX_Value\tPressure\tComment\n0,1\t2,5\n',
@@ -245,25 +257,28 @@ def test_what_the_estimator_made_is_left_out(tmp_path):
         ('Rig;3\nZeit;Druck\ns;kPa\n0,1;2,5\n', 'the table seems to begin in line 2'),
         ('time_s,pressure_pa\n1,1\n2\n3,1', 'line 3: 1 cell, but there are 2 columns'),
         ('time_s,pressure_pa\n1,1\n2\n', 'line 3: 1 cell, but there are 2 columns'),
-        ('time_s,pressure_pa\n1e300,1\n', 'line 2, column time_s: .* no time that a header can'),
+        ('time_s,pressure_pa\n1e300,1\n', 'line 2, column time_s: .* not a valid time stamp'),
         (
             'time_s,pressure_pa\n1700000000000,1\n',
-            'time_s: 1700000000000 s is no time that a header',
+            'time_s: 1700000000000 s is not a valid time stamp',
         ),
-        ('stamp_ns,pressure_pa\n0,1\n', 'line 2, column stamp_ns: 0 ns is no time that a header'),
+        ('stamp_ns,pressure_pa\n0,1\n', 'line 2, column stamp_ns: 0 ns is not a valid time stamp'),
         ('time_s,pressure_pa\n1,\n', 'holds no reading: no pressure, no force, no target'),
         ('time_s,x0_m,y0_m\n1,,\n', 'holds no reading'),
         ('time_s\n1\n', 'holds no reading'),
         ('time_s,pressure_pa,pressure_pa\n1,1,1\n', "two columns are called 'pressure_pa'"),
-        ('time_s,pressure_pa,pressure_bar\n1,1,1\n', 'pressure_pa and pressure_bar say the same'),
+        (
+            'time_s,pressure_pa,pressure_bar\n1,1,1\n',
+            'pressure_pa and pressure_bar measure the same quantity',
+        ),
         (
             'time_s,pressure\n1,1\n',
             r"column 'pressure' \(pressure_\(pa\|.*is not known: add --rename pressure=",
         ),
         ('time_s,Pressure [kPa],pressure_kpa\n1,1,1\n', 'two columns are called pressure_kpa'),
-        ('time_s,x0_m\n1,1\n', 'x0_m is there without its y0'),
+        ('time_s,x0_m\n1,1\n', 'x0_m has no matching column y0'),
         ('time_s,x500_m,y500_m\n1,1,1\n', 'x500_m: at most 500 targets'),
-        ('time_s,angle_a_deg\n1,1\n', 'angle_a_deg is there without force_a'),
+        ('time_s,angle_a_deg\n1,1\n', 'angle_a_deg has no matching column force_a'),
         ('time_s,force_x_n,force_a_n\n1,1,1\n', 'both along the axes .* and by strings'),
         ('time_s,pressure_pa\n1,"2\n', 'is no CSV file'),
         (b'time_s,pressure_pa\n1,\xff\n', 'is no text in UTF-8'),
@@ -482,13 +497,13 @@ def test_how_names_were_read_is_said(tmp_path):
 @pytest.mark.parametrize(
     ('text', 'said'),
     [
-        ('1,2\n3', ': line 4, the last one, is cut off and was left out'),
+        ('1,2\n3', ': line 4, the last one, is incomplete and was skipped'),
         ('1,2\n3,', ''),
         (
             '# valve on\n1,2\n# end, of, log\n',
-            ': comments among the rows were passed by: line 3, 5',
+            ': comment lines among the rows were skipped: line 3, 5',
         ),
-        ('1,2\n# stopped by Anna', ': comments among the rows were passed by: line 4'),
+        ('1,2\n# stopped by Anna', ': comment lines among the rows were skipped: line 4'),
     ],
 )
 def test_comments_among_the_rows_and_a_last_row_that_is_cut_off_are_left_out(tmp_path, text, said):
@@ -502,7 +517,7 @@ def test_comments_among_the_rows_and_a_last_row_that_is_cut_off_are_left_out(tmp
 
 def test_targets_that_are_counted_from_1_are_asked_for(tmp_path):
     path = tmp_path / 'table.csv'
-    for first, words in ((0, []), (1, ['no column of target 0, ', 'counted from 1?'])):
+    for first, words in ((0, []), (1, ['target 0 has no columns', 'numbered from 1?'])):
         path.write_text(f'time_s,x{first}_m,y{first}_m\n0,0,0\n')
         sentences = ' '.join(read_table(path, ImportRequest())[1])
         assert all(word in sentences for word in words)
@@ -515,8 +530,8 @@ def test_targets_at_one_place_are_taken_for_unseen_ones_and_asked_for(tmp_path, 
     names = 'time_s,x0_mm,y0_mm,x1_mm,y1_mm,x2_mm,y2_mm'
     path.write_text(f'{names}\n0,0,0.1,5,0,10,0\n1,0,0.1,,,,\n2,0,0.1,{unseen},{unseen}\n')
     (sentence,) = read_table(path, ImportRequest(missing=()))[1]
-    assert 'in 1 of 3 rows some targets stand at one place, (' in sentence
-    assert 'm in line 4: where a target was not seen the cell must be empty' in sentence
+    assert 'in 1 of 3 rows several targets have the same position, (' in sentence
+    assert 'm in line 4: leave the cells of targets that were not seen empty' in sentence
 
 
 def test_blank_lines_may_stand_above_the_names(tmp_path):

@@ -90,9 +90,12 @@ class LeftOutLevels:
         )
         if not self.better:
             return text
-        worse = self.model > self.limit * min(self.arc, self.interpolation)
-        more = '; `pneunet diagnose` looks for what is missing' if worse else ''
-        return f'{text}: between these pressures {self.better} does as well{more}'
+        if self.model <= self.limit * min(self.arc, self.interpolation):
+            return f'{text}: between these pressures, {self.better} does as well'
+        return (
+            f'{text}: between these pressures, {self.better} does better; run pneunet diagnose to '
+            'find what the model lacks'
+        )
 
     def shown(self, value: float) -> str:
         """Write an error in mm or degrees."""

@@ -118,7 +118,10 @@ def run(arguments: Namespace) -> int:
         f'{name}: {millimeters(arm.length):g} mm, {arm.weight:.4g} N, up to '
         f'{kilopascals(sizes["pressure"]):g} kPa; {places.size} targets at {shown} mm'
     )
-    console.print(f'wrote {arguments.output}: size and targets; all else is invented')
+    console.print(
+        f'wrote {arguments.output}: dimensions and targets are yours; all '
+        'other values are placeholders'
+    )
     if template is not None:
         console.print(f'wrote {template}: print at 100 % and check its ruler')
     return DONE
