@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
@@ -66,24 +67,32 @@ def predict_frame(
             there = seen_targets(estimator.arm, estimate.curved.sensitivity)
             moved += weight * (np.stack(there) - [predicted.x, predicted.y])
     wrench_ns, wrench = wrenches_of(estimates)
-    used = (1.0 - share) * load_of(pair[0]) + share * load_of(pair[1])
-    load = np.array([float(interpolate(shown, wrench_ns, part)[0]) for part in wrench.T])
-    moved += np.tensordot(load - used, predicted.by_load, axes=1)
+    together = np.array_equal(wrench_ns, stamps)  # as without a force sensor
+    if not together:
+        used = (1.0 - share) * load_of(pair[0]) + share * load_of(pair[1])
+        load = np.array([float(interpolate(shown, wrench_ns, part)[0]) for part in wrench.T])
+        moved += np.tensordot(load - used, predicted.by_load, axes=1)
     chamber = np.array([[estimate.chamber_pressure] for estimate in estimates])
     std = np.maximum(np.diag(nearest.noise)[: PRESSURE + 1], SMALLEST_STD)
-    missed = np.append(
-        interpolation_error(shown, wrench_ns, wrench, std[:LOADS])[0] / std[:LOADS],
-        interpolation_error(shown, stamps, chamber, std[PRESSURE:])[0] / std[PRESSURE:],
-    )
+    if together:
+        read = np.concatenate([wrench, chamber], axis=1)
+        missed = interpolation_error(shown, stamps, read, std)[0] / std
+    else:
+        missed = np.append(
+            interpolation_error(shown, wrench_ns, wrench, std[:LOADS])[0] / std[:LOADS],
+            interpolation_error(shown, stamps, chamber, std[PRESSURE:])[0] / std[PRESSURE:],
+        )
     furthest = missed * furthest_error(shown, stamps)
-    furthest[:LOADS] = missed[:LOADS] * furthest_error(shown, wrench_ns)
+    if not together:
+        furthest[:LOADS] = missed[:LOADS] * furthest_error(shown, wrench_ns)
     strayed = np.hypot(*np.abs(furthest) @ np.abs(predicted.errors[: PRESSURE + 1, :, -1]))
     gone = np.hypot(*moved[:, -1])
     if max(strayed, gone) ** 2 > estimator.arm.length * estimator.arm.sensors.target_std:
         return None
     size = np.ones(len(predicted.errors))
-    size[:LOADS] = interpolated_noise(shown, wrench_ns)
-    size[PRESSURE] = interpolated_noise(shown, stamps)[0]
+    size[: PRESSURE + 1] = math.hypot(1.0 - share, share)
+    if not together:
+        size[:LOADS] = interpolated_noise(shown, wrench_ns)
     size[: PRESSURE + 1] = np.hypot(size[: PRESSURE + 1], missed)
     still = replace(
         predicted,
