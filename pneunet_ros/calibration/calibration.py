@@ -174,7 +174,9 @@ def calibrate_as_stamped(
     """Calibrate as `calibrate` does, by the stamps that frames have."""
     if kind is not None and kind not in MOMENT_LAW_PARAMETERS:
         allowed = ', '.join(MOMENT_LAW_PARAMETERS)
-        raise RequestError(f'the moment law must be one of {allowed}, not {kind}')
+        raise RequestError(
+            f'the moment law must be one of {allowed}, not {kind}', reason='unknown_kind'
+        )
     painted = frame.target_arclength
     frame = elongation.without_fitted(frame)
     frame, runs = with_tip_target(
@@ -199,7 +201,8 @@ def calibrate_as_stamped(
     if resolution.constant_pressure and kind == PiecewiseLinearLaw.kind:
         raise RequestError(
             f'the law {kind} has its constants over pressure, and the pressure never changes; '
-            'take --law linear'
+            'take --law linear',
+            reason='one_pressure',
         )
     fits = FitSequence(frame, noise, runs, on_progress, resolution=resolution, settings=settings)
     fits.planned = 1 if earlier is not None else fits_ahead(resolution, len(loaded), compare)

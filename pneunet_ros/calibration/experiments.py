@@ -114,7 +114,8 @@ class FitSequence:
                 f'the pressures reach from {kilopascals(self.low):.4g} to '
                 f'{kilopascals(self.high):.4g} kPa, and the moment law of {self.frame.name} holds '
                 f'from {kilopascals(low):.4g} to {kilopascals(high):.4g} kPa: record loads '
-                '(--loaded), or give an --arm with a law that holds there (kind: linear does)'
+                '(--loaded), or give an --arm with a law that holds there (kind: linear does)',
+                reason='out_of_range',
             )
         law = LinearLaw(bending_stiffness=self.first_stiffness)
         self.frame = replace(self.frame, moment_law=law)
@@ -248,7 +249,8 @@ class FitSequence:
             raise RecordingError(
                 'the pressure never changes and no recording has an end load, so neither the '
                 'curvature over pressure nor the stiffness can be estimated: add a recording with '
-                'a load (--loaded REC, or --end-load REC FX FY for a known weight)'
+                'a load (--loaded REC, or --end-load REC FX FY for a known weight)',
+                reason='one_pressure',
             )
         straight = replace(
             self.frame,
@@ -335,18 +337,21 @@ class FitSequence:
                 f'the new recordings reach from {kilopascals(self.low):.4g} to '
                 f'{kilopascals(self.high):.4g} kPa, and the calibration to be continued knows '
                 f'{kilopascals(earlier.low):.4g} to {kilopascals(earlier.high):.4g} kPa; '
-                'calibrate anew with all recordings'
+                'calibrate anew with all recordings',
+                reason='out_of_range',
             )
         if earlier.placement.size != 2 * self.frame.target_arclength.size:
             raise RequestError(
                 f'the calibration to be continued knows {earlier.placement.size // 2} targets, '
                 f'and the new recordings have {self.frame.target_arclength.size} (the pose of the '
-                'tip counts as one); calibrate anew with all recordings'
+                'tip counts as one); calibrate anew with all recordings',
+                reason='wrong_targets',
             )
         kind = kind or earlier.kind or PiecewiseLinearLaw.kind
         if earlier.kind and earlier.kind != kind:
             raise RequestError(
-                f'the calibration to be continued has the moment law {earlier.kind}'
+                f'the calibration to be continued has the moment law {earlier.kind}',
+                reason='other_law',
             )
         law = None
         if kind is not None and (earlier.kind or loaded):
@@ -361,7 +366,8 @@ class FitSequence:
             raise RequestError(
                 f'the knowledge of the calibration to be continued is damaged: its tables and its '
                 f'moment law have {numbers} parameters, and it holds {earlier.values.size}; '
-                'calibrate again with all recordings'
+                'calibrate again with all recordings',
+                reason='damaged',
             )
         return self.fit('all that is new', runs, self.wide, law, earlier=earlier)
 

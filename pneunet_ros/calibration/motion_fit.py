@@ -140,7 +140,8 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
     if not model.solve(arm, inputs).all():
         raise RequestError(
             f'{run.name}: at some readings the arm has no equilibrium; cut the recording to '
-            'pressures and loads of the calibrated domain'
+            'pressures and loads of the calibrated domain',
+            reason='no_equilibrium',
         )
     rods = inputs.rods(arm)
     ends = join_ends(rods.clamp, inputs.loads)
@@ -172,7 +173,8 @@ def let_go(run: SwingingRun) -> SwingingRun:
     seen = np.isfinite(away).any(axis=1)
     if np.count_nonzero(seen) < 2:
         raise RequestError(
-            f'{run.name}: fewer than two frames show targets; record the arm while it swings'
+            f'{run.name}: fewer than two frames show targets; record the arm while it swings',
+            reason='too_few_frames',
         )
     far = np.zeros(len(away))
     far[seen] = np.nanmean(away[seen], axis=1)
@@ -334,7 +336,8 @@ def fit_motion(arm: Arm, runs: Sequence[RecordingData]) -> MotionFit:
         raise RequestError(
             f'the recordings after --motion do not show the arm swing ({in_motion} of {frames} '
             'frames, and mass explains none of them): change the pressure by half of its range '
-            'within 0.1 s, or pluck the arm and let it go'
+            'within 0.1 s, or pluck the arm and let it go',
+            reason='not_in_motion',
         )
     errors = standard_errors(problem, fitted.jac, left)
     tip_mass, damping_time = problem.motion(fitted.x)
@@ -348,7 +351,8 @@ def fit_motion(arm: Arm, runs: Sequence[RecordingData]) -> MotionFit:
         raise RequestError(
             f'the arm swings faster than its weight allows: arm.weight is {arm.weight:.4g} N, and '
             f'{whole:.4g} N would do; weigh the arm, and give --arm a file '
-            'with its weight'
+            'with its weight',
+            reason='wrong_weight',
         )
     tip_mass = max(tip_mass, 0.0)
     motion = Motion(
@@ -404,7 +408,9 @@ def motion_problem(arm: Arm, runs: Sequence[RecordingData]) -> MotionProblem:
     still = replace(arm, motion=Motion())
     modes = unloaded_modes(still)
     if modes is None:
-        raise RequestError(f'{arm.name} has no stable unloaded shape to swing about')
+        raise RequestError(
+            f'{arm.name} has no stable unloaded shape to swing about', reason='no_shape'
+        )
     return MotionProblem(
         arm=still,
         runs=tuple(swinging_run(still, run) for run in runs),

@@ -18,7 +18,9 @@ def frozen_array(value: npt.ArrayLike, shape: tuple[int, ...] | None = None) -> 
     if array is value and array.shape == shape and not array.flags.writeable:
         return array
     if shape is not None and array.shape != shape:
-        raise RequestError(f'an array of shape {shape} was expected, got {array.shape}')
+        raise RequestError(
+            f'an array of shape {shape} was expected, got {array.shape}', reason='wrong_shape'
+        )
     if array.flags.writeable:
         if array is value:
             array = array.copy()
@@ -80,7 +82,8 @@ def checked_pressures(pressure: npt.ArrayLike, where: str) -> Array:
     column = table_array(pressure, f'{where}.pressure', 1)
     if column.size < 1 or not np.all(np.diff(column) > 0.0):
         raise ModelError(
-            f'{where}.pressure must hold strictly increasing values in Pa, one or more'
+            f'{where}.pressure must hold strictly increasing values in Pa, one or more',
+            reason='not_increasing',
         )
     return column
 
@@ -103,16 +106,18 @@ def table_array(
     """Return a read-only table of finite numbers with so many dimensions; else raise the error."""
     sentence = f'{where} must be a table of numbers with rows of equal length'
     if not only_numbers(values):
-        raise error(sentence)
+        raise error(sentence, reason='not_a_table')
     try:
         array = np.array(values, dtype=np.float64)
     except (ValueError, OverflowError):
-        raise error(sentence) from None
+        raise error(sentence, reason='not_a_table') from None
     if array.ndim != dimensions:
         kind = ['a number', 'a list of numbers', 'a list of rows of numbers'][dimensions]
-        raise error(f'{where} must be {kind}, got an array of shape {array.shape}')
+        raise error(
+            f'{where} must be {kind}, got an array of shape {array.shape}', reason='wrong_shape'
+        )
     if not np.all(np.isfinite(array)):
-        raise error(f'{where} holds NaN or infinity')
+        raise error(f'{where} holds NaN or infinity', reason='not_finite')
     if np.any(np.abs(array) > LARGEST):
-        raise error(f'{where} holds a number larger than {LARGEST:g}')
+        raise error(f'{where} holds a number larger than {LARGEST:g}', reason='too_large')
     return frozen_array(array)

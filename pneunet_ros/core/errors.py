@@ -21,12 +21,14 @@ LONGEST_SENTENCE = 2_000  # characters; what a file says may be quoted, and be m
 class PneunetError(Exception):
     """Base of all errors of this package; its text is one sentence for a person.
 
-    Of a sentence that is too long to be read the beginning and the end are kept.
+    `reason` is the key by which programs and tests know what was wrong, as that of a `Refusal`;
+    empty where it has none. A sentence that is too long to read keeps its beginning and end.
     """
 
-    def __init__(self, sentence: object = '') -> None:
-        """Take the sentence, or the error whose text is one."""
+    def __init__(self, sentence: object = '', *, reason: str = '') -> None:
+        """Take the sentence, or the error whose text is one; that error's reason is kept."""
         super().__init__(shortened(str(sentence)))
+        self.reason = reason or getattr(sentence, 'reason', '')
 
 
 def shortened(sentence: str, longest: int = LONGEST_SENTENCE) -> str:

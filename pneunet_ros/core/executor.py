@@ -34,7 +34,7 @@ def open_executor(
             yield executor
         return
     if workers is not None and workers < 1:
-        raise RequestError(f'workers must be 1 or more, not {workers}')
+        raise RequestError(f'workers must be 1 or more, not {workers}', reason='out_of_bounds')
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, '1'))  # new processes read it as they start
     try:
@@ -57,12 +57,15 @@ def cluster(address: str, prepare: Callable[[], Any] | None = None) -> Iterator[
         from distributed import Client
     except ImportError as error:
         raise RequestError(
-            f'--scheduler {address} needs Dask: install it by pip install "pneunet_ros[cluster]"'
+            f'--scheduler {address} needs Dask: install it by pip install "pneunet_ros[cluster]"',
+            reason='not_installed',
         ) from error
     try:
         client = Client(address, timeout=PATIENCE)
     except (OSError, ValueError) as error:
-        raise RequestError(f'no Dask scheduler answers at {address}: {error}') from error
+        raise RequestError(
+            f'no Dask scheduler answers at {address}: {error}', reason='no_answer'
+        ) from error
     with client:
         if prepare is not None:
             client.run(prepare)

@@ -124,25 +124,29 @@ class Image:
         if self.encoding not in ENCODINGS:
             raise MessageError(
                 f'an image with the encoding {self.encoding!r} cannot be read; '
-                f'possible are {", ".join(ENCODINGS)}, and compressed jpeg and png'
+                f'possible are {", ".join(ENCODINGS)}, and compressed jpeg and png',
+                reason='wrong_format',
             )
         if not (0 < self.width <= LARGEST_SIDE and 0 < self.height <= LARGEST_SIDE):
             raise MessageError(
                 f'an image of {self.width} x {self.height} pixels cannot be used; '
-                f'sides go from 1 to {LARGEST_SIDE}'
+                f'sides go from 1 to {LARGEST_SIDE}',
+                reason='too_large',
             )
         layout = ENCODINGS[self.encoding]
         row = self.width * layout.channels * (1 + layout.deep)
         if self.step < row:
             raise MessageError(
                 f'an image of {self.width} pixels of {self.encoding} needs rows of {row} bytes, '
-                f'but its step is {self.step}'
+                f'but its step is {self.step}',
+                reason='wrong_shape',
             )
         data = np.frombuffer(self.data, np.uint8)
         if data.size < self.step * (self.height - 1) + row:
             raise MessageError(
                 f'an image of {self.width} x {self.height} pixels of {self.encoding} with rows of '
-                f'{self.step} bytes is cut off after {data.size} bytes'
+                f'{self.step} bytes is cut off after {data.size} bytes',
+                reason='cut_off',
             )
         if data.flags.writeable:
             data.flags.writeable = False
@@ -180,7 +184,9 @@ class Image:
         """
         convert = ENCODINGS[self.encoding].bgr
         if convert is None:
-            raise MessageError(f'an image with the encoding {self.encoding} has no colors')
+            raise MessageError(
+                f'an image with the encoding {self.encoding} has no colors', reason='no_colors'
+            )
         import cv2
 
         pixels = np.ascontiguousarray(eight_bits(convert(self._pixels())))

@@ -16,7 +16,9 @@ def resolved(path: str | Path, error: type[PneunetError] = RequestError) -> Path
     try:
         return Path(path).resolve()
     except RuntimeError:  # Python before 3.13, of a loop of links
-        raise error(f'{path} leads back to itself by a link: name the file itself') from None
+        raise error(
+            f'{path} leads back to itself by a link: name the file itself', reason='loop'
+        ) from None
     except (OSError, ValueError) as reason:
         why = getattr(reason, 'strerror', None) or reason
-        raise error(f'{path} cannot be found: {why}') from reason
+        raise error(f'{path} cannot be found: {why}', reason='not_found') from reason

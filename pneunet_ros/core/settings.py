@@ -77,8 +77,13 @@ def check_settings(owner: Any) -> None:
         choices = item.metadata.get('choices')
         if choices and value not in choices:
             allowed = ', '.join(str(choice) for choice in choices)
-            raise RequestError(f'{item.name} must be one of {allowed}, not {value!r}')
+            raise RequestError(
+                f'{item.name} must be one of {allowed}, not {value!r}', reason='unknown_kind'
+            )
         if isinstance(item.default, int) and 'bounds' in item.metadata:
             low, high = item.metadata['bounds']
             if not low <= value <= high:
-                raise RequestError(f'{item.name} must lie between {low} and {high}, not {value}')
+                raise RequestError(
+                    f'{item.name} must lie between {low} and {high}, not {value}',
+                    reason='out_of_bounds',
+                )

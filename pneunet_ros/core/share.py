@@ -20,7 +20,8 @@ def share_path(relative: str) -> Path:
             return folder / relative
     raise PneunetError(
         f'the shipped file {relative} is missing; looked in {", ".join(map(str, folders))}; '
-        'install pneunet_ros again'
+        'install pneunet_ros again',
+        reason='not_found',
     )
 
 

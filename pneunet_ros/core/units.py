@@ -120,6 +120,12 @@ def check_quantities(owner: Any, where: str, error: type[PneunetError] = ModelEr
         low, high = field.metadata['bounds']
         name = f'{where}.{field.name}' if where else field.name
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise error(f'{name} must be a number in {field.metadata["unit"]}, not {value!r}')
+            raise error(
+                f'{name} must be a number in {field.metadata["unit"]}, not {value!r}',
+                reason='not_a_number',
+            )
         if not low <= value <= high:
-            raise error(f'{name} = {value} is not within [{low}, {high}] {field.metadata["unit"]}')
+            raise error(
+                f'{name} = {value} is not within [{low}, {high}] {field.metadata["unit"]}',
+                reason='out_of_bounds',
+            )

@@ -44,7 +44,8 @@ def fit_base(
     if not unloaded and not one_pressure:
         raise RequestError(
             'a diagnosis needs a training recording without a load: it says what the arm does '
-            'by pressure alone (--unloaded names one whose force sensor had nothing to measure)'
+            'by pressure alone (--unloaded names one whose force sensor had nothing to measure)',
+            reason='no_unloaded',
         )
     check_runs(unloaded, loaded, frame, settings=calibration)
     # A camera of another scale looks like a row of another spacing: that of the arm file is used.

@@ -583,7 +583,9 @@ def at_rest(
     if motion is None:
         return kept[0], kept[1], notes, None
     if all(run.loaded for run in kept[0]) and not all(run.loaded for run in training):
-        raise RecordingError(f'{motion.left_out}. What is left is too little for a diagnosis')
+        raise RecordingError(
+            f'{motion.left_out}. What is left is too little for a diagnosis', reason='in_motion'
+        )
     return kept[0], kept[1], (motion.left_out, *notes), motion
 
 
@@ -609,7 +611,8 @@ def with_tips(
             raise RecordingError(
                 'only the heading of the tip was measured, and a diagnosis looks at positions: '
                 'measure that of the tip, or a target, as well (`calibrate` takes the heading '
-                'alone)'
+                'alone)',
+                reason='heading_only',
             )
         if model.target_arclength.size > targets:
             notes = (f'the tip is target {targets} of the models that are written',)

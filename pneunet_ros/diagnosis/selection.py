@@ -115,12 +115,15 @@ class Selection:
         training = self.linearization.of_training()
         base = refit(training, (), np.zeros(0), settings.base_rounds, settings)
         if base is None:
-            raise ModelError('the model has no shape in most of the training recordings')
+            raise ModelError(
+                'the model has no shape in most of the training recordings', reason='no_shape'
+            )
         trial = self.test_trial(base, None)
         if trial is None:
             raise ModelError(
                 'a held-out recording has no shape with the model of the training ones: train '
-                'with its loads and pressures, or leave it out'
+                'with its loads and pressures, or leave it out',
+                reason='no_shape',
             )
         return trial
 

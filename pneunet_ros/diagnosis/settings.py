@@ -45,7 +45,9 @@ class LinearizationSettings:
     def __post_init__(self) -> None:
         """Refuse a memory of the fields that is no time constant."""
         if self.field_memory not in self.time_constants:
-            raise RequestError(f'field_memory must be one of {self.time_constants} s')
+            raise RequestError(
+                f'field_memory must be one of {self.time_constants} s', reason='unknown_kind'
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

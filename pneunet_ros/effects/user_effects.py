@@ -46,10 +46,12 @@ def add_effects(directory: str | Path) -> tuple[type[Effect], ...]:
     """
     folder = resolved(directory)
     if not folder.is_dir():
-        raise ModelError(f'effects path {directory} is no folder')
+        raise ModelError(f'effects path {directory} is no folder', reason='unreadable')
     files = sorted(file for file in folder.glob('*.py') if not file.name.startswith('_'))
     if not files:
-        raise ModelError(f'effects path {directory} holds no effect file (*.py)')
+        raise ModelError(
+            f'effects path {directory} holds no effect file (*.py)', reason='no_effect'
+        )
     found: list[type[Effect]] = []
     for file in files:
         module = module_of(file)
@@ -59,7 +61,7 @@ def add_effects(directory: str | Path) -> tuple[type[Effect], ...]:
             if issubclass(item, Effect) and item.__module__ == module.__name__
         ]
         if not own:
-            raise ModelError(f'effect file {file} holds no subclass of Effect')
+            raise ModelError(f'effect file {file} holds no subclass of Effect', reason='no_effect')
         found += own
     return add_to_table([(effect, f'effect file {inspect.getfile(effect)}') for effect in found])
 
@@ -74,7 +76,9 @@ def add_installed_effects() -> tuple[type[Effect], ...]:
         try:
             found.append((point.load(), origin))
         except FOREIGN as error:
-            raise ModelError(f'{origin} cannot be imported: {reason(error)}') from error
+            raise ModelError(
+                f'{origin} cannot be imported: {reason(error)}', reason='not_imported'
+            ) from error
     return add_to_table(found)
 
 
@@ -93,7 +97,9 @@ def module_of(file: Path) -> ModuleType:
         spec.loader.exec_module(module)
     except FOREIGN as error:
         del sys.modules[name]
-        raise ModelError(f'effect file {file} cannot be imported: {reason(error)}') from error
+        raise ModelError(
+            f'effect file {file} cannot be imported: {reason(error)}', reason='not_imported'
+        ) from error
     return module
 
 
@@ -110,12 +116,15 @@ def add_to_table(found: Iterable[tuple[Any, str]]) -> tuple[type[Effect], ...]:
     for effect, origin in found:
         wrong = breach(effect)
         if wrong:
-            raise ModelError(f'{origin}: {getattr(effect, "__name__", effect)} {wrong}')
+            raise ModelError(
+                f'{origin}: {getattr(effect, "__name__", effect)} {wrong}', reason='wrong_form'
+            )
         known = added.get(effect.name, EFFECTS.get(effect.name, effect))
         if known is not effect:
             raise ModelError(
                 f'{origin}: there is an effect {effect.name} already, in '
-                f'{inspect.getfile(known)}; give this one another name'
+                f'{inspect.getfile(known)}; give this one another name',
+                reason='given_twice',
             )
         added[effect.name] = effect
     EFFECTS.update(added)

@@ -107,7 +107,7 @@ class EstimatorSettings:
         """Refuse values outside their declaration."""
         check_settings(self)
         if not self.frame_id:
-            raise RequestError('frame_id must not be empty')
+            raise RequestError('frame_id must not be empty', reason='empty')
         turn_of(self.imu_from_base)
 
     @property
@@ -154,5 +154,6 @@ def turn_of(text: str) -> Quaternion | None:
             return x, y, z, w
     raise RequestError(
         'imu_from_base must be roll, pitch and yaw in rad, as "0, 0, 1.57", or x, y, z, w of a '
-        f'unit quaternion, not {text!r}'
+        f'unit quaternion, not {text!r}',
+        reason='wrong_form',
     )

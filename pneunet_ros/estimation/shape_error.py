@@ -43,7 +43,8 @@ class Centerlines:
         if frames < 1 or places < 2 or not np.all(np.diff(self.arclength) > 0.0):
             raise RecordingError(
                 f'{self.topic} is no centerline over time: it needs a frame, two points and an '
-                'arclength that increases along them'
+                'arclength that increases along them',
+                reason='no_centerline',
             )
         object.__setattr__(self, 'points', frozen_array(self.points, (frames, 2, places)))
 
@@ -192,7 +193,8 @@ def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None
     if of.frame and to.frame and of.frame != to.frame:
         raise RecordingError(
             f'{of.name} is in the frame {of.frame} and {to.name} in {to.frame}: '
-            'shapes in different frames cannot be compared'
+            'shapes in different frames cannot be compared',
+            reason='wrong_frame',
         )
     reach = [item.centerlines.arclength[-1] for item in (of, to) if item.centerlines is not None]
     shape = tip = None
@@ -206,7 +208,8 @@ def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None
     else:
         raise RecordingError(
             f'{of.name} has {contents(of)} and {to.name} has {contents(to)}: there is nothing '
-            'that both know'
+            'that both know',
+            reason='nothing_in_common',
         )
     unlike = differences(of, to)
     return Comparison(

@@ -106,10 +106,14 @@ class _Output:
         """Refuse what cannot take its place."""
         if self.final.exists() and not self.overwrite:
             raise RecordingError(
-                f'{self.path} has appeared meanwhile: choose another name or pass --overwrite'
+                f'{self.path} has appeared meanwhile: choose another name or pass --overwrite',
+                reason='exists',
             )
         if not self.temporary.exists():
-            raise RecordingError(f'{self.path} was not written: its maker produced nothing')
+            raise RecordingError(
+                f'{self.path} was not written: its maker produced nothing',
+                reason='nothing_written',
+            )
 
     def put_in_place(self) -> None:
         """Take the final name; what was there before is gone only when that has worked."""
@@ -166,7 +170,8 @@ def _no_room_said(path: str | Path) -> Iterator[None]:
     except OSError as error:
         if error.errno in NO_ROOM:
             raise RecordingError(
-                f'{path} cannot be written: {error.strerror}; nothing of it was kept'
+                f'{path} cannot be written: {error.strerror}; nothing of it was kept',
+                reason='unwritable',
             ) from error
         raise
 
@@ -181,7 +186,9 @@ def _open_output(
         _remove_abandoned(final.parent)
         scratch, lock = _make_scratch(final.parent)
     except OSError as error:
-        raise RecordingError(f'{path} cannot be written: {error.strerror}') from error
+        raise RecordingError(
+            f'{path} cannot be written: {error.strerror}', reason='unwritable'
+        ) from error
     return _Output(path=path, final=final, overwrite=overwrite, scratch=scratch, lock=lock)
 
 
@@ -230,17 +237,22 @@ def _final_place(
     try:
         final = resolved(path, RecordingError)
         if not final.name:
-            raise RecordingError(f'{path} cannot be written: it is the root of all folders')
+            raise RecordingError(
+                f'{path} cannot be written: it is the root of all folders', reason='unwritable'
+            )
         if len(os.fsencode(final.name)) > LONGEST_NAME:
             raise RecordingError(
-                f'{path} cannot be written: its name is longer than {LONGEST_NAME} bytes'
+                f'{path} cannot be written: its name is longer than {LONGEST_NAME} bytes',
+                reason='unwritable',
             )
         if Path(path).is_symlink() and not final.exists():
-            raise RecordingError(f'{path} cannot be written: it is a link to nothing, {final}')
+            raise RecordingError(
+                f'{path} cannot be written: it is a link to nothing, {final}', reason='unwritable'
+            )
         _check_place(path, final, overwrite, inputs, replaceable)
     except (OSError, ValueError) as error:  # a name that no file can have, a closed folder
         why = getattr(error, 'strerror', None) or error
-        raise RecordingError(f'{path} cannot be written: {why}') from error
+        raise RecordingError(f'{path} cannot be written: {why}', reason='unwritable') from error
     return final
 
 
@@ -271,7 +283,8 @@ def _check_place(
         source = resolved(name, RecordingError)
         if source == final or source in final.parents or final in source.parents:
             raise RecordingError(
-                f'{path} would overwrite the input {name} or lie inside it: choose another place'
+                f'{path} would overwrite the input {name} or lie inside it: choose another place',
+                reason='overwrites_input',
             )
     if not final.exists():
         return
@@ -284,13 +297,19 @@ def _check_place(
         if others:
             raise RecordingError(
                 f'{path} is a folder that holds {others[0]}, not just an earlier output: '
-                'choose another name'
+                'choose another name',
+                reason='holds_other_files',
             )
     elif not final.is_file():
-        raise RecordingError(f'{path} is neither a file nor a folder: choose another name')
+        raise RecordingError(
+            f'{path} is neither a file nor a folder: choose another name', reason='wrong_kind'
+        )
     elif replaceable:
         raise RecordingError(
-            f'{path} is a file, and a folder is to be written: choose another name'
+            f'{path} is a file, and a folder is to be written: choose another name',
+            reason='wrong_kind',
         )
     if not overwrite:
-        raise RecordingError(f'{path} exists already: choose another name or pass --overwrite')
+        raise RecordingError(
+            f'{path} exists already: choose another name or pass --overwrite', reason='exists'
+        )

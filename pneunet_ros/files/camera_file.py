@@ -111,7 +111,10 @@ def method_of(content: Any, where: str, known: tuple[str, ...]) -> str:
     """Return the method that a block names, one of the known."""
     method = CAMERA_FILE.mapping(content, where).get('method')
     if not isinstance(method, str) or method not in known:
-        raise CameraError(f'{where}.method must be one of {", ".join(known)}, not {method!r}')
+        raise CameraError(
+            f'{where}.method must be one of {", ".join(known)}, not {method!r}',
+            reason='unknown_kind',
+        )
     return method
 
 
@@ -122,7 +125,9 @@ def lens_from_mapping(content: Any) -> Lens:
     values = CALIBRATION_FILE.block(needed, '', CALIBRATION)
     matrix = data_of(values['camera_matrix'], 'camera_matrix')
     if matrix.size != 9:
-        raise CameraError(f'camera_matrix.data must be 9 numbers, not {matrix.size}')
+        raise CameraError(
+            f'camera_matrix.data must be 9 numbers, not {matrix.size}', reason='wrong_shape'
+        )
     return Lens(
         width=values['image_width'],
         height=values['image_height'],

@@ -106,7 +106,7 @@ def arm_from_mapping(content: Any) -> Arm:
     curvature_keys = ('pressure', 'arclength', 'curvature')
     curvature = MODEL_FILE.block(top['intrinsic_curvature'], 'intrinsic_curvature', curvature_keys)
     if not isinstance(top['name'], str) or not top['name']:
-        raise ModelError(f'name must be a text, not {top["name"]!r}')
+        raise ModelError(f'name must be a text, not {top["name"]!r}', reason='not_a_text')
     covariance, domain = top.get('covariance'), top.get('domain')
     gravity, motion = top.get('gravity'), top.get('motion')
     return Arm(
@@ -180,7 +180,9 @@ def law_from_mapping(content: Any) -> MomentLaw:
     kinds = ', '.join(MOMENT_LAWS)
     kind = MODEL_FILE.mapping(content, 'moment_law').get('kind')
     if not isinstance(kind, str) or kind not in MOMENT_LAWS:
-        raise ModelError(f'moment_law.kind must be one of {kinds}, not {kind!r}')
+        raise ModelError(
+            f'moment_law.kind must be one of {kinds}, not {kind!r}', reason='unknown_kind'
+        )
     law = MOMENT_LAWS[kind]
     values = MODEL_FILE.block(content, 'moment_law', ('kind', *law_fields(law)))
     del values['kind']
@@ -201,7 +203,8 @@ def effects_from_mapping(content: Any) -> tuple[Effect, ...]:
             raise ModelError(
                 f'unknown key effects.{name}; known here: {", ".join(EFFECTS)}. An effect of your '
                 'own is known where its folder is named: --effects-path DIR, or the parameter '
-                'effects_path of a node'
+                'effects_path of a node',
+                reason='unknown_key',
             )
     named = MODEL_FILE.block(content, 'effects', tuple(EFFECTS), set(EFFECTS))
     return tuple(
@@ -219,7 +222,9 @@ def covariance_from_mapping(content: Any) -> ModelCovariance:
     values = MODEL_FILE.block(content, 'covariance', keys, optional)
     names = values['quantities']
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise ModelError('covariance.quantities must be a list of dotted names')
+        raise ModelError(
+            'covariance.quantities must be a list of dotted names', reason='not_a_list'
+        )
     placement = values.get('placement')
     if placement is not None:
         placement = PlacementKnown(
@@ -227,7 +232,9 @@ def covariance_from_mapping(content: Any) -> ModelCovariance:
         )
     guessed = values.get('guessed', 0)
     if not isinstance(guessed, int) or isinstance(guessed, bool):
-        raise ModelError(f'covariance.guessed must be a whole number, not {guessed!r}')
+        raise ModelError(
+            f'covariance.guessed must be a whole number, not {guessed!r}', reason='not_a_number'
+        )
     return ModelCovariance(
         quantities=tuple(names), factor=values['factor'], placement=placement, guessed=guessed
     )
@@ -255,7 +262,7 @@ def texts(content: Any, where: str) -> dict[str, str]:
     values = MODEL_FILE.mapping(content, where)
     for key, value in values.items():
         if not isinstance(value, str):
-            raise ModelError(f'{where}.{key} must be a text, not {value!r}')
+            raise ModelError(f'{where}.{key} must be a text, not {value!r}', reason='not_a_text')
     return values
 
 

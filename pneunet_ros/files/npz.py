@@ -71,27 +71,31 @@ def read_arrays(path: Path, declared: Mapping[str, Declared]) -> dict[str, Any]:
         with open_regular(path) as stream:
             with ZipFile(stream) as archive:
                 if sum(item.file_size for item in archive.infolist()) > LARGEST_ARCHIVE:
-                    raise ArchiveError(f'it holds more than {LARGEST_ARCHIVE // 1_000_000} MB')
+                    raise ArchiveError(
+                        f'it holds more than {LARGEST_ARCHIVE // 1_000_000} MB', reason='too_large'
+                    )
             stream.seek(0)
             with np.load(stream, allow_pickle=False) as content:
                 found = {name: content[name] for name in declared if name in content}
     except FileNotFoundError:
         raise
     except DAMAGED as error:
-        raise ArchiveError(' '.join(str(error).split())) from error
+        raise ArchiveError(' '.join(str(error).split()), reason='damaged') from error
     sizes: dict[str, int] = {}
     for name, what in declared.items():
         if name in found:
             found[name] = _as_declared(name, np.asarray(found[name]), what, sizes)
         elif what.required:
-            raise ArchiveError(f'{name} is missing')
+            raise ArchiveError(f'{name} is missing', reason='missing')
     return found
 
 
 def _as_declared(name: str, array: Any, what: Declared, sizes: dict[str, int]) -> Any:
     """Return one array as it was declared; ArchiveError where it is something else."""
     if array.dtype.kind not in KINDS[what.kind]:
-        raise ArchiveError(f'{name} must be of kind {what.kind}, and is {array.dtype}')
+        raise ArchiveError(
+            f'{name} must be of kind {what.kind}, and is {array.dtype}', reason='wrong_kind'
+        )
     fits = array.ndim == len(what.axes) and all(
         sizes.setdefault(axis, size) == size
         for axis, size in zip(what.axes, array.shape, strict=True)
@@ -100,19 +104,23 @@ def _as_declared(name: str, array: Any, what: Declared, sizes: dict[str, int]) -
         wanted = ', '.join(
             f'{axis} {sizes[axis]}' if axis in sizes else axis for axis in what.axes
         )
-        raise ArchiveError(f'{name} must have the shape ({wanted}), and has {array.shape}')
+        raise ArchiveError(
+            f'{name} must have the shape ({wanted}), and has {array.shape}', reason='wrong_shape'
+        )
     if what.kind == 'text':
         return array.item() if not what.axes else array
     if what.kind == 'integer':
         if array.dtype.kind == 'u' and array.size and array.max() > np.iinfo(np.int64).max:
-            raise ArchiveError(f'{name} holds an integer beyond 64 bits')
+            raise ArchiveError(f'{name} holds an integer beyond 64 bits', reason='too_large')
         values = array.astype(np.int64)
     else:
         values = frozen_array(array.astype(np.float64))
         if not np.all(np.abs(values) <= LARGEST):
-            raise ArchiveError(f'{name} holds NaN, infinity or a number beyond {LARGEST:g}')
+            raise ArchiveError(
+                f'{name} holds NaN, infinity or a number beyond {LARGEST:g}', reason='not_finite'
+            )
     if what.increasing and not np.all(values[1:] > values[:-1]):
-        raise ArchiveError(f'{name} must increase strictly')
+        raise ArchiveError(f'{name} must increase strictly', reason='not_increasing')
     if what.definite != 'no':
         _check_definite(name, values, strictly=what.definite == 'positive')
     return values if what.axes else values.item()
@@ -122,16 +130,16 @@ def _check_definite(name: str, matrix: Array, *, strictly: bool) -> None:
     """Refuse a matrix that is no covariance (strictly), or no information, up to rounding."""
     rounding = ROUNDING * np.max(np.abs(matrix), initial=0.0)
     if np.any(np.abs(matrix - matrix.T) > rounding):
-        raise ArchiveError(f'{name} is not symmetric')
+        raise ArchiveError(f'{name} is not symmetric', reason='not_symmetric')
     if not strictly:
         if np.any(np.linalg.eigvalsh(matrix) < -rounding * len(matrix)):
-            raise ArchiveError(f'{name} is not positive semidefinite')
+            raise ArchiveError(f'{name} is not positive semidefinite', reason='not_definite')
         return
     diagonal = np.diag(matrix)
     if np.any(diagonal <= 0.0):
-        raise ArchiveError(f'{name} has a variance that is not positive')
+        raise ArchiveError(f'{name} has a variance that is not positive', reason='not_definite')
     std = np.sqrt(diagonal)
     try:  # as a correlation: its quantities have different units
         np.linalg.cholesky(matrix / std / std[:, None])
     except np.linalg.LinAlgError:
-        raise ArchiveError(f'{name} is not positive definite') from None
+        raise ArchiveError(f'{name} is not positive definite', reason='not_definite') from None

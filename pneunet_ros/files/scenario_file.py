@@ -74,7 +74,8 @@ def scenario_from_mapping(content: Any, folder: Path) -> Scenario:
     if isinstance(arm, str):
         if not arm or Path(arm).name != arm or arm == '..':
             raise RequestError(
-                f'arm must be a block, or the name of a file beside it, not {arm!r}'
+                f'arm must be a block, or the name of a file beside it, not {arm!r}',
+                reason='wrong_kind',
             )
         arm = ARM_FILE.load(folder / arm, lambda content: arm_from_mapping(content, ''))
     else:
@@ -138,7 +139,9 @@ def protocol_from_mapping(content: Any) -> Protocol:
     values = FILE.mapping(content, 'protocol')
     kind = PROTOCOLS.get(str(values.get('kind')))
     if kind is None:
-        raise RequestError(f'protocol.kind must be one of {", ".join(PROTOCOLS)}')
+        raise RequestError(
+            f'protocol.kind must be one of {", ".join(PROTOCOLS)}', reason='unknown_kind'
+        )
     return kind(**values_of(kind, content, 'protocol', ('kind',)))
 
 
@@ -167,7 +170,8 @@ def changes_of(pairs: Iterable[str]) -> dict[str, dict[str, float]]:
             number = float('nan')
         if not (equals and dot and parameter) or number != number:
             raise RequestError(
-                f'--effect {pair} is not of the form NAME.PARAMETER=VALUE with a number as value'
+                f'--effect {pair} is not of the form NAME.PARAMETER=VALUE with a number as value',
+                reason='wrong_form',
             )
         changes.setdefault(effect, {})[parameter] = number
     return changes
@@ -176,12 +180,14 @@ def changes_of(pairs: Iterable[str]) -> dict[str, dict[str, float]]:
 def text(value: Any, where: str) -> str:
     """Return a text of the file."""
     if not isinstance(value, str) or not value:
-        raise RequestError(f'{where} must be a text, not {value!r}')
+        raise RequestError(f'{where} must be a text, not {value!r}', reason='not_a_text')
     return value
 
 
 def whole_number(value: Any, where: str) -> int:
     """Return a whole number of the file that can be a seed."""
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**63:
-        raise RequestError(f'{where} must be a whole number from 0 on, not {value!r}')
+        raise RequestError(
+            f'{where} must be a whole number from 0 on, not {value!r}', reason='not_a_number'
+        )
     return value

@@ -80,32 +80,45 @@ class YamlFile:
                 data = stream.read(LARGEST_FILE + 1)
             if len(data) > LARGEST_FILE:
                 raise self.error(
-                    f'{path} is larger than {LARGEST_FILE // 1_000_000} MB: no {self.kind}'
+                    f'{path} is larger than {LARGEST_FILE // 1_000_000} MB: no {self.kind}',
+                    reason='too_large',
                 )
             text = data.decode('utf-8')
         except (OSError, ValueError) as error:
             why = getattr(error, 'strerror', None) or error
-            raise self.error(f'cannot read the {self.kind} {path}: {why}') from None
+            raise self.error(
+                f'cannot read the {self.kind} {path}: {why}', reason='unreadable'
+            ) from None
         if depth_of(text) > DEEPEST:
-            raise self.error(f'{path} is not valid YAML: more than {DEEPEST} brackets are open')
+            raise self.error(
+                f'{path} is not valid YAML: more than {DEEPEST} brackets are open',
+                reason='not_yaml',
+            )
         try:
             yaml = YAML(typ='safe', pure=True)
             yaml.Constructor = PlainConstructor
             yaml.composer.warn_double_anchors = False  # YAML allows it: the last one holds
             content = yaml.load(text)
         except (YAMLError, ValueError, LookupError, TypeError, RecursionError) as error:
-            raise self.error(f'{path} is not valid YAML: {one_line(error)}') from None
+            raise self.error(
+                f'{path} is not valid YAML: {one_line(error)}', reason='not_yaml'
+            ) from None
         try:
             if size_of(content, {}) > LARGEST_CONTENT:
-                raise self.error(f'aliases make it more than {LARGEST_CONTENT:,} values')
+                raise self.error(
+                    f'aliases make it more than {LARGEST_CONTENT:,} values', reason='too_large'
+                )
             return build(content)
         except self.error as error:
-            raise self.error(f'{path}: {one_line(error)}') from None
+            raise self.error(f'{path}: {one_line(error)}', reason=error.reason) from None
 
     def mapping(self, content: Any, where: str) -> dict[str, Any]:
         """Return a mapping with text keys, or raise the error."""
         if not isinstance(content, Mapping) or not all(isinstance(key, str) for key in content):
-            raise self.error(f'{where or "the file"} must be a mapping of names to values')
+            raise self.error(
+                f'{where or "the file"} must be a mapping of names to values',
+                reason='not_a_mapping',
+            )
         return dict(content)
 
     def block(
@@ -116,16 +129,24 @@ class YamlFile:
         prefix = f'{where}.' if where else ''
         for key in values:
             if key not in known:
-                raise self.error(f'unknown key {prefix}{key}; known here: {", ".join(known)}')
+                raise self.error(
+                    f'unknown key {prefix}{key}; known here: {", ".join(known)}',
+                    reason='unknown_key',
+                )
         missing = [key for key in known if key not in values and key not in (optional or set())]
         if missing:
-            raise self.error(f'{prefix}{missing[0]} is missing; needed here: {", ".join(known)}')
+            raise self.error(
+                f'{prefix}{missing[0]} is missing; needed here: {", ".join(known)}',
+                reason='missing_key',
+            )
         return values
 
     def check_version(self, given: Any, known: int) -> None:
         """Refuse a file that was written for another version of its layout."""
         if isinstance(given, bool) or given != known:
-            raise self.error(f'schema_version {given!r} is not known; known: {known}')
+            raise self.error(
+                f'schema_version {given!r} is not known; known: {known}', reason='unknown_version'
+            )
 
     def numbers_of(
         self, owner: type, content: Any, where: str, others: tuple[str, ...] = ()
@@ -147,11 +168,15 @@ class YamlFile:
     def number(self, value: Any, where: str) -> float:
         """Return a number of the file."""
         if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
-            raise self.error(f'{where} must be {self.number_name}, not {value!r}')
+            raise self.error(
+                f'{where} must be {self.number_name}, not {value!r}', reason='not_a_number'
+            )
         try:
             return float(value)
         except OverflowError:
-            raise self.error(f'{where} is too large for {self.number_name}') from None
+            raise self.error(
+                f'{where} is too large for {self.number_name}', reason='too_large'
+            ) from None
 
 
 def one_line(error: Exception) -> str:

@@ -27,7 +27,8 @@ class GripCommand:
         """Refuse what is no number."""
         if not (np.isfinite(self.width) and np.isfinite(self.force) and self.force >= 0.0):
             raise RequestError(
-                f'a width of {self.width} m with at most {self.force} N cannot be commanded'
+                f'a width of {self.width} m with at most {self.force} N cannot be commanded',
+                reason='out_of_bounds',
             )
 
 
@@ -60,7 +61,9 @@ def reach_of(arm: Arm, mount: Mount, inward: Array) -> Reach:
             reached.append(np.nan)
     known = np.isfinite(reached)
     if not known.any():
-        raise RequestError('the arm has no shape at any pressure of the calibrated range')
+        raise RequestError(
+            'the arm has no shape at any pressure of the calibrated range', reason='no_shape'
+        )
     clamp = float(inward @ mount.origin) + mount.thickness
     places = np.maximum.accumulate(np.array(reached)[known]) + clamp
     return Reach(pressure=freeze(pressures[known]), inward=freeze(places))

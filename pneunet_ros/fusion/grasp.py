@@ -64,7 +64,10 @@ def mount_of(place: Sequence[float], thickness: float) -> Mount:
     except (TypeError, ValueError):
         numbers = np.full(6, math.nan)
     if numbers.shape != (6,) or not np.isfinite(numbers).all():
-        raise RequestError(f'mount must be x, y, z in m and roll, pitch, yaw in rad, not {place}')
+        raise RequestError(
+            f'mount must be x, y, z in m and roll, pitch, yaw in rad, not {place}',
+            reason='wrong_shape',
+        )
     cr, cp, cy = np.cos(numbers[3:])
     sr, sp, sy = np.sin(numbers[3:])
     axes = np.array(
@@ -219,17 +222,19 @@ class Gripper:
     def __post_init__(self) -> None:
         """Refuse what is no gripper."""
         if len(self.mounts) < FEWEST:
-            raise RequestError('a gripper has two arms at least')
+            raise RequestError('a gripper has two arms at least', reason='too_few')
         mean = np.mean([mount.axes[:, 0] for mount in self.mounts.values()], axis=0)
         if np.linalg.norm(mean) < 0.5:  # cos 60 degrees
             raise RequestError(
                 'the arms of the gripper point into no common direction: check mount of each arm, '
-                'x of an arm points along it'
+                'x of an arm points along it',
+                reason='no_direction',
             )
         if any(abs(mount.axes[:, 1] @ self.direction) > 0.5 for mount in self.mounts.values()):
             raise RequestError(
                 'an arm of the gripper bends along its direction: check mount of each arm, y '
-                'points towards the object'
+                'points towards the object',
+                reason='no_direction',
             )
 
     @property

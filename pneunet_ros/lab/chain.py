@@ -98,7 +98,9 @@ class Chain:
             value = np.broadcast_to(value, size) if name == 'line' else value
             object.__setattr__(self, name, frozen_array(value, size))
         if not (np.all(self.rigidity > 0.0) and np.all(self.stiffer > 0.0)):
-            raise RequestError('the lab arm needs positive rigidity at all pressures')
+            raise RequestError(
+                'the lab arm needs positive rigidity at all pressures', reason='singular_rigidity'
+            )
 
     @property
     def element(self) -> float:
@@ -194,7 +196,8 @@ def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
         force = chain.force[solved]
         raise RequestError(
             f'the lab arm finds no equilibrium in frame {solved}, under the force '
-            f'({force[0]:.3g}, {force[1]:.3g}) N: use smaller loads or effects'
+            f'({force[0]:.3g}, {force[1]:.3g}) N: use smaller loads or effects',
+            reason='no_equilibrium',
         )
     cosine, sine = np.cos(angles[:, 1:-1]), np.sin(angles[:, 1:-1])
     n1, n2 = (chain.force[:, None, i] + chain.line[:, :, i] for i in (0, 1))
@@ -236,7 +239,8 @@ def pushed_shape(chain: Chain, start: Array | None = None) -> ChainShape:
         heading = heading + further / slope
     frame = int(np.argmax(np.abs(off)))
     raise RequestError(
-        f'the lab arm finds no equilibrium under its push in frame {frame}: use a smaller force'
+        f'the lab arm finds no equilibrium under its push in frame {frame}: use a smaller force',
+        reason='no_equilibrium',
     )
 
 
@@ -277,5 +281,6 @@ def equilibrium_shape(chain: Chain, start: Array | None = None) -> ChainShape:
     frame = int(np.argmax(np.abs(beyond)))
     raise RequestError(
         f'the lab arm finds no equilibrium at its peg in frame {frame}: use a softer peg or '
-        'another place'
+        'another place',
+        reason='no_equilibrium',
     )

@@ -59,19 +59,32 @@ class LabArm:
         for name, size in sizes.items():
             object.__setattr__(self, name, frozen_array(getattr(self, name), size))
             if not np.all(np.isfinite(getattr(self, name))):
-                raise RequestError(f'arm: {name} holds NaN or infinity')
+                raise RequestError(f'arm: {name} holds NaN or infinity', reason='not_finite')
         for name in ('curvature_pressure', 'law_pressure', 'targets'):
             values = getattr(self, name)
             if values.size < 2 or not np.all(np.diff(values) > 0.0):
-                raise RequestError(f'arm: {name} must hold two or more increasing values')
+                raise RequestError(
+                    f'arm: {name} must hold two or more increasing values', reason='not_increasing'
+                )
         if self.targets[0] < 0.0 or self.targets[-1] > self.reach:
-            raise RequestError(f'arm: targets must lie between 0 and the length {self.reach} m')
+            raise RequestError(
+                f'arm: targets must lie between 0 and the length {self.reach} m',
+                reason='out_of_bounds',
+            )
         if not np.all((self.split > 0.0) & (self.split < 1.0)):
-            raise RequestError('arm: split must lie between 0 and 1 (l1 / l)')
+            raise RequestError(
+                'arm: split must lie between 0 and 1 (l1 / l)', reason='out_of_bounds'
+            )
         if not np.all(self.rigidity > 0.0):
-            raise RequestError('arm: rigidity must be positive: the lab finds least energy')
+            raise RequestError(
+                'arm: rigidity must be positive: the lab finds least energy',
+                reason='singular_rigidity',
+            )
         if not self.pressure_range[0] < self.pressure_range[1]:
-            raise RequestError('arm: curvature and moment law have no pressures in common')
+            raise RequestError(
+                'arm: curvature and moment law have no pressures in common',
+                reason='no_common_pressure',
+            )
 
     @property
     def reach(self) -> float:

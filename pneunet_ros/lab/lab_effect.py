@@ -72,7 +72,8 @@ class LabEffect(abc.ABC):
         if len(past) != rest.size:
             raise RequestError(
                 f'the earlier recording holds {len(past)} numbers of the state of {self.name}, '
-                f'and this arm has {rest.size}: continue a recording of the same arm'
+                f'and this arm has {rest.size}: continue a recording of the same arm',
+                reason='other_arm',
             )
         return freeze(np.array(past).reshape(rest.shape))
 

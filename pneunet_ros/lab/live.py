@@ -102,7 +102,7 @@ class Load:
     def __post_init__(self) -> None:
         """Refuse what is no number."""
         if not all(map(math.isfinite, (self.force_x, self.force_y, self.moment))):
-            raise RequestError('the load must not hold NaN or infinity')
+            raise RequestError('the load must not hold NaN or infinity', reason='not_finite')
 
     @property
     def hangs(self) -> bool:
@@ -212,7 +212,8 @@ class LiveLab:
         elapsed = time - state.time
         if not (elapsed >= 0.0 and math.isfinite(elapsed) and math.isfinite(command)):
             raise RequestError(
-                f'the arm cannot go from {state.time:.6g} to {time:.6g} s at {command} Pa'
+                f'the arm cannot go from {state.time:.6g} to {time:.6g} s at {command} Pa',
+                reason='no_equilibrium',
             )
         low, high = self.scenario.arm.pressure_range
         command = min(max(command, low), high)

@@ -55,23 +55,33 @@ class LabMotion:
         """Check the numbers."""
         check_quantities(self, 'motion', RequestError)
         if not float(self.links).is_integer():
-            raise RequestError(f'motion.links = {self.links} is no whole number')
+            raise RequestError(
+                f'motion.links = {self.links} is no whole number', reason='not_a_number'
+            )
         if math.hypot(self.gravity_x, self.gravity_y) > 1.0 + 1e-9:
-            raise RequestError('motion.gravity_x and gravity_y are those of a unit vector')
+            raise RequestError(
+                'motion.gravity_x and gravity_y are those of a unit vector', reason='no_direction'
+            )
         if self.inertia not in (0.0, 1.0):
-            raise RequestError('motion.inertia is 1, or 0 for an arm in equilibrium')
+            raise RequestError(
+                'motion.inertia is 1, or 0 for an arm in equilibrium', reason='out_of_bounds'
+            )
         if not self.inertia and self.peg_radius > 0.0:
-            raise RequestError('the peg of MuJoCo needs motion.inertia: 1')
+            raise RequestError(
+                'the peg of MuJoCo needs motion.inertia: 1', reason='not_for_mujoco'
+            )
         share = np.array(self.turn_share)
         ends = share.size >= 2 and share[0] == 0.0 and share[-1] == 1.0
         if not ends or np.any(np.diff(share) <= 0.0):
-            raise RequestError('motion.turn_share must rise from 0 to 1')
+            raise RequestError('motion.turn_share must rise from 0 to 1', reason='not_increasing')
         for name in ('turn_angle', 'shift_x', 'shift_y'):
             row = np.array(getattr(self, name))
             if row.size != share.size and row.any():
-                raise RequestError(f'motion.{name} must hold a number for each turn_share')
+                raise RequestError(
+                    f'motion.{name} must hold a number for each turn_share', reason='wrong_shape'
+                )
             if not np.all(np.isfinite(row)):
-                raise RequestError(f'motion.{name} must hold numbers')
+                raise RequestError(f'motion.{name} must hold numbers', reason='not_finite')
 
     @classmethod
     def lists(cls) -> tuple[str, ...]:

@@ -217,7 +217,8 @@ def refuse_what_mujoco_cannot(chain: Chain) -> None:
         peg = '; motion.peg_radius is the peg of MuJoCo' if 'touching_peg' in names else ''
         raise RequestError(
             f'MuJoCo cannot carry the effect {", ".join(names)}: its links do not stretch, and '
-            f'its springs are linear or cubic; leave it out{peg}'
+            f'its springs are linear or cubic; leave it out{peg}',
+            reason='not_for_mujoco',
         )
 
 
@@ -322,7 +323,10 @@ class Run:
         if self.motion.peg_radius > 0.0:
             self.mujoco.mj_forward(self.model, self.data)
             if self.data.ncon:
-                raise RequestError('the arm already touches the peg at the start: move the peg')
+                raise RequestError(
+                    'the arm already touches the peg at the start: move the peg',
+                    reason='touches_peg',
+                )
 
     def set_springs(self, row: int) -> None:
         """Set springs and damping to one of the instants of the hinges."""
@@ -472,7 +476,8 @@ class Run:
             if self.data.warning[int(kind)].number:
                 raise RequestError(
                     f'the arm in MuJoCo diverges before {time:.3g} s: make motion.timestep '
-                    f'({self.motion.timestep:g} s) shorter'
+                    f'({self.motion.timestep:g} s) shorter',
+                    reason='diverges',
                 )
 
 

@@ -171,7 +171,8 @@ class LabPulley(LabEffect):
             chain = replace(chain, force=freeze(force))
         raise RequestError(
             f'the tip of the lab arm comes to no rest under its string to {self.eye_x:g}, '
-            f'{self.eye_y:g} m: put the pulley further away, or pull less'
+            f'{self.eye_y:g} m: put the pulley further away, or pull less',
+            reason='no_equilibrium',
         )
 
 

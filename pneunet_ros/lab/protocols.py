@@ -49,7 +49,9 @@ class Protocol(abc.ABC):
         for name in self.lists():
             values = getattr(self, name)
             if not values or not all(math.isfinite(value) for value in values):
-                raise RequestError(f'protocol.{name} must be a list of numbers')
+                raise RequestError(
+                    f'protocol.{name} must be a list of numbers', reason='not_a_table'
+                )
             object.__setattr__(self, name, tuple(float(value) for value in values))
 
     @classmethod
@@ -177,7 +179,10 @@ class Strings(Protocol):
         """Return the holds."""
         rows = len(self.pressures)
         if not rows == len(self.pull_a) == len(self.pull_b):
-            raise RequestError('protocol: pressures, pull_a and pull_b must be of equal length')
+            raise RequestError(
+                'protocol: pressures, pull_a and pull_b must be of equal length',
+                reason='wrong_shape',
+            )
         hold = share_of_time(self.duration - (rows - 1) * self.ramp, rows, SHORTEST, 'holds')
         forces = [
             (
@@ -246,10 +251,13 @@ class Corners(Protocol):
     def timeline(self) -> Timeline:
         """Return the course."""
         if len({len(getattr(self, name)) for name in self.lists()}) > 1:
-            raise RequestError('protocol: share, pressure and forces must be of equal length')
+            raise RequestError(
+                'protocol: share, pressure and forces must be of equal length',
+                reason='wrong_shape',
+            )
         ends = self.share[0] == 0.0 and self.share[-1] == 1.0
         if not ends or np.any(np.diff(self.share) <= 0.0):
-            raise RequestError('protocol.share must rise from 0 to 1')
+            raise RequestError('protocol.share must rise from 0 to 1', reason='not_increasing')
         force = np.column_stack([self.force_x, self.force_y])
         return Timeline(
             time=self.duration * np.array(self.share),

@@ -34,7 +34,10 @@ class Detail:
         check_quantities(self, 'detail', RequestError)
         for name in ('elements', 'stations'):
             if not float(getattr(self, name)).is_integer():
-                raise RequestError(f'detail.{name} = {getattr(self, name)} is no whole number')
+                raise RequestError(
+                    f'detail.{name} = {getattr(self, name)} is no whole number',
+                    reason='not_a_number',
+                )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,7 +66,9 @@ class Scenario:
         check_quantities(self, 'scenario', RequestError)
         names = [effect.name for effect in self.effects]
         if len(set(names)) < len(names):
-            raise RequestError(f'an effect is given twice: {", ".join(names)}')
+            raise RequestError(
+                f'an effect is given twice: {", ".join(names)}', reason='given_twice'
+            )
         order = list(ALL_EFFECTS)
         effects = sorted(self.effects, key=lambda effect: order.index(effect.name))
         object.__setattr__(self, 'effects', tuple(effects))
@@ -89,13 +94,16 @@ class Scenario:
 def lab_effect(name: str, parameters: Mapping[str, float]) -> LabEffect:
     """Return an effect by its name; RequestError lists the names and parameters there are."""
     if name not in ALL_EFFECTS:
-        raise RequestError(f'unknown effect {name}; known here: {", ".join(ALL_EFFECTS)}')
+        raise RequestError(
+            f'unknown effect {name}; known here: {", ".join(ALL_EFFECTS)}', reason='unknown_key'
+        )
     kind = ALL_EFFECTS[name]
     known = [item.name for item in dataclasses.fields(kind)]
     for parameter in parameters:
         if parameter not in known:
             raise RequestError(
-                f'effects.{name} has no parameter {parameter}; known here: {", ".join(known)}'
+                f'effects.{name} has no parameter {parameter}; known here: {", ".join(known)}',
+                reason='unknown_key',
             )
     return kind(**parameters)
 

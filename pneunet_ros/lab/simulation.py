@@ -50,7 +50,7 @@ def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordin
     course, memory = follow_arm(scenario, events, memory)
     times = regular_times(scenario.rates.frames, events.duration, FRAME_OFFSET)
     if times.size < 2:
-        raise RequestError('protocol.duration must hold two frames or more')
+        raise RequestError('protocol.duration must hold two frames or more', reason='too_short')
     arm, weights = scenario.arm, sample(course, course.weights, times)
     chamber = sample(course, course.chamber[:, None], times)[:, 0]
     shape, motion, force = shape_of(scenario, course, events, times)
@@ -103,7 +103,8 @@ def check_size(scenario: Scenario) -> None:
         if count > most:
             raise RequestError(
                 f'a recording of {seconds:g} s would have {count:.3g} {what}, more than {most:.3g}'
-                ': make it shorter, and go on with another one after it (--after)'
+                ': make it shorter, and go on with another one after it (--after)',
+                reason='too_large',
             )
 
 
@@ -114,7 +115,8 @@ def check_pressures(scenario: Scenario, events: Timeline) -> None:
     if lowest < low or highest > high:
         raise RequestError(
             f'the protocol goes from {lowest:g} to {highest:g} Pa, but the arm is described from '
-            f'{low:g} to {high:g} Pa only'
+            f'{low:g} to {high:g} Pa only',
+            reason='out_of_bounds',
         )
 
 
@@ -133,7 +135,8 @@ def follow_arm(
         if gap < 0.0:
             raise RequestError(
                 f'{scenario.name} begins at {scenario.start:g} s, before the end of the recording '
-                f'before it at {memory.time:g} s'
+                f'before it at {memory.time:g} s',
+                reason='wrong_order',
             )
         past = dict(memory.past)
         count = min(math.ceil(gap / STEP), MOST_STEPS_BETWEEN) + 1

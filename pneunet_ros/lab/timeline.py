@@ -73,6 +73,7 @@ def share_of_time(left: float, parts: int, shortest: float, what: str) -> float:
     if part < shortest:
         raise RequestError(
             f'protocol: {what} would last {part:.2f} s each, and less than {shortest:g} s is of '
-            'no use: make duration longer or the protocol simpler'
+            'no use: make duration longer or the protocol simpler',
+            reason='too_short',
         )
     return part

@@ -98,7 +98,9 @@ class RecordingData:
         """Check the shapes and the order of the stamps."""
         readings, frames = len(self.reading_stamp_ns), len(self.stamp_ns)
         if readings == 0 or frames == 0:
-            raise RecordingError(f'{self.name}: no frame with targets and a pressure reading')
+            raise RecordingError(
+                f'{self.name}: no frame with targets and a pressure reading', reason='no_frames'
+            )
         for name in ('reading_stamp_ns', 'stamp_ns', 'reading'):
             values = np.array(getattr(self, name), dtype=np.int64)
             values.flags.writeable = False
@@ -119,9 +121,12 @@ class RecordingData:
             object.__setattr__(self, name, frozen_array(getattr(self, name), shape))
         for name in ('reading_stamp_ns', 'stamp_ns'):
             if not np.all(np.diff(getattr(self, name)) > 0):
-                raise RecordingError(f'{self.name}: {name} must increase')
+                raise RecordingError(f'{self.name}: {name} must increase', reason='not_increasing')
         if not (np.all(self.reading >= 0) and np.all(self.reading < readings)):
-            raise RecordingError(f'{self.name}: a frame belongs to a reading that is not there')
+            raise RecordingError(
+                f'{self.name}: a frame belongs to a reading that is not there',
+                reason='wrong_order',
+            )
 
     def without_load(self) -> RecordingData:
         """Return the run with nothing attached: what a force sensor read is its own error."""

@@ -30,7 +30,8 @@ def with_string(run: RecordingData, arm: Arm, string: String) -> tuple[Recording
     if not known.size:
         raise RecordingError(
             f'{run.name}: no frame shows the tip, from which the string pulls: the last target, '
-            'or the three before it where it is not at the tip'
+            'or the three before it where it is not at the tip',
+            reason='no_tip',
         )
     kept = run.subset(known).with_end_load(0.0, 0.0)
     return replace(kept, force=string.pull(tips[known])), len(run.stamp_ns) - known.size

@@ -108,7 +108,8 @@ def in_base_frame(
         raise RecordingError(
             f'{names}: the tip is measured in another frame than {BASE_FRAME}, and these poses do '
             'not show where the clamp is: bend the arm further and without a load, or give the '
-            'poses in the base frame'
+            'poses in the base frame',
+            reason='wrong_frame',
         )
     moved = [
         run

@@ -31,7 +31,9 @@ def decode_imu(message: Any) -> ImuReading:
             known=float(message.linear_acceleration_covariance[0]) != -1.0,
         )
     except (*UNFIT, IndexError) as error:
-        raise MessageError(f'a message is no usable {IMU_TYPE}: {error}') from error
+        raise MessageError(
+            f'a message is no usable {IMU_TYPE}: {error}', reason='unreadable'
+        ) from error
 
 
 def imu_message(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes) -> Any:
@@ -68,7 +70,9 @@ def decode_frames(message: Any, *, fixed: bool) -> tuple[FrameReading, ...]:
             for one in message.transforms
         )
     except UNFIT as error:
-        raise MessageError(f'a message is no usable {TRANSFORM_TYPE}: {error}') from error
+        raise MessageError(
+            f'a message is no usable {TRANSFORM_TYPE}: {error}', reason='unreadable'
+        ) from error
 
 
 def _quaternion(turned: Any) -> Quaternion:

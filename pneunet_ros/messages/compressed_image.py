@@ -49,25 +49,31 @@ def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
     elif head == PNG:
         kind, (width, height), is_complete = 'png', png_size(data), tail.endswith(PNG_END)
     else:
-        raise MessageError(f'a compressed image is neither jpeg nor png; {POSSIBLE}')
+        raise MessageError(
+            f'a compressed image is neither jpeg nor png; {POSSIBLE}', reason='wrong_format'
+        )
     if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
         raise MessageError(
             f'a {kind} of {width} x {height} pixels cannot be used; '
-            f'sides go from 1 to {LARGEST_SIDE}'
+            f'sides go from 1 to {LARGEST_SIDE}',
+            reason='too_large',
         )
     if width * height > LARGEST_AREA:
         raise MessageError(
             f'a {kind} of {width} x {height} pixels cannot be used; '
-            f'{LARGEST_AREA / 1e6:g} megapixels are possible'
+            f'{LARGEST_AREA / 1e6:g} megapixels are possible',
+            reason='too_large',
         )
     if not is_complete:
-        raise MessageError(f'a {kind} is cut off after {data.size} bytes')
+        raise MessageError(f'a {kind} is cut off after {data.size} bytes', reason='cut_off')
     pixels, complaint = decode_heard(data, colored=colored)
     damage = _DAMAGE.search(complaint)
     if damage:
-        raise MessageError(f'a {kind} is damaged: {damage.group().decode(errors="replace")}')
+        raise MessageError(
+            f'a {kind} is damaged: {damage.group().decode(errors="replace")}', reason='damaged'
+        )
     if pixels is None or pixels.shape[:2] != (height, width):
-        raise MessageError(f'a {kind} of {width} x {height} pixels is damaged')
+        raise MessageError(f'a {kind} of {width} x {height} pixels is damaged', reason='damaged')
     return eight_bits(pixels)
 
 
@@ -102,19 +108,25 @@ def jpeg_size(data: Bytes) -> tuple[int, int]:
         if marker in FRAMES and place + 9 <= len(raw):
             bits, height, width = struct.unpack_from('>BHH', raw, place + 4)
             if bits != 8:
-                raise MessageError(f'a jpeg has {bits} bits per channel; {POSSIBLE}')
+                raise MessageError(
+                    f'a jpeg has {bits} bits per channel; {POSSIBLE}', reason='wrong_format'
+                )
             return width, height
         if marker == SCAN:
             break
         place += 2 + int.from_bytes(raw[place + 2 : place + 4], 'big')
-    raise MessageError(f'a jpeg of {len(raw)} bytes has no size in its header: it is damaged')
+    raise MessageError(
+        f'a jpeg of {len(raw)} bytes has no size in its header: it is damaged', reason='damaged'
+    )
 
 
 def png_size(data: Bytes) -> tuple[int, int]:
     """Width and height by the header of a png; MessageError where it has none."""
     raw = data[8:25].tobytes()
     if len(raw) < 17 or raw[4:8] != b'IHDR':
-        raise MessageError(f'a png of {data.size} bytes has no header: it is damaged')
+        raise MessageError(
+            f'a png of {data.size} bytes has no header: it is damaged', reason='damaged'
+        )
     width, height = struct.unpack('>II', raw[8:16])
     return width, height
 

@@ -33,14 +33,19 @@ def cloud_points(message: Any) -> npt.NDArray[Any]:
             if item.datatype in _KINDS and item.count == 1
         ]
     except UNFIT as error:
-        raise MessageError(f'a message is no usable {POINTS_TYPE}: {error}') from error
+        raise MessageError(
+            f'a message is no usable {POINTS_TYPE}: {error}', reason='unreadable'
+        ) from error
     point = point_type(tuple(fields), point_step)
     needed = (height - 1) * row_step + width * point_step if height and width else 0
     if row_step < width * point_step and height > 1:
-        raise MessageError(f'rows of {row_step} bytes cannot hold {width} points')
+        raise MessageError(
+            f'rows of {row_step} bytes cannot hold {width} points', reason='cut_off'
+        )
     if data.size < needed:
         raise MessageError(
-            f'{data.size} bytes cannot hold {height} x {width} points of {point_step} bytes'
+            f'{data.size} bytes cannot hold {height} x {width} points of {point_step} bytes',
+            reason='cut_off',
         )
     if not needed:
         return np.empty(0, point)
@@ -61,13 +66,20 @@ def point_type(fields: tuple[tuple[str, str, int], ...], size: int) -> np.dtype[
     larger than any.
     """
     if size > _LARGEST_POINT:
-        raise MessageError(f'points of {size} bytes are none; at most {_LARGEST_POINT} are read')
+        raise MessageError(
+            f'points of {size} bytes are none; at most {_LARGEST_POINT} are read',
+            reason='too_large',
+        )
     names = [name for name, _, _ in fields]
     if len(set(names)) < len(names):
-        raise MessageError(f'a point names a field twice: {", ".join(names)}')
+        raise MessageError(
+            f'a point names a field twice: {", ".join(names)}', reason='given_twice'
+        )
     for name, kind, offset in fields:
         if not 0 <= offset <= size - np.dtype(kind).itemsize:
-            raise MessageError(f'the field {name} does not lie within the {size} bytes')
+            raise MessageError(
+                f'the field {name} does not lie within the {size} bytes', reason='wrong_shape'
+            )
     return np.dtype(
         {
             'names': names,

@@ -126,7 +126,9 @@ def decode_pressure(message: Any) -> PressureReading:
             variance=float(message.variance),
         )
     except UNFIT as error:
-        raise MessageError(f'a message is no usable {PRESSURE_TYPE}: {error}') from error
+        raise MessageError(
+            f'a message is no usable {PRESSURE_TYPE}: {error}', reason='unreadable'
+        ) from error
 
 
 def decode_wrench(message: Any) -> WrenchReading:
@@ -144,7 +146,9 @@ def decode_wrench(message: Any) -> WrenchReading:
             moment_y=float(torque.y),
         )
     except UNFIT as error:
-        raise MessageError(f'a message is no usable {WRENCH_TYPE}: {error}') from error
+        raise MessageError(
+            f'a message is no usable {WRENCH_TYPE}: {error}', reason='unreadable'
+        ) from error
 
 
 def decode_tip_pose(message: Any) -> TipPoseReading:
@@ -169,7 +173,9 @@ def decode_tip_pose(message: Any) -> TipPoseReading:
             frame_id=str(message.header.frame_id),
         )
     except UNFIT as error:
-        raise MessageError(f'a message is no usable {TIP_POSE_TYPE}: {error}') from error
+        raise MessageError(
+            f'a message is no usable {TIP_POSE_TYPE}: {error}', reason='unreadable'
+        ) from error
 
 
 def pressure_message(
@@ -247,20 +253,25 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
     try:
         stamp_ns, found = nanoseconds(message.header.stamp), str(message.header.frame_id)
     except UNFIT as error:
-        raise MessageError(f'a message is no usable {POINTS_TYPE}: {error}') from error
+        raise MessageError(
+            f'a message is no usable {POINTS_TYPE}: {error}', reason='unreadable'
+        ) from error
     if found != frame_id:
-        raise MessageError(f'targets are in frame {found!r}, and must be in {frame_id!r}')
+        raise MessageError(
+            f'targets are in frame {found!r}, and must be in {frame_id!r}', reason='wrong_frame'
+        )
     points = cloud_points(message)
     kinds = {name: points.dtype[name].kind for name in points.dtype.names or ()}
     for name, kind, what in (('x', 'f', 'float'), ('y', 'f', 'float'), ('id', 'iu', 'int32')):
         if kinds.get(name, ' ') not in kind:
             wrong = 'is no' if name in kinds else 'is missing: it must be'
-            raise MessageError(f'the field {name} of targets {wrong} {what}')
+            raise MessageError(f'the field {name} of targets {wrong} {what}', reason='wrong_field')
     if targets is not None and points.size != targets:
         raise MessageError(
             f'there are {points.size} points in targets, and the arm has {targets} targets: '
             'every message must hold a point for each, NaN where it was not seen; another arm is '
-            'named by --model (calibrate: --arm; a node: the parameter model_file)'
+            'named by --model (calibrate: --arm; a node: the parameter model_file)',
+            reason='wrong_targets',
         )
     ids = points['id'].tolist()
     if ids != list(range(points.size)):  # they may come in any order
@@ -269,7 +280,8 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
         if points['id'].tolist() != list(range(points.size)):
             raise MessageError(
                 f'the ids of targets must be 0 to {points.size - 1}, each once, not '
-                f'{", ".join(str(number) for number in ids[:30])}'
+                f'{", ".join(str(number) for number in ids[:30])}',
+                reason='wrong_targets',
             )
     table = np.full((len(_OF_A_TARGET), points.size), np.nan)
     for row, name in zip(table, _OF_A_TARGET, strict=True):

@@ -86,7 +86,8 @@ class MessageSerializer:
         if offsets[0] < 0 or offsets != regular:
             raise MessageError(
                 f'{output.name} ({output.type}) cannot be filled in place, as its numbers do not '
-                'stand in it as rows: leave out `numbers` in its entry'
+                'stand in it as rows: leave out `numbers` in its entry',
+                reason='not_in_place',
             )
         return CdrTemplate(
             raw=raw,

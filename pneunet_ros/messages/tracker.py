@@ -52,7 +52,9 @@ def decode_image(message: Any) -> Image:
             big_endian=bool(message.is_bigendian),
         )
     except UNFIT as error:
-        raise MessageError(f'a message is no usable {IMAGE_TYPE}: {error}') from error
+        raise MessageError(
+            f'a message is no usable {IMAGE_TYPE}: {error}', reason='unreadable'
+        ) from error
 
 
 def decode_compressed_image(message: Any, *, colored: bool = False) -> Image:
@@ -65,7 +67,9 @@ def decode_compressed_image(message: Any, *, colored: bool = False) -> Image:
         frame_id = str(message.header.frame_id)
         data = _bytes(message.data)
     except UNFIT as error:
-        raise MessageError(f'a message is no usable {COMPRESSED_TYPE}: {error}') from error
+        raise MessageError(
+            f'a message is no usable {COMPRESSED_TYPE}: {error}', reason='unreadable'
+        ) from error
     pixels = decode_compressed(data, colored=colored)
     height, width = pixels.shape[:2]
     return Image(
@@ -95,7 +99,9 @@ def decode_camera_info(message: Any) -> Lens:
         place = int(region.x_offset), int(region.y_offset), int(region.width), int(region.height)
         matrix = arrays['matrix'].reshape(3, 3)
     except UNFIT as error:
-        raise MessageError(f'a message is no usable {CAMERA_INFO_TYPE}: {error}') from error
+        raise MessageError(
+            f'a message is no usable {CAMERA_INFO_TYPE}: {error}', reason='unreadable'
+        ) from error
     lens = Lens(**size, model=model, matrix=matrix, distortion=arrays['distortion'])
     check_whole_image(lens, binning, place)
     return lens

@@ -130,12 +130,13 @@ class Arm:
         if not inside or not np.all(np.diff(targets) > 0.0):
             raise ModelError(
                 f'arm.target_arclength must increase within 0 and the length {self.length} m'
-                + (f' and the cap of {self.tip_cap} m' if self.tip_cap else '')
+                + (f' and the cap of {self.tip_cap} m' if self.tip_cap else ''),
+                reason='not_increasing',
             )
         object.__setattr__(self, 'inertia', self._inertia())
         names = [effect.name for effect in self.effects]
         if len(set(names)) != len(names):
-            raise ModelError(f'an effect is given twice: {", ".join(names)}')
+            raise ModelError(f'an effect is given twice: {", ".join(names)}', reason='given_twice')
         order = list(EFFECTS)
         effects = tuple(
             sorted(
@@ -172,7 +173,8 @@ class Arm:
         if not low < high:
             raise ModelError(
                 'intrinsic_curvature and moment_law have no pressure in common; '
-                'their pressure tables must overlap'
+                'their pressure tables must overlap',
+                reason='no_common_pressure',
             )
         self._take_domain()
         object.__setattr__(self, 'table', self.build_table())
@@ -182,7 +184,8 @@ class Arm:
             if placement is not None and placement.mean.size != 2 * targets.size:
                 raise ModelError(
                     f'covariance.placement is that of {placement.mean.size // 2} targets, and the '
-                    f'arm has {targets.size}: leave it out where other targets are painted'
+                    f'arm has {targets.size}: leave it out where other targets are painted',
+                    reason='wrong_shape',
                 )
 
     def _inertia(self) -> Motion | None:
@@ -226,7 +229,8 @@ class Arm:
             if not low <= high:
                 raise ModelError(
                     'domain.pressure has no pressure in common with the tables of '
-                    'intrinsic_curvature and moment_law'
+                    'intrinsic_curvature and moment_law',
+                    reason='no_common_pressure',
                 )
         object.__setattr__(self, 'pressure_range', (low, high))
         object.__setattr__(self, 'load_hull', hull)
@@ -505,7 +509,7 @@ class Arm:
             elif first in MOVABLE:
                 moves.append(Move(path=(first, *rest), amount=amount, name=name))
             else:
-                raise ModelError(unknown_quantity(name))
+                raise ModelError(unknown_quantity(name), reason='unknown_quantity')
         base = dataclasses.replace(self, covariance=None, divided=self.parted)
         arm: Arm = move_numbers(base, moves)
         return arm

@@ -102,12 +102,15 @@ def solve_many(
         loads[:, END_LOAD_MOMENT] = np.asarray(moment, dtype=np.float64)
     except ValueError:
         raise RequestError(
-            f'{pressure.size} pressures need {pressure.size} x 2 forces and as many moments'
+            f'{pressure.size} pressures need {pressure.size} x 2 forces and as many moments',
+            reason='wrong_shape',
         ) from None
     if pressure.ndim != 1 or not (np.isfinite(pressure).all() and np.isfinite(loads).all()):
-        raise RequestError('pressures, forces and moments must be finite numbers')
+        raise RequestError(
+            'pressures, forces and moments must be finite numbers', reason='not_finite'
+        )
     if start.solution is None:
-        raise RequestError(f'the start is no shape: {start.status}')
+        raise RequestError(f'the start is no shape: {start.status}', reason='no_shape')
     arclength = station_arclength(arm.reach, stations)
     rods = arm.rods(pressure, history, loads)
     guesses = predict_nodes(arm, start, np.column_stack([loads, pressure]))

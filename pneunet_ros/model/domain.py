@@ -75,17 +75,22 @@ class Domain:
         """Check numbers and shapes."""
         pressure = table_array(self.pressure, 'domain.pressure', 1)
         if pressure.size != 2 or not pressure[0] <= pressure[1]:
-            raise ModelError('domain.pressure must be the lowest and the highest pressure in Pa')
+            raise ModelError(
+                'domain.pressure must be the lowest and the highest pressure in Pa',
+                reason='wrong_shape',
+            )
         loads = table_array(self.end_load, 'domain.end_load', 2)
         if loads.shape[1] != 4 or not 1 <= len(loads) <= MOST_LOADS:
             raise ModelError(
                 f'domain.end_load must be 1 to {MOST_LOADS} rows of F1 (N), F2 (N), M (N m) and '
-                f'p (Pa), not {loads.shape[0]} of {loads.shape[1]} numbers'
+                f'p (Pa), not {loads.shape[0]} of {loads.shape[1]} numbers',
+                reason='wrong_shape',
             )
         low, high = pressure.tolist()
         if not np.all((loads[:, PRESSURE] >= low) & (loads[:, PRESSURE] <= high)):
             raise ModelError(
-                f'domain.end_load has a pressure outside domain.pressure, {low:g} to {high:g} Pa'
+                f'domain.end_load has a pressure outside domain.pressure, {low:g} to {high:g} Pa',
+                reason='out_of_bounds',
             )
         object.__setattr__(self, 'pressure', (low, high))
         object.__setattr__(self, 'end_load', loads)

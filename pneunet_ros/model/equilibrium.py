@@ -187,14 +187,18 @@ def check_finite(**values: float) -> None:
     """Refuse NaN, infinity and what is no number, by name."""
     for name, value in values.items():
         if not isinstance(value, (int, float, np.number)) or not math.isfinite(value):
-            raise RequestError(f'{name} must be a finite number, not {value!r}')
+            raise RequestError(
+                f'{name} must be a finite number, not {value!r}', reason='not_finite'
+            )
 
 
 @functools.lru_cache(maxsize=64)
 def station_arclength(length: float, count: int) -> Array:
     """Equally spaced stations (m) from the clamp to the free end."""
     if count < 2:
-        raise RequestError(f'at least 2 stations are needed (clamp and free end), not {count}')
+        raise RequestError(
+            f'at least 2 stations are needed (clamp and free end), not {count}', reason='too_few'
+        )
     return frozen_array(np.linspace(0.0, length, count))
 
 
@@ -532,7 +536,7 @@ def changes_on_mesh(solution: SolverNodes, changes: Perturbation | None) -> tupl
 def tip_jacobian(arm: Arm, shape: Shape) -> Array:
     """d(x, y, theta) of the tip / d(chamber pressure, F1, F2, M), (3, 4) SI, of an arm at rest."""
     if shape.solution is None:
-        raise RequestError(f'no Jacobian without a shape: {shape.status}')
+        raise RequestError(f'no Jacobian without a shape: {shape.status}', reason='no_shape')
     rested = arm.initial_history(shape.pressure)
     history, chamber = arm.actuate(rested, 0.0, shape.pressure)
     load = Load(

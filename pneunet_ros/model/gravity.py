@@ -82,14 +82,18 @@ def gravity_of(direction: Any, *, fixed: bool = False) -> Gravity:
             return Gravity(source=direction.lstrip('/'))
         values = re.split(r'[,\s]+', direction.strip('[] '))
     if not isinstance(values, Sequence) or len(values) != 2:
-        raise ModelError(f'gravity.direction {ALLOWED}, not {direction!r}')
+        raise ModelError(f'gravity.direction {ALLOWED}, not {direction!r}', reason='no_direction')
     try:
         x, y = (math.nan if isinstance(value, bool) else float(value) for value in values)
     except (TypeError, ValueError):
-        raise ModelError(f'gravity.direction {ALLOWED}, not {direction!r}') from None
+        raise ModelError(
+            f'gravity.direction {ALLOWED}, not {direction!r}', reason='no_direction'
+        ) from None
     length = math.hypot(x, y)
     if not length <= 1.0 + ROUNDING:
         hint = f': divide by {length:.4g}' if math.isfinite(length) else ''
-        raise ModelError(f'gravity.direction {ALLOWED}, not {direction!r}{hint}')
+        raise ModelError(
+            f'gravity.direction {ALLOWED}, not {direction!r}{hint}', reason='no_direction'
+        )
     longer = max(length, 1.0)
     return Gravity(x=x / longer, y=y / longer, source=source)

@@ -108,7 +108,8 @@ def refuse_what_hinges_cannot(arm: Arm, rods: Rods) -> None:
             names = ', '.join(effect.name for effect in arm.effects if not effect.is_neutral)
             raise RequestError(
                 f'{arm.name} {what}, which a chain of hinges cannot carry: take the effect out of '
-                f'the model file (its effects: {names})'
+                f'the model file (its effects: {names})',
+                reason='not_for_mujoco',
             )
 
 
@@ -123,7 +124,8 @@ def gravity_of(arm: Arm, rods: Rods) -> Array:
     if not np.allclose(tip_mass * gravity, rods.clamp[0, [END_X, END_Y]], rtol=1e-9):
         raise RequestError(
             f'{arm.name} has a mass at its tip, and an effect gravity beside its own weight: '
-            'MuJoCo has one gravity for both; say where gravity points (--gravity=0,-1) instead'
+            'MuJoCo has one gravity for both; say where gravity points (--gravity=0,-1) instead',
+            reason='not_for_mujoco',
         )
     return freeze(gravity)
 

@@ -43,12 +43,15 @@ class IntrinsicCurvature:
         curvature = table_array(self.curvature, f'{where}.curvature', 2)
         inside = arclength.size >= 2 and arclength[0] == 0.0 and arclength[-1] == 1.0
         if not inside or not np.all(np.diff(arclength) > 0.0):
-            raise ModelError(f'{where}.arclength must increase from 0.0 to 1.0 (s / l)')
+            raise ModelError(
+                f'{where}.arclength must increase from 0.0 to 1.0 (s / l)', reason='not_increasing'
+            )
         expected = (pressure.size, arclength.size)
         if curvature.shape != expected:
             raise ModelError(
                 f'{where}.curvature must have a row per pressure and a column per arclength, '
-                f'{expected[0]} x {expected[1]}, not {curvature.shape[0]} x {curvature.shape[1]}'
+                f'{expected[0]} x {expected[1]}, not {curvature.shape[0]} x {curvature.shape[1]}',
+                reason='wrong_shape',
             )
         object.__setattr__(self, 'pressure', pressure)
         object.__setattr__(self, 'arclength', arclength)

@@ -60,9 +60,15 @@ class PiecewiseLinearLaw(MomentLaw):
         pressure = checked_pressures(self.pressure, where)
         split = table_array(self.split, f'{where}.split', 1)
         if split.shape != pressure.shape:
-            raise ModelError(f'{where}.split must hold {pressure.size} values, one per pressure')
+            raise ModelError(
+                f'{where}.split must hold {pressure.size} values, one per pressure',
+                reason='wrong_shape',
+            )
         if not np.all((split > 0.0) & (split < 1.0)):
-            raise ModelError(f'{where}.split must lie between 0 and 1 (l1 / l), both excluded')
+            raise ModelError(
+                f'{where}.split must lie between 0 and 1 (l1 / l), both excluded',
+                reason='out_of_bounds',
+            )
         object.__setattr__(self, 'pressure', pressure)
         object.__setattr__(self, 'split', split)
         for name in ('rigidity', 'moment_offset'):
@@ -70,14 +76,16 @@ class PiecewiseLinearLaw(MomentLaw):
             if table.shape != (pressure.size, 2):
                 raise ModelError(
                     f'{where}.{name} must have {pressure.size} rows (one per pressure) of 2, '
-                    f'not {table.shape[0]} x {table.shape[1]}'
+                    f'not {table.shape[0]} x {table.shape[1]}',
+                    reason='wrong_shape',
                 )
             object.__setattr__(self, name, table)
         sign = np.sign(self.rigidity)
         if np.any(sign == 0.0) or np.any(sign != sign[0]):
             raise ModelError(
                 f'{where}.rigidity may be negative, but must not be zero or change sign between '
-                'rows: on the way it would pass through zero, where no shape is determined'
+                'rows: on the way it would pass through zero, where no shape is determined',
+                reason='singular_rigidity',
             )
 
     def sections(self, pressure: Array, length: float, weight: float) -> Array:
@@ -116,7 +124,9 @@ class LinearLaw(MomentLaw):
         """Refuse zero."""
         check_quantities(self, 'moment_law')
         if self.bending_stiffness == 0.0:
-            raise ModelError('moment_law.bending_stiffness must not be zero')
+            raise ModelError(
+                'moment_law.bending_stiffness must not be zero', reason='singular_rigidity'
+            )
 
     def sections(self, pressure: Array, length: float, weight: float) -> Array:
         """One section; see MomentLaw."""

@@ -25,5 +25,8 @@ def neighbors(arm: Arm, column: Mapping[str, float]) -> tuple[Arm, Arm, float]:
         except ModelError as error:
             reason = error
     if distance == 0.0:
-        raise ModelError(f'covariance: a column leads out of bounds either way: {reason}')
+        raise ModelError(
+            f'covariance: a column leads out of bounds either way: {reason}',
+            reason='out_of_bounds',
+        )
     return sides[0], sides[1], distance

@@ -40,7 +40,7 @@ def move_numbers(owner: Any, moves: Sequence[Move]) -> Any:
     here = next((move for move in moves if not move.path), None)
     if here is not None:
         if isinstance(owner, bool) or not isinstance(owner, (int, float)):
-            raise ModelError(unknown_quantity(here.name))
+            raise ModelError(unknown_quantity(here.name), reason='unknown_quantity')
         return float(owner) + sum(move.amount for move in moves)
     if isinstance(owner, np.ndarray):
         return move_cells(owner, moves)
@@ -54,7 +54,7 @@ def move_numbers(owner: Any, moves: Sequence[Move]) -> Any:
         known = [item.name for item in dataclasses.fields(owner) if item.init]
     for key, inside in by_key.items():
         if key not in known:
-            raise ModelError(unknown_quantity(inside[0].name))
+            raise ModelError(unknown_quantity(inside[0].name), reason='unknown_quantity')
     if isinstance(owner, tuple):
         return tuple(move_numbers(effect, by_key.get(effect.name, [])) for effect in owner)
     changes = {key: move_numbers(getattr(owner, key), inside) for key, inside in by_key.items()}
@@ -66,9 +66,9 @@ def move_cells(table: Array, moves: Sequence[Move]) -> Array:
     copy = np.array(table)
     for move in moves:
         if not all(item.isdecimal() for item in move.path) or len(move.path) != copy.ndim:
-            raise ModelError(unknown_quantity(move.name))
+            raise ModelError(unknown_quantity(move.name), reason='unknown_quantity')
         try:
             copy[tuple(int(item) for item in move.path)] += move.amount
         except IndexError:
-            raise ModelError(unknown_quantity(move.name)) from None
+            raise ModelError(unknown_quantity(move.name), reason='unknown_quantity') from None
     return copy

@@ -91,7 +91,8 @@ def pressure_for_force(
         raise RequestError(
             f'no pressure of the calibrated range presses with {force:.4g} N at '
             f'({millimeters(tip[0]):.4g}, {millimeters(tip[1]):.4g}) mm: the nearest is '
-            f'{reached:.4g} N, at {kilopascals(pressure):.4g} kPa'
+            f'{reached:.4g} N, at {kilopascals(pressure):.4g} kPa',
+            reason='not_reached',
         )
     return pressure, found
 
@@ -110,7 +111,10 @@ def nearest(
     found = [missed(pressure) for pressure in grid]
     best = int(np.argmin(found))
     if not math.isfinite(found[best]):
-        raise RequestError(f'no shape at any pressure of the calibrated range: {at(low).status}')
+        raise RequestError(
+            f'no shape at any pressure of the calibrated range: {at(low).status}',
+            reason='no_shape',
+        )
     from scipy.optimize import minimize_scalar  # slow to import, and few ask for a pressure
 
     sides = grid[max(best - 1, 0)], grid[min(best + 1, SCANNED - 1)]

@@ -29,9 +29,14 @@ class String:
     def __post_init__(self) -> None:
         """Refuse a thread that does not pull, or leads nowhere."""
         if not (math.isfinite(self.tension) and self.tension > 0.0):
-            raise RequestError(f'a string pulls: its tension must be positive, not {self.tension}')
+            raise RequestError(
+                f'a string pulls: its tension must be positive, not {self.tension}',
+                reason='out_of_bounds',
+            )
         if not (math.isfinite(self.x) and math.isfinite(self.y)):
-            raise RequestError(f'the eye of a string must be a place, not {self.x}, {self.y}')
+            raise RequestError(
+                f'the eye of a string must be a place, not {self.x}, {self.y}', reason='not_finite'
+            )
 
     def pull(self, tip: Array) -> Array:
         """Return the force (..., 2) N on tips (..., 2) m; none on a tip in the eye."""
@@ -62,7 +67,8 @@ class String:
                 f'the eye of the string at {millimeters(self.x):.4g}, {millimeters(self.y):.4g} '
                 f'mm lies on the arm ({millimeters(float(np.nanmin(away))):.2g} mm beside it); '
                 'X and Y are where the thread leaves its eye or pulley, in the base frame at the '
-                'clamp'
+                'clamp',
+                reason='out_of_bounds',
             )
 
 
@@ -114,7 +120,8 @@ def solve_string(
             f'a string of {string.tension:.3g} N finds no equilibrium beyond '
             f'{share * string.tension:.3g} N'
             + ': its eye is within reach of the tip, which is pulled into it; X and Y are in the '
-            'base frame at the clamp' * near
+            'base frame at the clamp' * near,
+            reason='no_equilibrium',
         )
     return shape
 

@@ -81,12 +81,18 @@ class PlacementKnown:
             raise ModelError(
                 'covariance.placement must have mean, std and rows of factor along the arm and '
                 f'across it for every target, not {self.mean.size}, {self.std.size} and '
-                f'{len(self.factor)}'
+                f'{len(self.factor)}',
+                reason='wrong_shape',
             )
         if self.origin.size != 2:
-            raise ModelError('covariance.placement.origin must be two numbers, x and y (m)')
+            raise ModelError(
+                'covariance.placement.origin must be two numbers, x and y (m)',
+                reason='wrong_shape',
+            )
         if np.any(self.std < 0.0):
-            raise ModelError('covariance.placement.std must not be negative')
+            raise ModelError(
+                'covariance.placement.std must not be negative', reason='out_of_bounds'
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -110,20 +116,23 @@ class ModelCovariance:
         if factor.shape[0] != len(self.quantities) or not 1 <= factor.shape[1] <= MOST_COLUMNS:
             raise ModelError(
                 f'covariance.factor must have a row for each of {len(self.quantities)} quantities '
-                f'and 1 to {MOST_COLUMNS} columns, not {factor.shape[0]} x {factor.shape[1]}'
+                f'and 1 to {MOST_COLUMNS} columns, not {factor.shape[0]} x {factor.shape[1]}',
+                reason='wrong_shape',
             )
         if len(set(self.quantities)) != len(self.quantities):
-            raise ModelError('covariance.quantities names a quantity twice')
+            raise ModelError('covariance.quantities names a quantity twice', reason='given_twice')
         object.__setattr__(self, 'factor', factor)
         if not 0 <= self.guessed <= factor.shape[1]:
             raise ModelError(
                 f'covariance.guessed must be 0 to {factor.shape[1]}, as many as '
-                f'covariance.factor has columns, not {self.guessed}'
+                f'covariance.factor has columns, not {self.guessed}',
+                reason='out_of_bounds',
             )
         if self.placement is not None and self.placement.factor.shape[1] != factor.shape[1]:
             raise ModelError(
                 f'covariance.placement.factor must have {factor.shape[1]} columns as '
-                f'covariance.factor, not {self.placement.factor.shape[1]}'
+                f'covariance.factor, not {self.placement.factor.shape[1]}',
+                reason='wrong_shape',
             )
 
     def columns(self) -> tuple[dict[str, float], ...]:

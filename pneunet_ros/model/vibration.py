@@ -45,8 +45,11 @@ def vibration(arm: Arm, shape: Shape, count: int = 2) -> Modes | None:
 
     """
     if shape.solution is None:
-        raise RequestError(f'no vibration without a shape: {shape.status}')
+        raise RequestError(f'no vibration without a shape: {shape.status}', reason='no_shape')
     if not 1 <= count <= LINKS:
-        raise RequestError(f'the count of vibrations must lie between 1 and {LINKS}, not {count}')
+        raise RequestError(
+            f'the count of vibrations must lie between 1 and {LINKS}, not {count}',
+            reason='out_of_bounds',
+        )
     damping_time = 0.0 if arm.inertia is None else arm.inertia.damping_time
     return modes_of(links_at(shape.solution), masses_of(arm), damping_time, count)

@@ -46,7 +46,9 @@ def come_to_rest(model: Any, data: Any, apply_loads: Callable[[], None]) -> None
         if largest < SETTLED:
             unbalanced(qpos)
             return
-    raise RequestError('the MuJoCo finger finds no equilibrium: use smaller loads')
+    raise RequestError(
+        'the MuJoCo finger finds no equilibrium: use smaller loads', reason='no_equilibrium'
+    )
 
 
 def towards_rest(slope: Array, force: Array) -> Array:

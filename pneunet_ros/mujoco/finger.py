@@ -43,7 +43,8 @@ class Finger:
         if place < 0:
             raise RequestError(
                 f'the MuJoCo model has no numeric {self.prefix + name!r}: use a file of `pneunet '
-                'mjcf`, and the prefix under which the finger was attached'
+                'mjcf`, and the prefix under which the finger was attached',
+                reason='other_model',
             )
         first = int(self.model.numeric_adr[place])
         values = self.model.numeric_data[first : first + int(self.model.numeric_size[place])]
@@ -54,7 +55,9 @@ class Finger:
         kind = self.mujoco.mjtObj.mjOBJ_JOINT
         place = int(self.mujoco.mj_name2id(self.model, kind, self.prefix + name))
         if place < 0:
-            raise RequestError(f'the MuJoCo model has no joint {self.prefix + name!r}')
+            raise RequestError(
+                f'the MuJoCo model has no joint {self.prefix + name!r}', reason='other_model'
+            )
         return place
 
     @property
@@ -75,7 +78,8 @@ class Finger:
         low, high = self.pressure_range
         if not low <= pressure <= high:
             raise RequestError(
-                f'the finger is described from {low:g} to {high:g} Pa, not at {pressure:g} Pa'
+                f'the finger is described from {low:g} to {high:g} Pa, not at {pressure:g} Pa',
+                reason='out_of_bounds',
             )
         rows = self._pressure
         row = min(int(np.searchsorted(rows, pressure, side='right')) - 1, rows.size - 2)

@@ -75,7 +75,8 @@ class HingeChain:
         if not np.all(self.stiffness > 0.0):
             raise RequestError(
                 'MuJoCo needs positive bending stiffness at all pressures; this moment law has '
-                'a negative one'
+                'a negative one',
+                reason='not_for_mujoco',
             )
 
     @property

@@ -14,7 +14,8 @@ def load_mujoco() -> ModuleType:
     except ImportError as error:
         raise RequestError(
             f"MuJoCo is not installed ({error}): type pip install 'pneunet_ros[mujoco]', or pip "
-            "install '.[mujoco]' in a checkout"
+            "install '.[mujoco]' in a checkout",
+            reason='not_installed',
         ) from None
     module: ModuleType = mujoco
     return module

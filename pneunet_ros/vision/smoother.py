@@ -137,7 +137,8 @@ class Smoother:
         if targets.ndim != 1 or targets.size < FEWEST_TARGETS:
             raise CameraError(
                 f'a centerline is measured from at least {FEWEST_TARGETS} targets; '
-                f'arm.target_arclength of the model file names {targets.size}'
+                f'arm.target_arclength of the model file names {targets.size}',
+                reason='too_few_targets',
             )
         object.__setattr__(self, 'target_arclength', targets)
         object.__setattr__(self, 'stations', frozen_array(self.stations))
@@ -155,7 +156,8 @@ class Smoother:
         if sightings.x.size != self.target_arclength.size:
             raise RequestError(
                 f'the arm has {self.target_arclength.size} targets, '
-                f'the sightings are of {sightings.x.size}'
+                f'the sightings are of {sightings.x.size}',
+                reason='wrong_targets',
             )
         seen = np.isfinite(sightings.x + sightings.y)
         operator = self.operator(seen.tobytes())
@@ -270,7 +272,8 @@ def smoother_for(
     if arm.target_arclength.size < FEWEST_TARGETS:
         raise CameraError(
             f'a centerline is measured from at least {FEWEST_TARGETS} targets; '
-            f'arm.target_arclength of the model file names {arm.target_arclength.size}'
+            f'arm.target_arclength of the model file names {arm.target_arclength.size}',
+            reason='too_few_targets',
         )
     return Smoother(
         target_arclength=arm.target_arclength,

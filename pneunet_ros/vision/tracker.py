@@ -164,7 +164,8 @@ class Tracker:
         if count < least:
             raise ModelError(
                 f'{arm.name}: tracking needs {least} targets or more in '
-                f'arm.target_arclength, not {count}'
+                f'arm.target_arclength, not {count}',
+                reason='too_few_targets',
             )
         if settings.dot_color is not None:
             vision = replace(vision, ellipse=for_colors(vision.ellipse))

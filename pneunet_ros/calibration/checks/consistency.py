@@ -40,7 +40,8 @@ def check_same_arm(
                 f'{one.name} and {other.name} contradict each other: at the same pressure and '
                 f'without a load the ends of the arm are {millimeters(distance):.2g} mm apart; '
                 'recordings of different arms, or of another pressure sensor, cannot be '
-                'calibrated together'
+                'calibrated together',
+                reason='contradiction',
             )
 
 

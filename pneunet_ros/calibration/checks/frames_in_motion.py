@@ -216,7 +216,7 @@ def checked_at_rest(
             raise
         check(unloaded, loaded)
         raise RecordingError(
-            f'{motion.left_out}. What is left is too little for a calibration'
+            f'{motion.left_out}. What is left is too little for a calibration', reason='in_motion'
         ) from error
     return kept[0], kept[1], motion
 

@@ -52,24 +52,28 @@ def check_runs(
     if not unloaded and ((first and not constant) or not loaded):
         raise RequestError(
             'no unloaded recording: the curvature kappa_p0 comes from an arm without end load; '
-            'name such recordings after --unloaded'
+            'name such recordings after --unloaded',
+            reason='no_unloaded',
         )
     without = [run for run in runs if not run.pressurized]
     if without and len(without) < len(runs):
         raise RecordingError(
             f'{names_of(without)}: there is no pressure topic, and the other recordings have one; '
-            'record the pressure (see --topic), also where it is zero'
+            'record the pressure (see --topic), also where it is zero',
+            reason='no_pressure',
         )
     if without and not loaded:
         raise RecordingError(
             f'{names_of(without)}: there is no pressure topic (see --topic); of an arm that has '
-            'no pressure recordings under load are needed, after --loaded'
+            'no pressure recordings under load are needed, after --loaded',
+            reason='no_pressure',
         )
     frames = sum(len(run.stamp_ns) for run in runs)
     if first and frames < limits.fewest_frames:
         raise RecordingError(
             f'{names_of(runs)}: {frames} frames with targets and a pressure; at least '
-            f'{limits.fewest_frames} are needed, of all recordings together'
+            f'{limits.fewest_frames} are needed, of all recordings together',
+            reason='too_few_frames',
         )
     for run in runs:
         check_targets(run, arm, limits)
@@ -109,12 +113,14 @@ def check_loads(
         raise RecordingError(
             f'{run.name} was given as loaded, but its end force never exceeds the noise of the '
             f'force sensor, {arm.sensors.force_std:.3g} N (sensors.force_std of --arm); name it '
-            'after --unloaded'
+            'after --unloaded',
+            reason='not_loaded',
         )
     if float(np.max(np.abs(run.force))) > settings.largest_force * arm.weight:
         raise RecordingError(
             f'{run.name}: an end force of {np.max(np.abs(run.force)):.3g} N on an arm that '
-            f'weighs {arm.weight:.3g} N; forces must be in N (see --arm)'
+            f'weighs {arm.weight:.3g} N; forces must be in N (see --arm)',
+            reason='force_too_large',
         )
 
 
@@ -123,7 +129,8 @@ def check_bending(runs: Sequence[RecordingData], arm: Arm, settings: Preconditio
     if motion(runs, arm.reach) < settings.smallest_motion * arm.length:
         raise RecordingError(
             f'{names_of(runs)}: the targets hardly move, so they say nothing of the moment law; '
-            'change the pressure or the load, within a recording or between them'
+            'change the pressure or the load, within a recording or between them',
+            reason='targets_still',
         )
 
 
@@ -137,7 +144,8 @@ def check_different_loads(
         raise RecordingError(
             f'{names_of(loaded)}: one load at one pressure; how the arm bends at rest and how '
             'stiff it is cannot be distinguished: record another load, or the arm without one '
-            '(--unloaded)'
+            '(--unloaded)',
+            reason='one_load',
         )
 
 
@@ -162,20 +170,23 @@ def check_pressures(
             raise RecordingError(
                 f'{run.name}: the pressure stands at {kilopascals(run.frame_pressure[0]):.3g} '
                 f'kPa, and yet the arm, without a load, moves by {millimeters(moves):.3g} mm; '
-                'is it the pressure of this arm (--topic pressure=...), and does the sensor work?'
+                'is it the pressure of this arm (--topic pressure=...), and does the sensor work?',
+                reason='pressure_still',
             )
     if constant:
         return
     if np.ptp(pressures) < same:
         raise RecordingError(
             f'pressure spans {kilopascals(float(np.ptp(pressures))):.2g} kPa in {names}: kappa_p0 '
-            'needs at least two pressures; record a ramp or a staircase'
+            'needs at least two pressures; record a ramp or a staircase',
+            reason='one_pressure',
         )
     least = limits.smallest_motion * arm.length
     if moved < least and motion(unloaded, arm.reach) < least:
         raise RecordingError(
             f'{names}: the targets hardly move although the '
-            'pressure changes; do the target topic and the pressure belong together?'
+            'pressure changes; do the target topic and the pressure belong together?',
+            reason='targets_still',
         )
 
 
@@ -192,7 +203,8 @@ def check_meaning(
     if verdict is not None and verdict.doubted:
         raise RecordingError(
             f'{names}: the pressure is {verdict.finding}: type {verdict.options} '
-            '(--no-judge-readings if the readings are right)'
+            '(--no-judge-readings if the readings are right)',
+            reason='other_pressure',
         )
 
 
@@ -209,7 +221,8 @@ def check_unloaded(
         raise RecordingError(
             f'{run.name} was given as unloaded, but its end force reaches '
             f'{largest_force(run):.3g} N; take it from --unloaded (calibrate: name it '
-            'after --loaded)'
+            'after --loaded)',
+            reason='loaded',
         )
 
 
@@ -220,14 +233,16 @@ def check_targets(
     if run.x.shape[1] != arm.target_arclength.size:
         raise RecordingError(
             f'{run.name} has {run.x.shape[1]} targets and the arm {arm.target_arclength.size}; '
-            'recordings of different arms cannot be calibrated together (see --arm)'
+            'recordings of different arms cannot be calibrated together (see --arm)',
+            reason='wrong_targets',
         )
     seen = np.count_nonzero(run.seen, axis=0) > 0
     if run.heading is not None:
         return  # that of the tip shows how far the arm bends
     if np.count_nonzero(seen) < settings.fewest_targets and not seen[-1]:
         raise RecordingError(
-            f'{run.name} shows fewer than {settings.fewest_targets} targets, and never the last'
+            f'{run.name} shows fewer than {settings.fewest_targets} targets, and never the last',
+            reason='too_few_targets',
         )
 
 
@@ -238,7 +253,8 @@ def check_units(
     highest = float(np.max(np.abs(run.frame_pressure)))
     if highest > settings.largest_pressure:
         raise RecordingError(
-            f'{run.name}: a pressure of {highest:.3g} Pa; pressure must be gauge, in Pa'
+            f'{run.name}: a pressure of {highest:.3g} Pa; pressure must be gauge, in Pa',
+            reason='out_of_range',
         )
     if not run.seen.any():
         return  # an angle has one unit and no place
@@ -247,19 +263,22 @@ def check_units(
         raise RecordingError(
             f'{run.name}: a target {reach:.3g} m from the clamp, and the arm is '
             f'{arm.reach:.3g} m long; targets must be in m, in the base frame at the clamp, and '
-            'of this arm (see --arm)'
+            'of this arm (see --arm)',
+            reason='too_far',
         )
     middle = np.nanmedian(np.hypot(run.x[:, -1], run.y[:, -1])) if run.seen[:, -1].any() else reach
     if middle < settings.nearest * arm.length:
         raise RecordingError(
             f'{run.name}: the last target lies {middle:.3g} m from the clamp, and the arm is '
-            f'{arm.length:.3g} m long; is the unit right, and the first target that at the clamp?'
+            f'{arm.length:.3g} m long; is the unit right, and the first target that at the clamp?',
+            reason='other_length',
         )
     share = row_share(run, arm, settings)
     if share < settings.shortest_row:
         raise RecordingError(
             f'{run.name}: the row of targets is never longer than {share:.2g} times that of the '
-            'arm file; is the unit of the targets right, and are they of this arm (see --arm)?'
+            'arm file; is the unit of the targets right, and are they of this arm (see --arm)?',
+            reason='other_length',
         )
 
 
@@ -283,14 +302,16 @@ def check_clamp(run: RecordingData, arm: Arm, settings: RowOrderSettings = ROW_O
             f'{run.name}: the targets are numbered from the free end: the arm turns by '
             f'{first:.3g} degrees at target 0 and by {last:.3g} at target {places.size - 1}, and '
             'at the clamp it does not turn; track it again with --clamp-pixel U V (clamp_pixel in '
-            'the camera file), or reverse the ids'
+            'the camera file), or reverse the ids',
+            reason='wrong_end',
         )
     moved = clamp_motion(run.points, run.frame_pressure, places, arm.length, settings)
     if moved > settings.clamp_loose * arm.length:
         raise RecordingError(
             f'{run.name}: the first target moves by {millimeters(moved):.3g} mm as the pressure '
             'changes, and it should be at the clamp, which stays where it is; fix the clamp, or '
-            'put the first target there (target_arclength of --arm)'
+            'put the first target there (target_arclength of --arm)',
+            reason='clamp_moves',
         )
 
 

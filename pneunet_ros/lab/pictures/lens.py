@@ -41,7 +41,8 @@ class Camera:
         if distortion.size not in MODELS.get(self.model, ()):
             raise CameraError(
                 f'a lens {self.model!r} with {distortion.size} coefficients is none of '
-                f'{", ".join(f"{name} with {counts}" for name, counts in MODELS.items())}'
+                f'{", ".join(f"{name} with {counts}" for name, counts in MODELS.items())}',
+                reason='unknown_kind',
             )
         object.__setattr__(self, 'distortion', distortion)
         object.__setattr__(self, 'matrix', frozen_array(self.matrix, (3, 3)))

@@ -80,7 +80,10 @@ class Occluder:
         """Check that it has three corners."""
         corners = frozen_array(self.corners)
         if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
-            raise RequestError(f'an occluder needs 3 corners (u, v) or more, not {corners.shape}')
+            raise RequestError(
+                f'an occluder needs 3 corners (u, v) or more, not {corners.shape}',
+                reason='wrong_shape',
+            )
         object.__setattr__(self, 'corners', corners)
 
 

@@ -63,7 +63,8 @@ class Lens:
             if isinstance(side, bool) or not isinstance(side, int) or not 0 < side <= LARGEST_SIDE:
                 raise CameraError(
                     f'the {name} of the camera image (image_{name}) must be 1 to '
-                    f'{LARGEST_SIDE} px, not {side!r}'
+                    f'{LARGEST_SIDE} px, not {side!r}',
+                    reason='out_of_bounds',
                 )
         matrix = table_array(self.matrix, 'K (camera_matrix)', 2, CameraError)
         distortion = table_array(self.distortion, 'D (distortion_coefficients)', 1, CameraError)
@@ -101,25 +102,35 @@ def own_pairs(values: npt.ArrayLike) -> Array:
     """Return pairs (n, 2) in a new array, for a kernel to overwrite; else CameraError."""
     pairs = np.array(values, dtype=np.float64, order='C')
     if pairs.ndim != 2 or pairs.shape[1] != 2:
-        raise CameraError(f'points must be pairs (n, 2), not an array of shape {pairs.shape}')
+        raise CameraError(
+            f'points must be pairs (n, 2), not an array of shape {pairs.shape}',
+            reason='wrong_shape',
+        )
     return pairs
 
 
 def pinhole(matrix: Array) -> tuple[float, float, float, float]:
     """Return fx, fy, cx, cy in px from K (3, 3); CameraError if it is none."""
     if matrix.shape != (3, 3):
-        raise CameraError(f'K (camera_matrix) must be 3 x 3, not of shape {matrix.shape}')
+        raise CameraError(
+            f'K (camera_matrix) must be 3 x 3, not of shape {matrix.shape}', reason='wrong_shape'
+        )
     if matrix[0, 0] == 0.0:
-        raise CameraError('the camera is not calibrated: its K (camera_matrix) is zero')
+        raise CameraError(
+            'the camera is not calibrated: its K (camera_matrix) is zero', reason='not_calibrated'
+        )
     fx, fy, cx, cy = (float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
     low, high = FOCAL_LENGTHS
     if not (low <= fx <= high and low <= fy <= high):
         raise CameraError(
             f'the focal lengths {fx} and {fy} of K (camera_matrix) must lie within '
-            f'{low:g} and {high:g} px'
+            f'{low:g} and {high:g} px',
+            reason='out_of_bounds',
         )
     if not np.array_equal(matrix, [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]):
-        raise CameraError('K (camera_matrix) must read fx 0 cx, 0 fy cy, 0 0 1 (no skew)')
+        raise CameraError(
+            'K (camera_matrix) must read fx 0 cx, 0 fy cy, 0 0 1 (no skew)', reason='wrong_form'
+        )
     return fx, fy, cx, cy
 
 
@@ -127,18 +138,21 @@ def distortion_terms(model: str, distortion: Array) -> Array:
     """Return all TERMS of the distortion from D; CameraError for other models and numbers."""
     if not isinstance(model, str) or (model not in COEFFICIENTS and (model or distortion.size)):
         raise CameraError(
-            f'distortion_model {model!r} is not known; known: {", ".join(COEFFICIENTS)}'
+            f'distortion_model {model!r} is not known; known: {", ".join(COEFFICIENTS)}',
+            reason='unknown_kind',
         )
     allowed = COEFFICIENTS.get(model, (0,))
     if distortion.size not in allowed or np.any(distortion[TERMS:]):
         raise CameraError(
             f'D (distortion_coefficients) of {model} must have {", ".join(map(str, allowed))} '
-            f'numbers (those after the eighth zero), not {distortion.size}: {distortion.tolist()}'
+            f'numbers (those after the eighth zero), not {distortion.size}: {distortion.tolist()}',
+            reason='wrong_shape',
         )
     if np.any(np.abs(distortion) > LARGEST_COEFFICIENT):
         raise CameraError(
             f'D (distortion_coefficients) holds a number beyond {LARGEST_COEFFICIENT:g}: '
-            f'{distortion.tolist()}'
+            f'{distortion.tolist()}',
+            reason='too_large',
         )
     terms = np.zeros(TERMS)
     terms[: min(distortion.size, TERMS)] = distortion[:TERMS]
@@ -187,12 +201,14 @@ def check_whole_image(
     if not set(binning) <= {0, 1}:
         raise CameraError(
             f'camera_info with binning {binning[0]} x {binning[1]} is not supported: '
-            'publish the image unbinned, or a camera_info of the binned image'
+            'publish the image unbinned, or a camera_info of the binned image',
+            reason='not_supported',
         )
     if tuple(region) not in ((0, 0, 0, 0), (0, 0, lens.width, lens.height)):
         raise CameraError(
             f'camera_info with a region of interest (x, y, width, height = {tuple(region)}) is '
-            'not supported: publish the whole image, or a camera_info of the part'
+            'not supported: publish the whole image, or a camera_info of the part',
+            reason='not_supported',
         )
 
 

@@ -22,7 +22,9 @@ def finite_numbers(values: Any, where: str, count: int) -> tuple[float, ...]:
     """Return so many finite numbers; CameraError, which says where, for anything else."""
     numbers = table_array(values, where, 1, CameraError)
     if numbers.size != count:
-        raise CameraError(f'{where} must be {count} numbers, not {numbers.size}')
+        raise CameraError(
+            f'{where} must be {count} numbers, not {numbers.size}', reason='wrong_shape'
+        )
     return tuple(numbers.tolist())
 
 
@@ -65,10 +67,13 @@ class HomographyPlane:
         if pixels.shape != points.shape or pixels.shape[1:] != (2,):
             raise CameraError(
                 'plane.pixels and plane.points must be lists of as many pairs, '
-                f'not {_size(pixels)} and {_size(points)} numbers'
+                f'not {_size(pixels)} and {_size(points)} numbers',
+                reason='wrong_shape',
             )
         if len(pixels) < 4:
-            raise CameraError(f'plane.pixels needs four points or more, not {len(pixels)}')
+            raise CameraError(
+                f'plane.pixels needs four points or more, not {len(pixels)}', reason='too_few'
+            )
         object.__setattr__(self, 'pixels', pixels)
         object.__setattr__(self, 'points', points)
 
@@ -96,7 +101,8 @@ class PosePlane:
         length = math.hypot(*quaternion)
         if not abs(length - 1.0) <= UNIT:
             raise CameraError(
-                f'plane.quaternion (x, y, z, w) must have the length 1, not {length:.6g}'
+                f'plane.quaternion (x, y, z, w) must have the length 1, not {length:.6g}',
+                reason='no_direction',
             )
         quaternion = tuple(value / length for value in quaternion)
         object.__setattr__(self, 'position', position)
@@ -122,7 +128,10 @@ class FixedBand:
         """Check the band."""
         check_quantities(self, 'grey_band', CameraError)
         if not self.low < self.high:
-            raise CameraError(f'grey_band.low = {self.low} must be below high = {self.high}')
+            raise CameraError(
+                f'grey_band.low = {self.low} must be below high = {self.high}',
+                reason='wrong_order',
+            )
 
     def inverted(self) -> FixedBand:
         """Return the band of the same pixels in an inverted image."""
@@ -172,7 +181,8 @@ class AreaLimits:
         check_quantities(self, 'area', CameraError)
         if not self.smallest < self.largest:
             raise CameraError(
-                f'area.smallest = {self.smallest} must be below largest = {self.largest}'
+                f'area.smallest = {self.smallest} must be below largest = {self.largest}',
+                reason='wrong_order',
             )
 
 
@@ -255,17 +265,26 @@ class CameraSettings:
         if self.dot_color is not None:
             color = finite_numbers(self.dot_color, 'dot_color', 3)
             if not all(0.0 <= value <= 255.0 for value in color):
-                raise CameraError(f'dot_color = {list(color)} must be red, green, blue, 0 to 255')
+                raise CameraError(
+                    f'dot_color = {list(color)} must be red, green, blue, 0 to 255',
+                    reason='wrong_shape',
+                )
             if lab_color((color[0], color[1], color[2]))[1] < LEAST_CHROMA:
                 raise CameraError(
-                    f'dot_color = {list(color)} is a grey: leave it out, and set polarity'
+                    f'dot_color = {list(color)} is a grey: leave it out, and set polarity',
+                    reason='no_color',
                 )
             object.__setattr__(self, 'dot_color', color)
         if self.polarity not in POLARITIES:
             raise CameraError(
-                f'polarity must be one of {", ".join(POLARITIES)}, not {self.polarity!r}'
+                f'polarity must be one of {", ".join(POLARITIES)}, not {self.polarity!r}',
+                reason='unknown_kind',
             )
         if isinstance(self.rest_frames, bool) or not isinstance(self.rest_frames, int):
-            raise CameraError(f'rest_frames must be an integer, not {self.rest_frames!r}')
+            raise CameraError(
+                f'rest_frames must be an integer, not {self.rest_frames!r}', reason='not_a_number'
+            )
         if not 1 <= self.rest_frames <= 1000:
-            raise CameraError(f'rest_frames = {self.rest_frames} is not within [1, 1000]')
+            raise CameraError(
+                f'rest_frames = {self.rest_frames} is not within [1, 1000]', reason='out_of_bounds'
+            )

@@ -70,10 +70,16 @@ class Plane:
         """Check that the plane is not seen from its edge."""
         matrix = frozen_array(self.base_from_normalized)
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-            raise CameraError('the homography of the working plane must be 3 x 3 finite numbers')
+            raise CameraError(
+                'the homography of the working plane must be 3 x 3 finite numbers',
+                reason='wrong_shape',
+            )
         sizes = np.linalg.svd(matrix, compute_uv=False)
         if not sizes[2] > DEGENERATE * sizes[0]:
-            raise CameraError('the camera sees the working plane as a line: it has no inverse')
+            raise CameraError(
+                'the camera sees the working plane as a line: it has no inverse',
+                reason='not_determined',
+            )
         object.__setattr__(self, 'base_from_normalized', matrix)
         object.__setattr__(self, 'normalized_from_base', frozen_array(np.linalg.inv(matrix)))
 
@@ -111,11 +117,14 @@ def plane_from_rest(
     distance = math.hypot(*way)
     length = last_arclength - first_arclength
     if not (math.isfinite(distance) and distance > 1.0 / FARTHEST):
-        raise CameraError('first and last target of the arm at rest are not seen apart')
+        raise CameraError(
+            'first and last target of the arm at rest are not seen apart', reason='not_determined'
+        )
     if not (math.isfinite(length) and length > 0.0):
         raise CameraError(
             f'the last target, at {last_arclength} m along the arm, must come after the first, '
-            f'at {first_arclength} m'
+            f'at {first_arclength} m',
+            reason='wrong_order',
         )
     along = length / distance**2 * way
     across = np.array([along[1], -along[0]])
@@ -142,12 +151,14 @@ def plane_from_pose(pose: PosePlane) -> Plane:
     if not NEAREST <= abs(position[2]) <= FARTHEST:
         raise CameraError(
             f'plane.position = {pose.position}: the camera must be {NEAREST} m or more away from '
-            'the working plane z = 0'
+            'the working plane z = 0',
+            reason='out_of_bounds',
         )
     if not -position @ rotation[:, 2] > 0.0:
         raise CameraError(
             f'plane.position = {pose.position} and plane.quaternion have the clamp behind the '
-            'camera; the pose is that of the optical frame (z forward, x right, y down) in base'
+            'camera; the pose is that of the optical frame (z forward, x right, y down) in base',
+            reason='behind_camera',
         )
     # The ray R (x, y, 1) from the camera at c meets the plane after -c_z / ray_z of its length.
     nearness = -rotation[2] / position[2]
@@ -167,7 +178,8 @@ def plane_from_homography(lens: Lens, plane: HomographyPlane) -> Plane:
     if unseen.size:
         raise CameraError(
             f'plane.pixels[{unseen[0]}] = {plane.pixels[unseen[0]].tolist()} lies beyond what the '
-            'lens can see'
+            'lens can see',
+            reason='beyond_lens',
         )
     into, seen = _centered(normalized, 'plane.pixels')
     onto, known = _centered(plane.points, 'plane.points')
@@ -184,7 +196,8 @@ def plane_from_homography(lens: Lens, plane: HomographyPlane) -> Plane:
     if not sizes[7] > UNDETERMINED * sizes[0]:
         raise CameraError(
             'plane.pixels and plane.points do not determine the plane: four of the points must be '
-            'apart, and no three of these on a line'
+            'apart, and no three of these on a line',
+            reason='not_determined',
         )
     depth = rays @ solution[2]
     if depth[0] < 0.0:
@@ -192,14 +205,16 @@ def plane_from_homography(lens: Lens, plane: HomographyPlane) -> Plane:
     if not np.all(depth > DEGENERATE * np.abs(solution).max()):
         raise CameraError(
             'plane.pixels and plane.points put a point behind the camera: '
-            'are both lists in the same order?'
+            'are both lists in the same order?',
+            reason='behind_camera',
         )
     misfit = np.hypot(*(rays @ solution[:2].T / depth[:, None] - known).T)
     worst = int(misfit.argmax())
     if misfit[worst] > MISFIT:
         raise CameraError(
             f'plane.pixels[{worst}] = {plane.pixels[worst].tolist()} and plane.points[{worst}] = '
-            f'{plane.points[worst].tolist()} do not fit the others'
+            f'{plane.points[worst].tolist()} do not fit the others',
+            reason='inconsistent',
         )
     return Plane(base_from_normalized=np.linalg.inv(onto) @ solution @ into)
 
@@ -209,7 +224,9 @@ def _centered(points: Array, where: str) -> tuple[Array, Array]:
     center = points.mean(axis=0)
     size = float(np.sqrt(np.mean((points - center) ** 2)))
     if not 1e-9 < size < FARTHEST:
-        raise CameraError(f'all {where} are the same point, or too far apart')
+        raise CameraError(
+            f'all {where} are the same point, or too far apart', reason='not_determined'
+        )
     matrix = np.diag([1.0 / size, 1.0 / size, 1.0])
     matrix[:2, 2] = -center / size
     return matrix, (points - center) / size

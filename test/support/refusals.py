@@ -1,0 +1,17 @@
+"""What is refused is known by its reason: sentences may be rewritten, reasons may not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from pneunet_ros.core.errors import PneunetError
+import pytest
+
+
+@contextmanager
+def refused(error: type[PneunetError], reason: str) -> Iterator[pytest.ExceptionInfo]:
+    """Expect this error for this reason."""
+    with pytest.raises(error) as caught:
+        yield caught
+    assert caught.value.reason == reason, caught.value
