@@ -154,7 +154,8 @@ class MovingArm:
         if modes is None:
             raise ModelError(
                 f'{self.arm.name} has `motion`, and no stable unloaded shape to swing about: its '
-                'rigidities must be positive, or `motion` left out of the model file'
+                'rigidities must be positive, or `motion` left out of the model file',
+                reason='no_shape',
             )
         object.__setattr__(self, 'modes', modes)
         object.__setattr__(self, 'masses', masses_of(self.arm))

@@ -22,6 +22,7 @@ from pneunet_ros.measurement.pressure_convention import PressureConvention
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import experiments, made, USUAL
+from support.refusals import refused
 
 PAPER = paper_arm()
 FREE, LOADED = experiments(PAPER, USUAL, frames=30)
@@ -126,7 +127,7 @@ def test_what_cannot_be_calibrated_is_refused(free, loaded, sentence):
 def test_what_pressures_most_likely_mean_is_said_against_what_was_declared():
     declared = PressureConvention(unit='kPa', reference='absolute')
     low = bent(FREE[0], pressure=FREE[0].pressure - declared.ambient)
-    with pytest.raises(RecordingError, match=r'most likely gauge kPa: .*-reference gauge '):
+    with refused(RecordingError, 'other_pressure'):
         check_runs([low], [], PAPER, settings=judging(declared))
     check_runs([FREE[0]], [], PAPER, settings=judging(declared))
     check_runs([low], [], PAPER, settings=judging(None))
@@ -139,7 +140,7 @@ def other_arm(factor: float):
 
 def test_recordings_of_different_arms_are_refused():
     stranger = made(other_arm(0.85), np.linspace(0, 6e4, 30), noise=USUAL, name='stranger')
-    with pytest.raises(RecordingError, match=r'up and stranger contradict .* mm apart'):
+    with refused(RecordingError, 'contradiction'):
         check_runs([FREE[0], stranger, FREE[1]], [], PAPER)
 
 

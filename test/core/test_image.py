@@ -7,6 +7,7 @@ import numpy as np
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.image import ENCODINGS, Image
 import pytest
+from support.refusals import refused
 
 FIELDS = {
     'stamp_ns': 0,
@@ -144,14 +145,14 @@ def test_brightness_has_no_colors(encoding):
     rows, after = stored(SMOOTH, encoding)
     image = image_of(rows, encoding, 0, after)
     assert not image.has_colors
-    with pytest.raises(MessageError, match='has no colors'):
+    with refused(MessageError, 'no_colors'):
         image.closeness(RED)
 
 
 def test_the_last_row_needs_no_padding():
     fields = {**FIELDS, 'step': 8}
     assert Image(data=bytes(range(11)), **fields).grey()[1, 2] == 10
-    with pytest.raises(MessageError, match='cut off after 10 bytes'):
+    with refused(MessageError, 'cut_off'):
         Image(data=bytes(range(10)), **fields)
 
 

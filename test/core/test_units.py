@@ -17,6 +17,7 @@ from pneunet_ros.core.units import (
     seconds_since,
 )
 import pytest
+from support.refusals import refused
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,11 +67,11 @@ def test_values_outside_are_refused_by_name_with_bounds_and_unit(value):
 
 @pytest.mark.parametrize('value', ['3', None, True, [1.0], 1j])
 def test_what_is_no_number_is_refused(value):
-    with pytest.raises(RequestError, match=r'^stiffness must be a number in N/m, not '):
+    with refused(RequestError, 'not_a_number'):
         check_quantities(Spring(stiffness=value), '', RequestError)
 
 
 def test_infinity_passes_where_the_bound_is_infinite_but_nan_does_not():
     check_quantities(Spring(stiffness=1.0, rest=math.inf), '')
-    with pytest.raises(ModelError, match='rest = nan'):
+    with refused(ModelError, 'out_of_bounds'):
         check_quantities(Spring(stiffness=1.0, rest=math.nan), '')

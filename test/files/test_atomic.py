@@ -21,6 +21,7 @@ from pneunet_ros.files.atomic import (
     written_together,
 )
 import pytest
+from support.refusals import refused
 
 
 def names(folder: Path) -> list[str]:
@@ -105,7 +106,7 @@ def test_an_existing_output_is_refused_before_any_work(tmp_path):
     place = tmp_path / 'output'
     place.write_text('old')
     with (
-        pytest.raises(RecordingError, match=r'output exists already.*--overwrite'),
+        refused(RecordingError, 'exists'),
         atomic_output(place),
     ):
         pytest.fail('work was done')
@@ -127,7 +128,7 @@ def test_overwriting_replaces_at_the_end_only(tmp_path):
 
 def test_an_output_that_appears_meanwhile_is_not_replaced(tmp_path):
     place = tmp_path / 'output'
-    with pytest.raises(RecordingError, match='meanwhile'), atomic_output(place) as temporary:
+    with refused(RecordingError, 'exists'), atomic_output(place) as temporary:
         temporary.write_text('mine')
         place.write_text('theirs')
     assert place.read_text() == 'theirs'
@@ -173,7 +174,7 @@ def test_a_folder_of_other_things_is_never_replaced(tmp_path, overwrite):
     place.mkdir()
     (place / 'thesis.tex').write_text('')
     with (
-        pytest.raises(RecordingError, match=r'home is a folder that holds thesis\.tex'),
+        refused(RecordingError, 'holds_other_files'),
         atomic_output(place, overwrite=overwrite, replaceable=['*.mcap']),
     ):
         pytest.fail('work was done')
@@ -183,7 +184,7 @@ def test_a_folder_of_other_things_is_never_replaced(tmp_path, overwrite):
 def test_a_file_is_not_replaced_by_a_folder(tmp_path):
     (tmp_path / 'file').write_text('')
     with (
-        pytest.raises(RecordingError, match='file is a file'),
+        refused(RecordingError, 'wrong_kind'),
         atomic_output(tmp_path / 'file', overwrite=True, replaceable=['*.mcap']),
     ):
         pytest.fail('work was done')
@@ -191,7 +192,7 @@ def test_a_file_is_not_replaced_by_a_folder(tmp_path):
 
 def test_a_device_is_never_replaced():
     with (
-        pytest.raises(RecordingError, match='/dev/null is neither a file nor a folder'),
+        refused(RecordingError, 'wrong_kind'),
         atomic_output('/dev/null', overwrite=True),
     ):
         pytest.fail('work was done')
@@ -212,7 +213,7 @@ def test_the_input_is_never_overwritten(tmp_path, monkeypatch, output):
     Path('in').mkdir()
     Path('in/0.mcap').write_text('data')
     with (
-        pytest.raises(RecordingError, match='input in'),
+        refused(RecordingError, 'overwrites_input'),
         atomic_output(
             output.format(folder=tmp_path.name), overwrite=True, inputs=['in'], replaceable='*'
         ),
@@ -224,7 +225,7 @@ def test_the_input_is_never_overwritten(tmp_path, monkeypatch, output):
 def test_a_place_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / 'file').write_text('')
     with (
-        pytest.raises(RecordingError, match='inside cannot be written'),
+        refused(RecordingError, 'unwritable'),
         atomic_output(tmp_path / 'file' / 'inside'),
     ):
         pytest.fail('work was done')
@@ -233,7 +234,7 @@ def test_a_place_that_cannot_be_made_is_named(tmp_path):
 @pytest.mark.parametrize('code', [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
 def test_no_room_is_a_sentence_and_leaves_nothing(tmp_path, code):
     with (
-        pytest.raises(RecordingError, match=r'output cannot be written: .*; nothing'),
+        refused(RecordingError, 'unwritable'),
         atomic_output(tmp_path / 'output') as temporary,
     ):
         temporary.write_text('1')
@@ -248,7 +249,7 @@ def test_other_errors_of_the_system_pass(tmp_path):
 
 def test_writing_nothing_is_an_error(tmp_path):
     with (
-        pytest.raises(RecordingError, match='output was not written'),
+        refused(RecordingError, 'nothing_written'),
         atomic_output(tmp_path / 'output'),
     ):
         pass
@@ -336,7 +337,7 @@ def test_outputs_that_belong_together_stand_together_or_not_at_all(tmp_path):
     with pytest.raises(ValueError, match='no report'), written_together():
         write('other')
         raise ValueError('no report')
-    with pytest.raises(RecordingError, match='report has appeared'), written_together():
+    with refused(RecordingError, 'exists'), written_together():
         write('other')
         write('report')
         (tmp_path / 'report').write_text('theirs')

@@ -19,6 +19,7 @@ from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
 import pytest
 from ruamel.yaml import YAML
 from support.example_arms import ALL_MECHANICS, PAPER_ARM, paper_arm, plain_arm, rebuilt
+from support.refusals import refused
 
 # The example of the contract, section 2.4, word for word.
 EXAMPLE = """\
@@ -535,7 +536,7 @@ def test_what_cannot_be_written_leaves_nothing_behind(tmp_path, monkeypatch):
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr(Path, 'write_text', full)
-    with pytest.raises(RecordingError, match='No space left on device'):
+    with refused(RecordingError, 'unwritable'):
         save_model(paper_arm(), tmp_path / 'model.yaml')
     assert list(tmp_path.iterdir()) == []
 
@@ -543,7 +544,7 @@ def test_what_cannot_be_written_leaves_nothing_behind(tmp_path, monkeypatch):
 def test_an_existing_file_is_refused_and_kept(tmp_path):
     path = tmp_path / 'model.yaml'
     path.write_text('mine')
-    with pytest.raises(RecordingError, match=r'exists already.*--overwrite'):
+    with refused(RecordingError, 'exists'):
         save_model(paper_arm(), path)
     assert path.read_text() == 'mine'
     save_model(paper_arm(), path, overwrite=True)

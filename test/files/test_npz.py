@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pneunet_ros.files.npz import ArchiveError, Declared, read_arrays
 import pytest
+from support.refusals import refused
 
 DECLARED = {
     'time': Declared(axes=('frames',), increasing=True),
@@ -65,7 +66,7 @@ def test_a_missing_array_is_refused_unless_it_may_be(tmp_path):
     np.savez(path, **{name: value for name, value in WHOLE.items() if name != 'information'})
     assert 'information' not in read_arrays(path, DECLARED)
     np.savez(path, **{name: value for name, value in WHOLE.items() if name != 'x'})
-    with pytest.raises(ArchiveError, match='x is missing'):
+    with refused(ArchiveError, 'missing'):
         read_arrays(path, DECLARED)
 
 

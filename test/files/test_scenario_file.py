@@ -15,6 +15,7 @@ from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import describe
 import pytest
 from support.lab_pairs import recorded
+from support.refusals import refused
 
 FOLDER = share_path('scenarios')
 PROTOCOL = 'protocol: {kind: slow_ramp}\n'
@@ -86,7 +87,7 @@ def test_changes_are_put_over_what_is_there():
 
 @pytest.mark.parametrize('text', ['gravity', 'gravity=1', 'gravity.weight_x', 'gravity.x=', '.=1'])
 def test_a_change_of_another_form_is_refused(text):
-    with pytest.raises(RequestError, match=r'not of the form NAME\.PARAMETER=VALUE'):
+    with refused(RequestError, 'wrong_form'):
         changes_of([text])
 
 
@@ -121,7 +122,7 @@ def test_what_is_wrong_in_a_scenario_is_said(load, text, words):
 def test_a_wrong_arm_file_is_named(load, tmp_path):
     arm = tmp_path / 'lab_arm.yaml'
     arm.write_text(arm.read_text().replace('split:', 'splat:'))
-    with pytest.raises(RequestError, match=r'lab_arm\.yaml: unknown key moment_law\.splat; known'):
+    with refused(RequestError, 'unknown_key'):
         load(HEAD + PROTOCOL)
 
 

@@ -10,6 +10,7 @@ from pneunet_ros.lab.chain_kernels import ChainFrame, energy_of, joint
 import pytest
 from support.example_arms import paper_arm, TABLE_1
 from support.lab_pairs import lab_arm_of
+from support.refusals import refused
 
 PRESSURE = np.array([row.pressure for row in TABLE_1])
 FORCE = np.array([row.force for row in TABLE_1])
@@ -121,7 +122,7 @@ def test_any_load_after_any_other_ends_at_rest():
 
 
 def test_negative_rigidity_and_infinite_loads_are_refused():
-    with pytest.raises(RequestError, match='needs positive rigidity'):
+    with refused(RequestError, 'singular_rigidity'):
         chain(rigidity=np.full((15, 2), -1e-4))
-    with pytest.raises(RequestError, match='finds no equilibrium in frame 3'):
+    with refused(RequestError, 'no_equilibrium'):
         free_shape(chain(force=np.where(np.arange(15)[:, None] == 3, np.inf, FORCE)))

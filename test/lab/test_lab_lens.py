@@ -7,6 +7,7 @@ import numpy as np
 from pneunet_ros.core.errors import CameraError
 from pneunet_ros.lab.pictures.lens import Camera, looking_down
 import pytest
+from support.refusals import refused
 
 PLUMB_BOB = (-0.31, 0.12, 0.0015, -0.0008, -0.02)
 RATIONAL = (0.6, -0.2, 0.001, -0.0007, 0.03, 0.9, -0.1, 0.02)
@@ -81,7 +82,7 @@ def test_what_is_behind_the_camera_is_not_seen():
 
 @pytest.mark.parametrize(('model', 'count'), [('fisheye', 4), ('plumb_bob', 8)])
 def test_unknown_lenses_are_refused(model, count):
-    with pytest.raises(CameraError, match=rf'{model}.*{count} coefficients'):
+    with refused(CameraError, 'unknown_kind'):
         Camera(
             width=640,
             height=480,

@@ -11,6 +11,7 @@ from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.recordings.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
 import pytest
 from support.random_estimates import plain, random_estimate, RclpyTypes
+from support.refusals import refused
 
 BY_NAME = {output.name: output for output in OUTPUTS}
 
@@ -71,7 +72,7 @@ def test_an_output_without_numbers_is_serialized_plainly():
 def test_numbers_that_do_not_stand_in_the_message_are_refused():
     tip = BY_NAME['tip']
     wrong = replace(tip, build=lambda rows, *others: tip.build(rows + 1.0, *others))
-    with pytest.raises(MessageError, match=r'tip .*leave out `numbers`'):
+    with refused(MessageError, 'not_in_place'):
         serializer().bytes_of(wrong, random_estimate())
 
 

@@ -40,6 +40,7 @@ from support.random_frames import (
 from support.random_frames import (
     TARGETS as COUNT,
 )
+from support.refusals import refused
 
 FRAME = 'pneunet_base'
 PICTURE = soft_picture()
@@ -171,22 +172,22 @@ def test_rows_may_be_longer_than_their_pixels(types):
 
 
 def test_an_image_that_cannot_be_read_is_refused(types):
-    with pytest.raises(MessageError, match=r"'32FC1'.*mono8, 8UC1, rgb8.*jpeg and png"):
+    with refused(MessageError, 'wrong_format'):
         decode_image(image_message(types, PICTURE, '32FC1'))
-    with pytest.raises(MessageError, match='cut off after 3072 bytes'):
+    with refused(MessageError, 'cut_off'):
         cut = image_message(types, PICTURE)
         cut.height = 49
         decode_image(cut)
-    with pytest.raises(MessageError, match='step is 63'):
+    with refused(MessageError, 'wrong_shape'):
         decode_image(image_message(types, PICTURE, step=63))
-    with pytest.raises(MessageError, match=r'msg/Image.*width'):
+    with refused(MessageError, 'unreadable'):
         decode_image(compressed_message(types, JPEG))
-    with pytest.raises(MessageError, match=r'CompressedImage.*data'):
+    with refused(MessageError, 'unreadable'):
         decode_compressed_image(camera_info(types))
 
 
 def test_a_stamp_of_more_than_a_second_of_nanoseconds_is_refused():
-    with pytest.raises(MessageError, match='nanosec = 1000000000'):
+    with refused(MessageError, 'unreadable'):
         decode_image(image_message(ROSBAGS_TYPES, PICTURE, nanosec=1_000_000_000))
 
 
@@ -239,7 +240,7 @@ def test_an_image_that_is_cut_off_is_refused_wherever_that_is(data, quiet):
 
 def test_a_jpeg_that_was_closed_after_a_cut_is_refused(quiet):
     """The decoder fills it up with grey, and says so to stderr alone."""
-    with pytest.raises(MessageError, match='jpeg is damaged: Corrupt JPEG data: premature end'):
+    with refused(MessageError, 'damaged'):
         decoded(JPEG[: len(JPEG) // 2] + b'\xff\xd9')
 
 
@@ -280,12 +281,12 @@ def jpeg_head(width, height, bits=8):
 @pytest.mark.parametrize('make', [png, jpeg_head])
 def test_size_is_looked_at_before_room_is_made_for_it(make, quiet, monkeypatch):
     monkeypatch.delattr(cv2, 'imdecode')
-    with pytest.raises(MessageError, match=f'{LARGEST_SIDE + 1} x 2 pixels cannot be used'):
+    with refused(MessageError, 'too_large'):
         decoded(make(LARGEST_SIDE + 1, 2))
     side = math.isqrt(LARGEST_AREA) + 1
-    with pytest.raises(MessageError, match=f'{side} x {side} pixels cannot.*64 megapixels'):
+    with refused(MessageError, 'too_large'):
         decoded(make(side, side))
-    with pytest.raises(MessageError, match='0 x 5 pixels'):
+    with refused(MessageError, 'too_large'):
         decoded(make(0, 5))
 
 
@@ -296,20 +297,19 @@ def test_a_png_may_have_sixteen_bits(types, quiet):
 
 
 def test_other_formats_are_refused_with_what_is_possible(types, quiet):
-    possible = 'possible are jpeg with 8 bits'
     deep = compressed(PICTURE.astype(np.uint16) * 200, '.png')
-    with pytest.raises(MessageError, match=f'neither jpeg nor png; {possible}'):
+    with refused(MessageError, 'wrong_format'):
         depth = struct.pack('<Iff', 0, 100.0, 200.0) + deep
         decode_compressed_image(compressed_message(types, depth, '16UC1; compressedDepth png'))
-    with pytest.raises(MessageError, match=f'jpeg has 12 bits per channel; {possible}'):
+    with refused(MessageError, 'wrong_format'):
         decoded(jpeg_head(64, 48, bits=12))
     for data in (b'', b'abc', b'II*\0' + bytes(100), compressed(PICTURE, '.bmp')):
-        with pytest.raises(MessageError, match=f'neither jpeg nor png; {possible}'):
+        with refused(MessageError, 'wrong_format'):
             decoded(data)
 
 
 def test_a_png_without_pixels_is_damaged(quiet):
-    with pytest.raises(MessageError, match=r'png (of 64 x 48 pixels )?is damaged'):
+    with refused(MessageError, 'damaged'):
         decoded(png(64, 48))
 
 
@@ -366,19 +366,19 @@ def test_a_region_that_is_the_whole_image_is_none(types):
 
 
 def test_a_camera_that_cannot_be_used_is_refused(types):
-    with pytest.raises(CameraError, match='not calibrated'):
+    with refused(CameraError, 'not_calibrated'):
         decode_camera_info(camera_info(types, k=np.zeros(9)))
-    with pytest.raises(CameraError, match=r"'equidistant'.*plumb_bob, rational_polynomial"):
+    with refused(CameraError, 'unknown_kind'):
         decode_camera_info(camera_info(types, distortion_model='equidistant'))
-    with pytest.raises(CameraError, match='binning 2 x 2'):
+    with refused(CameraError, 'not_supported'):
         decode_camera_info(camera_info(types, binning_x=2, binning_y=2))
-    with pytest.raises(CameraError, match='region of interest'):
+    with refused(CameraError, 'not_supported'):
         decode_camera_info(camera_info(types, roi=region(types, x_offset=8, width=320, height=9)))
     with pytest.raises(PneunetError):
         decode_camera_info(camera_info(types, distortion=(math.nan,) * 5))
     with pytest.raises(PneunetError):
         decode_camera_info(camera_info(types, width=0))
-    with pytest.raises(MessageError, match=r'CameraInfo.*roi'):
+    with refused(MessageError, 'unreadable'):
         decode_camera_info(image_message(types, PICTURE))
 
 

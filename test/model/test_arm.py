@@ -34,6 +34,7 @@ from pneunet_ros.solver.columns import (
 )
 import pytest
 from support.example_arms import ALL_MECHANICS, LENGTH, paper_arm, plain_arm, rebuilt, two_sections
+from support.refusals import refused
 
 
 def test_the_record_of_a_bare_arm_is_its_law_and_its_curvature():
@@ -88,7 +89,7 @@ def test_effects_stand_in_the_order_of_the_table_however_they_are_given():
 
 
 def test_an_effect_stands_once():
-    with pytest.raises(ModelError, match='an effect is given twice: gravity, gravity'):
+    with refused(ModelError, 'given_twice'):
         paper_arm((Gravity(), Gravity(weight_y=1.0)))
 
 
@@ -100,7 +101,7 @@ def test_range_is_what_curvature_and_law_have_in_common():
     later = IntrinsicCurvature(
         pressure=[200e3, 300e3], arclength=[0.0, 1.0], curvature=[[0, 0], [1, 1]]
     )
-    with pytest.raises(ModelError, match='no pressure in common'):
+    with refused(ModelError, 'no_common_pressure'):
         rebuilt(paper_arm(), intrinsic_curvature=later)
 
 
@@ -267,13 +268,13 @@ def test_quantities_are_moved_together():
     ],
 )
 def test_a_name_that_leads_to_no_number_is_refused(name):
-    with pytest.raises(ModelError, match='the model has no quantity') as caught:
+    with refused(ModelError, 'unknown_quantity') as caught:
         paper_arm(ALL_MECHANICS).with_changes({name: 1e-6})
     assert f'no quantity {name}; names look like arm.length' in str(caught.value)
 
 
 def test_a_change_out_of_bounds_is_refused():
-    with pytest.raises(ModelError, match=r'effects\.extensibility\.axial_stiffness'):
+    with refused(ModelError, 'out_of_bounds'):
         paper_arm((Extensibility(axial_stiffness=5.0),)).with_changes(
             {'effects.extensibility.axial_stiffness': -10.0}
         )
@@ -288,7 +289,7 @@ def covariance(*names, columns=1):
 
 def test_a_covariance_names_quantities_of_the_model():
     rebuilt(paper_arm(), covariance=covariance('arm.length', 'moment_law.rigidity.0.1'))
-    with pytest.raises(ModelError, match=r'no quantity effects\.gravity\.weight_y'):
+    with refused(ModelError, 'unknown_quantity'):
         rebuilt(paper_arm(), covariance=covariance('effects.gravity.weight_y'))
 
 
@@ -311,7 +312,7 @@ def test_wrong_covariances_are_refused(names, factor, sentence):
 def test_a_column_that_leads_out_of_bounds_either_way_is_refused():
     huge = ModelCovariance(quantities=('arm.length',), factor=[[-1e6]])
     arm = rebuilt(paper_arm(), covariance=huge)
-    with pytest.raises(ModelError, match=r'either way: arm\.length'):
+    with refused(ModelError, 'out_of_bounds'):
         Estimator(arm=arm)
 
 

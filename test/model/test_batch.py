@@ -14,6 +14,7 @@ from pneunet_ros.model.batch import solve_many
 from pneunet_ros.model.equilibrium import solve_rod
 from pneunet_ros.solver.columns import FIELDS
 import pytest
+from support.refusals import refused
 
 ARM = load_model(share_path('config/paper_arm.yaml'))
 MECHANICS = (
@@ -108,9 +109,9 @@ def test_a_load_beyond_all_numbers_has_no_shape(force, moment) -> None:
 
 def test_misuse_is_refused() -> None:
     start = solve(ARM, 31e3)
-    with pytest.raises(RequestError, match='3 x 2 forces'):
+    with refused(RequestError, 'wrong_shape'):
         solve_many(ARM, [1e3, 2e3, 3e3], [[0.1, 0.0]] * 2, start=start)
-    with pytest.raises(RequestError, match='finite'):
+    with refused(RequestError, 'not_finite'):
         solve_many(ARM, [np.nan], [[0.1, 0.0]], start=start)
-    with pytest.raises(RequestError, match='start'):
+    with refused(RequestError, 'no_shape'):
         solve_many(ARM, [1e3], [[0.1, 0.0]], start=solve(ARM, 90e3))

@@ -38,6 +38,7 @@ from support.example_arms import (
     two_sections,
 )
 from support.random_rods import random_case
+from support.refusals import refused
 
 FIELDS = ('x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment')
 BUCKLING = math.pi**2 * STIFFNESS / (4 * LENGTH**2)  # N
@@ -398,7 +399,7 @@ def test_sensing_effects_are_not_in_the_jacobian():
 
 
 def test_no_jacobian_without_a_shape():
-    with pytest.raises(RequestError, match='no Jacobian without a shape: pressure 200 kPa'):
+    with refused(RequestError, 'no_shape'):
         tip_jacobian(paper_arm(), solve(paper_arm(), 200e3))
 
 

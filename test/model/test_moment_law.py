@@ -13,6 +13,7 @@ from pneunet_ros.model.moment_law import (
 )
 import pytest
 from support.example_arms import LENGTH
+from support.refusals import refused
 
 WEIGHT = 0.17
 TABLE = {
@@ -81,9 +82,9 @@ def test_the_linear_law_holds_everywhere():
 
 def test_the_linear_law_takes_negative_stiffness_but_not_zero():
     assert LinearLaw(bending_stiffness=-2e-4).bending_stiffness == -2e-4
-    with pytest.raises(ModelError, match='bending_stiffness must not be zero'):
+    with refused(ModelError, 'singular_rigidity'):
         LinearLaw(bending_stiffness=0.0)
-    with pytest.raises(ModelError, match='bending_stiffness = inf is not within'):
+    with refused(ModelError, 'out_of_bounds'):
         LinearLaw(bending_stiffness=np.inf)
 
 

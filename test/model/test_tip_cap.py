@@ -23,6 +23,7 @@ import pytest
 from support.cantilever import Cantilever
 from support.example_arms import paper_arm
 from support.lab_run import true_model
+from support.refusals import refused
 
 TRUTH = Cantilever(
     length=0.1, stiffness=2e-4, curvature=6.0, weight=0.3, axial_stiffness=40.0, cap=0.02
@@ -97,9 +98,9 @@ def test_without_a_cap_nothing_changes_and_with_one_the_file_says_so(tmp_path):
     save_model(arm, tmp_path / 'arm.yaml')
     assert load_model(tmp_path / 'arm.yaml').tip_cap == 0.02
     assert arm.with_changes({'arm.tip_cap': 0.01}).reach == pytest.approx(0.13)
-    with pytest.raises(ModelError, match=r'length 0.1 m and the cap of 0.02 m'):
+    with refused(ModelError, 'not_increasing'):
         replace(arm, target_arclength=np.array([0.0, 0.13]))
-    with pytest.raises(ModelError, match='tip_cap'):
+    with refused(ModelError, 'out_of_bounds'):
         replace(arm, tip_cap=-0.01)
 
 

@@ -20,6 +20,7 @@ from pneunet_ros.solver.modes import modes_of
 import pytest
 from scipy.optimize import brentq
 from support.example_arms import LENGTH, paper_arm
+from support.refusals import refused
 
 WEIGHT, STIFFNESS = 0.17, 4e-4
 MASS = WEIGHT / STANDARD_GRAVITY
@@ -116,9 +117,9 @@ def test_the_weight_of_a_cap_is_that_of_the_soft_part_alone():
 
 def test_what_cannot_vibrate_is_refused():
     arm = beam()
-    with pytest.raises(RequestError, match='count'):
+    with refused(RequestError, 'out_of_bounds'):
         vibration(arm, solve(arm, 0.0), count=0)
-    with pytest.raises(RequestError, match='without a shape'):
+    with refused(RequestError, 'no_shape'):
         vibration(arm, solve(arm, 1e6))
 
 

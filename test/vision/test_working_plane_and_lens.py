@@ -19,6 +19,7 @@ from pneunet_ros.vision.camera.working_plane import (
 )
 import pytest
 from scipy.spatial.transform import Rotation
+from support.refusals import refused
 
 MATRIX = [[610.0, 0.0, 322.5], [0.0, 605.0, 238.0], [0.0, 0.0, 1.0]]
 DISTORTIONS = {
@@ -167,7 +168,7 @@ def test_given_points_are_left_alone(named):
 
 @pytest.mark.parametrize('points', [[1.0, 2.0], [[1.0, 2.0, 3.0]], np.zeros((2, 2, 2))])
 def test_points_are_pairs(points):
-    with pytest.raises(CameraError, match='pairs'):
+    with refused(CameraError, 'wrong_shape'):
         lens().undistort(points)
 
 
@@ -500,7 +501,7 @@ def test_a_rounded_quaternion_gets_its_length_back():
 
 @pytest.mark.parametrize('length', [0.0, 0.98, 1.02, 2.0])
 def test_a_quaternion_of_another_length_is_refused(length):
-    with pytest.raises(CameraError, match=r'plane\.quaternion .* must have the length 1, not'):
+    with refused(CameraError, 'no_direction'):
         PosePlane(position=(0, 0, 1), quaternion=(length, 0.0, 0.0, 0.0))
 
 
