@@ -24,7 +24,7 @@ from pneunet_ros.offline.film import (
     with_end_load,
     with_string,
 )
-from pneunet_ros.offline.judge import table_doubts
+from pneunet_ros.offline.judge import table_doubts, table_hints
 from pneunet_ros.recordings.image_stream import ImageStream
 from pneunet_ros.tables.reading_table import ReadingTable
 from pneunet_ros.tables.table_reader import read_table
@@ -79,14 +79,17 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
     )
 
 
-def reading_doubts(table: ReadingTable, arguments: Namespace, arm: Arm) -> tuple[str, ...]:
-    """Say what the pressures of the table most likely are; empty where they fit.
+def reading_doubts(
+    table: ReadingTable, arguments: Namespace, arm: Arm
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Say what the pressures of the table almost surely are, and what they may be.
 
-    Without --model they are compared with those of any soft actuator.
+    Empty where they fit. Without --model they are compared with those of any soft actuator.
     """
     if not arguments.judge_readings:
-        return ()
-    return table_doubts(table, ANY_ACTUATOR if arguments.model is None else [expected_of(arm)])
+        return (), ()
+    expected = ANY_ACTUATOR if arguments.model is None else [expected_of(arm)]
+    return table_doubts(table, expected), table_hints(table, expected)
 
 
 def joined(

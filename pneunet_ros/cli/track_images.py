@@ -71,7 +71,10 @@ def track(arguments: Namespace) -> int:
     )
     stream = open_images(arguments.source, request)
     readings = film_readings(arguments, stream)
-    doubts = () if readings is None else reading_doubts(readings.table, arguments, arm)
+    doubts: tuple[str, ...] = ()
+    hints: tuple[str, ...] = ()
+    if readings is not None:
+        doubts, hints = reading_doubts(readings.table, arguments, arm)
     tracker = Tracker(arm=arm, settings=settings)
     unit = length_unit(arguments.lengths, arm.length)
     tally = TrackTally(targets=arm.target_arclength.size)
@@ -130,7 +133,7 @@ def track(arguments: Namespace) -> int:
             bar.update(task, description='matching film and table')
             run_, found = joined(readings, trackings, arm)
             film.update(found)
-            sentences = (*doubts, *sentences, *readings.sentences)
+            sentences = (*doubts, *hints, *sentences, *readings.sentences)
             if run_ is not None:
                 record_film(stack.enter_context(output_writer(arguments)), run_)
                 for tracking in run_.trackings:

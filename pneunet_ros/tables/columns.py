@@ -293,7 +293,11 @@ def _unknown_columns(names: list[str], there: Collection[str]) -> str:
     more = f' and {len(names) - _NAMES_SHOWN} more' if len(names) > _NAMES_SHOWN else ''
     noun, verb = ('column', 'is') if len(names) == 1 else ('columns', 'are')
     # Of several units the one that must be chosen stands there as a word to be replaced.
-    meant = [f'{name}={_one_unit(known)}' for name, known in likely.items() if known]
+    meant = [
+        f'{name}={_one_unit(known)}{"_abs" * names_absolute(name)}'
+        for name, known in likely.items()
+        if known
+    ]
     options = [f'--rename {shlex.join(meant)}'] * bool(meant)
     others = [name for name, known in likely.items() if not known]
     options += [f'--ignore {shlex.join(others)}'] * bool(others)

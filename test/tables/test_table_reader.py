@@ -789,6 +789,15 @@ def test_the_unit_of_times_since_1970_is_named(tmp_path, start, step, meant):
         read(tmp_path, f'Timestamp,kPa,valve\n{rows}\n')
 
 
+def test_a_proposed_name_keeps_that_a_pressure_is_absolute(tmp_path):
+    path = tmp_path / 'table.csv'
+    path.write_text('time_s,AIN0 (kPa abs)\n0,101.3\n1,120.0\n', encoding='utf-8')
+    new = 'pressure_kpa_abs'
+    with pytest.raises(RecordingError, match=f'AIN0 .kPa abs.={new}'):
+        read_table(path, ImportRequest())
+    assert read_table(path, ImportRequest(rename={'AIN0 (kPa abs)': new}))[0].absolute
+
+
 def test_a_second_pressure_is_not_proposed_as_the_pressure(tmp_path):
     with pytest.raises(RecordingError, match=r"add --ignore 'Setpoint pressure .kPa.'"):
         read(tmp_path, 'time_s,kPa,Setpoint pressure [kPa]\n0,1,1\n')
