@@ -265,6 +265,7 @@ def test_a_virtual_gripper_closes_on_its_object_with_the_wanted_force(tmp_path):
         process.wait_for('ready: gripper')
         hand = Hand()
         hand.comes_to(lambda point: point['touching'] == 0 and abs(point['width'] - 0.078) < 1e-3)
+        assert hand.spin_until(lambda: hand.commands.get_subscription_count())
         command = JointState(position=[0.05])
         hand.commands.publish(command)
         hand.comes_to(lambda point: abs(point['width'] - 0.05) < 1e-3)
