@@ -65,10 +65,10 @@ class CameraClock:
         """Say it to a person."""
         lost = 'frames that were lost and not counted' if self.rate < 0.0 else 'a wrong frame rate'
         return (
-            f'{self.name}: the clock of the camera goes {1e2 * self.rate:+.2g} ± '
-            f'{1e2 * self.rate_std:.1g} % beside that of the pressure (and frames are stamped '
-            f'{1e3 * self.late:.0f} ms late in the middle): {lost}? Frames are taken at the '
-            'corrected times; stamp them when they are exposed'
+            f'{self.name}: the camera clock deviates by {1e2 * self.rate:+.2g} ± '
+            f'{1e2 * self.rate_std:.1g} % from the pressure clock (and frames are stamped '
+            f'{1e3 * self.late:.0f} ms late in the middle): {lost}? The corrected times are used; '
+            'stamp frames when they are exposed'
         )
 
 

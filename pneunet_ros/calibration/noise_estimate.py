@@ -119,9 +119,9 @@ def estimate_noise(
             f'{found["target_std"][1]}, times {factor:.2g}: it is alike in neighboring targets',
         )
         notes.append(
-            f'while the arm rests, neighboring targets err alike (correlation {neighbors:.2f}): '
-            'hot air, a curved window, a lossy film do that. Together they tell less, '
-            f'and the noise of each is taken as {factor:.2g} times what is seen of it'
+            'while the arm rests, the errors of neighboring targets are correlated '
+            f'({neighbors:.2f}), as by hot air, a curved window or lossy video. The noise of each '
+            f'is taken as {factor:.2g} times what is measured'
         )
     found['placement_std'] = (
         placement(runs, arclength, white, assumed.placement_std, settings),
@@ -176,8 +176,8 @@ def differing_noise(
     if not said:
         return []
     return [
-        f'the noise of these recordings is not what the arm file says: {"; ".join(said)}. What '
-        'was found is used and written into the model'
+        f'the noise of these recordings is not what the arm file says: {"; ".join(said)}. The '
+        'measured values are used and written to the model'
     ]
 
 

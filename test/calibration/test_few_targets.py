@@ -86,7 +86,7 @@ def test_pressures_are_counted_through_their_noise():
     pressures = np.repeat([0.0, 3e4, 6e4], 4) + np.tile([-90.0, -30.0, 30.0, 90.0], 3)
     found = resolve(arm, [made(arm, pressures)], [])
     assert found.pressures == 3
-    assert any('there are 3 pressures' in note for note in found.notes)
+    assert any('only 3 pressures were recorded' in note for note in found.notes)
 
 
 def test_few_loaded_frames_give_one_stiffness():
@@ -118,7 +118,7 @@ def test_clamp_and_tip_of_a_constant_curvature_are_enough(count):
 def test_where_no_target_shows_it_the_shape_is_uncertain_and_is_so():
     found = of_clamp_and_tip()
     assert found.joint.converged
-    assert any('where no target shows it' in note for note in found.notes)
+    assert any('between targets the shape is uncertain' in note for note in found.notes)
     std = model_std(found.arm, 5e4)
     estimated, true = solve(found.arm, 5e4), solve(PAPER, 5e4)
     off = np.hypot(estimated.x - true.x, estimated.y - true.y)

@@ -246,7 +246,7 @@ def test_noise_that_is_alike_in_neighboring_targets_is_widened_and_said():
     alike = [blurred(run, 1.5e-4, 0.02, seed) for seed, run in enumerate(clean)]
     found = estimate_noise(alike, PAPER.target_arclength, assumed)
     (note,) = on_neighbors(found)
-    assert 'neighboring targets err alike' in note
+    assert 'neighboring targets are correlated' in note
     assert 'alike in neighboring targets' in found.sources['target_std']
     # A shape that several targets span has to be as uncertain as with noise of their own.
     spacing = float(np.diff(PAPER.target_arclength).mean())

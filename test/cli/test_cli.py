@@ -184,7 +184,7 @@ def test_the_example_of_a_verb_is_a_whole_command(verb):
         (['predict', '--pressure', '1', '--stations', '1'], 'at least 2 stations'),
         (['predict', '--pressure', '1', '--stations', '3000'], 'stations must lie between 2'),
         ([*LOADED, '--tip', '0.1', '0'], 'either --force or --tip'),
-        ([*LOADED, '--tip-std', '1e-4'], 'give both'),
+        ([*LOADED, '--tip-std', '1e-4'], '--tip-std needs --tip'),
         (['predict', '--pressure', '1', '--tip', '0.1', '0', '--tip-std', '-1'], 'zero or more'),
         ([*LOADED, '--model', 'absent.yaml'], 'absent.yaml'),
         (['replay', 'absent.mcap'], 'absent.mcap'),

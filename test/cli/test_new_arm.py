@@ -74,7 +74,10 @@ def test_what_is_not_given_is_asked_for(run, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ('arguments', 'said'),
     [
-        (('--length', '112mm'), 'give --weight, --pressure, --dot, --targets: nobody is here'),
+        (
+            ('--length', '112mm'),
+            'give --weight, --pressure, --dot, --targets: there is no terminal',
+        ),
         (
             ('--length', '112', *SIZES[2:], '--targets', '9'),
             '--length 112 is 112 m: is 112mm meant?',

@@ -116,9 +116,9 @@ class FramesInMotion:
     def left_out(self) -> str:
         """The same of an arm whose statics are asked, and what to do about it."""
         return (
-            f'{self.sentence}, and are left out: statics are asked of an arm at rest. Change '
-            'pressure and load slowly, or wait; what swings tells mass and damping, by '
-            'calibrate --motion'
+            f'{self.sentence}, and were left out, because the fit is static. Change pressure and '
+            'load slowly, or wait for the arm to settle; calibrate --motion fits mass and damping '
+            'to such frames'
         )
 
 

@@ -23,8 +23,8 @@ def undetermined_quantities(
     ]
     if kept:
         notes.append(
-            f'{len(kept)} of {len(names)} quantities are hardly determined by these recordings '
-            f'and stay near their prior, with its width: {", ".join(kept)}'
+            f'{len(kept)} of {len(names)} quantities are barely observable in these recordings: '
+            f'their values and errors are those of the prior: {", ".join(kept)}'
         )
     laws = [place for place, name in enumerate(names) if name.startswith('moment_law.')]
     correlation = after / np.outer(std, std)

@@ -98,9 +98,9 @@ def describe_nonuniformity(fit: Fit, settings: CalibrationSettings) -> list[str]
         return []
     std, share = shape_std(fit, settings.experiments)
     return [
-        f'where no target shows it, the shape is uncertain: by up to {millimeters(std):.2g} mm '
-        f'(one sigma, at s / l = {share:.2g}), as an arm may bend unevenly by '
-        f'{settings.resolution.nonuniform:g} of its curvature; the covariance of the model has it'
+        f'between targets the shape is uncertain by up to {millimeters(std):.2g} mm (one sigma, '
+        f'at s / l = {share:.2g}), because an arm may bend unevenly by '
+        f'{settings.resolution.nonuniform:g} of its curvature; the covariance includes this'
     ]
 
 

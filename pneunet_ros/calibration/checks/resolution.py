@@ -79,8 +79,8 @@ def resolve(
         )
     elif pressures < settings.few_pressures:
         notes.append(
-            f'there are {pressures} pressures: between them the curvature is a smooth course '
-            'through them, as sure as that is'
+            f'only {pressures} pressures were recorded: between them, the curvature is a smooth '
+            'interpolation'
         )
     frames = sum(len(run.stamp_ns) for run in loaded)
     law, law_notes = PiecewiseLinearLaw.kind, []

@@ -57,8 +57,8 @@ QUESTIONS = (
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
     parser.epilog = (
-        'Numbers are SI, or carry a unit: 112mm, 0.17N, 17g, 60kPa. What is not given is asked '
-        'for, where there is somebody to ask.'
+        'Numbers are SI, or carry a unit: 112mm, 0.17N, 17g, 60kPa. Missing values are asked '
+        'for on a terminal.'
     )
     for question in QUESTIONS:
         parser.add_argument(
@@ -139,7 +139,7 @@ def answers(
     missing += [] if targets_given else ['targets']
     if missing and ask is None:
         raise RequestError(
-            f'give {", ".join(f"--{name}" for name in missing)}: nobody is here to be asked'
+            f'give {", ".join(f"--{name}" for name in missing)}: there is no terminal to ask on'
         )
     sizes = {}
     for question in QUESTIONS:

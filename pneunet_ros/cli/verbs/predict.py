@@ -134,7 +134,7 @@ def run(arguments: Namespace) -> int:
     if arguments.string and (arguments.tip or arguments.pressure_for):
         raise RequestError('--string goes with --pressure, and neither --tip nor --pressure-for')
     if arguments.tip_std is not None and not arguments.tip:
-        raise RequestError('--tip-std says how sure --tip is: give both')
+        raise RequestError('--tip-std needs --tip')
     if arguments.tip_std is not None and not 0.0 <= arguments.tip_std < math.inf:
         raise RequestError(f'--tip-std {arguments.tip_std} must be a length in m, zero or more')
     if (arguments.pressure is None) == (arguments.pressure_for is None):
