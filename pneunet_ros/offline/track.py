@@ -20,6 +20,7 @@ from pneunet_ros.recordings.image_sources import IMAGE_TYPES
 from pneunet_ros.recordings.image_stream import ImageStream, StreamItem
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recording_writer import RecordingWriter
+from pneunet_ros.vision.beam_search import BEAM_SEARCH
 from pneunet_ros.vision.camera.camera_model import Lens
 from pneunet_ros.vision.rest_plane import RESTING, UPRIGHT
 from pneunet_ros.vision.rows.row import CAUSES
@@ -152,8 +153,8 @@ class TrackTally:
 
     `seen` (targets,) counts the explained frames in which a target was seen; `sentences` holds the
     last sentence of each reason; `causes` counts why (a key of CAUSES) a target was not seen.
-    points: (2, targets) m of each explained frame; last_pixel: where
-    the last target was seen first.
+    points: (2, targets) m of each explained frame; last_pixel: where the last target was seen
+    first; sizes (targets,): sum of logarithmic areas over the median of their frame.
     """
 
     targets: int
@@ -168,6 +169,7 @@ class TrackTally:
     seen: Array = field(init=False)
     last_pixel: tuple[float, float] | None = None
     points: list[Array] = field(default_factory=list)
+    sizes: Array = field(init=False)
     _squares: float = 0.0
     _meters: float = 0.0
     _pixels: float = 0.0
@@ -175,6 +177,7 @@ class TrackTally:
     def __post_init__(self) -> None:
         """Start with no target seen."""
         self.seen = np.zeros(self.targets)
+        self.sizes = np.zeros(self.targets)
 
     def count(self, step: TrackStep) -> None:
         """Take one step into account."""
@@ -194,6 +197,9 @@ class TrackTally:
         self.causes.update((it.cause, target) for target, it in outcome.missing.items())
         found = outcome.sightings
         self.seen += np.isfinite(found.x)
+        known = np.isfinite(found.area)
+        if known.any():
+            self.sizes[known] += np.log(found.area[known] / np.median(found.area[known]))
         self.points.append(np.stack([found.x, found.y]))
         if self.last_pixel is None and math.isfinite(found.u[-1]):
             self.last_pixel = float(found.u[-1]), float(found.v[-1])
@@ -232,6 +238,20 @@ class TrackTally:
             f'{self.missing[targets].max():.0f} of {self.explained} frames: {CAUSES[cause]} '
             '(--preview shows where)'
             for cause, targets in mostly.items()
+        ] + self.odd_dots
+
+    @property
+    def odd_dots(self) -> list[str]:
+        """Say which targets are of another size than the rest of the row, on average.
+
+        Those that the search counts as odd: it follows them, but less surely than the others.
+        """
+        size = self.sizes / np.maximum(self.seen, 1.0)  # of logarithmic areas
+        odd = np.abs(size) > BEAM_SEARCH.odd * BEAM_SEARCH.size_std
+        return [
+            f'target {target} is {math.exp(0.5 * size[target]):.2g} times as wide as the others: '
+            'it was followed, but repaint the dot, or remove what touches it (--preview shows it)'
+            for target in np.flatnonzero(odd & (self.seen > 0)).tolist()
         ]
 
     @property

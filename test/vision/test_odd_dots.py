@@ -156,16 +156,27 @@ def test_a_short_row_is_measured_where_clamp_pixel_says_which_target_is_missing(
         assert outcome.missing[8].cause == 'no_dot'
 
 
+def notes_of(outcomes, state):
+    tally = TrackTally(targets=9)
+    for number, outcome in enumerate(outcomes):
+        item = StreamItem(number, '', None, b'')
+        tally.count(TrackStep(item=item, frame=True, outcome=outcome, state=state))
+    return tally.notes
+
+
+def test_a_dot_that_is_far_wider_than_the_others_is_followed_and_noted():
+    places, radii = np.linspace(0.0, 1.0, 9), np.full(9, 6.0)
+    radii[4] *= 1.8
+    (note,) = notes_of(*tracked(places, [picture(places, radii, bend) for bend in BENDS]))
+    assert note.startswith('target 4 is 1.8 times as wide')
+
+
 def test_a_target_that_is_often_missing_is_noted_with_its_cause_and_shown():
     places, radii = np.linspace(0.0, 1.0, 9), np.full(9, 6.0)
     whole = [picture(places, radii, bend) for bend in BENDS]
     hidden = [np.where(np.arange(WIDTH) > 530, 40, grey).astype(np.uint8) for grey in whole]
     outcomes, state = tracked(places, [*whole[:6], *hidden[6:]])
-    tally = TrackTally(targets=9)
-    for number, outcome in enumerate(outcomes):
-        item = StreamItem(number, '', None, b'')
-        tally.count(TrackStep(item=item, frame=True, outcome=outcome, state=state))
-    (note,) = tally.notes
+    (note,) = notes_of(outcomes, state)
     assert note.startswith('target 8 ')
     marked = draw(as_image(hidden[-1], stamp_ns=1), outcomes[-1])
     at = outcomes[-1].missing[8]
