@@ -238,7 +238,6 @@ def replays() -> Figures:
     )  # fmt: skip
     found: Figures = {}
     for name, path, model in (
-        ('table1', 'bags/table1', 'paper_arm'),
         ('held out', 'bags/lab_day/heldout.mcap', 'lab_arm'),
         ('other model', 'bags/lab_day/loaded.mcap', 'paper_arm'),
         ('creep', crept, 'lab_arm'),
