@@ -54,7 +54,11 @@ class BeamSearchSettings:
     first_gap: int = tuning(2, 'the same, where the scale is not known')
     kept: int = tuning(12, 'rows kept at each step')
     neighbors: int = tuning(24, 'of a blob, one of which is the next target')
-    seen: float = tuning(0.8, 'share of the targets seen in a row found anywhere, at least')
+    seen: float = tuning(
+        0.8,
+        'share of the targets seen in a row found anywhere, at least',
+        source='sweep: halved: nothing; doubled: frame 0 reason resting -> no row',
+    )
 
 
 BEAM_SEARCH = BeamSearchSettings()

@@ -30,19 +30,57 @@ class GatingSettings:
         4.5, 'error of a place on an arc through three others, over theirs', source='1, 3, 3, 1'
     )
     farthest: float = tuning(2.5, 'from an end of a row found anew to the next', unit='spacing')
-    shortest: float = tuning(0.7, 'distance of neighbors over that along the arm, at least')
-    longest: float = tuning(1.3, 'the same, at most')
+    shortest: float = tuning(
+        0.7,
+        'distance of neighbors over that along the arm, at least',
+        source='sweep: halved: nothing; doubled: hand and blur: unexplained 0 -> 10',
+    )
+    longest: float = tuning(
+        1.3,
+        'the same, at most',
+        source='sweep: halved: hand and blur: unexplained 0 -> 10; doubled: nothing',
+    )
     curl: float = tuning(
         7.0, 'turn of an arm where it bends most, as if it did so from end to end', unit='rad',
         source='measured, as that of `beam_search`: chords are shorter than arcs',
     )  # fmt: skip
     compared: int = tuning(3, 'neighbors on each side whose distance is looked at')
-    largest_loss: float = tuning(0.87, 'area over usual, compared with neighbors, at least')
-    largest_growth: float = tuning(1.2, 'the same, at most')
-    longer: float = tuning(1.35, 'elongation over that of neighbors, at most')
-    smallest: float = tuning(0.7, 'area over what it has been, at least')
-    largest: float = tuning(1.6, 'the same, at most')
-    first_growth: float = tuning(1.1, 'area over most, of a target not seen before, at most')
+    largest_loss: float = tuning(
+        0.87,
+        'area over usual, compared with neighbors, at least',
+        source=(
+            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.115; doubled: hand and blur: '
+            'unexplained 0 -> 10'
+        ),
+    )
+    largest_growth: float = tuning(
+        1.2,
+        'the same, at most',
+        source='sweep: halved: hand and blur: unexplained 0 -> 10; doubled: nothing',
+    )
+    longer: float = tuning(
+        1.35,
+        'elongation over that of neighbors, at most',
+        source=(
+            'sweep: halved: hand and blur: unexplained 0 -> 10; doubled: hand and blur: tip '
+            'error/std 0.992 -> 0.989'
+        ),
+    )
+    smallest: float = tuning(
+        0.7,
+        'area over what it has been, at least',
+        source='sweep: halved: nothing; doubled: hand and blur: unexplained 0 -> 10',
+    )
+    largest: float = tuning(
+        1.6,
+        'the same, at most',
+        source='sweep: halved: hand and blur: unexplained 0 -> 10; doubled: nothing',
+    )
+    first_growth: float = tuning(
+        1.1,
+        'area over most, of a target not seen before, at most',
+        source='sweep: halved: jpeg, uneven: tip error/std 0.971 -> 2.6; doubled: nothing',
+    )
     alone_between: float = tuning(0.04, 'a target moves alone, at most', unit='spacing')
     alone_beyond: float = tuning(0.15, 'the same, at the end of what is seen', unit='spacing')
     steps: float = tuning(2.0, 'of neighbors, by which one at the end moved more, at most')

@@ -33,17 +33,58 @@ class BlobSettings:
         4.0, 'between a blob and its background where the band is fixed', unit='grey level'
     )
     levels: int = tuning(2, 'at which an area stands out that has the least contrast')
-    speck: int = tuning(3, 'side of the square over which noise is averaged', unit='px')
+    speck: int = tuning(
+        3,
+        'side of the square over which noise is averaged',
+        unit='px',
+        source=(
+            'sweep: halved: hand and blur: tip error/std 0.992 -> 0.993; doubled: hand and '
+            'blur: tip error/std 0.992 -> 0.993'
+        ),
+    )
     least_area: float = tuning(0.5, 'of an area where it is cut', unit='smallest area')
     largest_area: float = tuning(1.5, 'the same', unit='largest area')
     roundness: float = tuning(0.88, 'area over that of the ellipse with the same moments')
     longer: float = tuning(1.2, 'an area where it is cut, of the largest elongation')
     nested: float = tuning(0.35, 'between centers of one blob at two levels', unit='radius')
-    growth: float = tuning(2.0, 'area of a blob from one level to the next, at most')
-    blur: float = tuning(0.9, 'of an edge, expected', unit='px')
-    blur_std: float = tuning(0.3, 'one sigma of that', unit='px')
-    smear_std: float = tuning(1.0, 'of the way during an exposure, one sigma', unit='px')
-    shape_std: float = tuning(0.3, 'one sigma of size and shape before a fit', unit='radius')
+    growth: float = tuning(
+        2.0,
+        'area of a blob from one level to the next, at most',
+        source='sweep: halved: hand and blur: tip error/std 0.992 -> 0.993; doubled: nothing',
+    )
+    blur: float = tuning(
+        0.9,
+        'of an edge, expected',
+        unit='px',
+        source='sweep: halved: nothing; doubled: hand and blur: tip error/std 0.992 -> 0.993',
+    )
+    blur_std: float = tuning(
+        0.3,
+        'one sigma of that',
+        unit='px',
+        source=(
+            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0896; doubled: hand and '
+            'blur: tip rms px 0.115 -> 0.0852'
+        ),
+    )
+    smear_std: float = tuning(
+        1.0,
+        'of the way during an exposure, one sigma',
+        unit='px',
+        source=(
+            'sweep: halved: jpeg, uneven: tip error/std 0.971 -> 1.21; doubled: hand and '
+            'blur: tip error/std 0.992 -> 1.07'
+        ),
+    )
+    shape_std: float = tuning(
+        0.3,
+        'one sigma of size and shape before a fit',
+        unit='radius',
+        source=(
+            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0893; doubled: hand and '
+            'blur: tip rms px 0.115 -> 0.0867'
+        ),
+    )
     seen: float = tuning(0.5, 'share of the edge that an ellipse must explain', source='measured')
     twice: float = tuning(0.8, 'between blobs that are one', unit='radius of the larger')
     astray: float = tuning(0.25, 'center of an area off that of its blob', unit='diameter')

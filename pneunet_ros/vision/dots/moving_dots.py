@@ -53,23 +53,82 @@ class MovingDotSettings:
     """How a dot is fitted that moves far while the shutter is open."""
 
     knot: float = tuning(1.0, 'between knots of the picture across the arm', unit='radius')
-    before: float = tuning(1.8, 'from the center along the arm, looked at', unit='radius')
-    beyond: float = tuning(0.6, 'beside a dot on its way, looked at', unit='radius')
-    blur: float = tuning(1.5, 'of the edge of a dot, beyond it', unit='blur')
+    before: float = tuning(
+        1.8,
+        'from the center along the arm, looked at',
+        unit='radius',
+        source=(
+            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.108; doubled: hand and blur: '
+            'tip error/std 0.992 -> 0.951'
+        ),
+    )
+    beyond: float = tuning(
+        0.6,
+        'beside a dot on its way, looked at',
+        unit='radius',
+        source=(
+            'sweep: halved: hand and blur: tip error/std 0.992 -> 0.982; doubled: hand and '
+            'blur: tip error/std 0.992 -> 1'
+        ),
+    )
+    blur: float = tuning(
+        1.5,
+        'of the edge of a dot, beyond it',
+        unit='blur',
+        source=(
+            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.114; doubled: hand and blur: '
+            'tip error/std 0.992 -> 0.995'
+        ),
+    )
     passes: int = tuning(14, 'of the fit, at most')
     done: float = tuning(0.01, 'step of the center after which the fit ends', unit='px')
     largest_step: float = tuning(1.5, 'of center and way in a pass', unit='px')
     largest_change: float = tuning(0.4, 'of the size, in all', unit='radius')
     moves: int = tuning(3, 'of what is looked at, after the center')
-    near: float = tuning(0.1, 'of the center, after which that need not move', unit='radius')
+    near: float = tuning(
+        0.1,
+        'of the center, after which that need not move',
+        unit='radius',
+        source=(
+            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.114; doubled: hand and blur: '
+            'rms px 0.0277 -> 0.0274'
+        ),
+    )
     way_std: float = tuning(0.2, 'one sigma of the way by the row', unit='way')
     least_way_std: float = tuning(0.1, 'of the way by other fits, at least', unit='way')
     size_std: float = tuning(0.1, 'one sigma of the size by other fits', unit='radius')
-    alike: int = tuning(3, 'nearest neighbors that tell size and contrast')
-    fewest: int = tuning(2, 'of them')
+    alike: int = tuning(
+        3,
+        'nearest neighbors that tell size and contrast',
+        source=(
+            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.115; doubled: hand and blur: '
+            'tip rms px 0.115 -> 0.116'
+        ),
+    )
+    fewest: int = tuning(
+        2,
+        'of them',
+        source='sweep: halved: nothing; doubled: hand and blur: tip error/std 0.992 -> 1.54',
+    )
     contrast_std: float = tuning(0.3, 'one sigma of the contrast by neighbors', unit='contrast')
-    least_size_std: float = tuning(0.01, 'of the size by these neighbors, at least', unit='radius')
-    together: int = tuning(4, 'over which errors of the picture go together', unit='px')
+    least_size_std: float = tuning(
+        0.01,
+        'of the size by these neighbors, at least',
+        unit='radius',
+        source=(
+            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0878; doubled: hand and '
+            'blur: tip rms px 0.115 -> 0.116'
+        ),
+    )
+    together: int = tuning(
+        4,
+        'over which errors of the picture go together',
+        unit='px',
+        source=(
+            'sweep: halved: hand and blur: rms px 0.0277 -> 0.0274; doubled: hand and blur: '
+            'rms px 0.0277 -> 0.0274'
+        ),
+    )
     error: float = tuning(
         0.0025,
         'of the center, for what is not smooth along the arm',
@@ -83,16 +142,36 @@ class MovingDotSettings:
         0.08, 'root mean square of what is not explained, at most', unit='contrast',
         source='measured: 0.03 of dots that are seen, there',
     )  # fmt: skip
-    differs: float = tuning(1.8, 'contrast over that of neighbors, or the other way, at most')
+    differs: float = tuning(
+        1.8,
+        'contrast over that of neighbors, or the other way, at most',
+        source='sweep: halved: hand and blur: tip error/std 0.992 -> 1.54; doubled: nothing',
+    )
     astray: float = tuning(1.0, 'a dot off where the row or its motion leads', unit='radius')
-    swept: float = tuning(1.0, 'way from which on a dot moves far', unit='radius')
+    swept: float = tuning(
+        1.0,
+        'way from which on a dot moves far',
+        unit='radius',
+        source=(
+            'sweep: halved: hand and blur: tip error/std 0.992 -> 0.872; doubled: hand and '
+            'blur: tip error/std 0.992 -> 0.972'
+        ),
+    )
     ends: float = tuning(
         0.69,
         'from the center of the last target, where the arm may end',
         unit='radius',
         source='a tenth of the target is cut off there',
     )
-    clear: float = tuning(1.5, 'before that end, where nothing of it is seen', unit='blur')
+    clear: float = tuning(
+        1.5,
+        'before that end, where nothing of it is seen',
+        unit='blur',
+        source=(
+            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0855; doubled: hand and '
+            'blur: tip rms px 0.115 -> 0.0905'
+        ),
+    )
 
 
 MOVING_DOTS = MovingDotSettings()
