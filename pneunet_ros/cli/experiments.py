@@ -118,13 +118,16 @@ def read_experiments(
     loads = end_loads(arguments.end_load, paths)
     threads = strings(arguments.string, paths)
     if both := loads.keys() & threads.keys():
-        raise RequestError(f'{both.pop()} is given to both --end-load and --string')
+        raise RequestError(
+            f'{both.pop()} is given to both --end-load and --string', reason='exclusive'
+        )
     loads = {**loads, **{place: (one.tension, 0.0) for place, one in threads.items()}}
     named = {resolved(path) for path in arguments.unloaded}
     check_given(named, paths, '--unloaded')
     if both := named & loads.keys():
         raise RequestError(
-            f'{both.pop()} stands after --unloaded and after --end-load or --string'
+            f'{both.pop()} stands after --unloaded and after --end-load or --string',
+            reason='exclusive',
         )
     topics = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
     left_out: list[str] = []
@@ -200,7 +203,8 @@ def with_known_load(run: RecordingData, load: tuple[float, float]) -> RecordingD
     if run.loaded:
         raise RequestError(
             f'--end-load or --string {run.name}: the recording contains end_wrench readings, and '
-            'this option is for recordings without them (--no-wrench-required ignores the topic)'
+            'this option is for recordings without them (--no-wrench-required ignores the topic)',
+            reason='exclusive',
         )
     return run.with_end_load(*load)
 
@@ -216,7 +220,7 @@ def end_loads(
         place = resolved(name)
         check_given({place}, paths, '--end-load')
         if place in loads:
-            raise RequestError(f'--end-load {name} is given twice')
+            raise RequestError(f'--end-load {name} is given twice', reason='given_twice')
         loads[place] = force_x, force_y
     return loads
 
@@ -228,7 +232,9 @@ def strings(given: Sequence[Sequence[str]], paths: Sequence[Path]) -> Mapping[Pa
         place = resolved(name)
         check_given({place}, paths, '--string')
         if place in found:
-            raise RequestError(f'--string {name} is given twice: a tip has one string')
+            raise RequestError(
+                f'--string {name} is given twice: a tip has one string', reason='given_twice'
+            )
         found[place] = string_of(f'--string {name}', numbers)
     return found
 
@@ -237,5 +243,6 @@ def check_given(places: set[Path], paths: Sequence[Path], option: str) -> None:
     """Refuse a recording that an option names and that is not among those to read."""
     for place in sorted(places - {resolved(path) for path in paths}):
         raise RequestError(
-            f'{option} {place.name}: this recording is not among the inputs; name it there, too'
+            f'{option} {place.name}: this recording is not among the inputs; name it there, too',
+            reason='no_input',
         )

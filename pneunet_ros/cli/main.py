@@ -335,7 +335,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         given = command.parse_args([negative_number(word) for word in words])
     except WrongUsageError as error:
         if '--json' in words:
-            print_error(error.sentence)
+            print_error(error.sentence, 'usage')
         raise
     try:
         see_to_kernels(given)
@@ -347,15 +347,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return code
     except PneunetError as error:
-        return complain(given, str(error))
+        return complain(given, str(error), error.reason)
     except BrokenPipeError:  # the reader of our output has gone, as in `pneunet effects | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # what no file of ours has to do with: a full /tmp, too many files
         about = f'{error.filename}: ' if error.filename else ''
-        return complain(given, f'{about}{error.strerror or error}')
+        return complain(given, f'{about}{error.strerror or error}', 'system')
     except MemoryError:
-        return complain(given, 'there is not enough memory for this')
+        return complain(given, 'there is not enough memory for this', 'memory')
 
 
 def see_to_kernels(given: Namespace) -> None:
@@ -380,18 +380,18 @@ def say(given: Namespace, sentence: str) -> None:
         print(f'pneunet {given.verb}: {sentence}', file=sys.stderr)
 
 
-def complain(given: Namespace, sentence: str) -> int:
-    """Say on stderr what was wrong, in one line, to programs also as JSON; returns the code."""
+def complain(given: Namespace, sentence: str, reason: str) -> int:
+    """Print what was wrong on stderr, in one line, and with --json as JSON; return the exit code."""
     line = ' '.join(printable(shortened(sentence)).split())
     print(f'pneunet {given.verb}: {line}', file=sys.stderr)
     if given.json:
-        print_error(line)
+        print_error(line, reason)
     return WRONG
 
 
-def print_error(sentence: str) -> None:
+def print_error(sentence: str, reason: str) -> None:
     """Print what was wrong as one JSON object on stdout."""
     from pneunet_ros.files.json_text import json_text
 
-    sys.stdout.write(json_text({'error': sentence}))
+    sys.stdout.write(json_text({'error': sentence, 'reason': reason}))
     sys.stdout.flush()

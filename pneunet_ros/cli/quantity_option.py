@@ -60,7 +60,8 @@ def parse_quantity(text: str, kind: str) -> float:
         raise RequestError(
             f'{text[:40]!r} is not {article} {kind}: write a number in '
             f'{next(unit for unit, one in KIND_OF_UNIT.items() if one == kind)}, or with one of '
-            f'the units {", ".join(names)} in the same word, as {_EXAMPLES[kind]}'
+            f'the units {", ".join(names)} in the same word, as {_EXAMPLES[kind]}',
+            reason='not_a_number',
         )
     return value
 
@@ -70,7 +71,7 @@ def quantity_of(option: str, text: str, kind: str) -> float:
     try:
         return parse_quantity(text, kind)
     except RequestError as error:
-        raise RequestError(f'{option}: {error}') from error
+        raise RequestError(f'{option}: {error}', reason='not_a_number') from error
 
 
 def string_of(option: str, texts: Sequence[str]) -> String:
@@ -80,7 +81,7 @@ def string_of(option: str, texts: Sequence[str]) -> String:
     try:
         return String(tension=tension, x=x, y=y)
     except RequestError as error:
-        raise RequestError(f'{option}: {error}') from error
+        raise RequestError(f'{option}: {error}', reason='not_a_number') from error
 
 
 def quantity_type(kind: str) -> Callable[[str], float]:

@@ -133,7 +133,9 @@ class SurveyWork:
         unloaded, loaded, held_out = groups
         calibration = calibrate(unloaded, loaded, frame, compare=False)
         if not calibration.joint.converged:
-            raise ModelError(f'the calibration did not settle: {calibration.joint.status}')
+            raise ModelError(
+                f'the calibration did not settle: {calibration.joint.status}', reason='not_settled'
+            )
         asked = Namespace(arm=arm.arm, earlier=None)
         roles = {'unloaded': unloaded, 'loaded': loaded}
         origin = provenance_of(asked, calibration, roles)

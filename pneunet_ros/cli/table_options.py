@@ -63,7 +63,10 @@ def pairs_of(option: str, words: Iterable[str]) -> dict[str, str]:
     for word in words:
         name, equals, text = word.partition('=')
         if not equals or not name or not text or name in pairs:
-            raise RequestError(f'{option} {word} is not of the form NAME=TEXT, a name only once')
+            raise RequestError(
+                f'{option} {word} is not of the form NAME=TEXT, a name only once',
+                reason='wrong_form',
+            )
         pairs[name] = text
     return pairs
 
@@ -75,5 +78,5 @@ def number(option: str, text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise RequestError(f'{option}: {text!r} is no number')
+        raise RequestError(f'{option}: {text!r} is no number', reason='not_a_number')
     return value

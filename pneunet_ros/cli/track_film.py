@@ -50,21 +50,24 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
         for option in ('delay', 'end_load', 'string', 'select', 'rename', 'offset', 'ignore'):
             if getattr(arguments, option):
                 name = option.replace('_', '-')
-                raise RequestError(f'--{name} needs --readings TABLE.csv')
+                raise RequestError(f'--{name} needs --readings TABLE.csv', reason='missing')
         return None
     if stream.recording is not None:
         raise RequestError(
             f'{arguments.source} is a recording, whose topics have stamps of their own: '
-            '--readings is for videos and folders of images'
+            '--readings is for videos and folders of images',
+            reason='other_source',
         )
     if arguments.output is None:
-        raise RequestError('--readings needs --output OUT.mcap, where frames and readings go')
+        raise RequestError(
+            '--readings needs --output OUT.mcap, where frames and readings go', reason='missing'
+        )
     table, sentences = read_table(arguments.readings, table_request(arguments))
     check_readings(table, arguments.readings)
     if arguments.string is not None:
         check_no_forces(table, '--string')
         if arguments.end_load is not None:
-            raise RequestError('give either --end-load or --string, not both')
+            raise RequestError('give either --end-load or --string, not both', reason='exclusive')
     if arguments.end_load is not None:
         table = with_end_load(
             table, *(quantity_of('--end-load', text, 'force') for text in arguments.end_load)
@@ -102,7 +105,10 @@ def joined(
     found: ClockDelay | None = None
     delay = readings.delay
     if delay is not None and abs(delay) > LARGEST_DELAY:
-        raise RequestError(f'--delay {delay:g} must lie between -{LARGEST_DELAY:g} and that, in s')
+        raise RequestError(
+            f'--delay {delay:g} must lie between -{LARGEST_DELAY:g} and that, in s',
+            reason='out_of_bounds',
+        )
     if not trackings:
         return None, summary_of(readings, None, None, 'no frame was looked at')
     if delay is None:
@@ -116,7 +122,8 @@ def joined(
         run = with_string(run, readings.string, arm)
     if not run.covered:
         raise RequestError(
-            f'--delay {delay:g}: no frame of the film lies within the table of {readings.path}'
+            f'--delay {delay:g}: no frame of the film lies within the table of {readings.path}',
+            reason='nothing_in_common',
         )
     sentence = found.sentence if found is not None else f'a delay of {delay:g} s was given'
     return run, summary_of(readings, found, run, sentence)

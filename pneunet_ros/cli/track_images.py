@@ -164,22 +164,31 @@ def output_writer(arguments: Namespace) -> AbstractContextManager[RecordingWrite
 def check_request(arguments: Namespace, settings: CameraSettings) -> None:
     """Refuse, before any work is done, what cannot go together."""
     if arguments.preview is not None and arguments.preview.suffix.lower() not in PREVIEWS:
-        raise RequestError(f'--preview {arguments.preview} must end in .png, .mp4 or .html')
+        raise RequestError(
+            f'--preview {arguments.preview} must end in .png, .mp4 or .html', reason='wrong_suffix'
+        )
     page = arguments.preview is not None and arguments.preview.suffix.lower() == '.html'
     if arguments.estimates is not None and not page:
-        raise RequestError('--estimates are drawn into a page: give --preview FILE.html')
+        raise RequestError(
+            '--estimates are drawn into a page: give --preview FILE.html', reason='missing'
+        )
     if arguments.output is not None:
         check_name(arguments.output)
     if arguments.with_images and arguments.output is None:
-        raise RequestError('--with-images needs --output OUT.mcap, where the images go')
+        raise RequestError(
+            '--with-images needs --output OUT.mcap, where the images go', reason='missing'
+        )
     outputs = [arguments.output, arguments.table, arguments.preview]
     places = [resolved(path) for path in outputs if path is not None]
     if len(set(places)) < len(places):
-        raise RequestError('--output, --table and --preview must be different files')
+        raise RequestError(
+            '--output, --table and --preview must be different files', reason='given_twice'
+        )
     if arguments.camera_info == NO_LENS and isinstance(settings.plane, PosePlane):
         raise RequestError(
             f'--camera-info {NO_LENS} does not give the focal length, which plane.method: pose '
-            'in the camera file needs: give --camera-info FILE.yaml'
+            'in the camera file needs: give --camera-info FILE.yaml',
+            reason='no_camera_info',
         )
 
 

@@ -208,7 +208,8 @@ def still_model_of(arguments: Namespace) -> Arm:
     if arm.gravity.is_measured:
         raise RequestError(
             f'{arm.name} has gravity by {arm.gravity.source}, and nothing is read here: say where '
-            'it points, as --gravity=0,-1'
+            'it points, as --gravity=0,-1',
+            reason='no_gravity',
         )
     return arm
 
@@ -268,7 +269,8 @@ def topics_of(pairs: Iterable[str], known: Iterable[str]) -> dict[str, str]:
         name, equals, topic = pair.partition('=')
         if not equals or not topic or name not in known:
             raise RequestError(
-                f'--topic {pair} is not of the form NAME=TOPIC with NAME one of {", ".join(known)}'
+                f'--topic {pair} is not of the form NAME=TOPIC; NAME is one of {", ".join(known)}',
+                reason='wrong_form',
             )
         chosen[name] = topic
     return chosen

@@ -71,7 +71,10 @@ class Bench:
     def __post_init__(self) -> None:
         """Prepare stations, the table of the model's neighbors, and the unknowns."""
         if not self.arm.target_arclength.size:
-            raise ModelError('arm.target_arclength is empty: without targets nothing can be fused')
+            raise ModelError(
+                'arm.target_arclength is empty: without targets nothing can be fused',
+                reason='too_few_targets',
+            )
         stations = station_arclength(self.arm.reach, self.sensors.stations)
         places, which = np.unique(
             np.concatenate([stations, self.arm.target_arclength]), return_inverse=True

@@ -127,12 +127,14 @@ def run_experiment(node: ExperimentNode, path: Path) -> None:
     pressure, targets = (node.resolve_topic_name(item.name) for item in (PRESSURE, TARGETS))
     if not node.waited(lambda: min(node.counts[PRESSURE.name], node.counts[TARGETS.name]) > 0):
         raise RequestError(
-            f'no messages on {pressure} or {targets}: are the arm and the tracker running?'
+            f'no messages on {pressure} or {targets}: are the arm and the tracker running?',
+            reason='silence',
         )
     loaded = bool(np.any(node.corners[:, 2:]))
     if not node.waited(lambda: node.pressures.get_subscription_count() > 0):
         raise RequestError(
-            f'no node subscribes to {node.pressures.topic_name}: is the valve driver running?'
+            f'no node subscribes to {node.pressures.topic_name}: is the valve driver running?',
+            reason='silence',
         )
     if loaded and node.forces.get_subscription_count() == 0:
         ask_for_load(node.corners, node.forces.topic_name)
@@ -144,7 +146,9 @@ def run_experiment(node: ExperimentNode, path: Path) -> None:
         for name, count in node.counts.items():
             if not count and (loaded or name != END_WRENCH.name):
                 topic = node.resolve_topic_name(name)
-                raise RecordingError(f'nothing came on {topic} during the experiment')
+                raise RecordingError(
+                    f'nothing came on {topic} during the experiment', reason='silence'
+                )
 
 
 def ask_for_load(corners: Array, topic: str) -> None:

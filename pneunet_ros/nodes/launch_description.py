@@ -76,7 +76,8 @@ def check_installed(started: Iterable[Any]) -> None:
             raise RequestError(
                 f'nothing is started: {executable} of the package {package} is not installed; '
                 f'install it, as by sudo apt install ros-$ROS_DISTRO-{package.replace("_", "-")}, '
-                'or leave it out'
+                'or leave it out',
+                reason='not_installed',
             )
 
 
@@ -87,7 +88,10 @@ def is_true(name: str, given: Given) -> bool:
     """
     value = given[name].strip().lower()
     if value not in TRUE_OR_FALSE:
-        raise RequestError(f'{name}:={given[name]}: one of {", ".join(TRUE_OR_FALSE)} is wanted')
+        raise RequestError(
+            f'{name}:={given[name]}: one of {", ".join(TRUE_OR_FALSE)} is wanted',
+            reason='not_a_flag',
+        )
     return TRUE_OR_FALSE[value]
 
 
@@ -96,7 +100,9 @@ def number(name: str, given: Given) -> float:
     try:
         return float(given[name])
     except ValueError as error:
-        raise RequestError(f'{name}:={given[name]}: a number is wanted') from error
+        raise RequestError(
+            f'{name}:={given[name]}: a number is wanted', reason='not_a_number'
+        ) from error
 
 
 def node(executable: str, given: Given, **parameters: Any) -> Any:
@@ -129,13 +135,16 @@ def check_names(given: Given) -> None:
     try:
         validate_namespace(namespace if namespace.startswith('/') else f'/{namespace}')
     except InvalidNamespaceException as error:
-        raise RequestError(f'namespace:={namespace}: {error}') from error
+        raise RequestError(f'namespace:={namespace}: {error}', reason='wrong_name') from error
     if level.lower() not in LOG_LEVELS:
-        raise RequestError(f'log_level:={level}: one of {", ".join(LOG_LEVELS)} is wanted')
+        raise RequestError(
+            f'log_level:={level}: one of {", ".join(LOG_LEVELS)} is wanted', reason='unknown_kind'
+        )
     if file and not Path(file).is_file():
         raise RequestError(
             f'params_file:={file}: there is no such file; '
-            'name a YAML file of parameters, like config/estimator.yaml, or leave it out'
+            'name a YAML file of parameters, like config/estimator.yaml, or leave it out',
+            reason='not_found',
         )
 
 

@@ -85,7 +85,7 @@ class ParameterTable:
             for item in self.fields:
                 node.declare_parameter(item.name, item.default, self.describe(item))
         except ParameterException as error:
-            raise RequestError(f'{error}') from error
+            raise RequestError(f'{error}', reason='wrong_value') from error
         return self.values(node)
 
     def completed(self, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -98,7 +98,10 @@ class ParameterTable:
                 kind, value = _KINDS[type(item.default)], values[item.name]
                 bare = isinstance(item.default, str) and isinstance(value, bool)
                 hint = ' (YAML takes a bare N, y or no for that: put it in quotes)' if bare else ''
-                raise RequestError(f'parameter {item.name} must be {kind}, not {value!r}{hint}')
+                raise RequestError(
+                    f'parameter {item.name} must be {kind}, not {value!r}{hint}',
+                    reason='wrong_type',
+                )
         return values
 
     def values(self, node: Any) -> dict[str, Any]:
@@ -162,7 +165,8 @@ def check_source(new: GravitySource, old: GravitySource) -> None:
     if new.frame != old.frame or new.uses_imu > old.uses_imu:
         raise RequestError(
             'the node was started without the topics that say where gravity points by '
-            f'{new.frame or "base_imu"}: start it with that model or parameter'
+            f'{new.frame or "base_imu"}: start it with that model or parameter',
+            reason='no_gravity',
         )
 
 

@@ -24,7 +24,9 @@ def check_names_some(path: str | Path, nodes: Sequence[str]) -> None:
     except PneunetError:  # ROS reads the file, and says itself what it does not like
         return
     if not any(_matches(name, node) for name in names for node in nodes):
-        raise RequestError(f'params_file:={path} {_names_none(names, nodes)}')
+        raise RequestError(
+            f'params_file:={path} {_names_none(names, nodes)}', reason='unknown_node'
+        )
 
 
 def parameters_of(path: str | Path, node: str) -> dict[str, Any]:

@@ -39,7 +39,8 @@ def message_class(type_name: str) -> Callable[..., Any]:
         raise RequestError(
             f'{type_name} is needed, and the package {package} is not in this ROS: install it '
             f'(apt install ros-jazzy-{package.replace("_", "-")}; it is not among the wheels on '
-            'PyPI if pip does not find it), or do not ask for what needs it'
+            'PyPI if pip does not find it), or do not ask for what needs it',
+            reason='not_installed',
         ) from None
     found: Callable[..., Any] = getattr(module, name)
     return found

@@ -139,4 +139,6 @@ def _overridable(
     try:
         return create(*arguments, qos_overriding_options=QoSOverridingOptions(policies))
     except (ParameterException, InvalidQosOverridesError, RuntimeError) as error:
-        raise RequestError(f'a qos_overrides parameter cannot be used: {error}') from error
+        raise RequestError(
+            f'a qos_overrides parameter cannot be used: {error}', reason='wrong_value'
+        ) from error

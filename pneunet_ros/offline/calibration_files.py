@@ -56,7 +56,9 @@ def file_hash(path: Path) -> str:
                 while piece := stream.read(PIECE):
                     digest.update(piece)
         except OSError as error:
-            raise RecordingError(f'{file} cannot be read: {error.strerror}') from error
+            raise RecordingError(
+                f'{file} cannot be read: {error.strerror}', reason='unreadable'
+            ) from error
     return digest.hexdigest()
 
 
@@ -131,7 +133,9 @@ def load_knowledge(model: Path) -> PosteriorState:
         values = read_arrays(path, KNOWLEDGE)
         if values['kind'] not in ('', *MOMENT_LAW_PARAMETERS):
             allowed = ', '.join(MOMENT_LAW_PARAMETERS)
-            raise ArchiveError(f'the kind of its moment law is none of {allowed}')
+            raise ArchiveError(
+                f'the kind of its moment law is none of {allowed}', reason='unknown_kind'
+            )
         values.setdefault('information', np.zeros((values['values'].size,) * 2))
         if 'elongates' in values:
             values['elongates'] = bool(values['elongates'])
@@ -139,7 +143,10 @@ def load_knowledge(model: Path) -> PosteriorState:
     except FileNotFoundError:
         raise ModelError(
             f'{path} is missing: `pneunet calibrate` writes it beside a model, and it is needed '
-            'to continue; calibrate anew with all recordings'
+            'to continue; calibrate anew with all recordings',
+            reason='not_found',
         ) from None
     except (OSError, PneunetError) as error:
-        raise ModelError(f'{path} is damaged: {one_line(error)}; calibrate anew') from None
+        raise ModelError(
+            f'{path} is damaged: {one_line(error)}; calibrate anew', reason='damaged'
+        ) from None

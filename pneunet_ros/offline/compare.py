@@ -52,7 +52,9 @@ def compare_files(request: CompareRequest) -> list[Comparison]:
     be read or two have nothing in common.
     """
     if request.b is None and request.truth is None:
-        raise RequestError('give a second recording B to compare with, or --truth FILE')
+        raise RequestError(
+            'give a second recording B to compare with, or --truth FILE', reason='missing'
+        )
     a = read_side(request.a, request.a_topics, request.target_arclength)
     b = truth = None
     if request.b is not None:
@@ -80,7 +82,8 @@ def refuse_itself(a: ShapeSeries, b: ShapeSeries) -> None:
     if resolved(a.name) == resolved(b.name) and contents(a) == contents(b):
         raise RequestError(
             f'A and B are the same topics of {a.name}: choose what of B to compare with, as in '
-            '--topic b.targets=/pneunet/targets'
+            '--topic b.targets=/pneunet/targets',
+            reason='same',
         )
 
 

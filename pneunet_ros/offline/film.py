@@ -55,12 +55,16 @@ def check_readings(table: ReadingTable, path: Path) -> None:
     """Refuse a table that cannot stand beside a film."""
     counts = table.counts()
     if not counts[PRESSURE.name]:
-        raise RequestError(f'--readings {path} has no pressure: a column such as pressure_kpa')
+        raise RequestError(
+            f'--readings {path} has no pressure: a column such as pressure_kpa',
+            reason='no_pressure',
+        )
     for sensor in (TARGETS, TIP_POSE):
         if counts[sensor.name]:
             raise RequestError(
                 f'--readings {path} holds {sensor.name}, which the film shows: leave the columns '
-                'out (--ignore COLUMN)'
+                'out (--ignore COLUMN)',
+                reason='given_twice',
             )
 
 
@@ -68,7 +72,8 @@ def check_no_forces(table: ReadingTable, option: str) -> None:
     """Refuse an option that says what pulled, beside a sensor that read it."""
     if table.counts()[END_WRENCH.name]:
         raise RequestError(
-            f'{option} is for tables without forces, but this table has force columns'
+            f'{option} is for tables without forces, but this table has force columns',
+            reason='exclusive',
         )
 
 
@@ -136,7 +141,9 @@ def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
     tips = tips_of(points, arm.target_arclength, arm.reach)
     known = np.isfinite(tips).all(axis=1)
     if not known.any():
-        raise RequestError('--string: no frame of the film shows the tip, from which it pulls')
+        raise RequestError(
+            '--string: no frame of the film shows the tip, from which it pulls', reason='no_tip'
+        )
     start = run.table.stamp_ns[0]
     seen = np.array([frame.stamp_ns for frame in sightings])[known] - start
     along = np.column_stack(

@@ -30,7 +30,8 @@ class LiveArm:
         """Refuse where there is no ROS."""
         if find_spec('rclpy') is None:
             raise RequestError(
-                f'--live needs ROS 2: {GET_ROS}; without it, --by-hand says what to record'
+                f'--live needs ROS 2: {GET_ROS}; without it, --by-hand says what to record',
+                reason='not_installed',
             )
 
     def record(self, experiment: Experiment, safe: SafeSet, path: Path) -> None:
@@ -48,4 +49,4 @@ class LiveArm:
                 raise
         if process.returncode:
             why = said.strip().splitlines() or ['it ended without a word']
-            raise RequestError(f'the experiment failed: {why[-1]}')
+            raise RequestError(f'the experiment failed: {why[-1]}', reason='failed')

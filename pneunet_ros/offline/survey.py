@@ -72,12 +72,16 @@ def read_fleet(source: Path, arm: Path) -> tuple[FleetArm, ...]:
 
     """
     if not source.exists():
-        raise RequestError(f'{source} does not exist: give a folder of arms, or a table of them')
+        raise RequestError(
+            f'{source} does not exist: give a folder of arms, or a table of them',
+            reason='not_found',
+        )
     fleet = fleet_of_folder(source, arm) if source.is_dir() else fleet_of_table(source, arm)
     if not fleet:
         raise RequestError(
             f'{source} holds no arm: an arm is a folder with recordings whose names begin with '
-            f'{", ".join(ROLES)}'
+            f'{", ".join(ROLES)}',
+            reason='no_arm',
         )
     return fleet
 
@@ -142,14 +146,19 @@ def fleet_of_table(table: Path, arm: Path) -> tuple[FleetArm, ...]:
     for line, row in rows_of(table):
         name = row['name']
         if not name or name in ('.', '..') or '/' in name or printable(name) != name:
-            raise RequestError(f'{table}, line {line}: {name!r} cannot be the name of a folder')
+            raise RequestError(
+                f'{table}, line {line}: {name!r} cannot be the name of a folder',
+                reason='wrong_name',
+            )
         if name in names:
-            raise RequestError(f'{table}, line {line}: there are two arms called {name}')
+            raise RequestError(
+                f'{table}, line {line}: there are two arms called {name}', reason='given_twice'
+            )
         names.add(name)
         try:
             roles = {role: expanded(row.get(role, ''), table.parent) for role in ROLES}
         except ValueError as error:
-            raise RequestError(f'{table}, line {line}: {error}') from error
+            raise RequestError(f'{table}, line {line}: {error}', reason='wrong_path') from error
         own = row.get('arm', '')
         found.append(FleetArm(name=name, arm=table.parent / own if own else arm, roles=roles))
     return tuple(found)
@@ -161,10 +170,13 @@ def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
         with open_regular(table) as stream:
             text = stream.read(MOST_BYTES + 1).decode('utf-8-sig')
     except (OSError, UnicodeDecodeError) as error:
-        raise RequestError(f'{table} cannot be read as a table of arms: {error}') from error
+        raise RequestError(
+            f'{table} cannot be read as a table of arms: {error}', reason='unreadable'
+        ) from error
     if len(text) > MOST_BYTES:
         raise RequestError(
-            f'{table} has more than {MOST_BYTES // 10**6} MB: it is no table of arms'
+            f'{table} has more than {MOST_BYTES // 10**6} MB: it is no table of arms',
+            reason='too_large',
         )
     lines = text.splitlines()
     above = len(list(itertools.takewhile(lambda line: not line.strip() or line[0] == '#', lines)))
@@ -175,17 +187,21 @@ def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
     if 'name' not in names or not set(names) <= set(COLUMNS):
         raise RequestError(
             f'{table}: the columns of a table of arms are {", ".join(COLUMNS)}, name at least; '
-            f'it has {", ".join(names[: len(COLUMNS) + 3]) or "none"}'
+            f'it has {", ".join(names[: len(COLUMNS) + 3]) or "none"}',
+            reason='unknown_column',
         )
     try:
         for row in reader:
             if None in row or None in row.values():
                 raise RequestError(
-                    f'{table}, line {above + reader.line_num}: not a cell per column'
+                    f'{table}, line {above + reader.line_num}: not a cell per column',
+                    reason='wrong_shape',
                 )
             yield above + reader.line_num, {key: value.strip() for key, value in row.items()}
     except csv.Error as error:
-        raise RequestError(f'{table}, line {above + reader.line_num}: {error}') from error
+        raise RequestError(
+            f'{table}, line {above + reader.line_num}: {error}', reason='damaged'
+        ) from error
 
 
 def expanded(cell: str, folder: Path) -> tuple[Path, ...]:
@@ -207,7 +223,9 @@ def arm_key(arm: FleetArm, decided: Mapping[str, Any]) -> tuple[str, list[dict[s
         with open_regular(arm.arm) as stream:
             model = hashlib.sha256(stream.read()).hexdigest()
     except OSError as error:
-        raise RecordingError(f'{arm.arm} cannot be read: {error.strerror}') from error
+        raise RecordingError(
+            f'{arm.arm} cannot be read: {error.strerror}', reason='unreadable'
+        ) from error
     content = json_text({'arm': model, 'inputs': inputs, 'decided': decided})
     return hashlib.sha256(content.encode()).hexdigest(), inputs
 
@@ -222,12 +240,15 @@ class SurveyFolder:
     def check(self, pages: Sequence[str]) -> None:
         """Refuse a place that holds anything else; pages: patterns of the files beside arms."""
         if self.path.exists() and not self.path.is_dir():
-            raise RecordingError(f'{self.path} is a file, and a folder is to be written')
+            raise RecordingError(
+                f'{self.path} is a file, and a folder is to be written', reason='wrong_kind'
+            )
         for place in sorted(self.path.iterdir()) if self.path.is_dir() else ():
             if place.name != ARMS and not any(fnmatch(place.name, name) for name in pages):
                 raise RecordingError(
                     f'{self.path} holds {place.name}, which no survey has written: choose '
-                    'another folder'
+                    'another folder',
+                    reason='holds_other_files',
                 )
 
     def folder(self, name: str) -> Path:
@@ -250,7 +271,8 @@ class SurveyFolder:
         raise RecordingError(
             f'{self.folder(name)} was made from other recordings, another arm file, other options '
             'or by another version: choose another --output, or pass --overwrite to do this arm '
-            'again'
+            'again',
+            reason='other_inputs',
         )
 
     def row(self, name: str) -> dict[str, Any] | None:
@@ -261,9 +283,11 @@ class SurveyFolder:
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
-            raise RecordingError(f'{file} is damaged: remove its folder ({error})') from error
+            raise RecordingError(
+                f'{file} is damaged: remove its folder ({error})', reason='damaged'
+            ) from error
         if not isinstance(content, dict):
-            raise RecordingError(f'{file} is damaged: remove its folder')
+            raise RecordingError(f'{file} is damaged: remove its folder', reason='damaged')
         return content
 
     def write(self, name: str, files: Files, row: Mapping[str, Any]) -> None:

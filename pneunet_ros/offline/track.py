@@ -64,7 +64,7 @@ def look_ahead(
                 if outcome.reason != RESTING:
                     first = first or outcome.sentence  # of the arm at rest, which may move later
                 if frames == UPRIGHT_FRAMES == state.unexplained.get(UPRIGHT):
-                    raise CameraError(f'{first} (track: --clamp-pixel U V)')
+                    raise CameraError(f'{first} (track: --clamp-pixel U V)', reason='wrong_end')
         if state.plane is not None or state.resets:
             break
     at_once = sum(state.unexplained.values()) < tracker.settings.rest_frames
@@ -281,5 +281,6 @@ def check_row_order(tracker: Tracker, tally: TrackTally) -> None:
     raise CameraError(
         'the targets are numbered from the free end, as the clamp is not at the left of the '
         f'picture: say where the target at the clamp is at rest, about [{u:.0f}, {v:.0f}]: '
-        f'--clamp-pixel {u:.0f} {v:.0f}, or clamp_pixel in the camera file'
+        f'--clamp-pixel {u:.0f} {v:.0f}, or clamp_pixel in the camera file',
+        reason='wrong_end',
     )

@@ -98,9 +98,11 @@ def uses(
     def replays() -> str:
         find_series(recording, PRESSURE, overrides)
         if verdicts.strangeness:
-            raise RecordingError(verdicts.strangeness)
+            raise RecordingError(verdicts.strangeness, reason='strange_readings')
         if verdicts.doubted:
-            raise RecordingError(f'{verdicts.findings}; give {verdicts.options}')
+            raise RecordingError(
+                f'{verdicts.findings}; give {verdicts.options}', reason='strange_readings'
+            )
         loaded = has(END_WRENCH)
         asked = replace(settings, wrench_required=loaded and settings.wrench_required)
         estimator = Estimator(arm=request.arm, settings=asked)
@@ -113,7 +115,7 @@ def uses(
 
     def tracks() -> str:
         if 'image_raw' not in overrides and not images:
-            raise RecordingError('there are no images')
+            raise RecordingError('there are no images', reason='no_images')
         topic = recording.find_any(IMAGE_TYPES, overrides.get('image_raw'), label='with images')
         find_info_topic(recording, topic, overrides.get('camera_info'))
         topics = {name: overrides[name] for name in TOPIC_NAMES if name in overrides}
@@ -124,9 +126,11 @@ def uses(
         for topic in fusion_topics(recording, overrides, wrench=False):
             next(iter(recording.messages([topic])), None)
         if verdicts.strangeness:
-            raise RecordingError(verdicts.strangeness)
+            raise RecordingError(verdicts.strangeness, reason='strange_readings')
         if PRESSURE.name in verdicts.doubted:  # a doubted force sensor is left out
-            raise RecordingError(f'{verdicts.findings}; give {verdicts.options}')
+            raise RecordingError(
+                f'{verdicts.findings}; give {verdicts.options}', reason='strange_readings'
+            )
         return '' if has(END_WRENCH) else 'the tip force is estimated, no sensor measures it'
 
     @functools.cache
@@ -140,7 +144,9 @@ def uses(
         arm, (data,) = with_tip_target(request.arm, [run])
         idle = PRECONDITIONS.unloaded_force * arm.weight
         if data.loaded and (force := largest_force(data)) > idle:
-            raise RecordingError(f'its end force reaches {force:.3g} N: it is a loaded one')
+            raise RecordingError(
+                f'its end force reaches {force:.3g} N: it is a loaded one', reason='loaded'
+            )
         declared = settings.pressure if settings.judge_readings else None
         checked_at_rest([data], [], arm, settings=judging(declared))
         return by_tip(data, found)
@@ -149,7 +155,8 @@ def uses(
         if not (has(END_WRENCH) or has(STRING_WRENCH)):
             raise RecordingError(
                 'no sensor read an end load: it is an unloaded one, or say which weight hung on '
-                f'the arm, --end-load {recording.path} FX FY'
+                f'the arm, --end-load {recording.path} FX FY',
+                reason='not_loaded',
             )
         run, found = in_base()
         arm, (data,) = with_tip_target(request.arm, [run])
@@ -158,7 +165,8 @@ def uses(
         check_clamp(data, arm)
         if data.is_idle(arm.sensors):
             raise RecordingError(
-                'its end force never exceeds the noise of the force sensor: it is an unloaded one'
+                'its end force never exceeds the noise of the force sensor: it is an unloaded one',
+                reason='not_loaded',
             )
         return (
             by_tip(data, found) if data.pressurized else f'of a beam: there is no {PRESSURE.name}'
@@ -203,9 +211,11 @@ def check_estimates(replayed: Iterable[Step]) -> None:
         if reasons['no_equilibrium'] > SOLVES_TRIED:
             break
     if not reasons:
-        raise RecordingError('it contains no pressure reading')
+        raise RecordingError('it contains no pressure reading', reason='no_pressure')
     reason, count = reasons.most_common(1)[0]
-    raise RecordingError(f'no reading gives an estimate; {count} times: {sentences[reason]}')
+    raise RecordingError(
+        f'no reading gives an estimate; {count} times: {sentences[reason]}', reason='no_estimate'
+    )
 
 
 def check_images(stream: ImageStream) -> None:
@@ -219,7 +229,7 @@ def check_images(stream: ImageStream) -> None:
         if isinstance(item.reading, PneunetError):
             why = str(item.reading)
     lacking = 'image' if Image not in kinds else 'camera_info'
-    raise RecordingError(f'no {lacking} in it can be used: {why}')
+    raise RecordingError(f'no {lacking} in it can be used: {why}', reason='nothing_usable')
 
 
 def _answer(attempt: Callable[[], str]) -> dict[str, Any]:

@@ -31,24 +31,31 @@ def stored_files(path: Path) -> list[Path]:
     that is stored in a way that cannot be read.
     """
     if not path.exists():
-        raise RecordingError(f'{path} does not exist: an .mcap file or a rosbag2 folder is needed')
+        raise RecordingError(
+            f'{path} does not exist: an .mcap file or a rosbag2 folder is needed',
+            reason='not_found',
+        )
     if not path.is_dir():
         return [path]
     if not (path / METADATA).exists():
         files = _files_in(path)
         parts = files if len(files) == 1 else _parts(path)
         if not parts:
-            raise RecordingError(f'{path} {_other_folder(path)}')
+            raise RecordingError(f'{path} {_other_folder(path)}', reason='wrong_kind')
         return parts
     names, storage, compression = FILE.load(path / METADATA, _describe_folder)
     if storage not in STORAGES or compression not in ('', 'none', 'zstd'):
         raise RecordingError(
             f'{path} is stored as {storage} {compression}: turn it into mcap with `ros2 bag '
-            'convert`'
+            'convert`',
+            reason='not_supported',
         )
     for name, number in Counter(names).items():
         if number > 1:
-            raise RecordingError(f'{path / METADATA} names {name} {number} times: name it once')
+            raise RecordingError(
+                f'{path / METADATA} names {name} {number} times: name it once',
+                reason='given_twice',
+            )
     named = (path / name for name in names)
     # Some versions name the file before it was packed.
     return [
@@ -106,11 +113,15 @@ def _describe_folder(content: Any) -> tuple[list[str], str, str]:
     bag = FILE.mapping(FILE.mapping(content, '').get(where), where)
     names, storage = bag.get('relative_file_paths'), bag.get('storage_identifier')
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise RecordingError(f'{where}.relative_file_paths must be a list of names of files')
+        raise RecordingError(
+            f'{where}.relative_file_paths must be a list of names of files', reason='wrong_form'
+        )
     # Old versions wrote the folder before the name.
     names = [PurePosixPath(name).name for name in names]
     if not all(names) or '..' in names:
-        raise RecordingError(f'{where}.relative_file_paths must name files of the folder')
+        raise RecordingError(
+            f'{where}.relative_file_paths must name files of the folder', reason='wrong_form'
+        )
     return (
         names,
         str(storage)[:LONGEST_NAME],

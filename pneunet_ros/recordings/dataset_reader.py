@@ -91,7 +91,10 @@ def read_run(
     for item in series.values():
         if not len(item.stamp_ns):
             why = '; '.join(item.sentences()) or 'the topic is empty'
-            raise RecordingError(f'{path}: {item.topic} holds nothing that can be used: {why}')
+            raise RecordingError(
+                f'{path}: {item.topic} holds nothing that can be used: {why}',
+                reason='nothing_usable',
+            )
         sentences += item.sentences()
 
     readings, wrench = series.get(PRESSURE.name), series.get(END_WRENCH.name)
@@ -128,7 +131,9 @@ def read_run(
         _say_left_out(sentences, frames, unknown, 'the direction of gravity is unknown')
         keep &= ~unknown
     if not keep.any():
-        raise RecordingError(f'{path}: no frame is left: {"; ".join(sentences)}')
+        raise RecordingError(
+            f'{path}: no frame is left: {"; ".join(sentences)}', reason='no_frames'
+        )
     run = RecordingData(
         name=str(path),
         reading_stamp_ns=frames.stamp_ns if readings is None else readings.stamp_ns,

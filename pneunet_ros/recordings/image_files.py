@@ -55,7 +55,10 @@ def stamp_at(index: int, rate: float) -> int:
 def checked_rate(rate: float | None) -> float | None:
     """Return the frames per second that were asked for; RequestError for what is none."""
     if rate is not None and not RATES[0] <= rate <= RATES[1]:
-        raise RequestError(f'a rate of {rate} Hz cannot be; it goes from {RATES[0]} to {RATES[1]}')
+        raise RequestError(
+            f'a rate of {rate} Hz cannot be; it goes from {RATES[0]} to {RATES[1]}',
+            reason='out_of_bounds',
+        )
     return rate
 
 
@@ -87,7 +90,8 @@ def folder_images(
     if not files:
         raise RecordingError(
             f'{folder} holds neither a recording (metadata.yaml) nor images '
-            f'({", ".join(PICTURES)})'
+            f'({", ".join(PICTURES)})',
+            reason='no_images',
         )
     if camera_info is None:
         lens_files = [folder / name for name in LENS_FILES if (folder / name).is_file()]
@@ -109,7 +113,9 @@ def _picture(file: Path, stamp_ns: int, colored: bool) -> Image | MessageError:
         with open_regular(file) as stream:
             content = stream.read(LARGEST_PICTURE + 1)
         if len(content) > LARGEST_PICTURE:
-            raise MessageError(f'it has more than {LARGEST_PICTURE // 10**6} MB')
+            raise MessageError(
+                f'it has more than {LARGEST_PICTURE // 10**6} MB', reason='too_large'
+            )
         data = np.frombuffer(content, np.uint8)
         decode = decode_compressed if file.suffix.lower() in COMPRESSED else _decode_plain
         return _image(decode(data, colored=colored), stamp_ns)
@@ -123,10 +129,11 @@ def _decode_plain(data: Bytes, *, colored: bool) -> Bytes:
     """Return the grey levels (height, width) of a bmp or tiff, or its colors."""
     grey, complaint = decode_heard(data, colored=colored)
     if grey is None or complaint:  # a tiff that is damaged is decoded all the same
-        raise MessageError('it is no image, or is damaged')
+        raise MessageError('it is no image, or is damaged', reason='damaged')
     if grey.dtype not in (np.uint8, np.uint16):
         raise MessageError(
-            f'an image of {grey.dtype} cannot be read; 8 or 16 bits per channel are'
+            f'an image of {grey.dtype} cannot be read; 8 or 16 bits per channel are',
+            reason='wrong_format',
         )
     return eight_bits(grey)
 
@@ -140,16 +147,21 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
     """
     checked_rate(rate)
     if not path.is_file():
-        raise RecordingError(f'{path} does not exist: a video file is needed')
+        raise RecordingError(f'{path} does not exist: a video file is needed', reason='not_found')
     video = _open_video(path)
     own, count = video.get(cv2.CAP_PROP_FPS), video.get(cv2.CAP_PROP_FRAME_COUNT)
     times = _first_times(video)
     video.release()
     if not times:
-        raise RecordingError(f'{path} is a video without one frame that can be read')
+        raise RecordingError(
+            f'{path} is a video without one frame that can be read', reason='no_frames'
+        )
     timed = rate is None and len(times) > 1 and bool(np.all(np.diff(times) > 0.0))
     if not (timed or rate or (math.isfinite(own) and RATES[0] <= own <= RATES[1])):
-        raise RequestError(f'{path} does not say how many frames it has a second: give --rate HZ')
+        raise RequestError(
+            f'{path} does not say how many frames it has a second: give --rate HZ',
+            reason='no_rate',
+        )
     used = rate or own
     if timed and not RATES[0] <= own <= RATES[1]:
         used = 1e3 * (len(times) - 1) / (times[-1] - times[0])
@@ -208,7 +220,8 @@ def _open_video(path: Path) -> cv2.VideoCapture:
         video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     if not video.isOpened():
         raise RecordingError(
-            f'{path} cannot be read as a video: it is damaged, or of no known kind'
+            f'{path} cannot be read as a video: it is damaged, or of no known kind',
+            reason='damaged',
         )
     return video
 
@@ -241,7 +254,8 @@ def _stream(
         raise RequestError(
             f'{path} says nothing of the camera: give --camera-info FILE.yaml (as made by '
             f'camera_calibration) or --camera-info {NO_LENS} (images without distortion)'
-            + ('' if path.is_file() else f', or put {" or ".join(LENS_FILES)} into the folder')
+            + ('' if path.is_file() else f', or put {" or ".join(LENS_FILES)} into the folder'),
+            reason='no_camera_info',
         )
     lens = None if camera_info == NO_LENS else load_camera_info(Path(camera_info))
 

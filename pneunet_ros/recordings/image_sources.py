@@ -84,14 +84,17 @@ def _open_video(path: Path, request: SourceRequest) -> ImageStream:
 
 def _refuse_topics(path: Path, request: SourceRequest) -> None:
     if request.topics:
-        raise RequestError(f'{path} is not a recording and has no topics: omit --topic')
+        raise RequestError(
+            f'{path} is not a recording and has no topics: omit --topic', reason='other_source'
+        )
 
 
 def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
     recording = open_recording(path)
     if request.rate is not None:
         raise RequestError(
-            f'--rate is for videos and folders of images; {path} has its own stamps'
+            f'--rate is for videos and folders of images; {path} has its own stamps',
+            reason='other_source',
         )
     image_topic = recording.find_any(
         IMAGE_TYPES, request.topics.get('image_raw'), label='with images'
@@ -101,7 +104,9 @@ def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
     if request.camera_info is None:
         info_topic = find_info_topic(recording, image_topic, request.topics.get('camera_info'))
     elif 'camera_info' in request.topics:
-        raise RequestError('give either --camera-info or --topic camera_info=, not both')
+        raise RequestError(
+            'give either --camera-info or --topic camera_info=, not both', reason='exclusive'
+        )
     elif request.camera_info != NO_LENS:
         lens = load_camera_info(Path(request.camera_info))
 
@@ -137,7 +142,8 @@ def find_info_topic(recording: Recording, image_topic: str, override: str | None
             raise RecordingError(
                 f'{recording.path} has no topic camera_info of type {CAMERA_INFO_TYPE}: give '
                 '--camera-info FILE.yaml (as made by camera_calibration), or --camera-info '
-                f'{NO_LENS} (images without distortion), or --topic camera_info=/its/name'
+                f'{NO_LENS} (images without distortion), or --topic camera_info=/its/name',
+                reason='no_camera_info',
             )
     return recording.find('camera_info', CAMERA_INFO_TYPE, override)
 

@@ -165,7 +165,7 @@ def read_truth(path: Path) -> ShapeSeries:
             arrays[name] for name in ('stamp_ns', 'arclength', 'theta')
         )
         if not points.size:
-            raise ArchiveError('it holds no frame')
+            raise ArchiveError('it holds no frame', reason='no_frames')
         return ShapeSeries(
             name=str(path),
             centerlines=Centerlines(
@@ -181,7 +181,8 @@ def read_truth(path: Path) -> ShapeSeries:
     except (OSError, PneunetError) as error:
         raise RecordingError(
             f'{path} is no truth: an .npz with stamp_ns (frames,), arclength (stations,) m, and '
-            f'x, y, theta (frames, stations), as `pneunet simulate` writes it ({one_line(error)})'
+            f'x, y, theta (frames, stations), as `pneunet simulate` writes it ({one_line(error)})',
+            reason='no_truth',
         ) from None
 
 
@@ -202,7 +203,8 @@ def memory_after(path: Path) -> LabMemory:
     except NO_MEMORY as error:
         raise RequestError(
             f'--after {path}: {truth} is no truth of a recording of the lab '
-            f'({one_line(error)}); name a recording that `pneunet simulate` has written'
+            f'({one_line(error)}); name a recording that `pneunet simulate` has written',
+            reason='no_truth',
         ) from None
 
 

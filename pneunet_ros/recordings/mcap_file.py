@@ -95,9 +95,11 @@ def open_mcap(path: Path, name: Path | None = None) -> McapFile:
         with open_regular(path) as stream:
             return replace(_Scan(name, stream, _size_of_mcap(name, stream)).run(), path=path)
     except UnknownCompression as error:
-        raise RecordingError(f'{name}: {error}') from error
+        raise RecordingError(f'{name}: {error}', reason='damaged') from error
     except OSError as error:
-        raise RecordingError(f'{name} cannot be read: {error.strerror}') from error
+        raise RecordingError(
+            f'{name} cannot be read: {error.strerror}', reason='unreadable'
+        ) from error
 
 
 def check_is_mcap(path: Path, name: Path | None = None) -> None:
@@ -107,7 +109,9 @@ def check_is_mcap(path: Path, name: Path | None = None) -> None:
         with open_regular(path) as stream:
             _size_of_mcap(name, stream)
     except OSError as error:
-        raise RecordingError(f'{name} cannot be read: {error.strerror}') from error
+        raise RecordingError(
+            f'{name} cannot be read: {error.strerror}', reason='unreadable'
+        ) from error
 
 
 def _size_of_mcap(path: Path, stream: BinaryIO) -> int:
@@ -115,9 +119,9 @@ def _size_of_mcap(path: Path, stream: BinaryIO) -> int:
     size = stream.seek(0, io.SEEK_END)
     stream.seek(0)
     if size == 0:
-        raise RecordingError(f'{path} is empty: an MCAP recording is needed')
+        raise RecordingError(f'{path} is empty: an MCAP recording is needed', reason='empty')
     if stream.read(len(MAGIC)) != MAGIC:
-        raise RecordingError(f'{path} {recording_from(path)}')
+        raise RecordingError(f'{path} {recording_from(path)}', reason='wrong_kind')
     return size
 
 
@@ -139,7 +143,8 @@ def read_block(path: Path, stream: BinaryIO, block: Block) -> Iterator[tuple[int
                     yield channel, log_time, bytes(data[start + MESSAGE_HEAD.size : end])
     except DAMAGE as error:
         raise RecordingError(
-            f'{path} has changed while it was read, in the chunk at byte {block.offset} ({error})'
+            f'{path} has changed while it was read, in the chunk at byte {block.offset} ({error})',
+            reason='changed',
         ) from error
 
 

@@ -55,7 +55,9 @@ def serialize(message: Any, type_name: str) -> bytes:
         return bytes(jazzy().serialize_cdr(message, type_name, little_endian=True))
     except Exception as error:
         # Generated code meets unfit content with whatever its line raises.
-        raise MessageError(f'a {type_name} cannot be serialized: {error}') from error
+        raise MessageError(
+            f'a {type_name} cannot be serialized: {error}', reason='not_serialized'
+        ) from error
 
 
 @cache
@@ -69,13 +71,15 @@ def store_for(type_name: str, definition: str) -> Typestore:
     if not definition:
         if type_name not in store.fielddefs:
             raise RecordingError(
-                f'{type_name} is no type of ROS 2 Jazzy and the recording does not define it'
+                f'{type_name} is no type of ROS 2 Jazzy and the recording does not define it',
+                reason='unknown_type',
             )
         return store
     if len(definition) > LARGEST_DEFINITION:
         raise RecordingError(
             f'the definition of {type_name} in the recording has more than '
-            f'{LARGEST_DEFINITION} characters'
+            f'{LARGEST_DEFINITION} characters',
+            reason='too_large',
         )
     try:
         types = _parse(definition, type_name)
@@ -84,7 +88,8 @@ def store_for(type_name: str, definition: str) -> Typestore:
         if sum(map(_code_length, types.values())) > LONGEST_ARRAYS:
             raise RecordingError(
                 f'the definition of {type_name} in the recording has fixed arrays of more than '
-                f'{LONGEST_ARRAYS} elements that are no numbers'
+                f'{LONGEST_ARRAYS} elements that are no numbers',
+                reason='too_large',
             )
         own = get_typestore(Stores.ROS2_JAZZY)
         for name in types:
@@ -98,7 +103,8 @@ def store_for(type_name: str, definition: str) -> Typestore:
     except Exception as error:
         # The parser, the code made from a definition, and looking up what it lacks: all may fail.
         raise RecordingError(
-            f'the definition of {type_name} in the recording is not complete or cannot be parsed'
+            f'the definition of {type_name} in the recording is not complete or cannot be parsed',
+            reason='wrong_form',
         ) from error
 
 
@@ -108,7 +114,8 @@ def _parse(definition: str, type_name: str) -> dict[str, Any]:
         return dict(get_types_from_msg(definition, type_name))
     if _is_nested(definition):
         raise RecordingError(
-            f'the definition of {type_name} in the recording has parentheses in parentheses'
+            f'the definition of {type_name} in the recording has parentheses in parentheses',
+            reason='wrong_form',
         )
     types: dict[str, Any] = {}
     for part in definition.split(SEPARATOR)[1:]:
@@ -134,9 +141,9 @@ def _code_length(parsed: Any) -> int:
 def deserialize(raw: bytes, type_name: str, store: Typestore) -> Any:
     """Return the message in serialized bytes; MessageError when they are no such message."""
     if raw[:2] not in ENCAPSULATIONS:
-        raise MessageError('it does not begin as plain CDR')
+        raise MessageError('it does not begin as plain CDR', reason='wrong_format')
     try:
         return store.deserialize_cdr(raw, type_name)
     except Exception as error:
         # Generated code meets unfit bytes with whatever its line raises.
-        raise MessageError(str(error) or 'its size is wrong') from error
+        raise MessageError(str(error) or 'its size is wrong', reason='damaged') from error

@@ -42,7 +42,9 @@ def plain_mcap(path: Path) -> Path:
         status = path.stat()
         return _copy(path, status.st_mtime_ns, status.st_size)
     except OSError as error:
-        raise RecordingError(f'{path} cannot be read: {error.strerror}') from error
+        raise RecordingError(
+            f'{path} cannot be read: {error.strerror}', reason='unreadable'
+        ) from error
 
 
 @cache
@@ -70,7 +72,9 @@ def _copy(path: Path, changed_ns: int, size: int) -> Path:
     try:
         _copy_messages(plain, copy)
     except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
-        raise RecordingError(f'{path} is no sqlite3 recording of rosbag2: {error}') from error
+        raise RecordingError(
+            f'{path} is no sqlite3 recording of rosbag2: {error}', reason='wrong_kind'
+        ) from error
     if plain is not path:
         plain.unlink()
     return copy
@@ -102,11 +106,14 @@ def _unpack(path: Path, plain: Path) -> None:
                 left -= len(piece)
                 if left < 0:
                     raise RecordingError(
-                        f'{path} holds more than {LIMITS.expansion} times its size'
+                        f'{path} holds more than {LIMITS.expansion} times its size',
+                        reason='too_large',
                     )
                 out.write(piece)
         except zstandard.ZstdError as error:
-            raise RecordingError(f'{path} cannot be unpacked by zstd: {error}') from error
+            raise RecordingError(
+                f'{path} cannot be unpacked by zstd: {error}', reason='damaged'
+            ) from error
 
 
 def unpacked_message(raw: bytes) -> bytes:
@@ -120,9 +127,11 @@ def unpacked_message(raw: bytes) -> bytes:
         with zstandard.ZstdDecompressor().stream_reader(io.BytesIO(raw)) as stream:
             found = stream.read(LIMITS.chunk + 1)
     except zstandard.ZstdError as error:
-        raise RecordingError(f'a message cannot be unpacked by zstd: {error}') from error
+        raise RecordingError(
+            f'a message cannot be unpacked by zstd: {error}', reason='damaged'
+        ) from error
     if len(found) > LIMITS.chunk:
-        raise RecordingError(f'a message has more than {LIMITS.chunk} bytes')
+        raise RecordingError(f'a message has more than {LIMITS.chunk} bytes', reason='too_large')
     return bytes(found)
 
 

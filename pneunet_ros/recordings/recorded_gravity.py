@@ -112,7 +112,7 @@ def read_gravity(
     if not stamps:
         unsaid = source.at(known, 1)[1]
         why = [one.sentence for one in refused.values()] or [unsaid.sentence if unsaid else '']
-        raise RecordingError(f'{recording.path}: {"; ".join(why)}')
+        raise RecordingError(f'{recording.path}: {"; ".join(why)}', reason='no_gravity')
     moves = not source.frame or source.moves(known)
     return RecordedGravity(
         stamp_ns=np.array(stamps, dtype=np.int64),

@@ -85,7 +85,9 @@ def find_series(
     if override is None and not recording.candidates(name, sensor.type):
         if not required:
             return None
-        raise RecordingError(f'{recording.path} {without_topic(recording, sensor)}')
+        raise RecordingError(
+            f'{recording.path} {without_topic(recording, sensor)}', reason='no_topic'
+        )
     return recording.find(name, sensor.type, override)
 
 
@@ -142,7 +144,8 @@ def read_series(
             stamp_ns, row = sensor.read(message.message, settings, targets)
         except UnusableTopic as error:
             raise RecordingError(
-                f'{recording.path}: {message.topic} at log time {message.log_time_ns} ns: {error}'
+                f'{recording.path}: {message.topic} at log time {message.log_time_ns} ns: {error}',
+                reason='unreadable',
             ) from error
         except MessageError:
             unreadable[message.topic] += 1

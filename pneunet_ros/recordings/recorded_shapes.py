@@ -87,7 +87,10 @@ def read_estimates(recording: Recording, overrides: Mapping[str, str]) -> ShapeS
         sentences += found.sentences
         arclength = found.rows[0][0]
         if not all(np.array_equal(row[0], arclength) for row in found.rows):
-            raise RecordingError(f'{recording.path}: the stations of {topic} change on the way')
+            raise RecordingError(
+                f'{recording.path}: the stations of {topic} change on the way',
+                reason='wrong_shape',
+            )
         rows, stamp_ns = np.array(found.rows), found.stamp_ns
         centerlines = Centerlines(
             topic=topic, stamp_ns=stamp_ns, arclength=arclength, points=rows[:, 1:3]
@@ -159,7 +162,8 @@ def read_measured(
     if centerlines is None and tips is None:
         raise RecordingError(
             f'{recording.path} holds no shape: none of the topics {", ".join(SHAPE_TOPICS)}; '
-            '`pneunet replay --output` writes estimates, `pneunet track --output` targets'
+            '`pneunet replay --output` writes estimates, `pneunet track --output` targets',
+            reason='no_shape',
         )
     return ShapeSeries(
         name=str(recording.path),
@@ -202,7 +206,8 @@ def read_smoothed(recording: Recording, overrides: Mapping[str, str]) -> Centerl
     ]
     if not belong:
         raise RecordingError(
-            f'{recording.path}: no message of {topics[1]} belongs to one of {topics[0]}'
+            f'{recording.path}: no message of {topics[1]} belongs to one of {topics[0]}',
+            reason='nothing_in_common',
         )
     arclength = np.unique(np.concatenate([places for _, places, _ in belong]))
     points = np.full((len(belong), 2, arclength.size), np.nan)
@@ -234,14 +239,17 @@ def read_rows(
         except (*UNFIT, MessageError) as error:
             raise RecordingError(
                 f'{recording.path}: {topic} at log time {message.log_time_ns} ns is not usable: '
-                f'{error}'
+                f'{error}',
+                reason='unreadable',
             ) from error
         stamps.append(stamp_ns)
         logged.append(message.log_time_ns)
     if not rows:
-        raise RecordingError(f'{recording.path}: {topic} is empty')
+        raise RecordingError(f'{recording.path}: {topic} is empty', reason='empty')
     if len(frames) > 1:
-        raise RecordingError(f'{recording.path}: {topic} is in {len(frames)} different frames')
+        raise RecordingError(
+            f'{recording.path}: {topic} is in {len(frames)} different frames', reason='wrong_frame'
+        )
     increasing_ns, kept = np.unique(np.array(stamps, dtype=np.int64), return_index=True)
     twice = len(stamps) - kept.size
     return StampedRows(

@@ -78,7 +78,9 @@ class Recording:
         for topic in self.topics:
             if topic.name == name:
                 return topic
-        raise RecordingError(f'{self.path} has no topic {name}; it holds {self.contents()}')
+        raise RecordingError(
+            f'{self.path} has no topic {name}; it holds {self.contents()}', reason='no_topic'
+        )
 
     def candidates(self, last_name: str, type_name: str) -> tuple[str, ...]:
         """List the topics of this type with this last name, or names as 'image_raw/compressed'.
@@ -114,7 +116,8 @@ class Recording:
             if chosen.type not in types.values():
                 raise RecordingError(
                     f'{self.path}: {option}{override} names a topic of type {chosen.type}, '
-                    f'but {kinds} is needed'
+                    f'but {kinds} is needed',
+                    reason='wrong_type',
                 )
             return override
         found = [topic for name, kind in types.items() for topic in self.candidates(name, kind)]
@@ -124,11 +127,13 @@ class Recording:
             called = label or f'{names} of type {kinds}'
             raise RecordingError(
                 f'{self.path} has {len(found)} topics {called}: '
-                f'{", ".join(found)}; choose one as in {option}{found[0]}'
+                f'{", ".join(found)}; choose one as in {option}{found[0]}',
+                reason='ambiguous_topic',
             )
         raise RecordingError(
             f'{self.path} has no topic {names} of type {kinds}; it holds '
-            f'{self.contents()}; name one of that type with {option}/its/name'
+            f'{self.contents()}; name one of that type with {option}/its/name',
+            reason='no_topic',
         )
 
     def count(self, topics: Iterable[str]) -> int:
@@ -192,7 +197,8 @@ class Recording:
             except MessageError as error:
                 raise RecordingError(
                     f'{self.path}: the message of {name} at log time {log_time} ns is no '
-                    f'{types[name].type}: {error}'
+                    f'{types[name].type}: {error}',
+                    reason='damaged',
                 ) from error
             yield RecordedMessage(name, log_time, message, raw)
 
@@ -285,7 +291,8 @@ def _check_held(path: Path, held: int) -> None:
     if held > LIMITS.waiting:
         raise RecordingError(
             f'{path} holds more than {LIMITS.waiting // 10**6} MB of messages in one chunk, or in '
-            'chunks that overlap in time: put it in order with `mcap sort`'
+            'chunks that overlap in time: put it in order with `mcap sort`',
+            reason='too_large',
         )
 
 
@@ -293,4 +300,6 @@ def _open(path: Path) -> BinaryIO:
     try:
         return open_regular(path)
     except OSError as error:
-        raise RecordingError(f'{path} cannot be read: {error.strerror}') from error
+        raise RecordingError(
+            f'{path} cannot be read: {error.strerror}', reason='unreadable'
+        ) from error

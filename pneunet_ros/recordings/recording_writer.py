@@ -66,7 +66,9 @@ class RecordingWriter:
         """
         store = store_for(type_name, definition)
         if any(connection.topic == topic for connection in self._container.connections):
-            raise RecordingError(f'{self._path}: {topic} would be written twice')
+            raise RecordingError(
+                f'{self._path}: {topic} would be written twice', reason='given_twice'
+            )
         return self._container.add_connection(
             topic,
             type_name,
@@ -88,7 +90,8 @@ class RecordingWriter:
         if not 0 <= log_time_ns <= LATEST_LOG_TIME:
             raise RecordingError(
                 f'{self._path}: a message of {connection.topic} has the log time {log_time_ns} '
-                f'ns, and only times from 0 to {LATEST_LOG_TIME} can be recorded'
+                f'ns, and only times from 0 to {LATEST_LOG_TIME} can be recorded',
+                reason='out_of_bounds',
             )
         self._container.write(connection, log_time_ns, raw)
 
@@ -98,7 +101,8 @@ def check_name(path: Path) -> None:
     if path.suffix != BARE_SUFFIX and any(letter.isalpha() for letter in path.suffix):
         raise RecordingError(
             f'{path} cannot be written: a recording is an {BARE_SUFFIX} file or a folder without '
-            'such an ending'
+            'such an ending',
+            reason='wrong_suffix',
         )
 
 
@@ -125,7 +129,9 @@ def write_recording(
             with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as container:
                 yield RecordingWriter(path, container)
         except WriterError as error:
-            raise RecordingError(f'{path} cannot be written: {error}') from error
+            raise RecordingError(
+                f'{path} cannot be written: {error}', reason='unwritable'
+            ) from error
         written = folder / f'{folder.name}{BARE_SUFFIX}'
         write_checksums(written)
         if bare:

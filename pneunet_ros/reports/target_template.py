@@ -46,7 +46,8 @@ def template_page(paper: str, name: str, places: Array, diameter: float) -> Figu
     if length > height - 2.0 * MARGIN:
         raise RequestError(
             f'a row of targets of {length:.0f} mm is longer than a page of {paper}: put the dots '
-            'on by a ruler (--no-template)'
+            'on by a ruler (--no-template)',
+            reason='too_large',
         )
     figure = Figure(figsize=(width / MILLIMETERS_PER_INCH, height / MILLIMETERS_PER_INCH))
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))

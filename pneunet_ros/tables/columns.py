@@ -267,12 +267,15 @@ def columns_of(names: Iterable[str], where: str) -> list[Column]:
         if key in columns:
             raise RecordingError(
                 f'{where}: {columns[key].name} and {name} measure the same quantity: --ignore one '
-                'of them'
+                'of them',
+                reason='given_twice',
             )
         columns[key] = column
     if unknown:
         there = {column.quantity for column in columns.values()}
-        raise RecordingError(f'{where}: {_unknown_columns(unknown, there)}')
+        raise RecordingError(
+            f'{where}: {_unknown_columns(unknown, there)}', reason='unknown_column'
+        )
     _check_whole({key: column.name for key, column in columns.items()}, where)
     return list(columns.values())
 
@@ -328,16 +331,21 @@ def _check_whole(names: dict[tuple[str, int | None], str], where: str) -> None:
         for other in TOGETHER.get(quantity, ()):
             if (other, target) not in names:
                 raise RecordingError(
-                    f'{where}: {name} has no matching column {other}{target}_UNIT'
+                    f'{where}: {name} has no matching column {other}{target}_UNIT',
+                    reason='missing_column',
                 )
         if target is not None and target >= MOST_TARGETS:
-            raise RecordingError(f'{where}: {name}: at most {MOST_TARGETS} targets are read')
+            raise RecordingError(
+                f'{where}: {name}: at most {MOST_TARGETS} targets are read', reason='too_large'
+            )
         if quantity.startswith('angle') and f'force{quantity[5:]}' not in quantities:
             raise RecordingError(
-                f'{where}: {name} has no matching column force{quantity[5:]}_UNIT'
+                f'{where}: {name} has no matching column force{quantity[5:]}_UNIT',
+                reason='missing_column',
             )
     if quantities & set(IN_BASE) and quantities & set(OF_STRINGS):
         raise RecordingError(
             f'{where}: the end force is given both along the axes (force_x, force_y) and by '
-            'strings (force_a, force_b): --ignore one of them'
+            'strings (force_a, force_b): --ignore one of them',
+            reason='given_twice',
         )

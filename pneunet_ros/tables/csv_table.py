@@ -90,20 +90,25 @@ def read_csv(
         with open_regular(path) as binary:
             size = binary.seek(0, io.SEEK_END)
             if size > MOST_BYTES:
-                raise RecordingError(f'{path} has more than {MOST_BYTES // 10**6} MB: split it')
+                raise RecordingError(
+                    f'{path} has more than {MOST_BYTES // 10**6} MB: split it', reason='too_large'
+                )
             binary.seek(max(size - 1, 0))
             cut = binary.read(1) not in (b'\n', b'\r')
             binary.seek(0)
             stream = io.TextIOWrapper(binary, encoding='utf-8-sig', newline='')
             return _read(path, stream, cut, request, exact, check_names, size)
     except OSError as error:
-        raise RecordingError(f'{path} cannot be read: {error.strerror}') from error
+        raise RecordingError(
+            f'{path} cannot be read: {error.strerror}', reason='unreadable'
+        ) from error
     except UnicodeDecodeError as error:
         raise RecordingError(
-            f'{path} is no text in UTF-8 (byte {error.start}): save it as CSV UTF-8'
+            f'{path} is no text in UTF-8 (byte {error.start}): save it as CSV UTF-8',
+            reason='not_utf8',
         ) from error
     except csv.Error as error:
-        raise RecordingError(f'{path} is no CSV file: {error}') from error
+        raise RecordingError(f'{path} is no CSV file: {error}', reason='not_csv') from error
 
 
 def _read(
@@ -138,7 +143,10 @@ def _read(
         if not name or {name, *new} & set(request.ignore) or name in request.select:
             continue
         if new[1] in places:
-            raise RecordingError(f'{path}: two columns are called {new[1]}: --ignore one of them')
+            raise RecordingError(
+                f'{path}: two columns are called {new[1]}: --ignore one of them',
+                reason='given_twice',
+            )
         places[new[1]] = place
     try:
         check_names(places)
@@ -165,9 +173,13 @@ def _read(
             others.update({', '.join(cells[place].strip() for place in selected): None})
             continue
         if len(lines) == MOST_ROWS:
-            raise RecordingError(f'{path} has more than {MOST_ROWS} rows: split it')
+            raise RecordingError(
+                f'{path} has more than {MOST_ROWS} rows: split it', reason='too_large'
+            )
         if (len(lines) + 1) * len(places) > MOST_CELLS:
-            raise RecordingError(f'{path} has more than {MOST_CELLS} cells: split it')
+            raise RecordingError(
+                f'{path} has more than {MOST_CELLS} cells: split it', reason='too_large'
+            )
         lines.append(line)
         if len(lines) % STEP == 0:
             say_how_far(f'reading {path.name}', stream.buffer.tell(), size)
@@ -210,7 +222,8 @@ def _check_decimals(path: Path, line: int, written: str, seen: dict[str, str]) -
             raise RecordingError(
                 f'{path}: {seen[one + "thousands"]} seems to have a thousands '
                 f'separator, because the decimal mark of {seen[other]} is another: write numbers '
-                'without thousands separators'
+                'without thousands separators',
+                reason='thousands',
             )
 
 
@@ -229,7 +242,9 @@ def _lines(path: Path, stream: TextIO) -> Iterator[str]:
     while line := stream.readline(LONGEST_LINE + 1):
         number += 1
         if len(line) > LONGEST_LINE:
-            raise RecordingError(f'{path}, line {number}: more than {LONGEST_LINE} characters')
+            raise RecordingError(
+                f'{path}, line {number}: more than {LONGEST_LINE} characters', reason='too_large'
+            )
         yield _MONITOR.sub('', line)
 
 
@@ -260,7 +275,8 @@ def _rows(
             noun = 'cell' if len(cells) == 1 else 'cells'
             raise RecordingError(
                 f'{path}, line {line}: {len(cells)} {noun}, but there are {columns} columns; '
-                f'{_RULES[mark]}'
+                f'{_RULES[mark]}',
+                reason='wrong_shape',
             )
         else:
             yield line, cells
@@ -287,7 +303,8 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
             hint = ' (put the unit into the column name)'
         raise RecordingError(
             f'{path}, line {line}, column {name}: {text[:40]!r} is no number{hint}; a missing '
-            'value is an empty cell, NA or nan'
+            'value is an empty cell, NA or nan',
+            reason='not_a_number',
         )
     return value
 
@@ -296,15 +313,18 @@ def _exact(path: Path, line: int, name: str, text: str) -> Decimal | None:
     try:
         value = None if text.lower() in MISSING else Decimal(text)
     except InvalidOperation as error:  # what float takes, Decimal takes
-        raise RecordingError(f'{path}, line {line}, column {name}: no number') from error
+        raise RecordingError(
+            f'{path}, line {line}, column {name}: no number', reason='not_a_number'
+        ) from error
     return None if value is None or value.is_nan() else value
 
 
 def _no_rows(path: Path, request: TableRequest, others: list[str]) -> None:
     if not request.select:
-        raise RecordingError(f'{path} has no rows below its first line')
+        raise RecordingError(f'{path} has no rows below its first line', reason='no_row')
     asked = ', '.join(f'{name}={text}' for name, text in request.select.items())
     more = ', ...' if len(others) > NAMES_SHOWN else ''
     raise RecordingError(
-        f'{path}: no row has {asked}; there are {"; ".join(others[:NAMES_SHOWN])}{more}'
+        f'{path}: no row has {asked}; there are {"; ".join(others[:NAMES_SHOWN])}{more}',
+        reason='no_row',
     )

@@ -75,7 +75,8 @@ def lines_from_names(
         raise RecordingError(
             f'{path}: no line names the columns: line {above + 1} is a row already{comment}; '
             f'write a line above it that names each column, such as time_s{mark}pressure_kpa '
-            f'({KNOWN_NAMES})'
+            f'({KNOWN_NAMES})',
+            reason='no_header',
         )
     return itertools.chain(names, rest), above - len(names)
 
@@ -167,7 +168,8 @@ def check_no_preamble(path: Path, names: int, ahead: Sequence[str], above: int) 
         raise RecordingError(
             f'{path}: the table seems to begin in line {line}; the first line must name the '
             f'columns. Remove the lines above it: tail -n +{line} {shlex.quote(str(path))} > '
-            'TABLE.csv, or put # before each of these lines'
+            'TABLE.csv, or put # before each of these lines',
+            reason='no_header',
         )
 
 
@@ -179,7 +181,8 @@ def check_separated(path: Path, header: Sequence[str]) -> None:
     if any(map(is_known, words)) or all(map(_is_number, words)):
         raise RecordingError(
             f'{path}: {header[0][:40]!r} is a single cell: separate cells by commas, semicolons '
-            'or tabs'
+            'or tabs',
+            reason='not_csv',
         )
 
 
@@ -235,7 +238,8 @@ def ask_about_time(path: Path, places: Mapping[str, int], ahead: Sequence[str], 
             new = known or f'{TIME}_UNIT, with {units} in place of UNIT'
             raise RecordingError(
                 f'{path}: no column is known as the time; {name!r} increases from row to row, by '
-                f'{steps[len(steps) // 2]:.4g}: if it is, add --rename {shlex.quote(name)}={new}'
+                f'{steps[len(steps) // 2]:.4g}: if it is, add --rename {shlex.quote(name)}={new}',
+                reason='no_time',
             )
 
 
@@ -272,18 +276,23 @@ def check_header(
 ) -> None:
     """Refuse names that are none, are too many or too long, or stand twice, and requests."""
     if not header or not any(header):
-        raise RecordingError(f'{path} is empty: the first line must name the columns')
+        raise RecordingError(
+            f'{path} is empty: the first line must name the columns', reason='empty'
+        )
     if len(header) > MOST_COLUMNS:
-        raise RecordingError(f'{path} has more than {MOST_COLUMNS} columns')
+        raise RecordingError(f'{path} has more than {MOST_COLUMNS} columns', reason='too_large')
     for name in header:
         if '\0' in name:
             raise RecordingError(
-                f'{path} is no text in UTF-8 (is it UTF-16?): save it as CSV UTF-8'
+                f'{path} is no text in UTF-8 (is it UTF-16?): save it as CSV UTF-8',
+                reason='not_utf8',
             )
         if len(name) > LONGEST_CELL:
-            raise RecordingError(f'{path}: a name of a column has {len(name)} characters')
+            raise RecordingError(
+                f'{path}: a name of a column has {len(name)} characters', reason='too_large'
+            )
         if name and header.count(name) > 1:
-            raise RecordingError(f'{path}: two columns are called {name!r}')
+            raise RecordingError(f'{path}: two columns are called {name!r}', reason='given_twice')
     below = map(with_unit, header, units) if units else ()
     there = {*header, *below, *request.rename.values(), *renamed}
     asked = {'--select': request.select, '--rename': request.rename, '--ignore': request.ignore}
@@ -292,7 +301,8 @@ def check_header(
             if name not in (header if option == '--select' else there):
                 raise RecordingError(
                     f'{path} has no column {name!r} ({option}); it has '
-                    f'{", ".join(header[:NAMES_SHOWN])}'
+                    f'{", ".join(header[:NAMES_SHOWN])}',
+                    reason='missing_column',
                 )
 
 

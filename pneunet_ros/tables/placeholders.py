@@ -73,7 +73,8 @@ def ask_for_placeholders(
         raise RecordingError(
             f'{path}: {place.label} is ({shown}) in {np.count_nonzero(rows)} of {len(lines)} '
             f'rows, first in line {lines[int(np.argmax(rows))]}: where that means "no reading" '
-            f'add --missing {values}, and where it was measured add --missing none'
+            f'add --missing {values}, and where it was measured add --missing none',
+            reason='placeholder',
         )
 
 

@@ -41,7 +41,7 @@ class ReadingTable:
         }
         object.__setattr__(self, 'values', values)
         if not np.all(np.diff(self.stamp_ns) > 0):
-            raise RecordingError('the stamps of a table must increase')
+            raise RecordingError('the stamps of a table must increase', reason='not_increasing')
 
     def present(self) -> dict[str, npt.NDArray[np.bool_]]:
         """Return which rows hold a reading (rows,), by the names of the sensors."""

@@ -67,7 +67,9 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     Raises RecordingError, or RequestError for offsets and rates that do not fit, naming the place.
     """
     if request.rate is not None and not 1e-6 <= request.rate <= 1e6:
-        raise RequestError(f'--rate {request.rate:g} Hz must lie between 1e-6 and 1e6')
+        raise RequestError(
+            f'--rate {request.rate:g} Hz must lie between 1e-6 and 1e6', reason='out_of_bounds'
+        )
     times = [STAMP, *(f'{TIME}_{unit}' for unit in SI_PER_UNIT['time'])]
     table = read_csv(path, request, times, lambda names: columns_of(_readings(names), str(path)))
     sentences = [*table.sentences]
@@ -89,9 +91,13 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     columns = {(item.quantity, item.target): item for item in known}
     for name in request.offsets:
         if name not in table.numbers or name == STAMP:
-            raise RequestError(f'--offset {name}=: no such column was read')
+            raise RequestError(
+                f'--offset {name}=: no such column was read', reason='unknown_column'
+            )
         if not math.isfinite(request.offsets[name]):
-            raise RequestError(f'--offset {name}={request.offsets[name]} is no number')
+            raise RequestError(
+                f'--offset {name}={request.offsets[name]} is no number', reason='not_a_number'
+            )
     stamp_ns = _stamps(path, table, columns.get((TIME, None)), request)
 
     def si(quantity: str, target: int | None = None) -> Array:
@@ -105,7 +111,8 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         if np.any(np.abs(values) > LARGEST):
             line = table.lines[int(np.argmax(np.abs(values) > LARGEST))]
             raise RecordingError(
-                f'{path}, line {line}, column {column.name}: a number beyond {LARGEST:g} in SI'
+                f'{path}, line {line}, column {column.name}: a number beyond {LARGEST:g} in SI',
+                reason='too_large',
             )
         return values
 
@@ -114,7 +121,8 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     if count * len(stamp_ns) > MOST_PLACES:
         raise RecordingError(
             f'{path} has ids up to {count - 1} in {len(stamp_ns)} rows: split it, as at most '
-            f'{MOST_PLACES} places of targets are read'
+            f'{MOST_PLACES} places of targets are read',
+            reason='too_large',
         )
     if targets and 0 not in targets:
         sentences.append(
@@ -151,7 +159,9 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         absolute=pressure is not None and names_absolute(table.written[pressure.name]),
     )
     if not any(found.counts().values()):
-        raise RecordingError(f'{path} holds no reading: no pressure, no force, no target')
+        raise RecordingError(
+            f'{path} holds no reading: no pressure, no force, no target', reason='nothing_usable'
+        )
     sentences += _coincident(path, table.lines, found.values[TARGETS.name])
     if pressure is not None and found.absolute:
         sentences.append(_absolute(table.written[pressure.name], found))
@@ -228,19 +238,21 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
         name, given = '--rate', [row * period for row in range(rows)]
     else:
         raise RequestError(
-            f'{path} has no time: no column {STAMP} or {TIME}_s; give --rate HZ, rows per second'
+            f'{path} has no time: no column {STAMP} or {TIME}_s; give --rate HZ, rows per second',
+            reason='no_time',
         )
     if request.rate is not None and name != '--rate':
         written = table.written.get(name, name)
         raise RequestError(
-            f'{path} has the column {name}: leave out --rate, or --ignore {written}'
+            f'{path} has the column {name}: leave out --rate, or --ignore {written}',
+            reason='exclusive',
         )
     stamps: list[int] = []
     shift = 0
     for line, value in zip(table.lines, given, strict=True):
         where = f'{path}, line {line}, column {name}'
         if value is None:
-            raise RecordingError(f'{where}: the time is missing')
+            raise RecordingError(f'{where}: the time is missing', reason='no_time')
         stamp_ns = round(value)
         if not stamps and name != STAMP and stamp_ns <= 0:
             shift = FIRST_STAMP - stamp_ns
@@ -250,7 +262,8 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
             seconds = float(value) / NANOSECONDS_PER_SECOND
             shown = f'{value} ns' if name == STAMP else f'{seconds:.13g} s'
             raise RecordingError(
-                f'{where}: {shown} is not a valid time stamp{unit * (name != STAMP)}'
+                f'{where}: {shown} is not a valid time stamp{unit * (name != STAMP)}',
+                reason='no_time',
             )
         if stamps and stamp_ns == stamps[-1]:
             remedy = (
@@ -258,13 +271,15 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
             )
             raise RecordingError(
                 f'{where}: time must increase from row to row, but this row repeats the time '
-                f'above (are fractions of a second missing? {remedy})'
+                f'above (are fractions of a second missing? {remedy})',
+                reason='not_increasing',
             )
         if stamps and stamp_ns < stamps[-1]:
             raise RecordingError(
                 f'{where}: time must increase from row to row, but this row is earlier '
                 'than the row above: sort the rows by time, or split the table where its clock '
-                'was set back'
+                'was set back',
+                reason='not_increasing',
             )
         stamps.append(stamp_ns)
     return np.array(stamps, dtype=np.int64)
@@ -286,7 +301,8 @@ def _check_unnamed_unit(path: Path, table: CsvTable, time: Column) -> None:
     raise RecordingError(
         f'{path}: the column {written!r} has no unit, and its rows are {step:.3g} apart '
         f'(median), which is unusual for seconds: say what it is, --rename {named}={choices}, '
-        f'{named}=time_s for seconds'
+        f'{named}=time_s for seconds',
+        reason='no_unit',
     )
 
 

@@ -836,6 +836,7 @@ def test_a_wrong_request_is_one_object_for_programs(run, arguments):
     assert code == 2
     assert out.count('\n') == 1
     content = json.loads(out)
-    assert list(content) == ['error']
+    assert list(content) == ['error', 'reason']
+    assert content['reason']
     assert content['error'] in ' '.join(err.split())
     assert run(*arguments)[1] == ''

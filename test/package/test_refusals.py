@@ -10,10 +10,7 @@ import pytest
 
 PACKAGE = Path(pneunet_ros.__file__).parent
 ERRORS = {'RequestError', 'ModelError', 'CameraError', 'MessageError', 'RecordingError'}
-ROOMS = (
-    'core', 'files', 'model', 'lab', 'vision', 'effects', 'measurement', 'estimation',
-    'calibration', 'messages', 'diagnosis', 'exploration', 'mujoco',
-)  # fmt: skip
+ROOMS = sorted(path.parent.name for path in PACKAGE.glob('*/__init__.py'))
 
 
 @pytest.mark.parametrize('room', ROOMS)

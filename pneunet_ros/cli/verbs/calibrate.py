@@ -222,7 +222,10 @@ def check_outputs(arguments: Namespace) -> None:
         if path is not None and path.exists() and not arguments.overwrite:
             why = f' (it goes with {arguments.output}, for --continue)' * (path == knowledge)
             raise RecordingError(
-                f'{path} exists already{why}: choose another name or pass --overwrite'
+                f'{path} exists already{why}: choose another name or pass --overwrite',
+                reason='exists',
             )
     if arguments.output.suffix not in ('.yaml', '.yml'):
-        raise RecordingError(f'{arguments.output} must end in .yaml: it becomes a model file')
+        raise RecordingError(
+            f'{arguments.output} must end in .yaml: it becomes a model file', reason='wrong_suffix'
+        )

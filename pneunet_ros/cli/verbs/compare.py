@@ -78,7 +78,9 @@ def options(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Compare and summarize."""
     if arguments.plot is not None and arguments.plot.suffix.lower() not in PLOTS:
-        raise RequestError(f'--plot {arguments.plot} must end in {", ".join(PLOTS)}')
+        raise RequestError(
+            f'--plot {arguments.plot} must end in {", ".join(PLOTS)}', reason='wrong_suffix'
+        )
     arm = model_of(arguments)
     a_topics, b_topics = side_topics(arguments.topic)
     request = CompareRequest(

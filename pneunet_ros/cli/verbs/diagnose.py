@@ -210,7 +210,8 @@ def settings_without(names: Sequence[str]) -> DiagnosisSettings:
         if name not in EFFECTS:
             raise RequestError(
                 f'--without names an effect {name} that there is not; known here: '
-                f'{", ".join(EFFECTS)}'
+                f'{", ".join(EFFECTS)}',
+                reason='unknown_effect',
             )
     withheld = replace(DEFAULTS.hypothesis, withheld=tuple(sorted(names)))
     return replace(DEFAULTS, hypothesis=withheld)
@@ -237,5 +238,6 @@ def check_distinct(inputs: list[dict[str, str]]) -> None:
         if other is not item:
             raise RequestError(
                 f'{item["file"]} ({item["role"]}) and {other["file"]} ({other["role"]}) are the '
-                'same recording: give each once'
+                'same recording: give each once',
+                reason='same',
             )

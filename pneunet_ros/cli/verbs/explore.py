@@ -149,13 +149,15 @@ def run(arguments: Namespace) -> int:
 
     started = time.perf_counter()
     if arguments.recordings < 1:
-        raise RequestError(f'--recordings must be 1 or more, not {arguments.recordings}')
+        raise RequestError(
+            f'--recordings must be 1 or more, not {arguments.recordings}', reason='out_of_bounds'
+        )
     model = load_model(arguments.model or share_path(LAB_MODEL))
     safe = safe_set(arguments, model)
     write = writer_of(arguments, model)
     folder: Path = arguments.output
     if folder.exists():
-        raise RecordingError(f'{folder} exists already: choose another name')
+        raise RecordingError(f'{folder} exists already: choose another name', reason='exists')
     folder.mkdir(parents=True)
     console = Console(stderr=True, quiet=True) if arguments.json else output_console()
     console.print(f'within {safe_sentence(safe)}')
@@ -219,13 +221,15 @@ def safe_set(arguments: Namespace, model: Arm) -> SafeSet:
     if low < known.low or high > known.high:
         raise RequestError(
             f'--pressure {low:g} {high:g}: the model is known from {known.low:g} to '
-            f'{known.high:g} Pa'
+            f'{known.high:g} Pa',
+            reason='out_of_range',
         )
     force = known.force if arguments.largest_force is None else arguments.largest_force
     if force > known.force:
         raise RequestError(
             f'--largest-force {force:g}: the model is known up to {known.force:.3g} N; calibrate '
-            'it with larger loads first'
+            'it with larger loads first',
+            reason='out_of_range',
         )
     return SafeSet(low=low, high=high, force=force)
 
@@ -235,11 +239,11 @@ def writer_of(arguments: Namespace, model: Arm) -> WriteRecording:
     if arguments.simulated is not None:
         return SimulatedArm(scenario=simulated_scenario(arguments, model)).record
     if arguments.effect or arguments.arm_seed:
-        raise RequestError('--effect and --arm-seed are of --simulated arms')
+        raise RequestError('--effect and --arm-seed are of --simulated arms', reason='exclusive')
     if arguments.live:
         return LiveArm(namespace=arguments.namespace or NAMESPACE).record
     if arguments.namespace is not None:
-        raise RequestError('--namespace is of a --live arm')
+        raise RequestError('--namespace is of a --live arm', reason='exclusive')
     return wait_for_recording
 
 
@@ -258,7 +262,8 @@ def simulated_scenario(arguments: Namespace, model: Arm) -> Scenario:
     if scenario.arm.targets.size != model.target_arclength.size:
         raise RequestError(
             f'the simulated arm has {scenario.arm.targets.size} targets, and the model '
-            f'{model.target_arclength.size}: give the model of this arm by --model'
+            f'{model.target_arclength.size}: give the model of this arm by --model',
+            reason='wrong_targets',
         )
     return scenario.with_effects(changes_of(arguments.effect))
 
@@ -272,7 +277,7 @@ def wait_for_recording(experiment: Experiment, safe: SafeSet, path: Path) -> Non
     while not path.exists():
         print(f'Put it at {path}, then press Enter (Ctrl-C ends): ', end='', flush=True)
         if not sys.stdin.readline():
-            raise RequestError(f'{path} is not there, and nobody answers')
+            raise RequestError(f'{path} is not there, and nobody answers', reason='not_found')
 
 
 def write_round(

@@ -66,7 +66,9 @@ def run(arguments: Namespace) -> int:
     arm = model_of(arguments)
     units = units_of(arguments, arm)
     if arguments.model is not None and not arguments.dimensionless:
-        raise RequestError('--model says by what --dimensionless divides: give both')
+        raise RequestError(
+            '--model says by what --dimensionless divides: give both', reason='missing'
+        )
     names = [sensor.name for sensor in SENSORS]
     overrides = topics_of(arguments.topic, [*names, TIP])
     recording = open_recording(arguments.recording)
@@ -77,7 +79,8 @@ def run(arguments: Namespace) -> int:
     if not topics and tip_topic is None:
         raise RecordingError(
             f'{arguments.recording} has nothing to export: no topic '
-            f'{", ".join(names)} or {TIP}; images are turned into targets by `track`'
+            f'{", ".join(names)} or {TIP}; images are turned into targets by `track`',
+            reason='nothing_usable',
         )
     sentences = [*recording.sentences]
     tips = None

@@ -55,10 +55,13 @@ def options(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Import and summarize."""
     if arguments.table.suffix.lower() in VIDEOS:
-        raise RequestError(f'{arguments.table} {recording_from(arguments.table)}')
+        raise RequestError(
+            f'{arguments.table} {recording_from(arguments.table)}', reason='wrong_kind'
+        )
     if arguments.table.suffix.lower() == '.mcap' and arguments.table.is_file():
         raise RequestError(
-            f'{arguments.table} is a recording already: `pneunet export` makes a table of it'
+            f'{arguments.table} is a recording already: `pneunet export` makes a table of it',
+            reason='wrong_kind',
         )
     request = table_request(arguments, rate=arguments.rate)
     with reading_bar(shown=not arguments.json):

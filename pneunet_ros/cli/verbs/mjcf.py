@@ -62,7 +62,9 @@ def run(arguments: Namespace) -> int:
     """Write the MJCF."""
     arm = still_model_of(arguments)
     if not FEWEST_LINKS <= arguments.links <= MOST_LINKS:
-        raise RequestError(f'--links must lie between {FEWEST_LINKS} and {MOST_LINKS}')
+        raise RequestError(
+            f'--links must lie between {FEWEST_LINKS} and {MOST_LINKS}', reason='out_of_bounds'
+        )
     known = 0.0 if arm.inertia is None else arm.inertia.damping_time
     damping_time = known or DAMPING_TIME
     if arguments.damping_time is not None:

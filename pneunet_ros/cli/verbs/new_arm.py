@@ -90,7 +90,7 @@ def run(arguments: Namespace) -> int:
     from pneunet_ros.reports.target_template import write_template
 
     if arguments.output.suffix not in ('.yaml', '.yml'):
-        raise RequestError(f'--output {arguments.output} must end in .yaml')
+        raise RequestError(f'--output {arguments.output} must end in .yaml', reason='wrong_suffix')
     sizes, places = answers(arguments, input if sys.stdin.isatty() else None)
     name = arguments.output.stem
     arm = starting_arm(name, sizes['length'], sizes['weight'], places, sizes['pressure'])
@@ -139,7 +139,8 @@ def answers(
     missing += [] if targets_given else ['targets']
     if missing and ask is None:
         raise RequestError(
-            f'give {", ".join(f"--{name}" for name in missing)}: there is no terminal to ask on'
+            f'give {", ".join(f"--{name}" for name in missing)}: there is no terminal to ask on',
+            reason='missing',
         )
     sizes = {}
     for question in QUESTIONS:
@@ -149,7 +150,7 @@ def answers(
         sizes[question.name] = positive(f'--{question.name}', text, question.kind)
     if arguments.places:
         if arguments.targets:
-            raise RequestError('give --targets or --places, not both')
+            raise RequestError('give --targets or --places, not both', reason='exclusive')
         given = [size_of('--places', text, 'length') for text in arguments.places]
         return sizes, np.array(given)
     text = arguments.targets
@@ -157,13 +158,15 @@ def answers(
         text = ask('number of dots [12]: ').strip() or '12'
     if not str(text).isdecimal() or not FEWEST_TARGETS <= int(text) <= MOST_TARGETS:
         raise RequestError(
-            f'--targets {text}: a whole number from {FEWEST_TARGETS} to {MOST_TARGETS} is needed'
+            f'--targets {text}: a whole number from {FEWEST_TARGETS} to {MOST_TARGETS} is needed',
+            reason='out_of_bounds',
         )
     places = even_places(sizes['length'], int(text), sizes['dot'], STEP)
     if not places[1] > 1.5 * sizes['dot']:
         raise RequestError(
             f'--targets {text}: dots of {millimeters(sizes["dot"]):g} mm would be '
-            f'{millimeters(places[1]):g} mm apart, and need half a diameter between them'
+            f'{millimeters(places[1]):g} mm apart, and need half a diameter between them',
+            reason='out_of_bounds',
         )
     return sizes, places
 
@@ -172,7 +175,7 @@ def positive(option: str, text: str, kind: str) -> float:
     """Return a size above zero, SI; RequestError for what is none."""
     value = size_of(option, text, kind)
     if not value > 0.0:
-        raise RequestError(f'{option} {text} must be above zero')
+        raise RequestError(f'{option} {text} must be above zero', reason='out_of_bounds')
     return value
 
 
@@ -180,5 +183,7 @@ def size_of(option: str, text: str, kind: str) -> float:
     """Return a size, SI; RequestError for meters that will have been millimeters."""
     value = quantity_of(option, text, kind)
     if kind == 'length' and value > LONGEST and text[-1:].isdigit():
-        raise RequestError(f'{option} {text} is {value:g} m: is {text}mm meant?')
+        raise RequestError(
+            f'{option} {text} is {value:g} m: is {text}mm meant?', reason='out_of_bounds'
+        )
     return value

@@ -130,15 +130,25 @@ def options(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Solve and print."""
     if arguments.tip and arguments.force:
-        raise RequestError('give either --force or --tip: with --tip the force is the answer')
+        raise RequestError(
+            'give either --force or --tip: with --tip the force is the answer', reason='exclusive'
+        )
     if arguments.string and (arguments.tip or arguments.pressure_for):
-        raise RequestError('--string goes with --pressure, and neither --tip nor --pressure-for')
+        raise RequestError(
+            '--string goes with --pressure, and neither --tip nor --pressure-for',
+            reason='exclusive',
+        )
     if arguments.tip_std is not None and not arguments.tip:
-        raise RequestError('--tip-std needs --tip')
+        raise RequestError('--tip-std needs --tip', reason='missing')
     if arguments.tip_std is not None and not 0.0 <= arguments.tip_std < math.inf:
-        raise RequestError(f'--tip-std {arguments.tip_std} must be a length in m, zero or more')
+        raise RequestError(
+            f'--tip-std {arguments.tip_std} must be a length in m, zero or more',
+            reason='out_of_bounds',
+        )
     if (arguments.pressure is None) == (arguments.pressure_for is None):
-        raise RequestError('give --pressure, as 31kPa, or --pressure-for, as tip 95mm 40mm')
+        raise RequestError(
+            'give --pressure, as 31kPa, or --pressure-for, as tip 95mm 40mm', reason='missing'
+        )
     arm = still_model_of(arguments)
     prediction = predict(arm, solved(arm, arguments), arguments)
     if arguments.json:
@@ -180,7 +190,8 @@ def solved_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
         wanted = quantity_of('--pressure-for force', numbers[0], 'force')
         return pressure_for_force(arm, wanted, tuple(arguments.tip), moment, stations)
     raise RequestError(
-        'write --pressure-for tip X Y, as 95mm 40mm; or --pressure-for force F --tip X Y, as 50mN'
+        'write --pressure-for tip X Y, as 95mm 40mm; or --pressure-for force F --tip X Y, as 50mN',
+        reason='wrong_form',
     )
 
 

@@ -95,9 +95,12 @@ def run(arguments: Namespace) -> int:
     if arguments.fuse:
         return run_fusion(arguments)
     if arguments.no_wrench:
-        raise RequestError('--no-wrench belongs to --fuse; without it, use --no-wrench-required')
+        raise RequestError(
+            '--no-wrench belongs to --fuse; without it, use --no-wrench-required',
+            reason='exclusive',
+        )
     if arguments.free_tip:
-        raise RequestError('--free-tip belongs to --fuse')
+        raise RequestError('--free-tip belongs to --fuse', reason='exclusive')
     arm = model_of(arguments)
     estimator = Estimator(arm=arm, settings=settings_of(arguments))
     overrides = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])

@@ -128,7 +128,8 @@ def scenario_file(name: str) -> Path:
     if name not in shipped_names():
         raise RequestError(
             f'{name} is no scenario file, nor a shipped scenario; shipped are '
-            f'{", ".join(shipped_names())}'
+            f'{", ".join(shipped_names())}',
+            reason='not_found',
         )
     return share_path(f'{FOLDER}/{name}.yaml')
 

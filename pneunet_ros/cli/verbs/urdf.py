@@ -57,7 +57,7 @@ def run(arguments: Namespace) -> int:
     """Write the URDF."""
     arm = model_of(arguments)
     if not 2 <= arguments.stations <= 2000:
-        raise RequestError('--stations must lie between 2 and 2000')
+        raise RequestError('--stations must lie between 2 and 2000', reason='out_of_bounds')
     arclength = station_arclength(arm.reach, arguments.stations)
     text = urdf(arm.name, arclength, arguments.frame_id, arguments.tip_frame)
     with atomic_output(arguments.output, overwrite=arguments.overwrite) as temporary:

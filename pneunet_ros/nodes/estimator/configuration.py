@@ -58,7 +58,7 @@ class NodeSettings:
         """Refuse values outside their declaration."""
         check_settings(self)
         if not self.tip_frame:
-            raise RequestError('tip_frame must not be empty')
+            raise RequestError('tip_frame must not be empty', reason='empty')
 
     def markers(self, arm: ArmInUse) -> tuple[Output[ShapeEstimate], ...]:
         """Return the outputs for the eye that were asked for."""

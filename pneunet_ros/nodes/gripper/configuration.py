@@ -74,7 +74,8 @@ class GripperSettings:
         wrong = [name for name in self.arms if not name.isidentifier() or name in TABLES]
         if wrong or len(set(self.arms)) < len(self.arms) or not self.arms:
             raise RequestError(
-                f'arms must be different names of letters, digits and _, not {list(self.arms)}'
+                f'arms must be different names of letters, digits and _, not {list(self.arms)}',
+                reason='wrong_name',
             )
 
     @property
@@ -158,7 +159,9 @@ def gripper_of(settings: GripperSettings, blocks: Mapping[str, ArmBlock]) -> Gri
     if len(without) == len(blocks) or not settings.fusion:
         return None
     if without:
-        raise RequestError(f'{MOUNT} is missing in the block of {", ".join(without)}')
+        raise RequestError(
+            f'{MOUNT} is missing in the block of {", ".join(without)}', reason='missing'
+        )
     return Gripper(
         mounts={
             arm: mount_of(block.mount, settings.thickness)
@@ -204,7 +207,8 @@ def block_of(arm: str, given: Mapping[str, Any]) -> ArmBlock:
         else:
             raise RequestError(
                 f'{name} is no parameter of {", ".join(TABLES)}: a block has their parameters, '
-                f'{TOPICS} with the names of topics, and {MOUNT}'
+                f'{TOPICS} with the names of topics, and {MOUNT}',
+                reason='unknown_key',
             )
     return ArmBlock(
         topics=topics,

@@ -91,7 +91,10 @@ class Grasping:
         """Take a command: position, the width (m); effort, the largest force (N) of an arm."""
         try:
             if len(message.position) != 1 or len(message.effort) > 1:
-                raise RequestError('position holds one width (m), effort one force (N) or none')
+                raise RequestError(
+                    'position holds one width (m), effort one force (N) or none',
+                    reason='wrong_shape',
+                )
             self.order(message.position[0], message.effort[0] if message.effort else 0.0)
         except RequestError as error:
             sentence = f'a command of the gripper is refused: {error}'

@@ -54,7 +54,7 @@ class TrackerSettings:
         """Refuse values outside their declaration."""
         check_settings(self)
         if not self.frame_id:
-            raise RequestError('frame_id must not be empty')
+            raise RequestError('frame_id must not be empty', reason='empty')
 
     @property
     def camera_path(self) -> Path:
@@ -126,6 +126,7 @@ def camera_of(node: TrackerSettings) -> CameraSettings:
         u, v = map(float, words)
     except ValueError:
         raise CameraError(
-            f'clamp_pixel must be two numbers, u and v in px, not {node.clamp_pixel!r}'
+            f'clamp_pixel must be two numbers, u and v in px, not {node.clamp_pixel!r}',
+            reason='wrong_shape',
         ) from None
     return replace(settings, clamp_pixel=(u, v))

@@ -63,7 +63,7 @@ class VirtualArmSettings:
         """Refuse values outside their declaration."""
         check_settings(self)
         if not self.frame_id:
-            raise RequestError('frame_id must not be empty')
+            raise RequestError('frame_id must not be empty', reason='empty')
 
     @property
     def path(self) -> Path:

@@ -91,7 +91,8 @@ def played_gripper(files: Sequence[str], name: str) -> tuple[Gripper, dict[str, 
     if gripper is None:
         raise RequestError(
             f'{", ".join(settings.arms)} have no {MOUNT}: give the params_file of the gripper, '
-            f'with a {MOUNT} in the block of each arm, as in {SHIPPED}'
+            f'with a {MOUNT} in the block of each arm, as in {SHIPPED}',
+            reason='missing',
         )
     frames = {
         arm: str(block.parameters['fusion'].get('frame_id', BASE_FRAME))

@@ -65,7 +65,8 @@ class PreviewVideo:
         if not self._writer.open(str(self._path), cv2.CAP_FFMPEG, code, self._rate, size):
             raise RecordingError(
                 f'{self._shown} cannot be written: OpenCV has no encoder for {CODEC} here; '
-                'ask for a picture (.png) instead'
+                'ask for a picture (.png) instead',
+                reason='unwritable',
             )
         self._size = size
 
@@ -88,7 +89,8 @@ class PreviewVideo:
         if frames != self._frames:
             raise RecordingError(
                 f'{self._shown} cannot be written: only {frames} of its {self._frames} frames can '
-                'be read back, as where the disk is full; nothing of it was kept'
+                'be read back, as where the disk is full; nothing of it was kept',
+                reason='unwritable',
             )
 
 
