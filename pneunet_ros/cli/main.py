@@ -381,7 +381,7 @@ def say(given: Namespace, sentence: str) -> None:
 
 
 def complain(given: Namespace, sentence: str, reason: str) -> int:
-    """Print what was wrong on stderr, in one line, and with --json as JSON; return the exit code."""
+    """Print what was wrong in one line: on stderr, with --json also as JSON; return the code."""
     line = ' '.join(printable(shortened(sentence)).split())
     print(f'pneunet {given.verb}: {line}', file=sys.stderr)
     if given.json:

@@ -16,6 +16,7 @@ from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 import pytest
 from support.example_arms import paper_arm
 from support.recorded_datasets import BASE, readings, record
+from support.refusals import refused
 
 NOISE = SensorNoise(pressure_std=60.0, force_std=1e-3, moment_std=1e-5, target_std=1e-4)
 ARM = replace(paper_arm(), target_arclength=np.array([0.0, 0.05, 0.1]), sensors=NOISE)
@@ -88,9 +89,9 @@ def test_unloaded_recordings_that_are_given_win(lab):
     found = read('--first', 'idle.mcap', 'light.mcap', '--unloaded', 'light.mcap')
     assert loaded(found)[0] == [True, False]
     assert 'light.mcap (given)' in found.unloaded
-    with pytest.raises(RecordingError, match=r'loaded.mcap was given as unloaded.* 0.2 N'):
+    with refused(RecordingError, 'loaded'):
         read('--first', 'loaded.mcap', '--unloaded', 'loaded.mcap')
-    with pytest.raises(RequestError, match=r'--unloaded idle.mcap.* not among the inputs'):
+    with refused(RequestError, 'no_input'):
         read('--first', 'bare.mcap', '--unloaded', 'idle.mcap')
 
 
@@ -111,9 +112,9 @@ def test_a_known_end_load(lab):
         with pytest.raises(RequestError, match=match):
             read('--first', 'bare.mcap', 'loaded.mcap', '--end-load', name, *load)
     once = ('--end-load', 'bare.mcap', '0', '1')
-    with pytest.raises(RequestError, match='given twice'):
+    with refused(RequestError, 'given_twice'):
         read('--first', 'bare.mcap', *once, *once)
-    with pytest.raises(RequestError, match='after --unloaded and after --end-load'):
+    with refused(RequestError, 'exclusive'):
         read('--first', 'bare.mcap', '--unloaded', 'bare.mcap', *once)
 
 
@@ -123,9 +124,9 @@ def test_a_string_pulls_from_the_tip_of_every_frame(lab):
     assert bare.loaded and bare.load_known
     np.testing.assert_allclose(np.hypot(*bare.force.T), 0.01 * 9.80665)
     both = ('--string', 'bare.mcap', '10g', '0.4', '0', '--end-load', 'bare.mcap', '0.1', '0')
-    with pytest.raises(RequestError, match=r'to both --end-load and --string'):
+    with refused(RequestError, 'exclusive'):
         read('--first', 'bare.mcap', *both)
-    with pytest.raises(RequestError, match=r'contains end_wrench readings'):
+    with refused(RequestError, 'exclusive'):
         read('--first', 'loaded.mcap', '--string', 'loaded.mcap', '10g', '0.4', '0')
 
 

@@ -8,6 +8,7 @@ from pneunet_ros.cli.quantity_option import parse_quantity
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import SI_PER_UNIT
 import pytest
+from support.refusals import refused
 
 
 @pytest.mark.parametrize(
@@ -45,7 +46,7 @@ def test_a_number_may_carry_its_unit(text, kind, expected):
 )
 def test_what_is_no_pressure_is_refused_with_what_is_allowed(text):
     """A unit of something else is no pressure."""
-    with pytest.raises(RequestError, match=r'not a pressure: .* Pa, .*psi, .*inHg, .*cmH2O'):
+    with refused(RequestError, 'not_a_number'):
         parse_quantity(text, 'pressure')
 
 

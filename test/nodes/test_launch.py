@@ -26,6 +26,7 @@ from pneunet_ros.nodes.virtual_arm.configuration import PARAMETERS as ARM  # noq
 from pneunet_ros.nodes.virtual_gripper.configuration import (  # noqa: E402
     PARAMETERS as VIRTUAL_GRIPPER,
 )
+from support.refusals import refused  # noqa: E402
 
 TABLES = {
     'estimator': ESTIMATOR,
@@ -176,7 +177,7 @@ def test_true_and_false_are_read_as_people_write_them(described, said, wanted):
 
 
 def test_what_is_neither_true_nor_false_is_refused(described):
-    with pytest.raises(RequestError, match='rviz:=perhaps: one of true, 1, yes, on, false'):
+    with refused(RequestError, 'not_a_flag'):
         described('demo', rviz='perhaps')
 
 
@@ -203,7 +204,7 @@ def test_what_a_node_would_refuse_starts_nothing(described, argument, value):
 def test_parameters_of_a_file_that_a_node_would_refuse_start_nothing(described, tmp_path):
     path = tmp_path / 'own.yaml'
     path.write_text('/**/estimator:\n  ros__parameters: {wrench_sign: 3}\n')
-    with pytest.raises(RequestError, match='wrench_sign'):
+    with refused(RequestError, 'unknown_kind'):
         described('estimate', params_file=str(path))
     path.write_text('/**/estimator:\n  ros__parameters: {wrench_sign: -1, watch_targets: no}\n')
     assert described('estimate', params_file=str(path))
@@ -212,7 +213,7 @@ def test_parameters_of_a_file_that_a_node_would_refuse_start_nothing(described, 
 @pytest.mark.parametrize('missing', ['rviz2/rviz2', 'pneunet_ros/tracker'])
 def test_an_executable_that_is_not_installed_starts_nothing(described, installed, missing):
     (installed / missing).unlink()
-    with pytest.raises(RequestError, match=f'{missing.partition("/")[2]} of the package'):
+    with refused(RequestError, 'not_installed'):
         described('demo', rviz='true')
 
 
@@ -239,9 +240,7 @@ def test_a_file_of_parameters_names_a_node_that_is_started(
     if starts:
         assert list(found(described(name, **given), 'Node'))
         return
-    with pytest.raises(
-        RequestError, match=f'has no parameters for .*its keys are {re.escape(key)};'
-    ):
+    with refused(RequestError, 'unknown_node'):
         described(name, **given)
 
 

@@ -15,6 +15,7 @@ from pneunet_ros.nodes.params_file import (  # noqa: E402
 )
 from rclpy.context import Context  # noqa: E402
 from rclpy.node import Node  # noqa: E402
+from support.refusals import refused  # noqa: E402
 
 ONE = 'ros__parameters: {stations: 7}'
 KEYS = [
@@ -80,7 +81,7 @@ def test_the_refusal_says_which_keys_would_match(tmp_path):
 def test_a_file_without_a_node_is_refused(tmp_path, text):
     path = tmp_path / 'own.yaml'
     path.write_text(text)
-    with pytest.raises(RequestError, match='has no parameters for /estimator: it names no node'):
+    with refused(RequestError, 'unknown_node'):
         check_names_some(path, ['/estimator'])
 
 

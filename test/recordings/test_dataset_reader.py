@@ -12,6 +12,7 @@ from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.recordings.recorded_series import nearest, ReadingSeries
 import pytest
 from support.recorded_datasets import MS, pressure, readings, record, START, targets, wrench
+from support.refusals import refused
 
 
 @pytest.fixture
@@ -114,7 +115,7 @@ def test_topics_may_have_other_names(tmp_path, said):
     path = record(tmp_path / 'r.mcap', said, '/lab')
     run, _ = read_run(path, 3, {'pressure': '/lab/pressure', 'targets': '/lab/targets'})
     assert len(run.stamp_ns) == 10
-    with pytest.raises(RecordingError, match='has no topic /other'):
+    with refused(RecordingError, 'no_topic'):
         read_run(path, 3, {'end_wrench': '/other'})
 
 
@@ -195,9 +196,7 @@ def test_clocks_that_do_not_agree_leave_nothing(tmp_path, said):
         else (name, log_time, message)
         for index, (name, log_time, message) in enumerate(said)
     ]
-    with pytest.raises(
-        RecordingError, match=r'no frame is left: .*10 frames left out, no .*press'
-    ):
+    with refused(RecordingError, 'no_frames'):
         read_run(record(tmp_path / 'r.mcap', late), 3)
 
 
@@ -211,15 +210,13 @@ def test_clocks_that_do_not_agree_leave_nothing(tmp_path, said):
 )
 def test_what_is_not_of_this_arm_is_refused(tmp_path, said, name, message, what):
     said.append((name, START + 500 * MS, message))
-    with pytest.raises(
-        RecordingError, match=f'r.mcap: /pneunet/{name} at log time .* ns: .*{what}'
-    ):
+    with refused(RecordingError, 'unreadable'):
         read_run(record(tmp_path / 'r.mcap', said), 3)
 
 
 def test_missing_targets_are_named(tmp_path, said):
     rest = [entry for entry in said if entry[0] != 'targets']
-    with pytest.raises(RecordingError, match='has no topic targets of type'):
+    with refused(RecordingError, 'no_topic'):
         read_run(record(tmp_path / 'r.mcap', rest), 3)
 
 

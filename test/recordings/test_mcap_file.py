@@ -17,6 +17,7 @@ from pneunet_ros.recordings.mcap_file import MAGIC, open_mcap, read_block
 from pneunet_ros.recordings.recording import open_recording
 import pytest
 from support.made_recordings import PRESSURE, WRENCH, write_by_mcap, write_readings
+from support.refusals import refused
 import zstandard
 
 TIMES = [index * 1000 for index in range(200)]
@@ -295,7 +296,7 @@ def test_messages_logged_beyond_what_a_clock_can_say_are_left_out(tmp_path):
 def test_unknown_compression_is_named(tmp_path):
     path = write_by_mcap(tmp_path / 'r.mcap', TIMES, compression=CompressionType.LZ4)
     path.write_bytes(path.read_bytes().replace(b'lz4', b'lz9'))
-    with pytest.raises(RecordingError, match="compression 'lz9' is unknown, zstd and lz4"):
+    with refused(RecordingError, 'damaged'):
         open_mcap(path)
 
 
@@ -332,7 +333,7 @@ def test_the_verb_that_takes_a_film_or_a_table_is_named(tmp_path, name, sentence
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
-    with pytest.raises(RecordingError, match=r'r\.mcap cannot be read: No such file'):
+    with refused(RecordingError, 'unreadable'):
         open_mcap(tmp_path / 'r.mcap')
 
 

@@ -14,6 +14,7 @@ from pneunet_ros.recordings.message_store import (
 )
 import pytest
 from support.made_recordings import pressure
+from support.refusals import refused
 
 IDL = (
     f'{IDL_HEAD}lab_msgs/msg/Volts\n'
@@ -59,12 +60,12 @@ def test_a_definition_in_idl_is_learned():
     ],
 )
 def test_a_definition_that_cannot_be_used_is_named(definition):
-    with pytest.raises(RecordingError, match=r'definition of lab_msgs/msg/Volts .* not complete'):
+    with refused(RecordingError, 'wrong_form'):
         store_for('lab_msgs/msg/Volts', definition)
 
 
 def test_a_type_that_is_nowhere_defined_is_named():
-    with pytest.raises(RecordingError, match='lab_msgs/msg/Volts is no type of ROS 2 Jazzy'):
+    with refused(RecordingError, 'unknown_type'):
         store_for('lab_msgs/msg/Volts', '')
 
 

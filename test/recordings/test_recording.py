@@ -28,6 +28,7 @@ from support.made_recordings import (
     write_by_mcap,
     write_readings,
 )
+from support.refusals import refused
 
 
 @pytest.fixture(params=['file.mcap', 'folder'])
@@ -92,11 +93,9 @@ def test_two_candidates_are_listed(tmp_path):
 
 def test_an_override_must_name_a_topic_of_the_type(recording):
     assert recording.find('gauge', PRESSURE_TYPE, PRESSURE) == PRESSURE
-    with pytest.raises(RecordingError, match=r'no topic /gauge; it holds /pneunet/end_wrench \('):
+    with refused(RecordingError, 'no_topic'):
         recording.find('pressure', PRESSURE_TYPE, '/gauge')
-    with pytest.raises(
-        RecordingError, match=f'pressure={WRENCH} names a topic of type {WRENCH_TYPE}'
-    ):
+    with refused(RecordingError, 'wrong_type'):
         recording.find('pressure', PRESSURE_TYPE, WRENCH)
 
 
@@ -173,7 +172,7 @@ def test_a_recording_can_be_left_early_and_read_again(recording):
 
 
 def test_a_topic_that_is_not_there_is_an_error(recording):
-    with pytest.raises(RecordingError, match='has no topic /missing'):
+    with refused(RecordingError, 'no_topic'):
         next(recording.messages(['/missing']))
 
 
@@ -275,16 +274,14 @@ def test_a_type_that_is_nowhere_defined_is_an_error_only_when_it_is_needed(tmp_p
     recording = open_recording(write_channels(tmp_path / 'r.mcap', [GOOD, channel]))
     assert len(list(recording.messages(['/p']))) == 1
     assert len(list(recording.raw_messages(['/gauge']))) == 1
-    with pytest.raises(RecordingError, match='lab_msgs/msg/Gauge is no type of ROS 2 Jazzy'):
+    with refused(RecordingError, 'unknown_type'):
         next(recording.messages(['/gauge']))
 
 
 def test_a_message_of_another_type_is_an_error_with_topic_and_time(tmp_path):
     channel = ('/w', 'cdr', WRENCH_TYPE, 'ros2msg', '')
     recording = open_recording(write_channels(tmp_path / 'r.mcap', [channel]))
-    with pytest.raises(
-        RecordingError, match=r'message of /w at log time 5 ns is no geometry_msgs'
-    ):
+    with refused(RecordingError, 'damaged'):
         next(recording.messages(['/w']))
 
 
@@ -308,31 +305,31 @@ def test_other_storage_is_refused(tmp_path, old, new, sentence):
     metadata = folder / 'metadata.yaml'
     assert old in metadata.read_text()
     metadata.write_text(metadata.read_text().replace(old, new))
-    with pytest.raises(RecordingError, match=f'{sentence}.*ros2 bag convert'):
+    with refused(RecordingError, 'not_supported'):
         open_recording(folder)
 
 
 def test_a_folder_of_images_is_sent_to_the_verb_that_takes_it(tmp_path):
     (tmp_path / 'frame1.png').write_bytes(b'')
-    with pytest.raises(RecordingError, match='holds images: `pneunet track FILM --readings'):
+    with refused(RecordingError, 'wrong_kind'):
         open_recording(tmp_path)
 
 
 def test_pictures_beside_recordings_make_no_folder_of_images(tmp_path):
     folder = write_readings(tmp_path / 'bag')
     (tmp_path / 'plot.png').write_bytes(b'')
-    with pytest.raises(RecordingError, match=r'a folder of recordings: .* of those in it \(bag\)'):
+    with refused(RecordingError, 'wrong_kind'):
         open_recording(tmp_path)
     (folder / 'metadata.yaml').unlink()
     (folder / 'plot.png').write_bytes(b'')
     assert open_recording(folder).count([PRESSURE]) == 100
     for number in range(20):
         (folder / f'{number}.mcap').write_bytes(b'')
-    with pytest.raises(RecordingError, match=r'19\.mcap and 9 more\): name'):
+    with refused(RecordingError, 'wrong_kind'):
         open_recording(folder)
     for file in folder.iterdir():
         file.unlink()
-    with pytest.raises(RecordingError, match=r'without a recording: no metadata\.yaml and no'):
+    with refused(RecordingError, 'wrong_kind'):
         open_recording(folder)
 
 
@@ -350,7 +347,7 @@ def test_a_file_is_named_once(tmp_path):
     metadata = folder / 'metadata.yaml'
     text = metadata.read_text().replace('  - bag.mcap\n', '  - bag.mcap\n' * 2000, 1)
     metadata.write_text(text)
-    with pytest.raises(RecordingError, match=r'names bag\.mcap 2000 times'):
+    with refused(RecordingError, 'given_twice'):
         open_recording(folder)
 
 
@@ -369,7 +366,7 @@ def test_a_recording_of_which_nothing_is_left_says_why(tmp_path):
     raw = bytearray(path.read_bytes())
     raw[len(raw) // 4] ^= 1
     path.write_bytes(raw)
-    with pytest.raises(RecordingError, match=r'it holds no messages; .*damaged chunk was skipped'):
+    with refused(RecordingError, 'no_topic'):
         open_recording(path).find('pressure', PRESSURE_TYPE)
 
 
@@ -377,14 +374,14 @@ def test_chunks_that_all_overlap_are_not_held_in_memory_for_ever(tmp_path, monke
     monkeypatch.setattr('pneunet_ros.recordings.recording.LIMITS', RecordingLimits(waiting=50_000))
     times = [index % 2 * 10**6 + index for index in range(400)]
     recording = open_recording(write_by_mcap(tmp_path / 'r.mcap', times))
-    with pytest.raises(RecordingError, match='in chunks that overlap in time'):
+    with refused(RecordingError, 'too_large'):
         deque(recording.raw_messages([PRESSURE]), maxlen=0)
 
 
 def test_a_missing_recording_or_file_of_it_is_named(tmp_path):
-    with pytest.raises(RecordingError, match='nowhere does not exist'):
+    with refused(RecordingError, 'not_found'):
         open_recording(tmp_path / 'nowhere')
     folder = write_readings(tmp_path / 'bag')
     (folder / 'bag.mcap').unlink()
-    with pytest.raises(RecordingError, match=r'bag/bag\.mcap cannot be read: No such file'):
+    with refused(RecordingError, 'unreadable'):
         open_recording(folder)

@@ -23,6 +23,7 @@ from rosbags.rosbag2 import Reader
 from ruamel.yaml import YAML
 from support.made_recordings import header, PRESSURE, pressure, STEP_NS, WRENCH, write_readings
 from support.random_estimates import plain, random_estimate
+from support.refusals import refused
 
 
 def names(folder: Path) -> list[str]:
@@ -152,7 +153,7 @@ def test_the_same_content_gives_the_same_bytes(tmp_path):
 
 def test_an_unknown_type_is_refused(tmp_path):
     with (
-        pytest.raises(RecordingError, match='lab_msgs/msg/Volts is no type of ROS 2 Jazzy'),
+        refused(RecordingError, 'unknown_type'),
         write_recording(tmp_path / 'r.mcap') as writer,
     ):
         writer.add('/volts', 'lab_msgs/msg/Volts')
@@ -161,7 +162,7 @@ def test_an_unknown_type_is_refused(tmp_path):
 
 def test_a_topic_is_added_once(tmp_path):
     with (
-        pytest.raises(RecordingError, match=f'{PRESSURE} would be written twice'),
+        refused(RecordingError, 'given_twice'),
         write_recording(tmp_path / 'r.mcap') as writer,
     ):
         writer.add(PRESSURE, PRESSURE_TYPE)
@@ -170,7 +171,7 @@ def test_a_topic_is_added_once(tmp_path):
 
 def test_unfit_content_is_refused(tmp_path):
     with (
-        pytest.raises(MessageError, match='FluidPressure cannot be serialized'),
+        refused(MessageError, 'not_serialized'),
         write_recording(tmp_path / 'r.mcap') as writer,
     ):
         writer.write(writer.add(PRESSURE, PRESSURE_TYPE), 0, pressure(0, value='high'))
@@ -178,7 +179,7 @@ def test_unfit_content_is_refused(tmp_path):
 
 def test_a_log_time_before_1970_is_refused(tmp_path):
     with (
-        pytest.raises(RecordingError, match=f'{PRESSURE} has the log time -1 ns'),
+        refused(RecordingError, 'out_of_bounds'),
         write_recording(tmp_path / 'r.mcap') as writer,
     ):
         writer.write(writer.add(PRESSURE, PRESSURE_TYPE), -1, pressure(0))
@@ -186,14 +187,14 @@ def test_a_log_time_before_1970_is_refused(tmp_path):
 
 @pytest.mark.parametrize('name', ['out.db3', 'out.bag', 'out.txt', 'out.MCAP'])
 def test_names_of_other_formats_are_refused(tmp_path, name):
-    with pytest.raises(RecordingError, match=r'cannot be written: a recording is an \.mcap'):
+    with refused(RecordingError, 'wrong_suffix'):
         write_readings(tmp_path / name)
 
 
 @pytest.mark.parametrize('name', ['file.mcap', 'folder', 'day_25.11'])
 def test_an_existing_output_is_refused_or_replaced_at_the_end(tmp_path, name):
     path = write_readings(tmp_path / name)
-    with pytest.raises(RecordingError, match=r'exists already.*--overwrite'):
+    with refused(RecordingError, 'exists'):
         write_readings(path)
     with pytest.raises(KeyError), write_recording(path, overwrite=True) as writer:
         writer.add(PRESSURE, PRESSURE_TYPE)
@@ -209,7 +210,7 @@ def test_a_folder_that_is_no_recording_is_never_replaced(tmp_path):
     folder = write_readings(tmp_path / 'arm')
     (folder / 'notes.txt').write_text('mine')
     with (
-        pytest.raises(RecordingError, match=r'arm is a folder that holds notes\.txt'),
+        refused(RecordingError, 'holds_other_files'),
         write_recording(folder, overwrite=True),
     ):
         pytest.fail('work was done')
@@ -218,7 +219,7 @@ def test_a_folder_that_is_no_recording_is_never_replaced(tmp_path):
 def test_the_input_is_not_overwritten(tmp_path):
     path = write_readings(tmp_path / 'in.mcap')
     with (
-        pytest.raises(RecordingError, match='would overwrite the input'),
+        refused(RecordingError, 'overwrites_input'),
         write_recording(path, overwrite=True, inputs=[path]),
     ):
         pytest.fail('work was done')
@@ -231,7 +232,7 @@ def test_a_full_disk_is_a_sentence_and_leaves_nothing(tmp_path, monkeypatch, nam
         raise OSError(errno.ENOSPC, 'No space left on device')
 
     with (
-        pytest.raises(RecordingError, match=f'{name} cannot be written: No space left.*nothing'),
+        refused(RecordingError, 'unwritable'),
         write_recording(tmp_path / name) as writer,
     ):
         monkeypatch.setattr(f'rosbags.rosbag2.storage_mcap.McapWriter.{when}', full)

@@ -18,6 +18,7 @@ from pneunet_ros.recordings.recording import open_recording
 import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from support.made_recordings import PRESSURE, pressure, STEP_NS
+from support.refusals import refused
 import zstandard
 
 TYPE = 'sensor_msgs/msg/FluidPressure'
@@ -141,7 +142,7 @@ def test_recordings_that_only_share_a_folder_are_not_taken_for_one(tmp_path):
     for name in ('run_0.mcap', 'run_1.mcap'):
         write_bag(tmp_path / name[:-5], StoragePlugin.MCAP, CompressionMode.NONE)
         (tmp_path / name[:-5] / name).rename(folder / name)
-    with pytest.raises(RecordingError, match=r'run_0\.mcap, run_1\.mcap'):
+    with refused(RecordingError, 'wrong_kind'):
         open_recording(folder)
     assert [path.name for path in recordings_in(folder)] == ['run_0.mcap', 'run_1.mcap']
 

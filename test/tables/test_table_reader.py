@@ -19,6 +19,7 @@ from pneunet_ros.tables.columns import (
 )
 from pneunet_ros.tables.table_reader import ImportRequest, read_table, string_force
 import pytest
+from support.refusals import refused
 
 
 def read(tmp_path, text, **request):
@@ -124,11 +125,11 @@ def test_a_rate_gives_rows_their_time(tmp_path):
         10**9 + 2 * 10**7,
         10**9 + 4 * 10**7,
     ]
-    with pytest.raises(RequestError, match=r'has no time: .* give --rate HZ'):
+    with refused(RequestError, 'no_time'):
         read(tmp_path, text)
-    with pytest.raises(RequestError, match='time_s: leave out --rate, or --ignore Time'):
+    with refused(RequestError, 'exclusive'):
         read(tmp_path, 'Time,pressure_pa\n0,1\n', rate=1.0)
-    with pytest.raises(RequestError, match='must lie between'):
+    with refused(RequestError, 'out_of_bounds'):
         read(tmp_path, text, rate=0.0)
 
 
@@ -145,13 +146,13 @@ def test_one_arm_of_a_table_of_many(tmp_path):
     np.testing.assert_array_equal(table.values['pressure'][:, 0], [0.0, 5000.0])
     np.testing.assert_allclose(table.values['targets'][:, 0], [[0.135], [0.1373]])
     np.testing.assert_allclose(table.values['targets'][:, 1], [[0.0], [-0.0172]])
-    with pytest.raises(RecordingError, match=r'no row has arm=C; there are A; B$'):
+    with refused(RecordingError, 'no_row'):
         read(tmp_path, text, **(request | {'select': {'arm': 'C'}}))
-    with pytest.raises(RequestError, match='--offset x1_mm=: no such column was read'):
+    with refused(RequestError, 'unknown_column'):
         read(tmp_path, text, **(request | {'offsets': {'x1_mm': 1.0}}))
-    with pytest.raises(RecordingError, match=r"no column 'q' \(--rename\); it has arm, p, dx"):
+    with refused(RecordingError, 'missing_column'):
         read(tmp_path, text, **(request | {'rename': {'q': 'pressure_pa'}}))
-    with pytest.raises(RecordingError, match='two columns are called x0_mm'):
+    with refused(RecordingError, 'given_twice'):
         read(tmp_path, text, **(request | {'rename': {'dx': 'x0_mm', 'dy': 'x0_mm'}}))
 
 
@@ -295,7 +296,7 @@ def test_tables_that_cannot_be_read_are_refused_with_the_place(tmp_path, text, s
 
 
 def test_a_preamble_that_is_ignored_as_a_column_is_none(tmp_path):
-    with pytest.raises(RecordingError, match='the table seems to begin in line 2'):
+    with refused(RecordingError, 'no_header'):
         read(tmp_path, 'Logger XY\ntime_s,pressure_pa\n1,2\n', ignore=['Logger XY'])
 
 
@@ -313,7 +314,7 @@ def test_a_preamble_that_is_ignored_as_a_column_is_none(tmp_path):
 )
 def test_lines_of_comment_stand_above_the_names(tmp_path, text):
     (bad,) = (place for place, line in enumerate(text.splitlines()) if 'x' in line)
-    with pytest.raises(RecordingError, match=f'line {bad + 1}, column pressure_kpa'):
+    with refused(RecordingError, 'not_a_number'):
         read(tmp_path, text)
     table = read(tmp_path, '\n'.join(text.splitlines()[:bad]))
     assert table.values['pressure'][0, 0] == 2000.0
@@ -535,7 +536,7 @@ def test_targets_at_one_place_are_taken_for_unseen_ones_and_asked_for(tmp_path, 
 
 
 def test_blank_lines_may_stand_above_the_names(tmp_path):
-    with pytest.raises(RecordingError, match='line 5, column pressure_pa'):
+    with refused(RecordingError, 'not_a_number'):
         read(tmp_path, '\n \ntime_s,pressure_pa\n0,1\n1,x\n')
 
 
@@ -565,15 +566,15 @@ def test_dates_and_times_of_day_are_times(tmp_path, clock, seconds):
 
 def test_sizes_are_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(csv_table, 'MOST_ROWS', 2)
-    with pytest.raises(RecordingError, match='has more than 2 rows'):
+    with refused(RecordingError, 'too_large'):
         read(tmp_path, 'time_s,pressure_pa\n1,1\n2,1\n3,1\n')
     monkeypatch.setattr(csv_table, 'MOST_BYTES', 10)
-    with pytest.raises(RecordingError, match='has more than 0 MB'):
+    with refused(RecordingError, 'too_large'):
         read(tmp_path, 'time_s,pressure_pa\n1,1\n')
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(RecordingError, match=r'missing.csv cannot be read: No such file'):
+    with refused(RecordingError, 'unreadable'):
         read_table(tmp_path / 'missing.csv', ImportRequest())
 
 
@@ -624,7 +625,7 @@ def test_a_time_of_day_may_pass_midnight(tmp_path):
     table, sentences = read_table(tmp_path / 'table.csv', ImportRequest())
     assert np.diff(table.stamp_ns).tolist() == [200_000_000] * 2
     assert any('passes midnight in line 3' in sentence for sentence in sentences)
-    with pytest.raises(RecordingError, match='time must increase'):
+    with refused(RecordingError, 'not_increasing'):
         read(tmp_path, 'Time,pressure_kpa\n10:00:01,5\n10:00:00,6\n')
 
 
@@ -633,7 +634,7 @@ def test_the_first_line_of_excel_names_the_separator(tmp_path):
     table = read(tmp_path, 'sep=;\ntime_s;pressure_kpa\n0,1;1,5\n0,2;2,5\n')
     assert table.values['pressure'][:, 0].tolist() == [1500.0, 2500.0]
     for above in ('', '# from Excel\n'):
-        with pytest.raises(RecordingError, match=f'line {4 + bool(above)}, column pressure_kpa'):
+        with refused(RecordingError, 'not_a_number'):
             read(tmp_path, f'sep=;\n{above}time_s;pressure_kpa\n0,1;1,5\n0,2;broken\n')
 
 
@@ -746,7 +747,7 @@ def test_readings_are_not_taken_for_placeholders(tmp_path, column):
 @pytest.mark.parametrize('name', ['Zeit', 'tiempo', 'uptime counter'])
 def test_the_time_is_asked_for_before_other_unknown_columns(tmp_path, name):
     rows = '\n'.join(f'{20 * row},{row % 3},{7 - row}' for row in range(5))
-    with pytest.raises(RecordingError, match='--rename') as caught:
+    with refused(RecordingError, 'no_time') as caught:
         read(tmp_path, f'{name},Druck [kPa],lamp\n{rows}\n')
     assert 'time_UNIT' in str(caught.value)
     assert '--ignore' not in str(caught.value)
@@ -785,7 +786,7 @@ def test_the_only_column_of_times_is_the_time_whatever_it_is_called(tmp_path, fi
 )
 def test_the_unit_of_times_since_1970_is_named(tmp_path, start, step, meant):
     rows = '\n'.join(f'{start + step * row:.3f},{row},open' for row in range(4))
-    with pytest.raises(RecordingError, match=f'--rename Timestamp={meant}'):
+    with refused(RecordingError, 'no_time'):
         read(tmp_path, f'Timestamp,kPa,valve\n{rows}\n')
 
 
@@ -793,11 +794,11 @@ def test_a_proposed_name_keeps_that_a_pressure_is_absolute(tmp_path):
     path = tmp_path / 'table.csv'
     path.write_text('time_s,AIN0 (kPa abs)\n0,101.3\n1,120.0\n', encoding='utf-8')
     new = 'pressure_kpa_abs'
-    with pytest.raises(RecordingError, match=f'AIN0 .kPa abs.={new}'):
+    with refused(RecordingError, 'unknown_column'):
         read_table(path, ImportRequest())
     assert read_table(path, ImportRequest(rename={'AIN0 (kPa abs)': new}))[0].absolute
 
 
 def test_a_second_pressure_is_not_proposed_as_the_pressure(tmp_path):
-    with pytest.raises(RecordingError, match=r"add --ignore 'Setpoint pressure .kPa.'"):
+    with refused(RecordingError, 'unknown_column'):
         read(tmp_path, 'time_s,kPa,Setpoint pressure [kPa]\n0,1,1\n')

@@ -17,6 +17,7 @@ from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
 from support.made_recordings import header
 from support.recorded_datasets import MS, pressure, readings, record, START, targets
+from support.refusals import refused
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -223,7 +224,7 @@ def test_the_shipped_recording_is_exported_and_imported(tmp_path):
     table, again = tmp_path / 't.csv', tmp_path / 'again'
     assert main(['export', str(ROOT / 'bags/table1'), '--output', str(table)]) == 0
     assert main(['import', str(table), '--output', str(again)]) == 0
-    with pytest.raises(RecordingError, match='has no topic targets'):
+    with refused(RecordingError, 'no_topic'):
         read_run(again, 23)
     second = tmp_path / 'u.csv'
     assert main(['export', str(again), '--output', str(second)]) == 0
