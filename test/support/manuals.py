@@ -69,8 +69,16 @@ def reasons_in(module: str) -> set[str]:
 
 
 def _places(tree: ast.AST) -> Iterator[ast.expr]:
-    """Yield the expressions that give a reason."""
+    """Yield the expressions that give a reason; what is raised is no refusal of a reading."""
+    raised = {
+        id(item)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Raise)
+        for item in ast.walk(node)
+    }
     for node in ast.walk(tree):
+        if id(node) in raised:
+            continue
         if isinstance(node, ast.keyword) and node.arg == 'reason':
             yield node.value
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
