@@ -17,7 +17,7 @@ import math
 from types import MappingProxyType
 
 import numpy as np
-from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.arrays import Array, freeze, median
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.settings import tuning
@@ -348,7 +348,7 @@ def compare_waiting(
         return state  # not decided yet
     stamps = np.array([estimate.stamp_ns for estimate in state.estimates])
     periods = np.diff(stamps[-settings.periods - 1 :])
-    reach = settings.reach * float(np.median(periods)) if periods.size else 0.0
+    reach = settings.reach * median(periods) if periods.size else 0.0
     waiting, state = state.waiting, replace(state, waiting=())
     for sightings in waiting:
         shown_ns = sightings.stamp_ns - delay_ns
@@ -357,11 +357,9 @@ def compare_waiting(
         at_reading = near[0] and is_at(state.estimates[nearest[0]], shown_ns)
         if near[0] and (at_reading or behind >= BESIDE):
             estimate = state.estimates[nearest[0]]
-            predicted = predict_frame(
-                estimator,
-                state.estimates[max(nearest[0] - BESIDE, 0) : nearest[0] + BESIDE + 1],
-                shown_ns,
-            )
+            beside = slice(max(nearest[0] - BESIDE, 0), nearest[0] + BESIDE + 1)
+            known = (estimate,) if at_reading else state.estimates[beside]
+            predicted = predict_frame(estimator, known, shown_ns)
             if predicted is None:
                 state = state.count_unmatched('unsteady')
                 continue
