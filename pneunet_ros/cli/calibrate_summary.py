@@ -94,7 +94,7 @@ def left_out_numbers(left_out: LeftOutLevels | None) -> dict[str, Any] | None:
 
 
 def variation_numbers(variation: StiffnessVariation | None) -> dict[str, Any] | None:
-    """Return the summary of a stiffness that may vary along the arm; None: it was not asked."""
+    """Return the summary of a stiffness that varies along the arm; None if it was not tested."""
     if variation is None:
         return None
     return {

@@ -1,8 +1,8 @@
-"""Where long work lets what is more urgent go first.
+"""Points at which a long computation lets more urgent work of its thread run.
 
-Work that takes milliseconds calls `pause` between its steps, which by itself does nothing. What
-else has to be done in this thread is done there, if somebody has said so by `work_in_pauses`. It
-must not touch what the work reads or writes: so nothing that comes of the work depends on it.
+A computation of milliseconds calls `pause` between its steps. `pause` does nothing by itself; a
+caller registers urgent work with `work_in_pauses`. That work must not touch the data of the
+computation, so the result does not depend on it.
 """
 
 from __future__ import annotations

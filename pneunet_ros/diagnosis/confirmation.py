@@ -34,11 +34,11 @@ class Confirmation:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Confirmer:
-    """The requirements of a name.
+    """Checks the requirements for naming an effect.
 
-    base: the model without any effect more; tried: all sets that were fitted; training: names of
-    the training recordings, the first of all runs; steady: their frames are steady states, each an
-    experiment of its own.
+    base: the model without further effects; tried: all fitted sets; training: names of the
+    training recordings, which come first in the runs; steady: every frame is a steady state and
+    counts as an experiment of its own.
     """
 
     base: Record

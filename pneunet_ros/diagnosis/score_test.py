@@ -175,7 +175,7 @@ def effect_cosines(
     candidates: Sequence[Candidate],
     settings: ScoreTestSettings = DEFAULTS.score_test,
 ) -> Mapping[tuple[str, str], float]:
-    """Return the cosine of every two effects' directions, -1 to 1, where it is worth a word."""
+    """Return the cosine of every two effects' directions, -1 to 1, where it is reported."""
     if not candidates:
         return {}
     cosines = cosine_matrix(gaussian, candidates)

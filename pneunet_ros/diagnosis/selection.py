@@ -25,9 +25,9 @@ import scipy
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Added:
-    """What a set explains over another one (names): evidence, and gain in chi squared.
+    """Evidence and chi-squared gain of a set of effects over another one (names).
 
-    What the laws of that one may miss is taken off.
+    The model error of the other set's laws is subtracted.
     """
 
     names: tuple[str, ...]

@@ -51,7 +51,7 @@ class PlaceSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawConfirmationSettings:
-    """What a law requires to be given."""
+    """The tests that a law must pass to be reported."""
 
     level: float = tuning(
         1e-4, 'p-value of the law of one half of the recordings in the other half'

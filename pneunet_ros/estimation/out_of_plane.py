@@ -39,12 +39,12 @@ class OutOfPlane:
 
     @property
     def note(self) -> str:
-        """Say it to a person, without numbers."""
+        """Return the warning without numbers."""
         return f'{self.component} of the end wrench is beyond out_of_plane_limit'
 
     @property
     def sentence(self) -> str:
-        """Say it to a person."""
+        """Return the warning with value and limit."""
         unit = 'N' if self.component == 'Fz' else 'N m'
         return (
             f'{self.component} of the end wrench is {self.value:.3g} {unit}, out of the plane of '

@@ -150,7 +150,7 @@ class LabHysteresis(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabCreep(LabEffect):
-    """kappa0 follows by 1 - amplitude at once, the rest later; rich: a part of that soon."""
+    """kappa0 follows by 1 - amplitude at once, the rest later; rich: part of the rest sooner."""
 
     name: ClassVar[str] = 'creep'
     amplitude: float = quantity(0.0, unit='-', bounds=(0.0, 1.0))

@@ -93,7 +93,7 @@ class LabPeriodicDisturbance(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabTouchingPeg(LabEffect):
-    """A stiff stop in the way: a place of the arm does not get beyond a height y, see `Peg`."""
+    """A stiff stop: one place of the arm cannot pass a height y (see `Peg`)."""
 
     name: ClassVar[str] = 'touching_peg'
     stiffness: float = quantity(0.0, unit='N/m', bounds=(0.0, 1e5))

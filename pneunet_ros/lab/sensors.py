@@ -62,7 +62,7 @@ class LabNoise:
 
 
 def noiseless() -> LabNoise:
-    """Return no noise at all."""
+    """Return sensors without noise."""
     return LabNoise(**{item.name: 0.0 for item in fields(LabNoise)})
 
 

@@ -1,11 +1,10 @@
 """The load that most probably acted in a frame, given its targets: where a frame is linearized.
 
-An arm may be so compliant that the noise of a force sensor moves its tip by millimeters, further
-than a straight line follows. Then not the reading is where the model is linearized, but the load
-that reading and targets together make most probable.
+Force noise may move the tip of a compliant arm by millimeters, beyond the range in which the model
+is linear. The model is then linearized at the most probable load given reading and targets.
 
-Near a load at which the arm snaps, it even decides between two equilibria: then the one in which
-the arm was seen is looked for at loads around the reading.
+Near a load at which the arm snaps, that noise even decides between two equilibria. Loads around
+the reading are then searched for the equilibrium that the camera saw.
 """
 
 from __future__ import annotations

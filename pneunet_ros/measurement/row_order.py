@@ -99,7 +99,7 @@ def end_turns(
 
 
 def turning(points: Array, start: int, end: int) -> float | None:
-    """Return the angle (rad) over which the line between two targets turns: 90 % of frames."""
+    """Return the range (rad) of the angle of the line between two targets, for 90 % of frames."""
     chord = points[:, :, end] - points[:, :, start]
     chord = chord[np.isfinite(chord).all(axis=1)]
     if not len(chord):

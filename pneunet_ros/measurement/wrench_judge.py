@@ -155,10 +155,10 @@ class ExpectedLoad:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrenchVerdict(ReadingVerdict[WrenchConvention]):
-    """What the readings of a force sensor most likely mean.
+    """The most likely convention of a force sensor's readings.
 
-    largest: reading, in the unit of the sensor; frame: that of the messages, where it is not one
-    that is declared.
+    largest: the largest reading, in the sensor's unit; frame: the frame of the messages if it was
+    not declared.
     """
 
     largest: float

@@ -326,7 +326,7 @@ class Arm:
         return np.asarray(np.stack([by_x, by_y], axis=1) / (2.0 * step))
 
     def unsee(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return where points truly are that are measured at x, y (m)."""
+        """Return the true places (m) of points measured at x, y (m): the inverse of `see`."""
         true_x, true_y = x, y
         for _ in range(UNSEEN_STEPS if self.seeing else 0):
             off_x, off_y = np.subtract((x, y), self.see(true_x, true_y))

@@ -105,7 +105,7 @@ class Domain:
 
     @property
     def words(self) -> str:
-        """Say what is known, to a person."""
+        """Return the calibrated range as text for the user."""
         low, high = (kilopascals(value) for value in self.pressure)
         force, moment = self.largest_force, 1000.0 * self.largest_end_moment
         loads = [f'end forces up to {force:.3g} N'] * (force > 0.0)

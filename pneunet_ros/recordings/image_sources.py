@@ -131,7 +131,7 @@ def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
 def find_info_topic(recording: Recording, image_topic: str, override: str | None) -> str:
     """Return the topic of camera_info: of several, the one beside the images.
 
-    Raises RecordingError when there is none or it cannot be told which.
+    Raises RecordingError if there is none, or if the choice is ambiguous.
     """
     if override is None:
         candidates = recording.candidates('camera_info', CAMERA_INFO_TYPE)

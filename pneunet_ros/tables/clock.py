@@ -95,7 +95,7 @@ def _zone(text: str | None) -> int:
 def _days(text: str) -> int:
     """Return days since 1970 of 2026-11-22, 2026/11/22, 22.11.2026, 11/22/2026 or 22-Nov-2026.
 
-    Raises ValueError for no day.
+    Raises ValueError if the text is not a date.
     """
     parts = re.split(r'[-./]', text)
     first, second, third = (

@@ -208,8 +208,8 @@ def row_at_rest(
         if _is_upright(best, rows, pixels, vision):
             return Failure(
                 reason=UPRIGHT,
-                sentence=f'the row of {count} targets is upright, and none of its ends is the '
-                f'left one: give clamp_pixel in the camera file, {at[0]} or {at[1]}',
+                sentence=f'the row of {count} targets is upright, so its left end is ambiguous: '
+                f'set clamp_pixel in the camera file to {at[0]} or {at[1]}',
             )
         if at[1][0] < at[0][0]:
             return Failure(

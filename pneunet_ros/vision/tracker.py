@@ -138,7 +138,7 @@ class TrackerState:
         )
 
     def count_rejected(self, reason: str) -> TrackerState:
-        """Count one more image that was not looked at."""
+        """Count an image that was rejected unprocessed."""
         return replace(self, rejected=count_reason(self.rejected, reason))
 
 

@@ -116,8 +116,8 @@ def describe_misfit(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[s
         missed = f'the targets by {millimeters(rms):.3g} mm rms per coordinate,'
     return [
         f'the model misses {missed} '
-        f'{np.sqrt(chi_squared):.2g} times what noise explains: something is missing in it (see '
-        '`pneunet diagnose`), and its standard errors are too small'
+        f'{np.sqrt(chi_squared):.2g} times the noise: an effect is missing, and the standard '
+        'errors are too small. Run `pneunet diagnose`'
     ]
 
 

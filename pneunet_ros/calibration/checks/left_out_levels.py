@@ -37,12 +37,12 @@ Refit = Callable[[Sequence[RecordingData]], Fit]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeftOutSettings:
-    """Which pressures are left out, and when a baseline does as well."""
+    """The numbers of the cross-validation over pressures, and when a baseline is as good."""
 
     levels: int = tuning(
         10, 'parts of the pressures at most', source='convention: tenfold cross-validation'
     )
-    fewest: int = tuning(4, 'parts', source='convention: two beside the first and the last')
+    fewest: int = tuning(4, 'parts', source='convention: the first, the last and two between')
     frames: int = tuning(300, 'of all runs', source='convention: seconds of CPU')
     as_well: float = tuning(
         1.1, 'error over that of a baseline', source='convention: a tenth is no difference'

@@ -64,10 +64,10 @@ def ranked(
 
 
 def odds_beside_first(hypotheses: tuple[Hypothesis[Believed], ...]) -> list[float]:
-    """Return the odds of each hypothesis but the first against that one, at most 1.
+    """Return the odds of every other hypothesis against the first one, at most 1.
 
-    By these their distance from the first one widens its errors: the second moment of a mixture,
-    and never less than that, as evidence is known no better than the models behind it.
+    They weight the distance to the first hypothesis by which its errors are widened: the second
+    moment of a mixture, or more, because the evidence is only as good as the models behind it.
     """
     return [
         math.exp(min(one.log_weight - hypotheses[0].log_weight, 0.0)) for one in hypotheses[1:]

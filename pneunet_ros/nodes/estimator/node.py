@@ -168,7 +168,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
             self.log_refusal(refusal)
 
     def note_consistency(self, consistency: ConsistencyState) -> None:
-        """Keep what is known of targets, and when a frame was last compared."""
+        """Store the consistency state and the time of the last compared frame."""
         if consistency.running is not self.consistency.running:
             self.health.note_comparison(time.monotonic())
         self.consistency = consistency

@@ -99,7 +99,7 @@ class GripperConfiguration:
 
     @property
     def model(self) -> str:
-        """Which gripper this is."""
+        """Return the name of the gripper: its arms."""
         return f'gripper of {", ".join(self.node.arms)}'
 
     def info(self) -> str:

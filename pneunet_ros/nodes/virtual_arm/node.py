@@ -268,7 +268,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.with_shape(show)
 
     def diagnose(self) -> None:
-        """Publish how the arm is doing."""
+        """Publish the diagnostics of the arm."""
         now = time.monotonic()
         rate = self.readings / max(now - self.reported, 1e-9)
         values = {

@@ -255,7 +255,7 @@ def solve_step(normal: Array, gradient: Array, step: Array) -> float:
 
 @inner
 def median_where(values: Array, which: Mask) -> float:
-    """Return the median of some values, NaN of none."""
+    """Return the median of the selected values; NaN if none is selected."""
     some = np.empty(values.size)
     count = 0
     for place in range(values.size):
