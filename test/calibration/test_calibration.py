@@ -161,7 +161,7 @@ def test_a_known_load_does_not_hide_how_the_stiffness_goes_with_the_pressure():
     law = found.arm.moment_law
     assert grows.min() < law.bending_stiffness / (arm.weight * arm.length**2) < grows.max()
     assert found.joint.chi_squared / found.joint.dof > 4.0
-    assert any('something is missing' in note for note in found.notes)
+    assert any('pneunet diagnose' in note for note in found.notes)
     assert not any('--law' in note for note in found.notes)  # it was asked for
     more = calibrate(*weighed(arm), arm, kind='piecewise_linear', compare=False)
     assert more.joint.chi_squared / more.joint.dof < 1.5

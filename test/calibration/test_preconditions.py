@@ -229,7 +229,7 @@ def test_a_few_frames_that_are_missed_are_no_missing_effect():
     assert outlier_recordings(fit) == []
     bad.whitened[:10] = 3e4
     (sentence,) = describe_misfit(fit_of(bad, good))
-    assert 'something is missing in it' in sentence
+    assert 'pneunet diagnose' in sentence
     assert len(outlier_recordings(fit_of(bad, good))) == 1
 
 
@@ -239,7 +239,7 @@ def test_a_short_recording_that_does_not_fit_is_no_few_frames():
         setattr(short, name, getattr(short, name)[:2])
     fit = fit_of(short, *(Some(name, 1.0) for name in 'abcdef'))
     assert outlier_recordings(fit)[0].startswith('short does not fit the others')
-    assert 'something is missing' in describe_misfit(fit)[0]
+    assert 'pneunet diagnose' in describe_misfit(fit)[0]
 
 
 @pytest.mark.parametrize(('std', 'said'), [(1000.0, False), (1500.0, True)])
