@@ -192,7 +192,7 @@ class Agreement:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunningInnovation:
-    """Means over the frames of the last while, older ones counting less and less.
+    """Exponentially weighted means over the last frames.
 
     weight: how many frames they are worth; frames: how many there were; chi_square: per
     coordinate; coordinates: in a frame; beyond: share of frames beyond the limit; at_targets

@@ -17,7 +17,7 @@ from pneunet_ros.model.domain import DOMAIN, DomainSettings, MOMENT, PRESSURE
 OUT_OF_RANGE, LOAD_OUT_OF_DOMAIN = 'out_of_range', 'load_out_of_domain'
 PRESSURE_BEYOND = 'pressure beyond the calibrated range: extrapolated'
 LOAD_BEYOND = 'end load beyond the calibrated loads: extrapolated'
-LOADS_UNKNOWN = 'the model has no domain: for which end loads it was calibrated is not known'
+LOADS_UNKNOWN = 'the model has no domain, so the calibrated end loads are unknown'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

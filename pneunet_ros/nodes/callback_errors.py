@@ -31,7 +31,7 @@ class CallbackErrors:
     ) -> Callable[..., Any]:
         """Return a callback that raises nothing; failed: gives its result after an error.
 
-        An error after a signal ends the node: ROS makes errors of what a signal cuts off.
+        An error after a signal ends the node: ROS raises errors in calls that a signal interrupts.
         """
 
         @wraps(callback)

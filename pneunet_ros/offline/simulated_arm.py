@@ -36,7 +36,7 @@ SENSORS_OF_LAB = (
 
 @dataclass(slots=True, kw_only=True)
 class SimulatedArm:
-    """The arm of a scenario, which remembers what was done to it; its protocol is not used."""
+    """The simulated arm of a scenario, which keeps its history; the protocol is not used."""
 
     scenario: Scenario
     settings: ExplorationSettings = EXPLORATION

@@ -281,7 +281,7 @@ def _along_arc(
 def consistent_motion(
     off: Array, spacing: float, gating: GatingSettings = GATING
 ) -> tuple[Mask, Mask]:
-    """Return which targets are off their prediction as their neighbors are, and which not.
+    """Return which targets deviate from their prediction as their neighbors do, and which not.
 
     off (targets, 2): from where each was predicted, in the unit of `spacing`; NaN for those
     without a prediction of their own or not seen, of which nothing is said. A glint beside a

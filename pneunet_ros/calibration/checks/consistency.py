@@ -122,7 +122,7 @@ def describe_misfit(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[s
 
 
 def misfit_of_few(fit: Fit, settings: SameArmSettings) -> str:
-    """Say that a few frames alone are missed; empty where it is not so."""
+    """Return the note that only a few frames misfit; empty if more do, or none."""
     counts = [run.dof > 0 for run in fit.runs]
     whitened, dof = (
         np.concatenate([values[here] for values, here in zip(parts, counts, strict=True)])

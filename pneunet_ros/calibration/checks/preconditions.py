@@ -101,7 +101,7 @@ def has_one_pressure(
 
 
 def same_pressure(arm: Arm, settings: ResolutionSettings) -> float:
-    """Return by how much (Pa) readings of one pressure differ by the noise of its sensor."""
+    """Return the spread (Pa) that sensor noise gives to readings of one pressure."""
     return settings.noise_span * arm.sensors.pressure_std
 
 

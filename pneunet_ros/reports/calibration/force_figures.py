@@ -133,7 +133,7 @@ def draw_way(
 
 
 def limit_of(found: EstimatedForces, component: int) -> float:
-    """Return how far the axis of errors goes (mN): most bars of both ways inside."""
+    """Return the limit (mN) of the error axis; it holds most bars of both methods."""
     reach = [
         np.abs(way.force[:, component] - found.read[:, component])
         + BAND_SIGMAS * np.hypot(way.sigma[:, component], found.read_std)

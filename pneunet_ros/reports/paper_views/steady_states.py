@@ -68,7 +68,7 @@ def find_steady_states(
 
 
 def arm_points(fitted: FittedRun, arm: Arm) -> Array:
-    """Return where the targets really were as far as is known, (frames, 2, targets) m."""
+    """Return the best known positions of the targets, (frames, 2, targets) m."""
     measured = fitted.run.points - fitted.disturbance
     return np.stack(arm.unsee(measured[:, 0], measured[:, 1]), axis=1)
 

@@ -101,8 +101,8 @@ def next_steps(data: SurveyData) -> tuple[str, str]:
     failed = [item for item in data.arms if item.failed]
     if failed:
         return (
-            f'Look for what the recordings of {failed[0].name} lack; then give the command of the '
-            'survey again, which keeps the arms that are done.',
+            f'Find out what the recordings of {failed[0].name} lack, then repeat the survey: '
+            'finished arms are kept.',
             f'pneunet check {shlex.join([*failed[0].recordings, "--model", failed[0].arm_file])}',
         )
     places = data.fleet.odd

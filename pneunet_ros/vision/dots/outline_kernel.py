@@ -112,7 +112,7 @@ def cut_rim(
     pixels: tuple[Array, Array, Array, Array],
     sectors: Integers,
 ) -> int:
-    """Collect the pixels that can be near the edge of an ellipse; returns how many they are.
+    """Collect the pixels that can be near the edge of an ellipse, and return their number.
 
     Fills pixels and sectors as `linearize_edge` takes them, x and y from where the fit begins.
     """
