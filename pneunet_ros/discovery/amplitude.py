@@ -45,16 +45,8 @@ class Evidence:
         )
 
     def log_gain(self, std: float) -> float:
-        """Log probability of the runs with these columns over that without.
-
-        std: prior standard deviation of every coefficient.
-        """
-        factor = scipy.linalg.cho_factor(
-            np.eye(self.score.size) + std**2 * self.information, lower=True
-        )
-        score = std * self.score
-        explained = float(score @ scipy.linalg.cho_solve(factor, score))
-        return 0.5 * explained - float(np.log(np.diag(factor[0])).sum())
+        """Return `log_gains` for one prior standard deviation of every coefficient."""
+        return float(log_gains(self.score, self.information, [std])[0])
 
     def estimate(self, std: float) -> tuple[Array, Array]:
         """Return coefficients (n,) and their covariance (n, n)."""
@@ -132,21 +124,39 @@ class Columns:
 class FrameColumns:
     """A field by frames: one column per frame of every run, of which each run has its own.
 
-    Evidence is over all frames of all runs in turn, zero for those of other runs.
+    Evidence is over all frames of all runs in turn, zero for those of other runs. parts: per run,
+    columns^T columns, X^T columns, columns^T residuals.
     """
 
     def __init__(
-        self, projection: Projection, linearization: Linearization, fields: Sequence[Array]
+        self, projection: Projection, parts: Sequence[tuple[Array, Array, Array]]
     ) -> None:
-        self.projection, gaussian = projection, projection.gaussian
-        self.parts: list[tuple[Array, Array, Array]] = []
+        self.projection, self.parts = projection, parts
+        ends = np.cumsum([0, *(score.size for _, _, score in parts)])
+        self.frames = [slice(first, last) for first, last in itertools.pairwise(ends.tolist())]
+
+    @classmethod
+    def of(
+        cls, projection: Projection, linearization: Linearization, fields: Sequence[Array]
+    ) -> FrameColumns:
+        """Take a field (frames, 2 targets) m of every run, whitened frame by frame."""
+        gaussian, parts = projection.gaussian, []
         for block, field, columns, residuals in zip(
             linearization.blocks, fields, gaussian.columns, gaussian.residuals, strict=True
         ):
             white = block.white(field[:, :, None] * np.eye(len(field))[:, None, :])
-            self.parts.append((white.T @ white, columns.T @ white, white.T @ residuals))
-        ends = np.cumsum([0, *(len(field) for field in fields)])
-        self.frames = [slice(first, last) for first, last in itertools.pairwise(ends.tolist())]
+            parts.append((white.T @ white, columns.T @ white, white.T @ residuals))
+        return cls(projection, parts)
+
+    def along(self, factors: Sequence[Array]) -> FrameColumns:
+        """Return sums of the frames of every run, with its own factors (frames, n)."""
+        return FrameColumns(
+            self.projection,
+            [
+                (factor.T @ gram @ factor, cross @ factor, factor.T @ score)
+                for factor, (gram, cross, score) in zip(factors, self.parts, strict=True)
+            ],
+        )
 
     def of_run(self, which: int) -> Array:
         """Return which of all frames are those of a run, (frames,)."""
@@ -167,13 +177,33 @@ class FrameColumns:
         )
 
 
-def left_out_gain(evidence: Sequence[Evidence], chosen: Sequence[int], std: float) -> float:
-    """Return the gain in log probability of every run predicted from the others, summed.
+def log_gains(score: Array, information: Array, stds: Sequence[float] | Array) -> Array:
+    """Return the log probability of runs with columns over that without, (..., stds).
 
-    evidence: as of `Columns.left_out`; chosen: which columns; std: prior of their coefficients.
+    score (..., n) and information (..., n, n) of columns; stds: priors of their coefficients.
     """
-    gains = [item.part(chosen).log_gain(std) for item in evidence]
-    return sum(gains[0] - gain for gain in gains[1:])
+    values, axes = np.linalg.eigh(information)
+    scores = np.einsum('...ij,...i->...j', axes, score)[..., None, :]
+    variances = np.square(stds)[:, None]
+    shrunk = 1.0 + variances * np.maximum(values, 0.0)[..., None, :]
+    return np.asarray(0.5 * (variances * scores**2 / shrunk - np.log(shrunk)).sum(axis=-1))
+
+
+def left_out_gains(
+    evidence: Sequence[Evidence], chosen: Sequence[Sequence[int]], stds: Sequence[float]
+) -> Array:
+    """Return gains in log probability of every run predicted from the others, (choices, stds).
+
+    evidence: as of `Columns.left_out`; chosen: which columns, as many in each choice; stds: priors
+    of their coefficients.
+    """
+    which = np.asarray(chosen)
+    score = np.stack([item.score[which] for item in evidence])
+    information = np.stack(
+        [item.information[which[:, :, None], which[:, None, :]] for item in evidence]
+    )
+    gains = log_gains(score, information, stds)
+    return np.asarray((gains[0] - gains[1:]).sum(axis=0))
 
 
 def unit_fields(fit: Refit, effect: Effect, size: float) -> tuple[Array, ...] | None:

@@ -105,6 +105,8 @@ def discover(
     on_progress('causes outside the library', 0, 0)
     search = Search(base.refit, settings)
     beside, best = look_for_law(investigation, base, search, search.suspects(), on_progress)
+    if base is investigation.base:  # what the law of a named effect leaves out changes by itself
+        beside = by_itself(investigation.selection, base, search, beside, best)
     if best is not None and not beside.found:
         objection = untestable_law(investigation, base, best, settings.confirmation)
         if objection:
@@ -211,8 +213,7 @@ def look_for_law(
     if not suspects:
         notes = ('no kind of cause that was tried predicts recordings that are left out',)
         nothing = Discovery(searched=True, causes=causes, notes=notes, settings=settings)
-        instead = by_itself(selection, first, base, search)
-        return nothing if instead is None else replace(instead, causes=causes), None
+        return nothing, None
     fits = JointFits(selection, first, base, search, settings)
     findings = judge(fits, suspects, on_progress)
     best = shortened(max(findings, key=lambda item: (item.explains, item.gain)), fits)
@@ -235,12 +236,7 @@ def look_for_law(
         unconfirmed = Discovery(
             searched=True, causes=causes, amplitudes=amplitudes, notes=notes, settings=settings
         )
-        instead = by_itself(selection, first, base, search)
-        return unconfirmed if instead is None else replace(instead, causes=causes), best
-    if best.goes_by_itself:
-        instead = by_itself(selection, first, base, search, best.gain)
-        if instead is not None:
-            return replace(instead, causes=causes), best
+        return unconfirmed, best
     tied = tied_kinds(best, findings, suspects, settings)
     discovery = Discovery(
         searched=True,
@@ -255,16 +251,18 @@ def look_for_law(
 
 
 def by_itself(
-    selection: Selection, first: Trial, base: Trial, search: Search, least: float = 0.0
-) -> Discovery | None:
-    """Return what changes by itself without a period, where that gains more than so much.
+    selection: Selection, base: Trial, search: Search, law: Discovery, best: Finding | None
+) -> Discovery:
+    """Return what changes by itself without a period, where that is confirmed; else the law.
 
-    None where nothing of that sort is confirmed. It takes the place of a law that is not, and of
-    one on time that explains less: that predicts nothing either.
+    It takes the place of a law that is not confirmed, and of one on time that explains less: that
+    predicts nothing either.
     """
+    if law.found and best is not None and not best.goes_by_itself:
+        return law
     suspects = search.wandering_suspects()
-    if not suspects or suspects[0].left_out_gain <= least:
-        return None
+    if not suspects or (law.found and best is not None and suspects[0].left_out_gain <= best.gain):
+        return law
     findings = [
         Finding(
             suspect=item,
@@ -274,14 +272,14 @@ def by_itself(
         )
         for item in suspects
     ]
-    best = findings[0]
-    if objections_to(best, selection, first, base, search):
-        return None
-    tied = tied_kinds(best, findings, suspects, search.settings)
+    if objections_to(findings[0], selection, base, base, search):
+        return law
+    tied = tied_kinds(findings[0], findings, suspects, search.settings)
     return Discovery(
         searched=True,
-        found=(describe(best, tied, search),),
-        amplitudes=amplitude_series(search, best),
+        found=(describe(findings[0], tied, search),),
+        causes=law.causes,
+        amplitudes=amplitude_series(search, findings[0]),
         settings=search.settings,
     )
 
@@ -397,7 +395,7 @@ def suspect_explained(suspect: Suspect, search: Search) -> float:
     assert suspect.swing is not None
     if not suspect.swing.periodic:  # an amplitude of its own in every frame explains noise, too
         return 2.0 * suspect.swing.left_out_gain
-    frames = FrameColumns(search.projection, search.fit.linearization, suspect.cause.fields)
+    frames = search.frame_columns(suspect.cause)
     return frames.evidence(search.runs).along(suspect.swing.factors).explained
 
 
@@ -469,7 +467,7 @@ def predicted_p_value(
         swing = find(suspect.cause, chosen)
         if swing is None:
             return 1.0
-        frames = FrameColumns(search.projection, linearization, suspect.cause.fields)
+        frames = search.frame_columns(suspect.cause)
         white = swing_columns(suspect, search, frames, swing, tested)
     else:
         law = search.best_law(suspect.kind, chosen)
@@ -669,7 +667,7 @@ def amplitude_series(search: Search, finding: Finding) -> tuple[AmplitudeSeries,
     """Return the amplitude of a finding in every frame of the training, free and by its law."""
     suspect, linearization = finding.suspect, search.fit.linearization
     kind, cause = suspect.kind, suspect.cause
-    frames = FrameColumns(search.projection, linearization, cause.fields)
+    frames = search.frame_columns(cause)
     evidence = frames.evidence(search.runs)
     value, covariance = evidence.estimate(kind.prior)
     std = np.sqrt(np.diag(covariance))
@@ -693,7 +691,7 @@ def amplitude_series(search: Search, finding: Finding) -> tuple[AmplitudeSeries,
 def law_amplitude(suspect: Suspect, search: Search) -> Array:
     """Return the amplitude (all frames,) by the law of a suspect, without what is native."""
     if suspect.swing is not None:
-        frames = FrameColumns(search.projection, search.fit.linearization, suspect.cause.fields)
+        frames = search.frame_columns(suspect.cause)
         evidence = frames.evidence(search.runs).along(suspect.swing.factors)
         return np.asarray(suspect.swing.factors @ evidence.estimate(suspect.swing.std)[0])
     law = suspect.law

@@ -12,7 +12,7 @@ from pneunet_ros.discovery.amplitude import (
     Columns,
     columns_of,
     Evidence,
-    left_out_gain,
+    left_out_gains,
     Projection,
     Runs,
     unit_fields,
@@ -125,15 +125,14 @@ def choose_law(cause: Cause, runs: Runs, settings: LawSettings = DISCOVERY.law) 
     chosen: list[int] = []
     gain = 0.0
     while len(chosen) < settings.most_terms:
-        rivals = [
-            (left_out_gain(evidence, [*chosen, term], std), std, term)
-            for term in range(len(cause.terms))
-            if term not in chosen
-            for std in settings.prior_sizes
-        ]
+        rivals = [term for term in range(len(cause.terms)) if term not in chosen]
         if not rivals:
             break
-        most, std, term = max(rivals)
+        gains = left_out_gains(
+            evidence, [[*chosen, term] for term in rivals], settings.prior_sizes
+        )
+        row, column = np.unravel_index(gains.argmax(), gains.shape)
+        most, std, term = float(gains.max()), settings.prior_sizes[column], rivals[row]
         if most < gain + settings.least_gain:
             break
         chosen.append(term)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from pneunet_ros.diagnosis.refit import Refit
@@ -12,7 +13,13 @@ from pneunet_ros.discovery.covariates import Covariate, covariates_of, ELAPSED
 from pneunet_ros.discovery.kinds import Kind, KINDS
 from pneunet_ros.discovery.law import Cause, cause_of, choose_law, Law
 from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings
-from pneunet_ros.discovery.time_law import find_swing, find_wandering, Swing
+from pneunet_ros.discovery.time_law import (
+    Courses,
+    find_swing,
+    find_wandering,
+    Swing,
+    wandering_courses,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,6 +65,7 @@ class Search:
         low, high = fit.linearization.point.arm.table_range
         self.play = settings.covariates.play * (high - low)
         self.causes: dict[tuple[str, float | None], Cause | None] = {}
+        self.frames: dict[tuple[str, float | None], FrameColumns] = {}
 
     @property
     def runs(self) -> Runs:
@@ -78,6 +86,21 @@ class Search:
                 self.fit, self.projection, kind, position, self.covariates, play=self.play
             )
         return self.causes[key]
+
+    def frame_columns(self, cause: Cause) -> FrameColumns:
+        """Return the frames of a cause, made once."""
+        key = cause.kind.name, cause.position
+        if key not in self.frames:
+            self.frames[key] = FrameColumns.of(
+                self.projection, self.fit.linearization, cause.fields
+            )
+        return self.frames[key]
+
+    @cached_property
+    def courses(self) -> Courses:
+        """What changes by itself without a period; of steady states nothing does."""
+        seconds = {item.name: item.values for item in self.covariates}.get(ELAPSED)
+        return {} if seconds is None else wandering_courses(seconds, self.settings.law)
 
     def law(self, kind: Kind, position: float | None, runs: Runs) -> Law | None:
         """Return the law of a kind at a place in some of the runs; None where there is none."""
@@ -107,16 +130,13 @@ class Search:
 
     def swing(self, cause: Cause, runs: Runs) -> Swing | None:
         """Return the swing of a cause in some of the runs."""
-        frames = FrameColumns(self.projection, self.fit.linearization, cause.fields)
+        frames = self.frame_columns(cause)
         return find_swing(frames, self.covariates, cause.kind.prior, runs, self.settings.law)
 
     def wandering(self, cause: Cause, runs: Runs) -> Swing | None:
         """Return a course of its own of a cause in some of the runs, without a period."""
-        seconds = {item.name: item.values for item in self.covariates}.get(ELAPSED)
-        if seconds is None:
-            return None
-        frames = FrameColumns(self.projection, self.fit.linearization, cause.fields)
-        return find_wandering(frames, seconds, cause.kind.prior, runs, self.settings.law)
+        frames = self.frame_columns(cause)
+        return find_wandering(frames, self.courses, cause.kind.prior, runs, self.settings.law)
 
     def wandering_suspects(self) -> list[Suspect]:
         """Return the kinds that change by themselves without a period, the best first.

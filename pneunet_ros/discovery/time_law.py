@@ -8,12 +8,12 @@ correlation time (Ornstein-Uhlenbeck: as rough as what is switched on and off).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.discovery.amplitude import Evidence, FrameColumns, Runs
+from pneunet_ros.discovery.amplitude import Evidence, FrameColumns, log_gains, Runs
 from pneunet_ros.discovery.covariates import CONSTANT, Covariate, ELAPSED
 from pneunet_ros.discovery.settings import DISCOVERY, LawSettings
 import scipy
@@ -79,14 +79,12 @@ def find_swing(
         sizes = [prior * np.abs(by_name[modulation].scaled(which)) for which in every_run]
         for period in periods:
             part = everything.along(swing_factors(seconds, sizes, period))
-            for std in settings.prior_sizes:
-                gain = part.log_gain(std)
-                if best is None or gain > best[0]:
-                    best = gain, period, modulation, std
-    free = max(
-        everything.along(prior * np.eye(everything.score.size)).log_gain(std)
-        for std in settings.prior_sizes
-    )
+            gains = log_gains(part.score, part.information, settings.prior_sizes)
+            if best is None or gains.max() > best[0]:
+                std = settings.prior_sizes[int(gains.argmax())]
+                best = float(gains.max()), period, modulation, std
+    priors = prior * np.asarray(settings.prior_sizes)
+    free = log_gains(everything.score, everything.information, priors).max()
     # What swings is described better by that than by an amplitude of its own in every frame.
     if best is None or best[0] < max(free, 0.0) + settings.period_cost:
         return None
@@ -118,39 +116,51 @@ def find_swing(
     )
 
 
+Courses = Mapping[float, Sequence[Array]]  # per correlation time (s): a root (frames, n) per run
+
+
+def wandering_courses(seconds: Sequence[Array], settings: LawSettings = DISCOVERY.law) -> Courses:
+    """Return courses without a period; seconds (frames,) of every run."""
+    periods = possible_periods(seconds, settings)
+    if not periods.size:
+        return {}
+    times = np.geomspace(float(periods[0]), float(periods[-1]), CORRELATION_TIMES).tolist()
+    return {time: wandering_roots(seconds, time) for time in times}
+
+
 def find_wandering(
     frames: FrameColumns,
-    seconds: Sequence[Array],
+    courses: Courses,
     prior: float,
     runs: Runs,
     settings: LawSettings = DISCOVERY.law,
 ) -> Swing | None:
     """Return an amplitude that changes by itself without a period; None where none is seen.
 
-    seconds: of the frames of every run; prior: that of the amplitude.
+    prior: that of the amplitude.
     """
-    periods = possible_periods(seconds, settings)
-    if not periods.size or len(runs) < settings.fewest_runs:
+    if not courses or len(runs) < settings.fewest_runs:
         return None
-    everything = frames.evidence(runs)
-    times = np.geomspace(float(periods[0]), float(periods[-1]), CORRELATION_TIMES).tolist()
-    roots = {time: prior * wandering_root(seconds, time) for time in times}
-    gain, std, time = max(
-        (everything.along(root).log_gain(std), std, time)
-        for time, root in roots.items()
-        for std in settings.prior_sizes
-    )
+    priors = prior * np.asarray(settings.prior_sizes)
+    along = {time: frames.along(roots) for time, roots in courses.items()}
+    evidence = {time: item.evidence(runs) for time, item in along.items()}
+    gains = {
+        time: log_gains(item.score, item.information, priors) for time, item in evidence.items()
+    }
+    time = max(gains, key=lambda item: float(gains[item].max()))
+    gain, place = float(gains[time].max()), int(gains[time].argmax())
     if gain <= 0.0:
         return None
-    root = roots[time]
+    std = settings.prior_sizes[place]
     left_out = sum(
         gain
-        - frames.evidence(tuple(other for other in runs if other != which))
-        .along(root)
-        .log_gain(std)
+        - along[time]
+        .evidence(tuple(other for other in runs if other != which))
+        .log_gain(prior * std)
         for which in runs
     )
-    coefficients = everything.along(root).estimate(std)[0]
+    root = np.asarray(scipy.linalg.block_diag(*courses[time]))
+    coefficients = evidence[time].estimate(prior * std)[0]
     course = np.asarray(root @ coefficients)[np.concatenate([frames.of_run(w) for w in runs])]
     return Swing(
         period=time,
@@ -159,24 +169,26 @@ def find_wandering(
         size=float(np.sqrt(np.mean(course**2))) / prior,
         size_std=0.0,
         left_out_gain=left_out - settings.least_gain,
-        factors=root,
+        factors=prior * root,
         std=std,
         periodic=False,
     )
 
 
-def wandering_root(seconds: Sequence[Array], time: float) -> Array:
-    """Return a root (all frames, n) of the covariance exp(-|t - t'| / time) in every run.
+def wandering_roots(seconds: Sequence[Array], time: float) -> list[Array]:
+    """Return roots (frames, n) of the covariance exp(-|t - t'| / time) of every run.
 
     Runs have as many columns each: the directions of largest variance.
     """
-    parts = []
+    each = min(DIRECTIONS, *(item.size for item in seconds))
+    roots = []
     for item in seconds:
         covariance = np.exp(-np.abs(item[:, None] - item[None]) / time)
-        variances, axes = np.linalg.eigh(covariance)
-        parts.append((axes * np.sqrt(np.maximum(variances, 0.0)))[:, ::-1])
-    each = min(DIRECTIONS, *(item.shape[1] for item in parts))
-    return np.asarray(scipy.linalg.block_diag(*(item[:, :each] for item in parts)))
+        variances, axes = scipy.linalg.eigh(
+            covariance, subset_by_index=(item.size - each, item.size - 1)
+        )
+        roots.append((axes * np.sqrt(np.maximum(variances, 0.0)))[:, ::-1])
+    return roots
 
 
 def possible_periods(seconds: Sequence[Array], settings: LawSettings) -> Array:

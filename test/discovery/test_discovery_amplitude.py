@@ -6,11 +6,16 @@ from types import SimpleNamespace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.discovery.amplitude import Columns, FrameColumns, left_out_gain, Projection
+from pneunet_ros.discovery.amplitude import Columns, FrameColumns, left_out_gains, Projection
 from pneunet_ros.discovery.covariates import Covariate
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Cause, choose_law
-from pneunet_ros.discovery.time_law import find_swing, find_wandering, wandering_root
+from pneunet_ros.discovery.time_law import (
+    find_swing,
+    find_wandering,
+    wandering_courses,
+    wandering_roots,
+)
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from scipy.stats import multivariate_normal
@@ -76,7 +81,7 @@ def test_a_left_out_recording_is_predicted_from_the_others_alone():
         for sign, item in ((1.0, white), (-1.0, nothing)):
             whole = log_density(gaussian, item, EVERY, 0.5)
             written_out += sign * (whole - log_density(gaussian, item, others, 0.5))
-    gain = left_out_gain(columns.left_out(EVERY), [0, 1], 0.5)
+    ((gain,),) = left_out_gains(columns.left_out(EVERY), [[0, 1]], [0.5])
     assert gain == pytest.approx(written_out, abs=1e-8)
 
 
@@ -92,7 +97,7 @@ def test_frames_by_themselves_add_up_to_a_law():
     factors = [np.random.default_rng(which).standard_normal((FRAMES, 2)) for which in EVERY]
     columns = columns_of(gaussian, fields, factors)
     blocks = [SimpleNamespace(white=lambda item: item.reshape(-1, item.shape[2]))] * RUNS
-    frames = FrameColumns(columns.projection, SimpleNamespace(blocks=blocks), fields)
+    frames = FrameColumns.of(columns.projection, SimpleNamespace(blocks=blocks), fields)
     for runs in (EVERY, (1, 3)):
         kept = np.concatenate([factors[which] * float(which in runs) for which in EVERY])
         along, directly = frames.evidence(runs).along(kept), columns.evidence(runs)
@@ -185,12 +190,12 @@ def searched(seed: int, course, runs: int, find):
         residuals.append((field * amplitude[:, None]).ravel() + noise)
     gaussian = GaussianModel.of(columns, residuals, np.zeros(BASE))
     blocks = [SimpleNamespace(white=lambda item: item.reshape(-1, item.shape[2]))] * runs
-    frames = FrameColumns(Projection(gaussian), SimpleNamespace(blocks=blocks), fields)
+    frames = FrameColumns.of(Projection(gaussian), SimpleNamespace(blocks=blocks), fields)
     same = {'values': (np.ones(TIMES.size),) * runs, 'scale': 1.0}
     time = Covariate(name='t', values=(TIMES,) * runs, scale=float(TIMES[-1]))
     known = (Covariate(name='1', **same), time)
     if find is find_wandering:
-        return find_wandering(frames, time.values, 1.0, tuple(range(runs)))
+        return find_wandering(frames, wandering_courses(time.values), 1.0, tuple(range(runs)))
     return find(frames, known, 1.0, tuple(range(runs)))
 
 
@@ -240,9 +245,8 @@ def test_noise_does_not_wander():
 
 def test_the_root_of_a_wandering_amplitude_is_that_of_its_covariance():
     seconds = [TIMES[:20], TIMES[:24] + 3.0]
-    root = wandering_root(seconds, 2.5)
-    assert root.shape == (44, 40)
-    first = (root @ root.T)[:20, :20]
+    first, second = wandering_roots(seconds, 2.5)
+    assert (first.shape, second.shape) == ((20, 20), (24, 20))
+    first = first @ first.T
     wanted = np.exp(-np.abs(TIMES[:20, None] - TIMES[None, :20]) / 2.5)
     assert np.allclose(first, wanted, atol=1e-9)
-    assert not (root @ root.T)[:20, 20:].any()
