@@ -87,3 +87,23 @@ def test_of_few_recordings_a_name_gives_way_to_a_law_beside_it(recordings, evide
     assert (
         untestable_law(SimpleNamespace(selection=selection, base=named), named, best, LIMITS) == ''
     )
+
+
+@pytest.mark.parametrize(('answer', 'asked'), [('unknown', True), ('named', False)])
+def test_a_course_of_its_own_is_sought_only_where_nothing_is_named(monkeypatch, answer, asked):
+    """Beside a named effect it follows whatever the law of the effect leaves out."""
+    diagnosis = object.__new__(Diagnosis)
+    object.__setattr__(diagnosis, 'answer', answer)
+    base, named = (SimpleNamespace(refit=None) for _ in range(2))
+    investigation = Investigation(
+        diagnosis=diagnosis, base=base, trial=named, selection=SimpleNamespace()
+    )
+    law, course = Discovery(searched=True), Discovery(searched=True, notes=('a course',))
+    monkeypatch.setattr(searched, 'overrule', lambda *_: Discovery(searched=False))
+    monkeypatch.setattr(
+        searched, 'starting_point', lambda item: base if answer == 'unknown' else named
+    )
+    monkeypatch.setattr(searched, 'look_for_law', lambda *_: (law, None))
+    monkeypatch.setattr(searched, 'by_itself', lambda *_: course)
+    monkeypatch.setattr(searched, 'Search', lambda *_: SimpleNamespace(suspects=list))
+    assert bool(searched.discover(investigation).notes) is asked
