@@ -49,6 +49,7 @@ KEPT = Path(tempfile.gettempdir()) / 'pneunet_sweep'
 MOVES = 1e-3  # relative change of a figure that counts; what rounds differently is not told
 SHOWN = 2  # figures that are named
 Figures = dict[str, float | str]
+ECHOED = ('fewest', 'most', 'sure')  # the number itself, in what a verb prints
 UNSTABLE = (
     'time',
     'version',
@@ -162,7 +163,7 @@ def leaves(content: Any, path: str = '') -> Iterator[tuple[str, float | str]]:
     """Yield (dotted path, number or word) of nested content."""
     if isinstance(content, dict):
         for key, value in content.items():
-            if not any(word in str(key) for word in UNSTABLE):
+            if key not in ECHOED and not any(word in str(key) for word in UNSTABLE):
                 yield from leaves(value, f'{path}.{key}' if path else str(key))
     elif isinstance(content, (list, tuple)):
         for place, value in enumerate(content):
@@ -246,6 +247,22 @@ def replays() -> Figures:
             output = ('--output', f'{folder}/o.mcap')
             found |= named(name, verb('replay', path, '--model', f'config/{model}.yaml', *output))
         found |= named(f'check {name}', verb('check', path))
+    return found
+
+
+def delays() -> Figures:
+    """Estimate the delay of films whose pressure steps, ramps, repeats itself, or rests."""
+    sys.path.append(str(CHECKOUT / 'test' / 'estimation'))
+    from pneunet_ros.estimation.clock_delay import estimate_delay
+    import test_clock_delay as films_of
+
+    found: Figures = {}
+    for seed, name in enumerate(('steps', 'ramps', 'triangles', 'one_ramp', 'rest'), 3):
+        series, delay = films_of.filmed(getattr(films_of, name), seed)
+        known = estimate_delay(*series)
+        off = known.delay - delay
+        found |= {f'{name} off': off, f'{name} std': known.std}
+        found[f'{name} known'] = str(not known.trouble)
     return found
 
 
@@ -444,7 +461,7 @@ FIGURES: dict[str, Callable[[], Figures]] = {
 # Classes whose numbers are not asked in what their room does most.
 FIGURES_OF: dict[str, Callable[[], Figures]] = dict.fromkeys(
     ('AssociationSettings', 'BeamSearchSettings', 'RestPlaneSettings', 'PriorSettings'), rows_found
-)
+) | {'ClockDelaySettings': delays}
 
 
 def attempted(figures: Callable[[], Figures]) -> Figures:

@@ -35,6 +35,12 @@ from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
 from pneunet_ros.solver.columns import THETA
 import scipy
 
+SCANNED = 0.02  # decades; how closely the first stiffness is looked for, before the fit to all
+SCANNED_FRAMES = 5  # of every loaded run, where the first stiffness is looked for: CPU
+# Of the first stiffness, that are tried first.
+STIFFNESS_FACTORS = (1.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1e3, 1e4)
+COMPARED_FRAMES = 60  # of every run, where moment laws are compared: CPU
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LawScore:
@@ -224,8 +230,7 @@ class FitSequence:
         Out of some, decades apart, and then between the neighbors of that. Frames count by the
         logarithm of their error: one in which the arm snaps elsewhere does not outweigh the rest.
         """
-        experiments = self.settings.experiments
-        runs = [run.thin(experiments.scanned_frames) for run in runs if run.loaded]
+        runs = [run.thin(SCANNED_FRAMES) for run in runs if run.loaded]
 
         def error(decade: float) -> float:
             law = LinearLaw(bending_stiffness=self.first_stiffness * 10.0**decade)
@@ -233,9 +238,9 @@ class FitSequence:
             errors = np.concatenate([squared_errors(tried, run, placement) for run in runs])
             return float(np.mean(np.log(errors + self.noise.noise.target_std**2)))
 
-        decade = min(np.log10(experiments.stiffness_factors).tolist(), key=error)
+        decade = min(np.log10(STIFFNESS_FACTORS).tolist(), key=error)
         near = scipy.optimize.minimize_scalar(
-            error, bounds=(decade - 1.0, decade + 1.0), options={'xatol': experiments.scanned}
+            error, bounds=(decade - 1.0, decade + 1.0), options={'xatol': SCANNED}
         )
         best = decade if error(decade) <= near.fun else float(near.x)
         return float(self.first_stiffness * 10.0**best)
@@ -317,7 +322,7 @@ class FitSequence:
         law: MomentLawParameters,
     ) -> tuple[Fit, ...]:
         """Fit a law without each loaded recording in turn, to few frames of the others."""
-        frames = self.settings.experiments.compared_frames
+        frames = COMPARED_FRAMES
         return tuple(
             self.joint([*unloaded, *loaded[:which], *loaded[which + 1 :]], free, law, frames)
             for which in range(len(loaded))

@@ -20,6 +20,10 @@ from pneunet_ros.model.arm import Arm
 import scipy
 
 MEDIAN_SQUARE = 0.454936423119572  # median of the square of a standard normal number
+STATIONS = 101  # along the arm, for means over it
+ROUNDS = 20  # of the most probable center and scatter: a fixed point
+TURNS = 6  # of center and scatter by medians: a fixed point
+HALVINGS = 40
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,13 +42,9 @@ class FleetSettings:
         0.01, 'probability of a distance, below which an arm does not count', source='convention'
     )
     least: float = tuning(0.3, 'scatter to begin with, at least', unit='error bar')
-    turns: int = tuning(6, 'of center and scatter by medians')
-    rounds: int = tuning(20, 'of the most probable center and scatter')
-    halvings: int = tuning(40, 'of the interval in which the scatter is looked for')
     even: float = tuning(
         1e-4, 'spread of the curvature along an arm that counts as none', unit='curvature'
     )
-    stations: int = tuning(101, 'along the arm, for means over it')
 
 
 FLEET = FleetSettings()
@@ -187,8 +187,8 @@ def evaluate(
     curvature = arm.intrinsic_curvature
     at = f'at {1e-3 * pressure:.4g} kPa'
     half = f'at {0.5e-3 * pressure:.4g} kPa'
-    share = np.linspace(0.0, 1.0, settings.stations)
-    outer = np.linspace(0.5, 1.0, settings.stations)
+    share = np.linspace(0.0, 1.0, STATIONS)
+    outer = np.linspace(0.5, 1.0, STATIONS)
     found: dict[ArmNumber, float] = {}
 
     def add(name: str, meaning: str, unit: str, value: float) -> None:
@@ -316,7 +316,7 @@ def distances(
     chance = log_chance(values, covariance, center, scatter)
     half = np.nanmedian(chance, axis=1, keepdims=True)
     counted = chance >= np.minimum(np.log(settings.counted), half)  # NaN is not
-    for _ in range(settings.rounds):
+    for _ in range(ROUNDS):
         center, scatter = next_estimate(values, covariance, center, scatter, counted)
     return center, scatter, log_chance(values, covariance, center, scatter)
 
@@ -401,13 +401,13 @@ def center_and_scatter(
     """
     center = np.nanmedian(values, axis=1)
     square = np.zeros_like(center)
-    for _ in range(settings.turns):
+    for _ in range(TURNS):
         weights = np.where(np.isfinite(values), 1.0 / (square[:, None] + variances), 0.0)
         center = weighted_median(values, np.sqrt(weights))
         deviation = (values - center[:, None]) ** 2
         low = np.zeros_like(center)
         high = np.nanmax(deviation, axis=1) / MEDIAN_SQUARE
-        for _ in range(settings.halvings):
+        for _ in range(HALVINGS):
             square = 0.5 * (low + high)
             median = np.nanmedian(deviation / (square[:, None] + variances), axis=1)
             low = np.where(median > MEDIAN_SQUARE, square, low)

@@ -26,6 +26,9 @@ from pneunet_ros.measurement.linearization import linearize, RunLinearization
 from pneunet_ros.model.uncertainty import SensorNoise
 import scipy
 
+MOST_STEPS = 25  # of Gauss-Newton: a fit that needs more is said not to have settled
+MOST_HALVINGS = 8  # of a step, until it lowers the cost
+
 NONE = frozen_array(np.zeros(0))
 
 
@@ -212,8 +215,8 @@ def fit(
         lower,
         posterior.linearize,
         small=settings.small_step,
-        most_steps=settings.most_steps,
-        most_halvings=settings.most_halvings,
+        most_steps=MOST_STEPS,
+        most_halvings=MOST_HALVINGS,
         on_step=lambda step, last: on_progress(step, last.cost),
     )
     status = {

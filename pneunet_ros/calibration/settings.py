@@ -169,14 +169,6 @@ class ExperimentSettings:
     uniform: float = tuning(1e3, 'length scale of what is the same all along', unit='length')
     outliers: float = tuning(0.002, 'readings beyond the range at either end', unit='share')
     first_frames: int = tuning(40, 'of every run, for the search before the fit to all')
-    scanned_frames: int = tuning(5, 'of every loaded run, where a stiffness is looked for')
-    stiffness_factors: tuple[float, ...] = tuning(
-        (1.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1e3, 1e4),
-        'that are tried first',
-        unit='first stiffness',
-    )
-    scanned: float = tuning(0.02, 'how closely it is looked for', unit='decades')
-    compared_frames: int = tuning(60, 'of every run, where moment laws are compared')
     first_stiffness: float = tuning(0.05, 'alpha where the search for it begins')
     most_frames: int = tuning(
         5400,
@@ -217,10 +209,8 @@ class MomentLawSettings:
 class MapEstimationSettings:
     """When the search for the most probable parameters ends."""
 
-    most_steps: int = tuning(25, 'Gauss-Newton steps at most')
     small_step: float = tuning(0.05, 'size of all that is fitted that ends it', unit='sigma')
     nearly: float = tuning(10.0, 'left where no step helps any more: still a model', unit='sigma')
-    most_halvings: int = tuning(8, 'of a step, until it lowers the cost')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -250,7 +240,6 @@ class StiffnessVariationSettings:
     most_error: float = tuning(
         0.5, 'of ln EI, one sigma, that a law is widened by at most', source='invented'
     )
-    halvings: int = tuning(30, 'of the interval in which that error is looked for')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -268,10 +257,7 @@ class SteadyStateSettings:
 class TipForceSettings:
     """When the search for an end force ends, and when that force is determined."""
 
-    most_steps: int = tuning(30, 'Gauss-Newton steps at most')
-    small_step: float = tuning(1e-4, 'step that ends the search', unit='sigma of the force')
     largest_step: float = tuning(0.6, 'of a component in one step', unit='weight')
-    least_share: float = tuning(0.05, 'of a step that is taken, where steps swing')
     largest_sigma: float = tuning(60.0, 'what is less certain is not determined', unit='weight')
 
 

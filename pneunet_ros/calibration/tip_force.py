@@ -19,6 +19,9 @@ from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 
 ERROR_STEPS = (0, 3)  # when what the model leaves open is computed: it changes little
+MOST_STEPS = 30  # of Gauss-Newton: forces that do not settle are withheld
+LEAST_SHARE = 0.05  # of a step that is taken, where steps swing
+SMALL_STEP = 1e-4  # sigma of the force; a step that ends the search
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -73,7 +76,7 @@ def end_forces(
     errors = np.zeros((0, seen.shape[1], 0))
     taken, before = np.ones(frames), np.zeros((frames, 2))
     largest_sigma = settings.largest_sigma * arm.weight
-    for count in range(settings.most_steps):
+    for count in range(MOST_STEPS):
         if active.size == 0:
             break
         now = inputs.subset(active).with_loads(loads[active])
@@ -101,8 +104,8 @@ def end_forces(
         loads[active, :2] += share[:, None] * step
         taken[active], before[active] = share, step
         # Beyond buckling another equilibrium fits as well: the force is not unique there.
-        converged[active] = solved & model.stable & (size < settings.small_step)
-        left = np.flatnonzero(solved & (size >= settings.small_step))
+        converged[active] = solved & model.stable & (size < SMALL_STEP)
+        left = np.flatnonzero(solved & (size >= SMALL_STEP))
         active, model, errors = active[left], model.subset(left), errors[left]
     covariance[~converged] = np.nan
     determined = np.diagonal(covariance, axis1=1, axis2=2) < largest_sigma**2
@@ -122,4 +125,4 @@ def relaxation(step: Array, before: Array, taken: Array, settings: TipForceSetti
     along, size = np.sum(before * change, axis=1), np.sum(change**2, axis=1)
     known = before.any(axis=1) & (size > 0.0)
     share: Array = np.divide(taken * along, size, out=np.ones(len(step)), where=known)
-    return np.clip(share, settings.least_share, 1.0)
+    return np.clip(share, LEAST_SHARE, 1.0)

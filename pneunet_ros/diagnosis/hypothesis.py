@@ -13,6 +13,10 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect, Load
 from pneunet_ros.measurement.dataset import RecordingData
 
+# Of the prior range; size from which a search begins, where points are linear in it.
+FIRST_SIZE = 5e-4
+FIRST_SIZES = (0.05, 0.25, 0.8)  # of the prior range; the same, where they are not
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coordinate:
@@ -131,10 +135,10 @@ class Hypothesis:
 
     def starts(self) -> list[tuple[int, Array]]:
         """Return where the effect is tried: which size is moved, and all numbers there."""
-        shapes, settings, starts = self.shapes(), self.settings, []
+        shapes, starts = self.shapes(), []
         for shape in shapes:
             for which in self.sizes:
-                for share in (settings.first_size,) if self.is_linear else settings.first_sizes:
+                for share in (FIRST_SIZE,) if self.is_linear else FIRST_SIZES:
                     numbers = shape.copy()
                     numbers[which] = 2.0 * share * self.coordinates[which].std
                     starts.append((which, numbers))

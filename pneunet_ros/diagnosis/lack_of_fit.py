@@ -18,6 +18,8 @@ from pneunet_ros.diagnosis.linearization import Linearization, LinearizedRun
 from pneunet_ros.diagnosis.settings import DEFAULTS, LackOfFitSettings
 import scipy
 
+DRAWS = 2000  # simulations of clean data
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LackOfFit:
@@ -193,7 +195,7 @@ def clean_moments(statistic: ScoreStatistic) -> Moments:
     if statistic.dof == 0:
         return 0.0, 0.0
     random = np.random.default_rng([statistic.seed, zlib.crc32(statistic.name.encode())])
-    count = statistic.settings.draws
+    count = DRAWS
     draws = random.standard_normal((count, statistic.dof))
     draws *= 1.0 + statistic.settings.white_error * random.standard_normal((count, 1))
     for dof, response in statistic.disturbances:

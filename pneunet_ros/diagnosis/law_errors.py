@@ -20,6 +20,8 @@ from pneunet_ros.diagnosis.settings import DEFAULTS, LawErrorSettings
 from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
+DIFFERENCE = 0.1  # of a size; step of the derivative by it
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LawErrors:
@@ -48,12 +50,12 @@ class LawErrors:
         before = linearization.points(fit.point.arm, runs)
         parts: list[list[Array]] = [[] for _ in runs]
         for which in range(len(fit.hypotheses)):
-            smaller = replace(fit, numbers=smaller_numbers(fit, which, settings.difference))
+            smaller = replace(fit, numbers=smaller_numbers(fit, which, DIFFERENCE))
             after = linearization.points(smaller.point.arm, runs)
             if before is None or after is None:
                 continue
             for part, point, moved in zip(parts, before, after, strict=True):
-                unit = np.nan_to_num(point - moved) / settings.difference
+                unit = np.nan_to_num(point - moved) / DIFFERENCE
                 errors = settings.size * along_arm(unit, shapes)
                 part.append(errors.reshape(len(unit), -1, settings.shapes))
         fields = tuple(np.concatenate(part, axis=2) for part in parts if part)

@@ -14,6 +14,8 @@ from pneunet_ros.diagnosis.result import Axis, HeatMap, Share
 from pneunet_ros.diagnosis.settings import DEFAULTS, LocalizationSettings
 import scipy
 
+# Of each axis, in which shares of the misfit are counted and drawn.
+BINS: dict[Axis, int] = {'arclength': 5, 'pressure': 5, 'force': 4, 'time': 4}
 FALLING, RISING = -1.0, 1.0
 
 
@@ -34,7 +36,7 @@ class Frames:
         """Return the borders of the bins of an axis, (bins + 1,) SI."""
         if axis == 'direction':
             return np.array([-2.0, 0.0, 2.0])
-        bins: int = getattr(self.settings, f'{axis}_bins')
+        bins = BINS[axis]
         if axis == 'arclength':
             return np.linspace(0.0, 1.0, bins + 1)
         known = self.axes[axis][np.isfinite(self.axes[axis])]

@@ -19,6 +19,10 @@ from pneunet_ros.effects.effect import Effect
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 from pneunet_ros.measurement.gauss_newton import Bounds, gauss_newton
 
+MOST_STEPS = 5  # of Gauss-Newton in a round
+MOST_HALVINGS = 5  # of a step that does not lower the cost
+DIFFERENCE = 5e-4  # of the prior's std; step of numerical derivatives
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Refit:
@@ -148,7 +152,7 @@ class JointFit:
     def jacobian(self, at: Iterate) -> list[Array] | None:
         """Return how residuals fall per number, (rows, numbers) per run."""
         columns: list[list[Array]] = [[] for _ in at.residuals]
-        for place, delta in enumerate((self.settings.difference * self.std).tolist()):
+        for place, delta in enumerate((DIFFERENCE * self.std).tolist()):
             moved = at.numbers.copy()
             moved[place] += delta if moved[place] + delta <= self.high[place] else -delta
             residuals = self.residuals(at.base, moved)
@@ -200,8 +204,8 @@ class JointFit:
             self.lower,
             self.relinearize,
             small=self.settings.least_gain,
-            most_steps=self.settings.most_steps,
-            most_halvings=self.settings.most_halvings,
+            most_steps=MOST_STEPS,
+            most_halvings=MOST_HALVINGS,
         )
         at, gaussian = search.last
         count = numbers.size

@@ -19,6 +19,9 @@ from pneunet_ros.diagnosis.result import Detectable
 from pneunet_ros.diagnosis.settings import DEFAULTS, ScoreTestSettings
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
+DRAWS = 5000  # simulations of the largest score of clean data
+NUGGET = 1e-9  # variance that is added, as directions of effects may be equal
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Candidate:
@@ -136,9 +139,9 @@ def largest_clean_score(
     if not candidates:
         return 0.0
     count = len(candidates)
-    correlation = cosine_matrix(gaussian, candidates) + settings.nugget * np.eye(count)
-    random = np.random.default_rng([seed, settings.draws])
-    draws = random.standard_normal((settings.draws, count)) @ np.linalg.cholesky(correlation).T
+    correlation = cosine_matrix(gaussian, candidates) + NUGGET * np.eye(count)
+    random = np.random.default_rng([seed, DRAWS])
+    draws = random.standard_normal((DRAWS, count)) @ np.linalg.cholesky(correlation).T
     return float(np.quantile(np.max(draws**2, axis=1), 1.0 - level))
 
 

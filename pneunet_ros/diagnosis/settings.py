@@ -54,8 +54,6 @@ class LinearizationSettings:
 class HypothesisSettings:
     """Where in its prior range an effect is tried."""
 
-    first_size: float = tuning(5e-4, 'size, where points are linear in it', unit='prior range')
-    first_sizes: tuple[float, ...] = tuning((0.05, 0.25, 0.8), 'sizes else', unit='prior range')
     shapes: int = tuning(5, 'values of a shape parameter over its prior range')
     shape_margin: float = tuning(10.0, 'factor by which a shape may leave its prior range')
     fewest_in_time: int = tuning(20, 'frames of a recording that may show an effect with memory')
@@ -66,8 +64,6 @@ class HypothesisSettings:
 class ScoreTestSettings:
     """The score of each effect before it is fitted, and what would have been visible."""
 
-    draws: int = tuning(5000, 'simulations of the largest score of clean data')
-    nugget: float = tuning(1e-9, 'added variance, as directions of effects may be equal')
     smallest_step: float = tuning(0.3, 'least step of effects with memory', unit='size tried')
     largest_step: float = tuning(3.0, 'largest step of effects with memory', unit='size tried')
     visible: float = tuning(25.0, 'chi squared that is visible: five sigma', source='convention')
@@ -82,7 +78,6 @@ class LawErrorSettings:
 
     size: float = tuning(0.3, 'error of a size in every frame, each for itself', unit='of it')
     shapes: int = tuning(3, 'Legendre polynomials along the arm, each with such an error')
-    difference: float = tuning(0.1, 'step of the derivative by a size', unit='of it')
     most_left: float = tuning(0.5, 'excess that such errors may be', unit='of the base')
     left_open: float = tuning(0.05, 'excess that laws leave beside them', unit='of the base')
 
@@ -93,7 +88,6 @@ class LackOfFitSettings:
 
     level: float = tuning(0.002, 'probability of a false alarm in any of the tests')
     least_seen: float = tuning(0.3, 'score variance from which a field is seen in the data')
-    draws: int = tuning(2000, 'simulations of clean data')
     placement_dof: int = tuning(20, 'values that placement_std is estimated from')
     camera_dof: int = tuning(8, 'values that registration_std and drift_std are estimated from')
     white_error: float = tuning(0.01, 'relative error of the std of white noise')
@@ -108,14 +102,11 @@ class RefitSettings:
 
     rounds: int = tuning(5, 'most relinearizations')
     base_rounds: int = tuning(20, 'the same without effects, which all else is compared with')
-    most_steps: int = tuning(5, 'most Gauss-Newton steps in a round')
-    most_halvings: int = tuning(5, 'most halvings of a step')
     least_gain: float = tuning(0.1, 'cost that a step must gain; below it has converged')
     settled: float = tuning(0.5, 'change of cost from round to round; below it is settled')
     unsettled: float = tuning(1e-3, 'gain of a step more that is no answer', unit='of misfit')
     # The base takes up most of what gravity does: a coarser difference is bent by more than is
     # left, and taken for information.
-    difference: float = tuning(5e-4, 'step of numerical derivatives', unit='prior std')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -176,10 +167,6 @@ class ConfirmationSettings:
 class LocalizationSettings:
     """Shares of the misfit over arclength, pressure, force, time and direction."""
 
-    arclength_bins: int = tuning(5, 'bins along the arm')
-    pressure_bins: int = tuning(5, 'bins of chamber pressure')
-    force_bins: int = tuning(4, 'bins of the end force')
-    time_bins: int = tuning(4, 'bins of the time since the start of a recording')
     moving: float = tuning(0.02, 'rate of pressure; below it holds', unit='pressure range/s')
     trend: float = tuning(2.0, 'ratio of misfits that is called a difference')
     floor: float = tuning(0.1, 'least misfit of a ratio', unit='mean misfit')

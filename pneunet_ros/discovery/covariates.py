@@ -17,6 +17,8 @@ from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.discovery.settings import CovariateSettings, DISCOVERY
 from pneunet_ros.measurement.dataset import RecordingData
 
+LEAST_SPREAD = 1e-6  # of the largest value: below it a covariate is constant but for rounding
+
 Group = Literal['constant', 'pressure', 'past', 'load', 'time']
 CONSTANT, ELAPSED, PLAY, RATE = '1', 't', 'side of the play', 'dp/dt'
 # Widths of plays, in units of the usual one: sums of them come near to any hysteresis
@@ -107,7 +109,7 @@ def covariates_of(
         values = tuple(table[name] for table in tables)
         joined = np.concatenate(values)
         scale = float(np.abs(joined).max())
-        if name == CONSTANT or np.ptp(joined) > settings.least_spread * scale:
+        if name == CONSTANT or np.ptp(joined) > LEAST_SPREAD * scale:
             found.append(Covariate(name=name, values=values, scale=scale))
     return tuple(found)
 

@@ -46,7 +46,9 @@ from pneunet_ros.discovery.sentence import drift_sentence, law_sentence, swing_s
 from pneunet_ros.discovery.settings import (
     DISCOVERY,
     DiscoverySettings,
+    GRID,
     LawConfirmationSettings,
+    REFINEMENTS,
 )
 from pneunet_ros.discovery.time_law import Swing
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
@@ -401,7 +403,7 @@ def suspect_explained(suspect: Suspect, search: Search) -> float:
 
 def cause_map(search: Search, base: Trial) -> CauseMap:
     """Return the share that every kind explains with its best law, over the place."""
-    grid = np.linspace(0.0, 1.0, search.settings.place.grid)
+    grid = np.linspace(0.0, 1.0, GRID)
     share, total = np.full((len(KINDS), grid.size), np.nan), excess_of(base)
     for row, kind in enumerate(KINDS.values()):
         for place, position in enumerate(search.positions(kind)):
@@ -633,8 +635,8 @@ def location_of(finding: Finding, search: Search) -> Estimated | None:
     if proposal is None:
         kind = finding.suspect.kind
         assert kind.positions is not None
-        step = (kind.positions[1] - kind.positions[0]) / (search.settings.place.grid - 1)
-        return Estimated(value=position, std=step * 0.5**search.settings.place.rounds, unit='-')
+        step = (kind.positions[1] - kind.positions[0]) / (GRID - 1)
+        return Estimated(value=position, std=step * 0.5**REFINEMENTS, unit='-')
     hypothesis = proposal.trial.refit.hypotheses[-1]
     value = float(getattr(hypothesis.effect(proposal.numbers), POSITION))
     return Estimated(value=value, std=float(proposal.stds[-1]) * value, unit='-')

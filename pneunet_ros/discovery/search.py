@@ -12,7 +12,7 @@ from pneunet_ros.discovery.amplitude import FrameColumns, Projection, Runs
 from pneunet_ros.discovery.covariates import Covariate, covariates_of, ELAPSED
 from pneunet_ros.discovery.kinds import Kind, KINDS
 from pneunet_ros.discovery.law import Cause, cause_of, choose_law, Law
-from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings
+from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings, GRID, REFINEMENTS
 from pneunet_ros.discovery.time_law import (
     Courses,
     find_swing,
@@ -76,7 +76,7 @@ class Search:
         """Return the places (s / l) of a kind that are tried first."""
         if kind.positions is None:
             return [None]
-        return list(np.linspace(*kind.positions, self.settings.place.grid).tolist())
+        return list(np.linspace(*kind.positions, GRID).tolist())
 
     def cause(self, kind: Kind, position: float | None) -> Cause | None:
         """Return a kind at a place, made once."""
@@ -118,7 +118,7 @@ class Search:
         if position is None or kind.positions is None:
             return best
         step = (kind.positions[1] - kind.positions[0]) / (len(positions) - 1)
-        for _ in range(self.settings.place.rounds):
+        for _ in range(REFINEMENTS):
             step *= 0.5
             for other in (position - step, position + step):
                 if not kind.positions[0] <= other <= kind.positions[1]:
@@ -147,8 +147,8 @@ class Search:
         for kind in KINDS.values():
             best = self.wandering_at(kind, self.positions(kind))
             if best is not None and best.cause.position is not None and kind.positions is not None:
-                step = (kind.positions[1] - kind.positions[0]) / (self.settings.place.grid - 1)
-                for _ in range(self.settings.place.rounds):
+                step = (kind.positions[1] - kind.positions[0]) / (GRID - 1)
+                for _ in range(REFINEMENTS):
                     step *= 0.5
                     here = best.cause.position
                     near = [place for place in (here - step, here, here + step)

@@ -10,13 +10,15 @@ from dataclasses import dataclass
 
 from pneunet_ros.core.settings import tuning
 
+GRID = 9  # places tried along the arm, before the best is refined
+REFINEMENTS = 3  # halvings of the distance between places
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CovariateSettings:
     """What an amplitude may go with."""
 
     play: float = tuning(0.02, 'full width of the usual play', unit='pressure range')
-    least_spread: float = tuning(1e-6, 'of a covariate, to count', unit='its largest value')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,7 +34,6 @@ class LawSettings:
     )
     idle: float = tuning(3.0, 'size of a term that may be left out', unit='its std')
     rounds: int = tuning(2, 'times that a fitted law is asked what it lacks')
-    periods: int = tuning(160, 'periods tried')
     period_cost: float = tuning(
         5.0, 'gain that the search over periods finds by chance', unit='log probability'
     )
@@ -44,8 +45,6 @@ class LawSettings:
 class PlaceSettings:
     """The search for the place of a cause."""
 
-    grid: int = tuning(9, 'places tried along the arm')
-    rounds: int = tuning(3, 'halvings of the distance between places')
     held: int = tuning(4, 'places at which a constant cause is fitted before its place is free')
 
 

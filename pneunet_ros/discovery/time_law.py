@@ -21,6 +21,7 @@ import scipy
 CORRELATION_TIMES = 6  # tried, from the shortest period to the longest
 DIRECTIONS = 24  # of a wandering amplitude in a recording
 MODULATIONS = ('1', 'p')  # a swing of the same size, and one that grows with the pressure
+PERIODS = 160  # tried, evenly in frequency
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -201,7 +202,7 @@ def possible_periods(seconds: Sequence[Array], settings: LawSettings) -> Array:
     shortest = 2.2 * float(np.median(steps))
     if settings.fewest_cycles * shortest >= longest:
         return np.zeros(0)
-    frequencies = np.linspace(settings.fewest_cycles / longest, 1.0 / shortest, settings.periods)
+    frequencies = np.linspace(settings.fewest_cycles / longest, 1.0 / shortest, PERIODS)
     return np.asarray(1.0 / frequencies)
 
 

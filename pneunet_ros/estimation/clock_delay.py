@@ -19,6 +19,14 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
 import scipy
 
+COARSE_FRAMES = 400  # used to look through all delays, before some are looked at closely
+COARSE_STEPS = 4000  # of the first look, at most
+CANDIDATES = 6  # delays of the first look that are looked at closely
+LARGEST_GRID = 100_000  # instants of the table: memory
+CELLS = 4.0  # instants of the table in a frame
+RIDGE = 1e-7  # of the variance: keeps nearly collinear columns solvable
+BLOCKS = 16  # of the film, of which the jackknife leaves each out once
+
 Indices = npt.NDArray[np.int64]
 Plays = tuple[tuple[float, ...], int]  # widths, and powers of the pressure that weigh each
 
@@ -27,36 +35,85 @@ Plays = tuple[tuple[float, ...], int]  # widths, and powers of the pressure that
 class ClockDelaySettings:
     """What the delay is fitted with, and when it is not known."""
 
-    components: int = tuning(2, 'of the motion of all targets that are looked at', unit='number')
+    components: int = tuning(
+        2,
+        'of the motion of all targets that are looked at',
+        unit='number',
+        source=(
+            'sweep: halved: triangles std 0.00821 -> 0.0763; doubled: one ramp std 0.0238 -> '
+            '0.0107'
+        ),
+    )
     fewest_frames: int = tuning(40, 'in which the targets were seen', unit='frame')
-    seen: float = tuning(0.8, 'share of the frames in which a target must be seen')
-    overlap: float = tuning(0.75, 'of the shorter of film and table that must be in both')
+    seen: float = tuning(
+        0.8,
+        'share of the frames in which a target must be seen',
+        source='sweep: halved: nothing; doubled: steps known True -> False',
+    )
+    overlap: float = tuning(
+        0.75,
+        'of the shorter of film and table that must be in both',
+        source=(
+            'sweep: halved: triangles std 0.00821 -> 0.0166; doubled: steps known True -> False'
+        ),
+    )
     motion: float = tuning(3.0, 'standard deviation of the motion', unit='noise of a frame')
-    explained: float = tuning(0.8, 'share of the motion that pressure and load explain, at least')
-    rival: float = tuning(2.0, 'residual of the next best delay over that of the best, squared')
+    explained: float = tuning(
+        0.8,
+        'share of the motion that pressure and load explain, at least',
+        source='sweep: halved: nothing; doubled: steps known True -> False',
+    )
+    rival: float = tuning(
+        2.0,
+        'residual of the next best delay over that of the best, squared',
+        source='sweep: halved: one ramp known False -> True; doubled: nothing',
+    )
     apart: float = tuning(5.0, 'from a delay to the next', unit='frame')
-    coarse_frames: int = tuning(400, 'used to look through all delays', unit='frame')
-    coarse_steps: int = tuning(4000, 'at most, of all delays', unit='number')
-    candidates: int = tuning(6, 'delays that are looked at closely', unit='number')
-    largest_grid: int = tuning(100_000, 'instants of the table', unit='number')
-    cells: float = tuning(4.0, 'instants of the table in a frame', unit='number')
-    powers: int = tuning(6, 'of the pressure', unit='number')
+    powers: int = tuning(
+        6,
+        'of the pressure',
+        unit='number',
+        source=(
+            'sweep: halved: triangles std 0.00821 -> 0.0333; doubled: one ramp std 0.0238 -> '
+            '0.00572'
+        ),
+    )
     plays: tuple[Plays, ...] = tuning(
         (((0.01, 0.04, 0.16), 4), ((0.02, 0.08), 4), ((0.005, 0.015, 0.03, 0.06, 0.12), 2)),
         'sets of plays, of which each is fitted; how far they disagree is in the standard error',
         unit='range of pressure',
+        source=(
+            'sweep: halved: triangles std 0.00821 -> 0.0361; doubled: triangles std 0.00821 '
+            '-> 0.0582'
+        ),
     )
-    law: float = tuning(0.1, 'error of what plays change in the delay: no arm has just these')
+    law: float = tuning(
+        0.1,
+        'error of what plays change in the delay: no arm has just these',
+        source=(
+            'sweep: halved: ramps std 0.00784 -> 0.00578; doubled: ramps std 0.00784 -> 0.0132'
+        ),
+    )
     distinct: float = tuning(
         0.1,
         'share of what a delay does to the motion that no play does as well, at least',
         source='measured: 0.00 to 0.09 where pressure goes round one loop, else 0.10 to 0.95',
     )
     law_range: float = tuning(0.5, 'in which the delay without plays is looked for', unit='s')
-    relaxations: tuple[float, ...] = tuning((1.0, 3.0, 10.0, 30.0), 'time constants', unit='s')
-    ridge: float = tuning(1e-7, 'for columns that are nearly collinear', unit='variance')
-    blocks: int = tuning(16, 'of the film, of which each is left out once', unit='number')
-    stamps: float = tuning(0.05, 'error of stamps of frames and readings', unit='period')
+    relaxations: tuple[float, ...] = tuning(
+        (1.0, 3.0, 10.0, 30.0),
+        'time constants',
+        unit='s',
+        source=(
+            'sweep: halved: triangles std 0.00821 -> 0.0763; doubled: one ramp std 0.0238 -> 0.016'
+        ),
+    )
+    stamps: float = tuning(
+        0.05,
+        'error of stamps of frames and readings',
+        unit='period',
+        source='sweep: halved: steps std 0.0024 -> 0.00161; doubled: steps std 0.0024 -> 0.00431',
+    )
     blur: float = tuning(0.02, 'by which its error may move a frame', unit='range of motion')
 
 
@@ -267,7 +324,7 @@ class DelayFit:
     ) -> None:
         self.time, self.scores, self.period, self.settings = time, scores, period, settings
         span = float(reading_time[-1] - reading_time[0])
-        step = max(period / settings.cells, span / settings.largest_grid)
+        step = max(period / CELLS, span / LARGEST_GRID)
         self.grid = np.arange(reading_time[0], reading_time[-1], step)
         smooth = np.column_stack(
             [box_average(reading_time, column, self.grid, step) for column in inputs.T]
@@ -297,7 +354,7 @@ class DelayFit:
 
     def normal(self, design: Array) -> Array:
         """Return the normal matrix of a design."""
-        ridge = self.settings.ridge * len(design)
+        ridge = RIDGE * len(design)
         return np.asarray(design.T @ design + ridge * np.eye(design.shape[1]))
 
     def unexplained(self, delay: float, every: int = 1) -> Array:
@@ -325,17 +382,14 @@ class DelayFit:
         """Return delays at which the residual is a minimum, the best one first."""
         low = float(self.time[0] - self.grid[-1]) + self.shorter
         high = float(self.time[-1] - self.grid[0]) - self.shorter
-        step = max(self.period, (high - low) / self.settings.coarse_steps)
+        step = max(self.period, (high - low) / COARSE_STEPS)
         delays = np.arange(low, high + step, step)
-        every = max(1, self.time.size // self.settings.coarse_frames)
+        every = max(1, self.time.size // COARSE_FRAMES)
         costs = np.array([self.cost(float(delay), every) for delay in delays])
         padded = np.concatenate([[math.inf], costs, [math.inf]])
         lowest = np.isfinite(costs) & (costs <= padded[:-2]) & (costs <= padded[2:])
         ranked = sorted(np.flatnonzero(lowest).tolist(), key=lambda place: float(costs[place]))
-        minima = [
-            self.minimum(float(delays[place]), 1.5 * step)
-            for place in ranked[: self.settings.candidates]
-        ]
+        minima = [self.minimum(float(delays[place]), 1.5 * step) for place in ranked[:CANDIDATES]]
         return sorted(minima, key=self.cost)
 
     def refine(self, delay: float, within: float) -> float:
@@ -390,7 +444,7 @@ class DelayFit:
         moved = -(self.rows(self.slopes, at) / scales) @ weights[1:] / noise
         alone = moved - design @ np.linalg.solve(normal, design.T @ moved)
         left_white = left / noise
-        count = self.settings.blocks
+        count = BLOCKS
         information, without = np.zeros(count), np.zeros(count)
         for which, block in enumerate(np.array_split(np.arange(frames.size), count)):
             rest = np.setdiff1d(np.arange(frames.size), block, assume_unique=True)

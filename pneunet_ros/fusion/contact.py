@@ -26,6 +26,8 @@ from pneunet_ros.measurement.predicted_targets import measured_moves
 from pneunet_ros.model.part_load import pushed_on_panels
 from pneunet_ros.solver.columns import LOADS
 
+CONTACT_STARTS = 3  # places from which a contact is sought, the best
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contact:
@@ -197,7 +199,7 @@ def find_contacts(
         return []
     padded = np.concatenate([[0.0], scores.gain, [0.0]])
     peaks = np.flatnonzero((scores.gain >= padded[:-2]) & (scores.gain >= padded[2:]))
-    starts = peaks[np.argsort(-scores.gain[peaks])][: settings.contact_starts]
+    starts = peaks[np.argsort(-scores.gain[peaks])][:CONTACT_STARTS]
     prior = with_any_contact(problem.unknowns, problem.prior)
     touched = replace(problem, prior=prior)
     tried = [search_at(touched, fit, scores, int(panel)) for panel in starts]

@@ -44,6 +44,8 @@ from pneunet_ros.solver.solution import SolverNodes
 from scipy.linalg.lapack import dpotri, dpotrs
 
 LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
+MOST_STEPS = 12  # of the search of one frame
+MOST_HALVINGS = 6  # of a step that does not lower the cost
 
 Mask = npt.NDArray[np.bool_]
 Complex = npt.NDArray[np.complex128]
@@ -411,8 +413,8 @@ class FrameProblem:
             lower,
             self.linearize,
             small=self.settings.small_gain,
-            most_steps=self.settings.most_steps,
-            most_halvings=self.settings.most_halvings,
+            most_steps=MOST_STEPS,
+            most_halvings=MOST_HALVINGS,
             foresee=True,
         )
         return self.last_step(found.last) if found.end is End.CONVERGED else found.last

@@ -17,6 +17,9 @@ from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem, Trial
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.inference.adequacy import chi_square_limit
 
+START_DIRECTIONS = 8  # of the cold starts, around the circle
+START_FORCES = (0.3, 0.9)  # of the force scale; cold starts in all directions, beside no force
+
 Fit = tuple[FrameProblem, FrameLinearization]
 EXACT = 1e-6  # of the force scale: std of a force that is known
 
@@ -263,10 +266,10 @@ def apart_by(first: Trial, second: Trial) -> float:
 
 def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial]:
     """Return trials at forces all over the scale, or at some of them, the best first."""
-    settings, scale = problem.settings, problem.unknowns.block(TipForce).scale
-    angles = 2.0 * np.pi * np.arange(settings.start_directions) / settings.start_directions
+    scale = problem.unknowns.block(TipForce).scale
+    angles = 2.0 * np.pi * np.arange(START_DIRECTIONS) / START_DIRECTIONS
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    forces = [np.zeros(2), *(share * scale * one for share in settings.start_forces
+    forces = [np.zeros(2), *(share * scale * one for share in START_FORCES
                              for one in directions)]  # fmt: skip
     trials = [problem.try_at(problem.start_at(force), None) for force in forces[which]]
     known = [trial for trial in trials if trial is not None]

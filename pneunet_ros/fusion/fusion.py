@@ -67,6 +67,11 @@ from pneunet_ros.measurement.inference.gaussian import take_measurement
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load, OUT_OF_RANGE
 
+PRESSURES_KEPT = 256  # readings that wait for frames, which come later: memory
+WRENCHES_KEPT = 256  # end wrenches that wait for frames: memory
+MOST_WAITING = 32  # frames that wait for their pressure reading: memory
+NIS_TIME = 2.0  # s, over which the NIS is averaged that diagnostics show
+
 Event = Reading | BaseReading | TargetSightings
 NEAR = 3  # readings on either side that tell how the pressure went between two
 
@@ -157,7 +162,7 @@ class Fusion:
             last = before[-1]
             change = math.hypot(wrench.force_x - last.force_x, wrench.force_y - last.force_y)
             step = smallest_change(step, change)
-        kept = followed_by(before, wrench, self.settings.wrenches_kept)
+        kept = followed_by(before, wrench, WRENCHES_KEPT)
         force = replace(state.force, kept=kept, step=step)
         return replace(state, readings=state.readings.with_wrench(wrench), force=force), None
 
@@ -186,7 +191,7 @@ class Fusion:
         state = replace(
             state,
             readings=state.readings.with_reading(reading.stamp_ns, instant.history),
-            pressures=followed_by(state.pressures, instant, self.settings.pressure_kept),
+            pressures=followed_by(state.pressures, instant, PRESSURES_KEPT),
             waiting=tuple(
                 item for item in state.waiting if self.bench.shown_ns(item) > instant.stamp_ns
             ),
@@ -291,7 +296,7 @@ class Fusion:
         alone = state.unpressed and not state.pressures
         gap = state.frame_stamps.before_ns is not None  # the next one says if this one is ahead
         if not alone and (not self.is_stale(since_ns, shown_ns) or (gap and not state.waiting)):
-            if len(state.waiting) == self.settings.most_waiting:
+            if len(state.waiting) == MOST_WAITING:
                 state = replace(state, waiting=state.waiting[1:]).count_unused('no_pressure')
             return replace(state, waiting=(*state.waiting, sightings)), None
         return self.see_alone(state, sightings)
@@ -563,7 +568,7 @@ class Fusion:
         if state.nis is None:
             nis = RunningNis(stamp_ns=shown_ns, weight=1.0, last=value, mean=value, limit=limit)
         else:
-            nis = state.nis.followed_by(shown_ns, value, limit, self.settings.nis_time)
+            nis = state.nis.followed_by(shown_ns, value, limit, NIS_TIME)
         return replace(state, nis=nis)
 
     def after_frame(

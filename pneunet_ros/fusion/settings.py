@@ -17,8 +17,6 @@ class FusionSettings:
     target_timeout: float = tuning(
         0.5, 'age of the last frame from which on there is a prediction only', unit='s'
     )
-    pressure_kept: int = tuning(256, 'pressure readings that wait for frames, which come later')
-    wrenches_kept: int = tuning(256, 'end wrenches that wait for frames')
     coarsest: float = tuning(
         0.05, 'step in which a sensor reads, at most', unit='of the range, or of the force scale'
     )
@@ -44,7 +42,6 @@ class FusionSettings:
     most_ahead: float = tuning(
         0.1, 'of a frame before its pressure, which is told beyond it', unit='s'
     )
-    most_waiting: int = tuning(32, 'frames that wait for their pressure reading')
     frozen: float = tuning(
         7.0,
         'change of the pressure during which no target moved in the least, beyond which a frame '
@@ -75,8 +72,6 @@ class FusionSettings:
         'std of a force after a frame with which the last step of the search is not looked at',
         unit='of the scale',
     )
-    most_steps: int = tuning(12, 'steps of the search')
-    most_halvings: int = tuning(6, 'halvings of a step that does not lower the cost')
     target_gate: float = tuning(
         25.0, 'of a target against all others, beyond which it is left out', unit='chi squared'
     )
@@ -86,10 +81,6 @@ class FusionSettings:
     )
     frames_lost: int = tuning(3, 'frames not used in a row, after which a belief may begin anew')
     restart_frames: int = tuning(6, 'frames over which the cold starts are tried, once a round')
-    start_forces: tuple[float, ...] = tuning(
-        (0.3, 0.9), 'cold starts in all directions, beside no force', unit='of the force scale'
-    )
-    start_directions: int = tuning(8, 'directions of the cold starts')
     starts_followed: int = tuning(
         3, 'cold starts, the best of a round, from which the search begins: one a frame'
     )
@@ -126,7 +117,6 @@ class FusionSettings:
     contact_score: float = tuning(
         9.0, 'gain by a contact, linearized, from which on one is sought', unit='chi squared'
     )
-    contact_starts: int = tuning(3, 'places from which a contact is sought, the best')
     contact_gone: float = tuning(
         25.0, 'of a contact force against zero, below which it may be gone', unit='chi squared'
     )
@@ -138,7 +128,6 @@ class FusionSettings:
         'smallest contact force that is published: what a model lacks looks like less',
         unit='of the force scale',
     )
-    nis_time: float = tuning(2.0, 'time over which the NIS is averaged', unit='s')
 
 
 FUSION = FusionSettings()

@@ -22,12 +22,14 @@ from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
+ROUNDS = 2  # of Gauss-Newton: what is left after them is a line
+DIRECTIONS = 8  # of the force, around the circle, in which an equilibrium is looked for
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProbableLoadSettings:
     """How the most probable load is searched, and from when on it is no error of a reading."""
 
-    rounds: int = tuning(2, 'of Gauss-Newton', source='what is left after them is a line')
     furthest: float = tuning(
         3.0,
         'that noise is a reading off; what is further is little by little, and from twice as far '
@@ -42,7 +44,6 @@ class ProbableLoadSettings:
         source='invented',
     )
     around: float = tuning(2.0, 'from the reading, where it is looked for', unit='sigma')
-    directions: int = tuning(8, 'of the force, in which it is looked for')
     nearer: float = tuning(0.3, 'of the distance that is left at the equilibrium it was seen in')
 
 
@@ -73,7 +74,7 @@ def probable_load_errors(
     measured, far = run.points - disturbance, settings.elsewhere * arm.length
     read = model.solve(arm, inputs).copy()
     shift = shift_where_seen(model, arm, inputs, measured, std, settings)
-    for _ in range(settings.rounds):
+    for _ in range(ROUNDS):
         now = inputs.with_loads(inputs.loads + shift)
         errors = linear_errors(model, arm, run, now, shift, disturbance, noise)
         kept = np.clip(2.0 - np.abs(errors).max(axis=1) / settings.furthest, 0.0, 1.0)
@@ -111,7 +112,7 @@ def shift_where_seen(
         return shift
     limit = settings.nearer * left[snapped]
     now = inputs.subset(snapped)
-    for angle in np.arange(settings.directions) * (2.0 * np.pi / settings.directions):
+    for angle in np.arange(DIRECTIONS) * (2.0 * np.pi / DIRECTIONS):
         aside = settings.around * std[snapped] * [np.cos(angle), np.sin(angle), 0.0]
         beside = model.subset(snapped)
         beside.known[:] = False  # from the measured shape

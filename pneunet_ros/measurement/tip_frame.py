@@ -22,6 +22,8 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 import scipy
 
+MOST_POSES = 100  # that are used, evenly spread: CPU
+
 Places = npt.NDArray[np.complex128]
 
 
@@ -41,7 +43,6 @@ class TipFrameSettings:
         unit='reach',
         source='convention: more is half the motion that is to be explained',
     )
-    most: int = tuning(100, 'poses that are used', source='convention: seconds of CPU')
     uneven: float = tuning(
         0.3,
         'departure of the curvature from its mean along the arm, one sigma',
@@ -137,7 +138,7 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
     poses = poses[np.isfinite(poses[:, :2]).all(axis=1)]
     if len(poses) < 3:
         return None
-    poses = poses[np.unique(np.linspace(0, len(poses) - 1, settings.most).astype(np.int64))]
+    poses = poses[np.unique(np.linspace(0, len(poses) - 1, MOST_POSES).astype(np.int64))]
     known = np.isfinite(poses[:, 2])
     frames, reach, clamp = len(poses), arm.reach, arm.clamp_angle
     heading = np.unwrap(np.where(known, poses[:, 2], 0.0))

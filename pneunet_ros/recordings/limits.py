@@ -13,27 +13,30 @@ class RecordingLimits:
 
     chunk: int = tuning(
         100_000_000,
-        'content of a chunk or message: writers begin a new chunk at a few MB, and a raw image of '
-        '8K has 100 MB',
+        'content of a chunk or message; writers begin a new chunk at a few MB',
         unit='byte',
+        source='convention: a raw image of 8K',
     )
     definition: int = tuning(
-        1_000_000, 'record that names a topic or defines a type; usual are 10 kB', unit='byte'
+        1_000_000,
+        'record that names a topic or defines a type',
+        unit='byte',
+        source='convention: a hundred times what is usual, 10 kB',
     )
     expansion: int = tuning(
         1_000,
-        'content of all chunks, unpacked, as a multiple of the file: readings are packed 2 to 10 '
-        'times, black images 1000 times',
+        'content of all chunks, unpacked; readings are packed 2 to 10 times',
         unit='size of the file',
+        source='convention: black images are packed 1000 times',
     )
     unpacked: int = tuning(
         100_000_000, 'content that any file may have, however small it is', unit='byte'
     )
     records: int = tuning(
         1,
-        'records in chunks per byte of the file: packed as well as can be, a message with a log '
-        'time of its own takes more than a byte',
+        'records in chunks per byte of the file',
         unit='1/byte',
+        source='convention: a message with a log time of its own takes more than a byte',
     )
     waiting: int = tuning(
         300_000_000,

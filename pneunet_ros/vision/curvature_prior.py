@@ -20,6 +20,12 @@ from pneunet_ros.model.equilibrium import solve
 import scipy
 
 FINE_STATIONS = 449
+LEARNING_STD = 2e-4  # of the length; noise of shapes that are learned: a tenth of a pixel
+# Of std, length_scale and break_std in the search (length or 1/length).
+BOUNDS = ((0.3, 100.0), (0.1, 3.0), (0.01, 10.0))
+START = (1.5, 0.4, 0.15)  # the same, first tried
+DIGITS = 2  # of the logarithm of what is learned: rounding has no part in it
+SPLITS = 5  # places of l1 over which the covariance is averaged
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,14 +38,9 @@ class PriorSettings:
         unit='learned',
         source='sweep: halved: camera demo: smoothing rms 1.76e-06 -> 1.72e-06; doubled: nothing',
     )
-    splits: int = tuning(5, 'places of l1 over which the covariance is averaged')
-    learning_std: float = tuning(2e-4, 'noise: a tenth of a pixel', unit='length')
     pressures: int = tuning(6, 'shares of the calibrated range at which shapes are taken')
     pull: float = tuning(
         2.0, 'end force, as in Table 1', unit='weight', source='literature: paper'
-    )
-    digits: int = tuning(
-        2, 'digits of the logarithm of what is learned: rounding has no part in it'
     )
     turns: tuple[float, ...] = tuning(
         (0.0, 0.25, 0.5),
@@ -49,12 +50,6 @@ class PriorSettings:
             'sweep: halved: camera demo: worst smoothing rms 3.96e-06 -> 4.01e-06; doubled: '
             'camera demo: worst smoothing rms 3.96e-06 -> 4.02e-06'
         ),
-    )
-    start: tuple[float, float, float] = tuning(
-        (1.5, 0.4, 0.15), 'std, length_scale, break_std first tried', unit='length or 1/length'
-    )
-    bounds: tuple[tuple[float, float], ...] = tuning(
-        ((0.3, 100.0), (0.1, 3.0), (0.01, 10.0)), 'of the same', unit='length or 1/length'
     )
 
 
@@ -150,7 +145,7 @@ def learn_prior(
     line_free = without_line(targets)
     bent = [bent_line(theta, length, targets) @ line_free for theta in angles]
     seen = np.array(bent).reshape(len(bent), -1)
-    noise = (settings.learning_std * length) ** 2
+    noise = (LEARNING_STD * length) ** 2
 
     def prior_of(logarithms: Array) -> CurvaturePrior:
         values = np.exp(logarithms) * length ** _POWERS[: logarithms.size]
@@ -158,7 +153,7 @@ def learn_prior(
         return CurvaturePrior(**named, splits=splits)
 
     asked = 3 if splits.size else 2
-    start, bounds = np.log(settings.start), np.log(settings.bounds)
+    start, bounds = np.log(START), np.log(BOUNDS)
     if not bent:
         return prior_of(start[:asked])
     nodes, weights = prior_of(start).nodes(targets)
@@ -174,7 +169,7 @@ def learn_prior(
     found = scipy.optimize.minimize(
         misfit, start[:asked], method='L-BFGS-B', jac='3-point', bounds=bounds[:asked]
     )
-    return prior_of(np.round(found.x, settings.digits))
+    return prior_of(np.round(found.x, DIGITS))
 
 
 def splits_of(arm: Arm, settings: PriorSettings) -> Array:
@@ -183,7 +178,7 @@ def splits_of(arm: Arm, settings: PriorSettings) -> Array:
     starts = law.sections(law.table_pressures, arm.length, arm.weight)[:, 1:, 0]
     if not starts.size:
         return np.zeros(0)
-    return np.unique(np.linspace(starts.min(), starts.max(), settings.splits))
+    return np.unique(np.linspace(starts.min(), starts.max(), SPLITS))
 
 
 def family(arm: Arm, settings: PriorSettings) -> tuple[list[Array], list[Array]]:

@@ -15,6 +15,8 @@ from pneunet_ros.vision.rows.row_gate import expected_pixels, gate_row
 from pneunet_ros.vision.rows.row_motion import next_row, velocity_along_row
 from pneunet_ros.vision.rows.view import View
 
+MOST_PASSES = 3  # over a frame, while lost targets are found again
+
 
 def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] | None:
     """Find the row near where it must be by now, and what comes next; None where it is lost."""
@@ -34,7 +36,7 @@ def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] |
     shown = shows_own_size(table, vision.row_look, vision.gating) & ~last.sized
     usual = np.where(shown, table[:, AREA], last.area)
     row = gate_row(view, table, usual, last)
-    for _ in range(settings.most_passes):
+    for _ in range(MOST_PASSES):
         if row.seen == count or row.seen < 2:
             break
         places = expected_pixels(view, row.points)
@@ -43,7 +45,7 @@ def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] |
         if more.seen <= row.seen:
             break
         row = more
-    for _ in range(settings.most_passes):
+    for _ in range(MOST_PASSES):
         before, row = row.seen, with_partial(view, row, usual, last.sized, last)
         if row.seen == count or row.seen <= before:
             break

@@ -31,7 +31,6 @@ class RowTrackerSettings:
         ),
     )
     reach_again: float = tuning(0.3, 'a lost target off where others say', unit='spacing')
-    most_passes: int = tuning(3, 'over a frame, while lost targets are found again')
     near_clamp: int = tuning(4, 'targets that can hardly move, but with the camera')
     off_along: float = tuning(0.1, 'off their place by stretch, more with each', unit='spacing')
     off_aside: float = tuning(0.5, 'off their place by bending, more with each', unit='spacing')

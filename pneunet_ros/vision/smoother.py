@@ -42,6 +42,10 @@ from pneunet_ros.vision.curvature_prior import (
     without_line,
 )
 
+LEVEL_RATIO = 1.5  # between levels of noise that are tried
+FAR_WORSE = 20.0  # in -2 log likelihood: larger levels of noise are not tried any more
+LEAST_WEIGHT = 1e-3  # a prior less probable than this takes no part
+
 Indices = npt.NDArray[np.int64]
 
 FEWEST_TARGETS = 4
@@ -54,10 +58,7 @@ class SmootherSettings:
 
     least_std: float = tuning(1e-5, 'noise below this is not believed', unit='length')
     stretch_share: float = tuning(0.01, "variation of the stretch over the angle's")
-    level_ratio: float = tuning(1.5, 'between levels of noise that are tried')
     largest_noise: float = tuning(0.1, 'noise, at most', unit='mean distance of targets')
-    far_worse: float = tuning(20.0, 'in -2 log likelihood: no more noise than this is tried')
-    least_weight: float = tuning(1e-3, 'a prior less probable than this takes no part')
 
 
 SmootherNumbers = numbers_type(SmootherSettings, 'SmootherNumbers')
@@ -484,10 +485,10 @@ def noise_variance(
             best, best_misfit = level, smallest
             for prior in range(weights.size):
                 weights[prior] = math.exp(-0.5 * (misfits[prior] - best_misfit))
-        elif smallest > best_misfit + settings.far_worse:
+        elif smallest > best_misfit + FAR_WORSE:
             break
-        level *= settings.level_ratio * settings.level_ratio
-    for least_weight in (settings.least_weight, 0.0):
+        level *= LEVEL_RATIO * LEVEL_RATIO
+    for least_weight in (LEAST_WEIGHT, 0.0):
         total = 0.0
         for prior in range(weights.size):
             total += weights[prior]

@@ -8,7 +8,6 @@ import numpy as np
 from pneunet_ros.calibration.map_estimation import fit, Posterior
 from pneunet_ros.calibration.moment_law_parameters import ALPHAS, MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
-from pneunet_ros.calibration.settings import MapEstimationSettings
 from pneunet_ros.measurement.inputs import inputs_of
 import pytest
 from support.example_arms import paper_arm
@@ -171,12 +170,10 @@ def test_white_noise_alone_does_not_explain_the_residuals():
     assert blind.chi_squared / blind.dof > 1.7
 
 
-def test_no_convergence_is_said():
+def test_no_convergence_is_said(monkeypatch):
     unloaded, _ = exact()
-    settings = MapEstimationSettings(most_steps=1)
-    found = fit(
-        parameters(law=False), unloaded, HARDLY_ANY, PAPER.target_arclength, settings=settings
-    )
+    monkeypatch.setattr('pneunet_ros.calibration.map_estimation.MOST_STEPS', 1)
+    found = fit(parameters(law=False), unloaded, HARDLY_ANY, PAPER.target_arclength)
     assert not found.converged
     assert found.status == 'no convergence within the allowed steps'
     assert np.isfinite(found.values).all()

@@ -24,6 +24,7 @@ from pneunet_ros.estimation.consistency import (
     ConsistencySettings,
     ConsistencyState,
     FrameInnovation,
+    MOST_WAITING,
     take_estimate,
     take_targets,
 )
@@ -397,8 +398,8 @@ def test_a_frame_waits_for_its_reading():
 
 def test_frames_of_a_clock_that_is_ahead_do_not_pile_up():
     monitored = unloaded(1000, 1010).tell(*(frame(5e6 + 10 * index) for index in range(200)))
-    assert len(monitored.consistency.waiting) == USED.most_waiting
-    assert dict(monitored.consistency.unmatched) == {'no_estimate': 200 - USED.most_waiting}
+    assert len(monitored.consistency.waiting) == MOST_WAITING
+    assert dict(monitored.consistency.unmatched) == {'no_estimate': 200 - MOST_WAITING}
 
 
 def test_one_frame_that_is_stamped_ahead_costs_nothing():

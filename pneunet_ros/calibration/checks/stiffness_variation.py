@@ -25,6 +25,7 @@ from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import CURVATURE, INTRINSIC_CURVATURE
 
 STATIONS = 21  # along the arm, where a departure is looked at
+HALVINGS = 30  # of an interval: 30 leave the ninth digit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -185,7 +186,7 @@ def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
     most = settings.most_error / np.abs(per_meter).max(axis=0)
     by_meter = by_section @ per_meter
     low, high = 0.0, float(most.max())
-    for _ in range(settings.halvings):
+    for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         moved_by = by_meter * np.minimum(middle, most)
         if tips.nees(moved_by @ moved_by.transpose(0, 2, 1)) > settings.most_nees:
