@@ -68,6 +68,21 @@ class BelievedArm:
     swinging: SwingingEstimate | None
 
 
+def unknown_swing(state: FusionState, belief: Belief, mode: Mode) -> str:
+    """Return a sentence where nobody knows how an arm swings, '' else.
+
+    A swing that the newest frame contradicts is not followed further; at rest nothing is lost by
+    one frame that is wrong.
+    """
+    if belief.reference is None:
+        return ''
+    if belief.reference.lost:
+        return 'nobody knows how the arm swings: its equilibrium is far from where it was seen'
+    if state.counts.lost and mode is not Mode.PREDICTION:
+        return 'nobody knows how the arm swings: nothing explains where the last frame has seen it'
+    return ''
+
+
 def estimate_at(
     bench: Bench,
     state: FusionState,
@@ -94,9 +109,9 @@ def estimate_at(
         return replace(state.answered(), solution=None), refuse(
             stamp_ns, 'no_equilibrium', arm.bent.shape.status
         )
-    if arm.belief.reference is not None and arm.belief.reference.lost:
-        lost = 'nobody knows how the arm swings: its equilibrium is far from where it was seen'
-        return state.answered(), refuse(stamp_ns, 'too_uncertain', lost, awaits_others=True)
+    swings = unknown_swing(state, arm.belief, mode)
+    if swings:
+        return state.answered(), refuse(stamp_ns, 'too_uncertain', swings, awaits_others=True)
     if arm.position.reason:
         refusal = refuse(stamp_ns, arm.position.reason, arm.position.sentence)
         return state.answered(), refusal

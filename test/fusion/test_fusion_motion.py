@@ -202,3 +202,21 @@ def test_a_peg_in_the_way_of_a_moving_arm_is_found_where_it_is():
     assert not found[: np.argmax(touching)].any()  # later it bounces, and is seen late
     assert np.median(np.abs(places)) < 3e-3
     assert state.causes <= {'contact'}
+
+
+def test_a_swing_that_the_last_frame_contradicts_is_not_told():
+    recording, _ = recorded(False)
+    state, answers = FusionState(), {}
+    wrong = LATE + 13 * EVERY  # the frame of this reading shows something else
+    for instant, stamp in enumerate(recording.stamp_ns[: wrong + 2 * EVERY].tolist()):
+        if instant >= LATE and not (instant - LATE) % EVERY:
+            frame = sightings(recording, instant - LATE)
+            if instant == wrong:
+                frame = dataclasses.replace(frame, x=frame.x[::-1].copy(), y=0.05 + frame.y)
+            state, _ = fusion().step(state, frame)
+        reading = PressureReading(stamp_ns=stamp, pressure=float(recording.pressure[instant]))
+        state, answers[instant] = fusion().step(state, reading)
+    assert isinstance(answers[wrong - 1], FusedEstimate)
+    untold = [answers[wrong + since] for since in range(EVERY)]
+    assert {refusal.reason for refusal in untold} == {'too_uncertain'}
+    assert isinstance(answers[wrong + EVERY], FusedEstimate)
