@@ -78,7 +78,7 @@ def unknown_swing(state: FusionState, belief: Belief, mode: Mode) -> str:
         return ''
     if belief.reference.lost:
         return 'nobody knows how the arm swings: its equilibrium is far from where it was seen'
-    if state.counts.lost and mode is not Mode.PREDICTION:
+    if state.counts.contradicted and mode is not Mode.PREDICTION:
         return 'nobody knows how the arm swings: nothing explains where the last frame has seen it'
     return ''
 

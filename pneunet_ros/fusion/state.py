@@ -12,7 +12,7 @@ from pneunet_ros.core.stamps import AHEAD, count_reason, StampGate
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.fusion.belief import Belief, LASTING, PRESSURE
-from pneunet_ros.fusion.frame_update import ColdSearch, Fit
+from pneunet_ros.fusion.frame_update import ColdSearch, Fit, INCONSISTENT
 from pneunet_ros.fusion.readings import PressureInstant, SeenFrame
 from pneunet_ros.fusion.taken_frame import TakenFrame
 from pneunet_ros.measurement.inference.bank import Hypothesis
@@ -89,11 +89,15 @@ class PendingFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Counts:
-    """Estimates so far, frames used, others by reason; lost: frames in a row that were not."""
+    """Estimates so far, frames used, others by reason; lost: frames in a row that were not.
+
+    contradicted: a frame since the last one used shows the arm where no hypothesis has it.
+    """
 
     estimates: int = 0
     frames: int = 0
     lost: int = 0
+    contradicted: bool = False
     unused: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
 
 
@@ -155,7 +159,9 @@ class FusionState:
 
     def fresh(self) -> FusionState:
         """Forget all readings and frames; only the counts go on."""
-        return FusionState(readings=self.readings, counts=replace(self.counts, lost=0))
+        return FusionState(
+            readings=self.readings, counts=replace(self.counts, lost=0, contradicted=False)
+        )
 
     def restarted(self) -> FusionState:
         """Forget also that there were readings, and with them the history of the arm."""
@@ -210,12 +216,18 @@ class FusionState:
         """Count one more frame that was not used; lost: 1 where nothing explains it."""
         counts = self.counts
         unused = count_reason(counts.unused, reason)
-        return replace(self, counts=replace(counts, unused=unused, lost=counts.lost + lost))
+        counts = replace(
+            counts,
+            unused=unused,
+            lost=counts.lost + lost,
+            contradicted=counts.contradicted or reason == INCONSISTENT,
+        )
+        return replace(self, counts=counts)
 
     def count_frame(self) -> FusionState:
         """Count one more frame that was used."""
-        counts = self.counts
-        return replace(self, counts=replace(counts, frames=counts.frames + 1, lost=0))
+        counts = replace(self.counts, frames=self.counts.frames + 1, lost=0, contradicted=False)
+        return replace(self, counts=counts)
 
     def count_rejected(self, reason: str) -> FusionState:
         """Count one more rejected reading."""

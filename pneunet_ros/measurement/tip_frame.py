@@ -39,9 +39,15 @@ class TipFrameSettings:
     )
     largest_std: float = tuning(
         0.05,
-        'standard error of the place of the clamp',
+        'standard error of the place of the clamp, by noise alone',
         unit='reach',
         source='convention: more is half the motion that is to be explained',
+    )
+    longer: float = tuning(
+        0.03,
+        'lengthening of an arm at its largest turn, one sigma',
+        unit='reach',
+        source='convention: pneu-nets get a few percent longer',
     )
     uneven: float = tuning(
         0.3,
@@ -52,6 +58,7 @@ class TipFrameSettings:
 
 
 TIP_FRAME = TipFrameSettings()
+ANY_ANGLE = math.pi / math.sqrt(3.0)  # rad, one sigma of an angle that may be any
 DIRECTIONS = 12  # the search begins in
 MODES = 4  # Legendre polynomials by which the curvature departs from its mean
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
@@ -180,6 +187,8 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
     unused = np.zeros((frames, other.shape[1]))
     shift = inverse[:3] @ best.jac.T @ np.concatenate([other.real, other.imag, unused])
     std = np.hypot(std, np.sqrt(np.sum(shift**2, axis=1)))
+    if std[2] >= ANY_ANGLE or max(std[0], std[1]) >= reach:
+        return None
     return FoundBase(
         x=float(best.x[0]),
         y=float(best.x[1]),
@@ -204,6 +213,6 @@ def departures(turns: Array, arm: Arm, settings: TipFrameSettings) -> Places:
         of_rms_one = math.sqrt(2 * order + 1) * np.polynomial.legendre.Legendre.basis(order)
         heading = 0.5 * settings.uneven / math.sqrt(MODES) * of_rms_one.integ(lbnd=-1)(_NODES)
         found.append(1j * turns * (arc * heading @ _WEIGHTS) / 2.0)
-    longer = (settings.out_of_reach - 1.0) * np.abs(turns) / (np.max(np.abs(turns)) or 1.0)
+    longer = settings.longer * np.abs(turns) / (np.max(np.abs(turns)) or 1.0)
     found.append(longer * (arc @ _WEIGHTS) / 2.0)
     return np.array(arm.reach * np.column_stack(found))

@@ -38,6 +38,7 @@ KINDS = {
 }
 _TARGET = re.compile(r'(.+?)(\d{1,3})')
 _BETWEEN_WORDS = re.compile(r'[\s_.,/*·()\[\]-]+')
+_OUTER = re.compile(r'[\[(](.*)[\])]')  # brackets around the whole: [kPa], but bar(a)
 # Units of pressure that people write as two words: mm Hg, kgf/cm2 (a technical atmosphere).
 _TWO_WORDS = (
     (re.compile(r'(?<![^_])(mm|cm|in)_(hg|h2o)(?![^_])'), r'\1\2'),
@@ -45,6 +46,7 @@ _TWO_WORDS = (
 )
 _ABSOLUTE = ('a', 'abs', 'absolute')  # the reference of a pressure: psia, bar(a), P abs [kPa]
 _REFERENCES = ('g', 'gauge', *_ABSOLUTE)
+_IN_WORDS = ('gauge', 'abs', 'absolute')  # before a unit, where an `a` may name a chamber
 _UNIT_SPELLINGS = {
     'nm': 'n_m',
     'mnm': 'mn_m',
@@ -82,6 +84,7 @@ _BARE = {
     **{unit: f'{TIME}_{unit}' for unit in ('s', 'ms', 'us')},
     **{unit: f'pressure_{unit}' for unit in SI_PER_UNIT['pressure'].keys() - {'at', 'atm'}},
 }
+_PREPOSITIONS = ('at',)
 # What others call a time or a pressure, which its unit makes sure.
 _UNMISTAKABLE = {
     't': TIME,
@@ -140,12 +143,15 @@ def standard_name(name: str) -> str:
     plain = _plain(name)
     if plain == TIME:
         return f'{TIME}_s'
-    return plain if is_known(plain) else name
+    return plain if _is_known(plain) else name
 
 
 def is_known(name: str) -> bool:
     """Whether a name is that of a column which is read or left out, however it is written."""
-    plain = _plain(name)
+    return _is_known(_plain(name))
+
+
+def _is_known(plain: str) -> bool:
     return plain in (TIME, STAMP) or plain.startswith(ESTIMATE) or column_of(plain) is not None
 
 
@@ -175,7 +181,7 @@ def _without_reference(words: list[str]) -> tuple[list[str], str]:
         return [*head, last[:-1]], last[-1]
     if last in _REFERENCES and head and head[-1] in units:
         return head, last
-    named = [word for word in head if word in _REFERENCES] if last in units else []
+    named = [word for word in head if word in _IN_WORDS] if last in units else []
     return [word for word in words if word not in named], ''.join(named[:1])
 
 
@@ -200,9 +206,18 @@ def is_unit(text: str) -> bool:
 def with_unit(name: str, text: str) -> str:
     """Return a name of a column with the unit that stands below it, unless it ends with it."""
     unit = _unit(text)
-    if not unit or _plain(name).endswith(f'_{unit}'):
+    if not unit:
         return name
-    return f'{name} [{text.strip("[]() ")}]'
+    if _plain(name).endswith(f'_{unit}'):
+        reference = _without_reference(_words(text))[1]
+        own = _without_reference(_words(name))[1]
+        return f'{name} {reference}' if reference and not own else name
+    return f'{name} [{_inner(text)}]'
+
+
+def _inner(text: str) -> str:
+    outer = _OUTER.fullmatch(text.strip())
+    return outer[1].strip() if outer else text.strip()
 
 
 def _unit(text: str) -> str:
@@ -218,7 +233,8 @@ def likely_name(name: str) -> str:
             return known_name
     for quantity in KINDS.keys() - TOGETHER.keys():  # of a longer name: elapsed_time_s
         _, within, after = f'_{plain}'.rpartition(f'_{quantity}_')
-        for unit in (after, after.partition('_')[0]):  # the first word: PT-101 pressure kPa(g)
+        first, _, further = after.partition('_')  # PT-101 pressure kPa(g) 2, pressure at tip kPa
+        for unit in (after, further.rpartition('_')[2], '' if first in _PREPOSITIONS else first):
             if within and unit in SI_PER_UNIT[KINDS[quantity]]:
                 return f'{quantity}_{unit}'
     head, _, unit = plain.rpartition('_')

@@ -135,19 +135,23 @@ def _read(
     units = units_below(header, next(csv.reader([below], delimiter=mark), []), request)
     renamed = renamed_columns(header, units, request)
     check_header(path, header, units, renamed, request)
-    standard = with_clock(
-        [standard_name(name) for name in renamed], {'', *request.ignore}, ahead, mark
-    )
+    standard = [standard_name(name) for name in renamed]
+    left_out = {
+        place
+        for place, (name, *new) in enumerate(zip(header, renamed, standard, strict=True))
+        if not name or {name, *new} & set(request.ignore) or name in request.select
+    }
+    standard = with_clock(standard, left_out, ahead, mark)
     places: dict[str, int] = {}
-    for place, (name, *new) in enumerate(zip(header, renamed, standard, strict=True)):
-        if not name or {name, *new} & set(request.ignore) or name in request.select:
+    for place, name in enumerate(standard):
+        if place in left_out:
             continue
-        if new[1] in places:
+        if name in places:
             raise RecordingError(
-                f'{path}: two columns are called {new[1]}: --ignore one of them',
+                f'{path}: two columns are called {name}: --ignore one of them',
                 reason='given_twice',
             )
-        places[new[1]] = place
+        places[name] = place
     try:
         check_names(places)
     except RecordingError:

@@ -114,14 +114,17 @@ def _is_number(cell: str) -> bool:
 def units_below(header: Sequence[str], cells: Sequence[str], request: TableRequest) -> list[str]:
     """Return the units of all columns where the line below the names holds such; else nothing.
 
-    That is a line without any digit in the columns to be read, and with a unit in one of them.
+    That is a line with a unit in one of the columns to be read, and without any digit in the
+    others of them.
     """
     left_out = {'', *request.ignore, *request.select}
     units = [cell.strip() for cell in cells]
     if len(units) != len(header):
         return []
     to_read = [unit for name, unit in zip(header, units, strict=True) if name not in left_out]
-    if any(map(_DIGIT.search, to_read)) or not any(map(is_unit, to_read)):
+    if any(_DIGIT.search(cell) and not is_unit(cell) for cell in to_read) or not any(
+        map(is_unit, to_read)
+    ):
         return []
     return units
 
@@ -187,22 +190,24 @@ def check_separated(path: Path, header: Sequence[str]) -> None:
 
 
 def with_clock(
-    names: Sequence[str], left_out: Collection[str], ahead: Sequence[str], mark: str
+    names: Sequence[str], left_out: Collection[int], ahead: Sequence[str], mark: str
 ) -> list[str]:
     """Return the names of the columns with that of the time, where only one holds dates or times.
 
-    That is unmistakable, whatever it is called. left_out: columns that are not read; ahead: the
-    lines below the names. Nothing changes where a column is known as the time.
+    That is unmistakable, whatever it is called. left_out: places of columns that are not read;
+    ahead: the lines below the names. A date that is the same in all rows is no time of theirs.
+    Nothing changes where a column is known as the time.
     """
     if any(_is_time_column(name) for name in names):
         return list(names)
     rows = _rows(ahead, mark)
     clocks = [
         place
-        for place, name in enumerate(names)
-        if name not in left_out
+        for place in range(len(names))
+        if place not in left_out
         and (cells := [row[place] for row in rows if place < len(row)])
         and all(map(is_time, cells))
+        and (len(set(cells)) > 1 or len(cells) == 1)
     ]
     if len(clocks) != 1:
         return list(names)

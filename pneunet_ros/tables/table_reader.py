@@ -16,7 +16,7 @@ from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.stamps import LATEST_STAMP, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT, STANDARD_ATMOSPHERE
 from pneunet_ros.measurement.pressure_convention import pressure_unit
-from pneunet_ros.measurement.pressure_judge import record_of
+from pneunet_ros.measurement.pressure_judge import air_density, JUDGE, record_of
 from pneunet_ros.messages.readings import PRESSURE, Sensor, SENSORS, TARGETS
 from pneunet_ros.tables.columns import (
     Column,
@@ -163,7 +163,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
             f'{path} holds no reading: no pressure, no force, no target', reason='nothing_usable'
         )
     sentences += _coincident(path, table.lines, found.values[TARGETS.name])
-    if pressure is not None and found.absolute:
+    if found.absolute and np.isfinite(found.values[PRESSURE.name]).any():
         sentences.append(_absolute(table.written[pressure.name], found))
     return found, tuple(sentences)
 
@@ -192,6 +192,13 @@ def _absolute(column: str, table: ReadingTable) -> str:
     kept = np.isfinite(pressure)
     record = record_of(table.stamp_ns[kept].tolist(), pressure[kept].tolist())
     vented = min(record.low, record.high, key=lambda end: abs(end - STANDARD_ATMOSPHERE))
+    if not air_density(vented, JUDGE):
+        return (
+            f'{column!r} is an absolute pressure by its name, but none of its readings is a '
+            f'pressure of the air (nearest: {vented:.4g} Pa): if they are gauge, or have another '
+            'unit, say so by --rename; if the arm was never vented, add --pressure-reference '
+            'absolute and --ambient-pressure with the pressure of the air in Pa'
+        )
     return (
         f'{column!r} is an absolute pressure: add --pressure-reference absolute '
         f'--ambient-pressure {vented:.0f} to every command that reads the recording (that is its '

@@ -204,19 +204,34 @@ def test_a_peg_in_the_way_of_a_moving_arm_is_found_where_it_is():
     assert state.causes <= {'contact'}
 
 
-def test_a_swing_that_the_last_frame_contradicts_is_not_told():
+def answers_beside(change):
+    """Return answers (instants) where a frame is changed, and the instant at which it comes."""
     recording, _ = recorded(False)
-    state, answers = FusionState(), {}
-    wrong = LATE + 13 * EVERY  # the frame of this reading shows something else
+    state, answers, wrong = FusionState(), [], LATE + 13 * EVERY
     for instant, stamp in enumerate(recording.stamp_ns[: wrong + 2 * EVERY].tolist()):
         if instant >= LATE and not (instant - LATE) % EVERY:
             frame = sightings(recording, instant - LATE)
-            if instant == wrong:
-                frame = dataclasses.replace(frame, x=frame.x[::-1].copy(), y=0.05 + frame.y)
-            state, _ = fusion().step(state, frame)
+            state, _ = fusion().step(state, change(frame) if instant == wrong else frame)
         reading = PressureReading(stamp_ns=stamp, pressure=float(recording.pressure[instant]))
-        state, answers[instant] = fusion().step(state, reading)
+        state, answer = fusion().step(state, reading)
+        answers.append(answer)
+    return answers, wrong
+
+
+def test_a_swing_that_the_last_frame_contradicts_is_not_told():
+    answers, wrong = answers_beside(
+        lambda frame: dataclasses.replace(frame, x=frame.x[::-1].copy(), y=0.05 + frame.y)
+    )
     assert isinstance(answers[wrong - 1], FusedEstimate)
-    untold = [answers[wrong + since] for since in range(EVERY)]
-    assert {refusal.reason for refusal in untold} == {'too_uncertain'}
+    assert {refusal.reason for refusal in answers[wrong : wrong + EVERY]} == {'too_uncertain'}
     assert isinstance(answers[wrong + EVERY], FusedEstimate)
+
+
+@pytest.mark.parametrize('seen', [0, 2])
+def test_a_swing_goes_on_where_a_frame_shows_too_little(seen):
+    answers, wrong = answers_beside(
+        lambda frame: dataclasses.replace(
+            frame, x=np.where(np.arange(frame.x.size) < seen, frame.x, np.nan)
+        )
+    )
+    assert all(isinstance(one, FusedEstimate) for one in answers[wrong - 1 :])

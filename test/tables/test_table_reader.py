@@ -802,3 +802,29 @@ def test_a_proposed_name_keeps_that_a_pressure_is_absolute(tmp_path):
 def test_a_second_pressure_is_not_proposed_as_the_pressure(tmp_path):
     with refused(RecordingError, 'unknown_column'):
         read(tmp_path, 'time_s,kPa,Setpoint pressure [kPa]\n0,1,1\n')
+
+
+def test_a_date_that_never_changes_is_not_the_time(tmp_path):
+    rows = '\n'.join(f'2026-11-28 10:15:00,{0.1 * row:.1f},{row}' for row in range(5))
+    with refused(RecordingError, 'no_time'):
+        read(tmp_path, f'Start,Elapsed,pressure_kpa\n{rows}\n')
+
+
+def test_columns_left_out_are_no_second_clock(tmp_path):
+    rows = '\n'.join(f'2026-11-28,2026-11-28 10:15:0{row},{row}' for row in range(5))
+    table = read(tmp_path, f'Day,Datum,pressure_kpa\n{rows}\n', ignore=('Day',))
+    assert np.diff(table.stamp_ns).tolist() == [10**9] * 4
+
+
+def test_a_line_of_units_may_hold_digits(tmp_path):
+    table = read(tmp_path, 'time,pressure\ns,kgf/cm2\n0,0.5\n1,1.0\n')
+    assert table.values['pressure'][:, 0] == pytest.approx([49033.25, 98066.5])
+
+
+@pytest.mark.parametrize(('readings', 'air'), [((0.0, 40.0), ''), ((101.3, 140.0), '101300')])
+def test_only_an_air_that_was_read_is_proposed(tmp_path, readings, air):
+    path = tmp_path / 'table.csv'
+    path.write_text('time_s,P abs [kPa]\n0,{}\n1,{}\n'.format(*readings))
+    _, sentences = read_table(path, ImportRequest())
+    proposed = [re.search(r'--ambient-pressure (\d+)', sentence) for sentence in sentences]
+    assert [one[1] for one in proposed if one] == ([air] if air else [])
