@@ -13,9 +13,9 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect, Load
 from pneunet_ros.measurement.dataset import RecordingData
 
-# Of the prior range; size from which a search begins, where points are linear in it.
+# Sizes from which a search begins, of the prior range: where points are linear in them, and not.
 FIRST_SIZE = 5e-4
-FIRST_SIZES = (0.05, 0.25, 0.8)  # of the prior range; the same, where they are not
+FIRST_SIZES = (0.05, 0.25, 0.8)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -105,8 +105,6 @@ class RefitSettings:
     least_gain: float = tuning(0.1, 'cost that a step must gain; below it has converged')
     settled: float = tuning(0.5, 'change of cost from round to round; below it is settled')
     unsettled: float = tuning(1e-3, 'gain of a step more that is no answer', unit='of misfit')
-    # The base takes up most of what gravity does: a coarser difference is bent by more than is
-    # left, and taken for information.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

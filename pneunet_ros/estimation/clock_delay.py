@@ -40,6 +40,7 @@ class ClockDelaySettings:
         'of the motion of all targets that are looked at',
         unit='number',
         source=(
+            'invented; '
             'sweep: halved: triangles std 0.00821 -> 0.0763; doubled: one ramp std 0.0238 -> '
             '0.0107'
         ),
@@ -48,12 +49,13 @@ class ClockDelaySettings:
     seen: float = tuning(
         0.8,
         'share of the frames in which a target must be seen',
-        source='sweep: halved: nothing; doubled: steps known True -> False',
+        source='invented; sweep: halved: nothing; doubled: steps known True -> False',
     )
     overlap: float = tuning(
         0.75,
         'of the shorter of film and table that must be in both',
         source=(
+            'invented; '
             'sweep: halved: triangles std 0.00821 -> 0.0166; doubled: steps known True -> False'
         ),
     )
@@ -61,7 +63,7 @@ class ClockDelaySettings:
     explained: float = tuning(
         0.8,
         'share of the motion that pressure and load explain, at least',
-        source='sweep: halved: nothing; doubled: steps known True -> False',
+        source='invented; sweep: halved: nothing; doubled: steps known True -> False',
     )
     rival: float = tuning(
         2.0,
@@ -74,6 +76,7 @@ class ClockDelaySettings:
         'of the pressure',
         unit='number',
         source=(
+            'invented; '
             'sweep: halved: triangles std 0.00821 -> 0.0333; doubled: one ramp std 0.0238 -> '
             '0.00572'
         ),
@@ -83,6 +86,7 @@ class ClockDelaySettings:
         'sets of plays, of which each is fitted; how far they disagree is in the standard error',
         unit='range of pressure',
         source=(
+            'invented; '
             'sweep: halved: triangles std 0.00821 -> 0.0361; doubled: triangles std 0.00821 '
             '-> 0.0582'
         ),
@@ -105,6 +109,7 @@ class ClockDelaySettings:
         'time constants',
         unit='s',
         source=(
+            'invented; '
             'sweep: halved: triangles std 0.00821 -> 0.0763; doubled: one ramp std 0.0238 -> 0.016'
         ),
     )

@@ -51,6 +51,7 @@ class ConsistencySettings:
         'of a frame from the nearest reading: half of it, and half as much for stamps that jitter',
         unit='period',
         source=(
+            'invented; '
             'sweep: halved: held out watch.agreement.persistent.chance 4.34e-102 -> 1.08e-78; '
             'doubled: nothing'
         ),

@@ -48,7 +48,7 @@ class PersistenceSettings:
         200,
         'of a recording that are used, evenly spread, up to twice as many',
         source=(
-            'sweep: halved: creep watch.agreement.persistent.chance 1e-41 -> 2.6e-31; '
+            'invented; sweep: halved: creep watch.agreement.persistent.chance 1e-41 -> 2.6e-31; '
             'doubled: nothing'
         ),
     )
@@ -57,7 +57,7 @@ class PersistenceSettings:
         0.05,
         'share of frames that are off by themselves and tell of nothing that persists',
         source=(
-            'sweep: halved: held out watch.agreement.persistent.chance 4.34e-102 -> '
+            'invented; sweep: halved: held out watch.agreement.persistent.chance 4.34e-102 -> '
             '6.03e-115; doubled: creep watch.agreement.persistent.chance 1e-41 -> 1.37e-32'
         ),
     )
@@ -69,7 +69,7 @@ class PersistenceSettings:
         'that a camera is elsewhere: that tells nothing of the arm',
         unit='length',
         source=(
-            'sweep: halved: held out watch.agreement.persistent.chance 4.34e-102 -> '
+            'invented; sweep: halved: held out watch.agreement.persistent.chance 4.34e-102 -> '
             '4.95e-102; doubled: held out watch.agreement.persistent.chance 4.34e-102 -> '
             '4.19e-102'
         ),

@@ -220,7 +220,7 @@ def spanned_domain(
 
     end_load (frames, 4): F1, F2, M, p, SI; length (m) of the arm; span (Pa): what its tables
     reach. The load that is furthest from the hull of those taken is taken next, until the others
-    are within `thinning` of it. Numbers have six digits.
+    are within `THINNING` of it. Numbers have six digits.
     """
     loads = np.array(end_load)
     loads[:, PRESSURE] = np.clip(loads[:, PRESSURE], *span)

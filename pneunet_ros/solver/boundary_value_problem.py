@@ -25,7 +25,7 @@ from pneunet_ros.solver.settings import (
 from pneunet_ros.solver.solution import SolverNodes
 
 ANGLES = col.NODE_GAUSS + GAUSS_POINTS  # columns of a node that hold angles
-# Those of one that was not; panels over those of a plain mesh: halving doubles them, rounding up
+# Panels of a mesh that was refined, over those of a plain one: halving doubles them, rounding up
 # adds a few.
 REFINED = 1.5
 

@@ -57,7 +57,7 @@ class BeamSearchSettings:
     seen: float = tuning(
         0.8,
         'share of the targets seen in a row found anywhere, at least',
-        source='sweep: halved: nothing; doubled: frame 0 reason resting -> no row',
+        source='invented; sweep: halved: nothing; doubled: frame 0 reason resting -> no row',
     )
 
 

@@ -20,7 +20,6 @@ from pneunet_ros.model.equilibrium import solve
 import scipy
 
 FINE_STATIONS = 449
-LEARNING_STD = 2e-4  # of the length; noise of shapes that are learned: a tenth of a pixel
 # Of std, length_scale and break_std in the search (length or 1/length).
 BOUNDS = ((0.3, 100.0), (0.1, 3.0), (0.01, 10.0))
 START = (1.5, 0.4, 0.15)  # the same, first tried
@@ -38,6 +37,7 @@ class PriorSettings:
         unit='learned',
         source='sweep: halved: camera demo: smoothing rms 1.76e-06 -> 1.72e-06; doubled: nothing',
     )
+    learning_std: float = tuning(2e-4, 'noise: a tenth of a pixel', unit='length')
     pressures: int = tuning(6, 'shares of the calibrated range at which shapes are taken')
     pull: float = tuning(
         2.0, 'end force, as in Table 1', unit='weight', source='literature: paper'
@@ -145,7 +145,7 @@ def learn_prior(
     line_free = without_line(targets)
     bent = [bent_line(theta, length, targets) @ line_free for theta in angles]
     seen = np.array(bent).reshape(len(bent), -1)
-    noise = (LEARNING_STD * length) ** 2
+    noise = (settings.learning_std * length) ** 2
 
     def prior_of(logarithms: Array) -> CurvaturePrior:
         values = np.exp(logarithms) * length ** _POWERS[: logarithms.size]

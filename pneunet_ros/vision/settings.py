@@ -38,6 +38,7 @@ class RowTrackerSettings:
         0.3,
         'way while the shutter is open, one sigma of it',
         source=(
+            'invented; '
             'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0879; doubled: hand and '
             'blur: tip rms px 0.115 -> 0.09'
         ),

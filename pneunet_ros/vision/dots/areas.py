@@ -63,6 +63,7 @@ class BlobSettings:
         'one sigma of that',
         unit='px',
         source=(
+            'invented; '
             'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0896; doubled: hand and '
             'blur: tip rms px 0.115 -> 0.0852'
         ),
@@ -81,6 +82,7 @@ class BlobSettings:
         'one sigma of size and shape before a fit',
         unit='radius',
         source=(
+            'invented; '
             'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0893; doubled: hand and '
             'blur: tip rms px 0.115 -> 0.0867'
         ),

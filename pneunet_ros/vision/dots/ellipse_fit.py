@@ -71,6 +71,7 @@ class EllipseSettings:
         'an edge may be off where the fit begins',
         unit='px',
         source=(
+            'invented; '
             'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0852; doubled: hand and '
             'blur: rms px 0.0277 -> 0.0204'
         ),
@@ -82,6 +83,7 @@ class EllipseSettings:
         'slope of the light over a blob',
         unit='contrast / radius',
         source=(
+            'invented; '
             'sweep: halved: jpeg, uneven: tip error/std 0.971 -> 1.23; doubled: hand and '
             'blur: tip rms px 0.115 -> 0.0852'
         ),
@@ -101,6 +103,7 @@ class EllipseSettings:
         0.3,
         'of the pixels within, brighter than the first plateau',
         source=(
+            'invented; '
             'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0896; doubled: hand and '
             'blur: rms px 0.0277 -> 0.0223'
         ),
@@ -120,6 +123,7 @@ class EllipseSettings:
         'error of the place of an edge that tells anything',
         unit='px',
         source=(
+            'invented; '
             'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0868; doubled: hand and '
             'blur: tip rms px 0.115 -> 0.0845'
         ),
@@ -132,7 +136,7 @@ class EllipseSettings:
     within: float = tuning(
         0.9,
         'of the most that a blob covers of a pixel, where it is its inside',
-        source='sweep: halved: nothing; doubled: jpeg, uneven: tip found share 0.9 -> 0',
+        source='invented; sweep: halved: nothing; doubled: jpeg, uneven: tip found share 0.9 -> 0',
     )
     plain: float = tuning(0.3, 'inside of a blob, darker than it is drawn at most', unit='height')
     on_edge: float = tuning(

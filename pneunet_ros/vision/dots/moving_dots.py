@@ -168,6 +168,7 @@ class MovingDotSettings:
         'before that end, where nothing of it is seen',
         unit='blur',
         source=(
+            'invented; '
             'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0855; doubled: hand and '
             'blur: tip rms px 0.115 -> 0.0905'
         ),
