@@ -136,15 +136,15 @@ def _read(
     renamed = renamed_columns(header, units, request)
     check_header(path, header, units, renamed, request)
     standard = [standard_name(name) for name in renamed]
-    left_out = {
+    unread = {
         place
         for place, (name, *new) in enumerate(zip(header, renamed, standard, strict=True))
         if not name or {name, *new} & set(request.ignore) or name in request.select
     }
-    standard = with_clock(standard, left_out, ahead, mark)
+    standard = with_clock(standard, unread, ahead, mark)
     places: dict[str, int] = {}
     for place, name in enumerate(standard):
-        if place in left_out:
+        if place in unread:
             continue
         if name in places:
             raise RecordingError(

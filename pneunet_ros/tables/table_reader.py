@@ -163,7 +163,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
             f'{path} holds no reading: no pressure, no force, no target', reason='nothing_usable'
         )
     sentences += _coincident(path, table.lines, found.values[TARGETS.name])
-    if found.absolute and np.isfinite(found.values[PRESSURE.name]).any():
+    if pressure is not None and found.absolute and np.isfinite(found.values[PRESSURE.name]).any():
         sentences.append(_absolute(table.written[pressure.name], found))
     return found, tuple(sentences)
 
