@@ -23,8 +23,6 @@ START_FORCES = (0.3, 0.9)  # of the force scale; cold starts in all directions, 
 Fit = tuple[FrameProblem, FrameLinearization]
 EXACT = 1e-6  # of the force scale: std of a force that is known
 
-INCONSISTENT = 'inconsistent'  # reason: noise does not explain a frame
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ColdRound:
@@ -168,7 +166,7 @@ def with_fit(update: FrameUpdate, best: Fit, used: Fit, seen: int) -> FrameUpdat
     return replace(
         update,
         belief=None if inconsistent else problem.posterior(fit),
-        reason=INCONSISTENT if inconsistent else '',
+        reason='inconsistent' if inconsistent else '',
         nis=fit.cost,
         coordinates=fit.trial.residual.size,
         left_out=seen - int(np.count_nonzero(problem.used)),

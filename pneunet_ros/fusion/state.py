@@ -12,7 +12,7 @@ from pneunet_ros.core.stamps import AHEAD, count_reason, StampGate
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.fusion.belief import Belief, LASTING, PRESSURE
-from pneunet_ros.fusion.frame_update import ColdSearch, Fit, INCONSISTENT
+from pneunet_ros.fusion.frame_update import ColdSearch, Fit
 from pneunet_ros.fusion.readings import PressureInstant, SeenFrame
 from pneunet_ros.fusion.taken_frame import TakenFrame
 from pneunet_ros.measurement.inference.bank import Hypothesis
@@ -220,7 +220,7 @@ class FusionState:
             counts,
             unused=unused,
             lost=counts.lost + lost,
-            contradicted=counts.contradicted or reason == INCONSISTENT,
+            contradicted=counts.contradicted or reason == 'inconsistent',
         )
         return replace(self, counts=counts)
 
