@@ -45,7 +45,7 @@ from pneunet_ros.core.share import share_path
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 sys.path.append(str(CHECKOUT / 'test'))
-KEPT = Path(tempfile.gettempdir()) / 'pneunet_sweep'
+KEPT = Path(tempfile.mkdtemp(prefix='pneunet_sweep_'))  # what is simulated or calibrated
 MOVES = 1e-3  # relative change of a figure that counts; what rounds differently is not told
 SHOWN = 2  # figures that are named
 Figures = dict[str, float | str]
@@ -538,6 +538,8 @@ def main(words: list[str] | None = None) -> int:
     if asked.output.exists():
         with asked.output.open(encoding='utf-8', newline='') as known:
             kept = {(row[0], row[1]): row for row in list(csv.reader(known))[1:]}
+    there = {(one.room, str(one)) for one in numbers_of(list(FIGURES))}
+    kept = {number: row for number, row in kept.items() if number in there}
     numbers = [one for one in numbers_of(asked.room) if not asked.only or str(one) in asked.only]
     befores: dict[Any, Figures] = {}
     for number in numbers:

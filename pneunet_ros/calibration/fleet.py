@@ -255,7 +255,7 @@ def compare_arms(
     center, scatter = np.zeros(len(numbers)), np.zeros(len(numbers))
     p_values, chance = np.full((2, len(arms)), np.nan)
     if numbers:
-        ((center,), (scatter,)) = center_and_scatter(values[None], stds**2, settings)
+        ((center,), (scatter,)) = center_and_scatter(values[None], stds**2)
     compared = [which for which, item in enumerate(numbers) if counts[item] >= settings.fewest]
     if compared:
         some, errors = values[:, compared], covariance[:, compared][:, :, compared]
@@ -381,7 +381,7 @@ def robust_start(
     Correlations are those of Gnanadesikan and Kettenring (1972).
     """
     variances = np.diagonal(covariance, axis1=1, axis2=2)
-    center, width = center_and_scatter(values, variances, settings)
+    center, width = center_and_scatter(values, variances)
     deviation = values - center[:, None]
     correlation = robust_correlation(deviation / np.sqrt(width[:, None] ** 2 + variances))
     correlation = (1.0 - settings.shrunk) * correlation
@@ -391,9 +391,7 @@ def robust_start(
     return center, width[:, :, None] * correlation * width[:, None, :]
 
 
-def center_and_scatter(
-    values: Array, variances: Array, settings: FleetSettings = FLEET
-) -> tuple[Array, Array]:
+def center_and_scatter(values: Array, variances: Array) -> tuple[Array, Array]:
     """Return the median of each number and its scatter beyond the error bars, (fleets, n) each.
 
     The scatter is what brings the median of the squared deviations, each over scatter and error

@@ -98,7 +98,7 @@ def end_forces(
         size = np.sqrt(np.einsum('fi,fij,fj->f', step, normal, step))
         largest = np.maximum(np.abs(step).max(axis=1), 1e-12 * arm.weight)
         share = np.minimum(
-            relaxation(step, before[active], taken[active], settings),
+            relaxation(step, before[active], taken[active]),
             settings.largest_step * arm.weight / largest,
         )
         loads[active, :2] += share[:, None] * step
@@ -113,7 +113,7 @@ def end_forces(
     return EndForces(force=np.where(determined, loads[:, :2], np.nan), covariance=covariance)
 
 
-def relaxation(step: Array, before: Array, taken: Array, settings: TipForceSettings) -> Array:
+def relaxation(step: Array, before: Array, taken: Array) -> Array:
     """Return the share of each step (frames, 2) after which the next one should be nothing.
 
     before: the steps before, of which the shares `taken` were taken. Where a model misses the

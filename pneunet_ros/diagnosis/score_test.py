@@ -130,7 +130,6 @@ def largest_clean_score(
     candidates: Sequence[Candidate],
     level: float,
     seed: int,
-    settings: ScoreTestSettings = DEFAULTS.score_test,
 ) -> float:
     """Return what the largest score of all effects exceeds in clean data with probability level.
 

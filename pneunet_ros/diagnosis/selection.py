@@ -288,7 +288,6 @@ class Selection:
             candidates,
             settings.lack_of_fit.level,
             self.seed,
-            settings.score_test,
         )
         needed = max(settings.selection.least_gain, noise)
         return candidates[0] if candidates[0].gain > needed else None

@@ -369,9 +369,7 @@ def compare_waiting(
             if predicted is None:
                 state = state.count_unmatched('unsteady')
                 continue
-            running, frame = add_frame(
-                state.running, sightings, estimate, predicted, estimator, settings
-            )
+            running, frame = add_frame(state.running, sightings, estimate, predicted, estimator)
             compared = (*state.compared, frame)
             state = replace(state, running=running, compared=compared, matched=state.matched + 1)
         elif behind < BESIDE and (near[0] or not behind):
@@ -392,7 +390,6 @@ def add_frame(
     estimate: ShapeEstimate,
     predicted: PredictedTargets,
     estimator: Estimator,
-    settings: ConsistencySettings,
 ) -> tuple[RunningInnovation, FrameInnovation]:
     """Take a frame into the running means; after a gap of `watch_time` they start anew."""
     frame = innovation(predicted, sightings, estimator.arm.sensors)

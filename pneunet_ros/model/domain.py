@@ -213,9 +213,7 @@ def load_hull(end_load: Array, pressure: tuple[float, float], length: float) -> 
     return LoadHull(scale=freeze(scale), points=freeze(points), size=size)
 
 
-def spanned_domain(
-    end_load: Array, length: float, span: tuple[float, float], settings: DomainSettings = DOMAIN
-) -> Domain:
+def spanned_domain(end_load: Array, length: float, span: tuple[float, float]) -> Domain:
     """Return the domain of the loads that were seen, with few vertices.
 
     end_load (frames, 4): F1, F2, M, p, SI; length (m) of the arm; span (Pa): what its tables

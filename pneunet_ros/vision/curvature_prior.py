@@ -118,7 +118,7 @@ def learn_priors(arm: Arm, settings: PriorSettings = PRIOR) -> tuple[CurvaturePr
     both, where the moment law has no break. Each again for shapes that are smoother, so that not
     every shape is taken for as uneven as the model's worst.
     """
-    splits = splits_of(arm, settings)
+    splits = splits_of(arm)
     free, pulled = family(arm, settings)
     if splits.size:
         learned = [
@@ -172,7 +172,7 @@ def learn_prior(
     return prior_of(np.round(found.x, DIGITS))
 
 
-def splits_of(arm: Arm, settings: PriorSettings) -> Array:
+def splits_of(arm: Arm) -> Array:
     """Places (m) over which the break of the moment law wanders; none where there is no break."""
     law = arm.moment_law
     starts = law.sections(law.table_pressures, arm.length, arm.weight)[:, 1:, 0]

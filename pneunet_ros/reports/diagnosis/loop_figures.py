@@ -14,7 +14,6 @@ from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.paper_views.moment_curvature import moment_view
 from pneunet_ros.reports.paper_views.steady_states import arm_points, average
-from pneunet_ros.reports.settings import ReportSettings
 from pneunet_ros.reports.style import (
     draw_dots,
     FIRST,
@@ -54,14 +53,14 @@ class Loop:
 
 def loops(data: FigureData) -> Picture | None:
     """Moment and curvature in the middle of the arm, by direction of pressure."""
-    diagnosis, settings = data.diagnosis, data.settings
+    diagnosis = data.diagnosis
     if diagnosis.before.arm.target_arclength.size < FEWEST_TARGETS:
         return None
     figure, axes = panels(2, rows=2, height=7.4)
     for column, (side, when) in enumerate(
         ((diagnosis.before, 'before'), (diagnosis.after, 'after'))
     ):
-        loop = loop_of(side, settings)
+        loop = loop_of(side)
         if not loop.pressure.size:
             return None
         draw(axes[column], loop.change, MILLI * loop.moment, loop.direction)
@@ -99,7 +98,7 @@ def loops(data: FigureData) -> Picture | None:
     )
 
 
-def loop_of(side: Evaluation, settings: ReportSettings) -> Loop:
+def loop_of(side: Evaluation) -> Loop:
     """Return what the middle of the arm did in some frames of every training recording."""
     fit = side.fit
     arm = fit.arm
