@@ -105,6 +105,9 @@ _OTHER_WORDS = {
     'f2': 'force_y',
     'm': 'moment',
     'mz': 'moment',
+    'angle': 'tip_heading',  # and not that of a string: most loggers of actuators have no other
+    'bending_angle': 'tip_heading',
+    'theta': 'tip_heading',
 }
 
 

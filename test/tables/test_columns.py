@@ -29,6 +29,8 @@ def test_a_pressure_is_known_by_its_unit_and_reference(written, known, absolute)
         ('Pressure at valve (kPa)', 'pressure_kpa'),
         ('pressure_at_tip_kpa', 'pressure_kpa'),
         ('Pressure bar sensor [psi]', 'pressure_psi'),
+        ('angle_deg', 'tip_heading_deg'),  # and not the angle of a string
+        ('bending angle [deg]', 'tip_heading_deg'),
     ],
 )
 def test_a_name_that_may_be_another_pressure_is_asked_about(written, likely):
