@@ -39,12 +39,22 @@ ELSEWHERE = {
     'bags/table1/README.md': 'bag_table1.md',
     'bags/lab_day/README.md': 'bag_lab_day.md',
     'bags/camera_demo/README.md': 'bag_camera_demo.md',
+    **{
+        f'acceptance/{page.name}': f'measured_{page.name}'
+        for page in sorted((CHECKOUT / 'acceptance').glob('*.md'))
+    },
 }
 # Files to which pages link: a link out of the folder of the pages would be dead in the site.
 DOWNLOADS = (
     'CITATION.cff',
     'LICENSE',
+    'config/camera.yaml',
+    'config/estimator.yaml',
+    'config/fusion.yaml',
+    'config/gripper.yaml',
     'config/paper_arm.yaml',
+    'config/tracker.yaml',
+    'config/virtual_arm.yaml',
     'examples/soft_wall.py',
     'examples/tip_controller.py',
 )
@@ -69,6 +79,8 @@ FILES: dict[str, tuple[str, str, dict[str, type]]] = {
     ),
     'Parameters of the estimator': ('For `--params-file`.', 'config/estimator.yaml', {}),
     'Parameters of the tracker': ('For `--params-file`.', 'config/tracker.yaml', {}),
+    'Parameters of the fusion': ('For `--params-file`.', 'config/fusion.yaml', {}),
+    'Parameters of a gripper': ('For `--params-file`.', 'config/gripper.yaml', {}),
     'Parameters of the virtual arm': ('For `--params-file`.', 'config/virtual_arm.yaml', {}),
 }
 
@@ -135,10 +147,11 @@ def index_page(readme: str, reference: list[str]) -> str:
         for title, content in zip(['Start', *sections[1::2]], sections[::2], strict=True)
         if (listed := '\n'.join(link for link, _ in LINK.findall(content)))
     ]
-    bags = '\n'.join(
-        f'{GENERATED}/{name}' for name in ELSEWHERE.values() if name.startswith('bag_')
-    )
-    trees.append(f'```{{toctree}}\n:hidden:\n:caption: Shipped recordings\n\n{bags}\n```\n')
+    for title, prefix in (('Shipped recordings', 'bag_'), ('Measurements', 'measured_')):
+        listed = '\n'.join(
+            f'{GENERATED}/{name}' for name in ELSEWHERE.values() if name.startswith(prefix)
+        )
+        trees.append(f'```{{toctree}}\n:hidden:\n:caption: {title}\n\n{listed}\n```\n')
     return '\n'.join([text, *trees])
 
 

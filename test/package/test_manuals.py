@@ -1,7 +1,7 @@
 """The pages of the nodes say what the code has, and nothing else: both ways.
 
 Topics and services of running nodes are held against them in test_nodes and test_tracker_node,
-the text of each parameter in test_node_parts.
+parameters stand in config/, which test_node_parts holds.
 """
 
 from __future__ import annotations
@@ -42,10 +42,7 @@ from pneunet_ros.core.health import Level  # noqa: E402
 from pneunet_ros.estimation.health import EstimatorHealth  # noqa: E402
 from pneunet_ros.estimation.state import EstimatorState  # noqa: E402
 from pneunet_ros.fusion.health import FusionHealth  # noqa: E402
-from pneunet_ros.nodes.estimator.configuration import PARAMETERS as ESTIMATOR  # noqa: E402
-from pneunet_ros.nodes.fusion.configuration import PARAMETERS as FUSION  # noqa: E402
 from pneunet_ros.nodes.topics import DEPTH, DEPTH_OF, input_qos, latched_qos, output_qos  # noqa: E402
-from pneunet_ros.nodes.tracker.configuration import PARAMETERS as TRACKER  # noqa: E402
 from pneunet_ros.nodes.tracker.health import TrackerHealth  # noqa: E402
 from pneunet_ros.nodes.tracker.node import WRONG_CAMERA_INFO  # noqa: E402
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy  # noqa: E402
@@ -103,14 +100,6 @@ def test_quality_of_service_is_that_of_the_code(node):
         else:
             expected = in_words(latched_qos() if 'latched' in direction else output_qos())
         assert quality.startswith(expected), name
-
-
-@pytest.mark.parametrize(
-    ('node', 'parameters'), list(zip(NODES, (ESTIMATOR, TRACKER, FUSION), strict=True)), ids=NODES
-)
-def test_parameters_are_those_of_the_code(node, parameters):
-    written = [name for name, *_ in rows(node, 'parameter')]
-    assert sorted(written) == sorted(field.name for field in parameters.fields)
 
 
 VALUES_OF_EVERY_NODE = (
