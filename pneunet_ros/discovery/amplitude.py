@@ -206,17 +206,18 @@ def left_out_gains(
     return np.asarray((gains[0] - gains[1:]).sum(axis=0))
 
 
-def unit_fields(fit: Refit, effect: Effect, size: float) -> tuple[Array, ...] | None:
+def unit_fields(
+    fit: Refit, before: Sequence[Array], effect: Effect, size: float
+) -> tuple[Array, ...] | None:
     """Return how points (frames, 2 targets) m answer to one unit of an amplitude, per run.
 
-    effect: with an amplitude of `size` in every frame of the fit's runs. None where the arm has no
-    shape with it.
+    before: points (frames, 2, targets) m of the fit itself; effect: with an amplitude of `size` in
+    every frame of the fit's runs. None where the arm has no shape with it.
     """
     linearization, point = fit.linearization, fit.point
     runs = range(len(linearization.blocks))
-    before = linearization.points(point.arm, runs)
     after = linearization.points(replace(point, effects=(*point.effects, effect)).arm, runs)
-    if before is None or after is None:
+    if after is None:
         return None
     return tuple(
         np.nan_to_num(with_it - without).reshape(len(without), -1) / size

@@ -62,6 +62,7 @@ class Law:
 
 def cause_of(
     fit: Refit,
+    before: Sequence[Array],
     projection: Projection,
     kind: Kind,
     position: float | None,
@@ -69,7 +70,10 @@ def cause_of(
     *,
     play: float,
 ) -> Cause | None:
-    """Return a kind at a place around a fit; None where the arm has no shape with it."""
+    """Return a kind at a place around a fit; None where the arm has no shape with it.
+
+    before: points (frames, 2, targets) m of the fit itself, per run.
+    """
     linearization = fit.linearization
     length = linearization.length
     by_name = {item.name: item for item in covariates}
@@ -83,7 +87,7 @@ def cause_of(
         values = {parameters[0].name: amount}
         if position is not None:
             values['position'] = position
-        return unit_fields(fit, effect(**values), amount)
+        return unit_fields(fit, before, effect(**values), amount)
 
     fields = fields_with(CONSTANT, size)
     if fields is None:

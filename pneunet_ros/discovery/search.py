@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.discovery.amplitude import FrameColumns, Projection, Runs
 from pneunet_ros.discovery.covariates import Covariate, covariates_of, ELAPSED
@@ -82,10 +83,23 @@ class Search:
         """Return a kind at a place, made once."""
         key = kind.name, position
         if key not in self.causes:
-            self.causes[key] = cause_of(
-                self.fit, self.projection, kind, position, self.covariates, play=self.play
-            )
+            self.causes[key] = self.made(kind, position)
         return self.causes[key]
+
+    def made(self, kind: Kind, position: float | None) -> Cause | None:
+        """Make a kind at a place."""
+        before, projection = self.points, self.projection
+        if before is None:
+            return None
+        return cause_of(
+            self.fit, before, projection, kind, position, self.covariates, play=self.play
+        )
+
+    @cached_property
+    def points(self) -> list[Array] | None:
+        """Points (frames, 2, targets) m of the fit in all runs; None where it has no shape."""
+        linearization = self.fit.linearization
+        return linearization.points(self.fit.point.arm, range(len(linearization.blocks)))
 
     def frame_columns(self, cause: Cause) -> FrameColumns:
         """Return the frames of a cause, made once."""

@@ -18,23 +18,21 @@ from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.equilibrium import HeadingSearch
 from pneunet_ros.model.intrinsic_curvature import over_meters, rotation_pieces
 from pneunet_ros.model.record import owners
-from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem, panels_needed
+from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from pneunet_ros.solver.collocation import unloaded_nodes
 from pneunet_ros.solver.columns import (
-    CLAMP_ANGLE,
-    join_ends,
+    CURVATURE as CURVATURE,
+)
+from pneunet_ros.solver.columns import (
+    INTRINSIC_CURVATURE as INTRINSIC_CURVATURE,
+)
+from pneunet_ros.solver.columns import (
     LOAD_X,
     LOAD_Y,
     LOADS,
     NODE_WIDTH,
     RIGIDITY,
     START,
-)
-from pneunet_ros.solver.columns import (
-    CURVATURE as CURVATURE,
-)
-from pneunet_ros.solver.columns import (
-    INTRINSIC_CURVATURE as INTRINSIC_CURVATURE,
 )
 from pneunet_ros.solver.columns import (
     MOMENT as MOMENT,
@@ -48,7 +46,13 @@ from pneunet_ros.solver.columns import (
 from pneunet_ros.solver.columns import (
     Y as Y,
 )
-from pneunet_ros.solver.frame_series import FrameSolutions, linearize_frames, solve_frames
+from pneunet_ros.solver.frame_series import (
+    FrameSolutions,
+    linearize_frames,
+    most_panels,
+    solve_frames,
+    start_at_points,
+)
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.settings import FRAME_ITERATIONS, MOST_PANELS, MOST_TURNS, SOLVER, TURNED
 
@@ -100,7 +104,9 @@ class ForwardModel:
         are measured by a camera of which only the effects of the arm are known.
         """
         rods = inputs.rods(arm)
-        counts = mesh_counts(rods, inputs.loads)
+        counts = most_panels(
+            rods, inputs.loads, SOLVER.decay_per_panel, SOLVER.turn_per_panel, MOST_PANELS
+        )
         if not np.array_equal(rods.push_place, self.push_place):
             self.push_place = rods.push_place
             self.stations = np.union1d(self.arclength, rods.push_place)
@@ -164,7 +170,7 @@ class ForwardModel:
         beyond = np.array([arm.beyond_range(value) for value in rods.pressure.tolist()])
         self.solved = beyond <= EXTRAPOLATION
         if self.measured is not None and not self.known.any():
-            self.start_at_measured(self.measured, rods, loads)
+            start_at_points(rods, loads, self.solutions(), self.arclength, self.measured)
         first = 0
         while first < frames:
             first = solve_frames(
@@ -189,23 +195,6 @@ class ForwardModel:
             if first + 1 < frames and not self.known[first + 1]:
                 unloaded_nodes(attempt.panels, attempt.ends, self.nodes[first])
             first += 1
-
-    def start_at_measured(self, measured: Array, rods: Rods, loads: Array) -> None:
-        """Let frames start at the shape through the points that were seen, if any were."""
-        for frame, points in enumerate(measured):
-            seen = np.isfinite(points).all(axis=0) & (self.arclength > 0.0)
-            if not seen.any():
-                continue
-            attempt = BoundaryValueProblem(
-                rods.record(frame),
-                (float(loads[frame, 0]), float(loads[frame, 1])),
-                float(loads[frame, 2]),
-            )
-            attempt.mesh(self.counts)
-            clamp = float(rods.clamp[frame, CLAMP_ANGLE])
-            attempt.start_along(*headings_through(self.arclength[seen], points[:, seen], clamp))
-            self.nodes[frame] = attempt.nodes
-            self.known[frame] = True
 
     def at_solutions(self, of: ForwardModel, frames: npt.NDArray[np.int64]) -> None:
         """Go on from another model's solutions of these frames, where its mesh is the same."""
@@ -326,21 +315,6 @@ class ForwardModel:
         return np.stack(by_load, axis=1)
 
 
-def headings_through(arclength: Array, points: Array, clamp: float) -> tuple[Array, Array]:
-    """Return arclengths (n,) m and the headings (n,) rad there of an arm through points.
-
-    arclength (targets,) m, more than 0; points (2, targets) m in the base frame; clamp rad. From
-    one point to the next the chord has the heading of the middle.
-    """
-    ways = np.diff(points, axis=1, prepend=0.0)
-    chords = np.unwrap(np.append(clamp, np.arctan2(ways[1], ways[0])))
-    from_clamp = np.append(0.0, arclength)
-    middles = np.append(0.0, 0.5 * (from_clamp[1:] + from_clamp[:-1]))
-    slope = (chords[-1] - chords[-2]) / (middles[-1] - middles[-2])
-    last = chords[-1] + slope * (arclength[-1] - middles[-1])
-    return np.append(middles, arclength[-1]), np.append(chords, last)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pieces:
     """Columns of the sections of a law as columns of the records, which effects may have cut.
@@ -388,15 +362,6 @@ def pieces_of(arm: Arm, rods: Rods, columns: Columns) -> Pieces:
 def as_points(jacobian: Array) -> Array:
     """Return the Jacobian of points (frames, 2 stations, inputs) of that of all fields."""
     return jacobian[:, :, :2].reshape(*jacobian.shape[:2], -1).transpose(0, 2, 1)
-
-
-def mesh_counts(rods: Rods, loads: Array) -> npt.NDArray[np.int64]:
-    """Return the panels per section that every one of the rods needs."""
-    ends = join_ends(rods.clamp, loads)
-    counts: npt.NDArray[np.int64] = np.max(
-        [panels_needed(rods.record(rod), ends[rod]) for rod in range(len(loads))], axis=0
-    )
-    return counts
 
 
 def knot_rotation(arm: Arm) -> Array:

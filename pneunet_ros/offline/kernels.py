@@ -110,7 +110,8 @@ def fit(folder: Path) -> None:
     """Solve the frames of a recording and linearize them, as every fit does."""
     arm = load_model(share_path('config/lab_arm.yaml'))
     run, _ = read_run(folder / f'{RECORDING}.mcap', arm.target_arclength.size)
-    inputs = steady_inputs(arm, run.thin(FRAMES))
-    model = ForwardModel(arm.target_arclength)
+    run = run.thin(FRAMES)
+    inputs = steady_inputs(arm, run)
+    model = ForwardModel(arm.target_arclength, run.points)
     model.solve(arm, inputs)
     model.load_jacobian(arm, inputs)

@@ -118,19 +118,6 @@ class BoundaryValueProblem:
             here[::ANGLES], s[::ANGLES], known.nodes[:, col.NODE_MOMENT]
         )
 
-    def start_along(self, arclength: Array, heading: Array) -> None:
-        """Take a shape as the first guess: heading (n,) rad at these arclengths (n,) m.
-
-        The moment is the one with which the load at the free end holds such a shape.
-        """
-        here, _ = gauss_stations(self.panels)
-        theta = np.interp(here, arclength, heading)
-        self.nodes[:, :ANGLES].flat[: here.size] = theta
-        force_x, force_y, moment = self.ends[col.END_X :]
-        across = force_y * np.cos(theta) - force_x * np.sin(theta)
-        from_clamp = np.append(0.0, np.cumsum(0.5 * (across[1:] + across[:-1]) * np.diff(here)))
-        self.nodes[:, col.NODE_MOMENT] = moment + (from_clamp[-1] - from_clamp)[::ANGLES]
-
     def newton(self) -> bool:
         """Newton's method from the present nodes; whether the equations hold afterwards."""
         settings = self.settings

@@ -6,17 +6,19 @@ rod, from which the sensitivity to any parameter follows by the chain rule.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.kernels.jit import kernel
+from pneunet_ros.core.kernels.jit import inner, kernel
 from pneunet_ros.solver import columns as col
-from pneunet_ros.solver.collocation import newton, prepare, unloaded_nodes
+from pneunet_ros.solver.collocation import newton, panel_counts, prepare, unloaded_nodes
 from pneunet_ros.solver.columns import set_ends, write
 from pneunet_ros.solver.interpolation import at_stations, resolution
 from pneunet_ros.solver.linearization import station_changes
+from pneunet_ros.solver.panel import C1, C2, C3, C4, GAUSS_POINTS
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.sensitivity import sensitivities
 from pneunet_ros.solver.settings import ACCEPTED
@@ -39,6 +41,108 @@ class FrameSolutions(NamedTuple):
     fields: Array
     detail: Array
     stable: Flags
+
+
+@kernel
+def most_panels(
+    rods: Rods, loads: Array, decay_lengths: float, turn: float, most: int
+) -> Integers:
+    """Return the panels per section that every one of the rods needs, as of `panel_counts`."""
+    counts = np.zeros(rods.sections.shape[1], dtype=np.int64)
+    ends = np.empty(col.END_WIDTH)
+    for rod in range(len(loads)):
+        set_ends(rods.clamp[rod], loads[rod], ends)
+        needed = panel_counts(
+            rods.length, rods.sections[rod], rods.rotation[rod], ends, decay_lengths, turn, most
+        )
+        for k in range(len(counts)):
+            counts[k] = max(counts[k], needed[k])
+    return counts
+
+
+@kernel
+def start_at_points(
+    rods: Rods, loads: Array, frames: FrameSolutions, arclength: Array, points: Array
+) -> None:
+    """Let frames start at the shape through points (n, 2, targets) m; NaN where none is seen.
+
+    arclength (targets,) m: one at the clamp says nothing. Fills nodes and known of the frames in
+    which a point is seen.
+    """
+    nodes = frames.nodes
+    panels = np.empty((nodes.shape[1] - 1, col.PANEL_WIDTH))
+    ends = np.empty(col.END_WIDTH)
+    at, heading = np.empty(arclength.size + 2), np.empty(arclength.size + 2)
+    for rod in range(len(nodes)):
+        clamp = rods.clamp[rod, col.CLAMP_ANGLE]
+        count = headings_through(arclength, points[rod], clamp, at, heading)
+        if count == 0:
+            continue
+        set_ends(rods.clamp[rod], loads[rod], ends)
+        rotation = rods.rotation[rod]
+        prepare(rods.length, rods.sections[rod], rods.knots, rotation, ends, frames.counts, panels)
+        start_along(panels, ends, at[:count], heading[:count], nodes[rod])
+        frames.known[rod] = True
+
+
+@inner
+def headings_through(
+    arclength: Array, points: Array, clamp: float, at: Array, heading: Array
+) -> int:
+    """Fill arclengths (m) and headings (rad) there of an arm through points (2, targets) m.
+
+    From one point to the next the chord has the heading of the middle. Returns how many of
+    (targets + 2,) are filled; 0 where no point is seen.
+    """
+    at[0] = last = x = y = turns = 0.0
+    heading[0] = before = clamp
+    count = 1
+    for target in range(arclength.size):
+        x_there, y_there = points[0, target], points[1, target]
+        if arclength[target] <= 0.0 or not math.isfinite(x_there + y_there):
+            continue
+        chord = math.atan2(y_there - y, x_there - x)
+        turns -= 2.0 * math.pi * round((chord - before) / (2.0 * math.pi))
+        at[count], heading[count] = 0.5 * (arclength[target] + last), chord + turns
+        last, x, y, before = arclength[target], x_there, y_there, chord
+        count += 1
+    if count == 1:
+        return 0
+    at[count] = last
+    slope = (heading[count - 1] - heading[count - 2]) / (at[count - 1] - at[count - 2])
+    heading[count] = heading[count - 1] + slope * (last - at[count - 1])
+    return count + 1
+
+
+@inner
+def start_along(panels: Array, ends: Array, at: Array, heading: Array, nodes: Array) -> None:
+    """Set nodes to a shape: heading (n,) rad at these arclengths (n,) m.
+
+    The moment is the one with which the load at the free end holds such a shape.
+    """
+    force_x, force_y = ends[col.END_X], ends[col.END_Y]
+    moment = before = s_before = 0.0
+    piece = 0
+    for p in range(len(panels) + 1):
+        row = panels[min(p, len(panels) - 1)]
+        start, length = row[col.PANEL_START], row[col.PANEL_LENGTH]
+        if p == len(panels):
+            start += length
+        for i in range(1 + GAUSS_POINTS if p < len(panels) else 1):
+            s = start + (0.0, C1, C2, C3, C4)[i] * length
+            while piece < at.size - 2 and s >= at[piece + 1]:
+                piece += 1
+            slope = (heading[piece + 1] - heading[piece]) / (at[piece + 1] - at[piece])
+            theta = heading[piece] + slope * (min(s, at[at.size - 1]) - at[piece])
+            across = force_y * math.cos(theta) - force_x * math.sin(theta)
+            if p + i > 0:
+                moment += 0.5 * (across + before) * (s - s_before)
+            if i == 0:
+                nodes[p, col.NODE_MOMENT] = moment
+            nodes[p, i] = theta
+            before, s_before = across, s
+    for p in range(len(panels) + 1):
+        nodes[p, col.NODE_MOMENT] = ends[col.END_MOMENT] + (moment - nodes[p, col.NODE_MOMENT])
 
 
 @kernel

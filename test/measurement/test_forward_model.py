@@ -16,7 +16,19 @@ from pneunet_ros.effects.softening import Softening
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
 from pneunet_ros.model.equilibrium import linearize_shape, solve_rod
-from pneunet_ros.solver.columns import CURVATURE, RIGIDITY, START, THETA, X, Y
+from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
+from pneunet_ros.solver.columns import (
+    CURVATURE,
+    NODE_MOMENT,
+    NODE_THETA,
+    PANEL_START,
+    RIGIDITY,
+    START,
+    THETA,
+    X,
+    Y,
+)
+from pneunet_ros.solver.frame_series import start_at_points
 import pytest
 from support.example_arms import ALL_MECHANICS, paper_arm, TABLE_1
 from support.made_datasets import made
@@ -183,6 +195,37 @@ def test_a_buckled_arm_is_found_on_the_side_on_which_it_was_seen(side, hidden):
     series.jacobian(arm, inputs, NONE)
     assert series.stable.all()
     assert np.all(side * series.points[:, 1, -1] > 0.05)
+
+
+def test_frames_start_at_the_shape_through_the_points_that_were_seen():
+    arm, inputs = paper_arm(), table_1()
+    s, random = arm.target_arclength, np.random.default_rng(0)
+    points = solved(arm, inputs).points
+    seen = (random.uniform(size=(len(points), s.size)) > 0.3) & (s > 0.0)
+    points[~seen[:, None, :].repeat(2, axis=1)] = np.nan
+    series, rods = ForwardModel(s, points), inputs.rods(arm)
+    series.remesh(np.array([5, 9]), len(points))
+    series.stations = s
+    start_at_points(rods, inputs.loads, series.solutions(), s, points)
+    assert series.known.all()
+    for frame, own in enumerate(seen):
+        ways = np.diff(points[frame][:, own], axis=1, prepend=0.0)
+        chords = np.unwrap(np.append(rods.clamp[frame, 0], np.arctan2(ways[1], ways[0])))
+        middles = s[own] - 0.5 * np.diff(s[own], prepend=0.0)
+        there = BoundaryValueProblem(
+            rods.record(frame), tuple(inputs.loads[frame, :2]), inputs.loads[frame, 2]
+        )
+        there.mesh(series.counts)
+        joints = np.append(there.panels[:, PANEL_START], arm.length)
+        inner = joints < middles[-1]  # beyond, the last two chords are continued
+        wanted = np.interp(joints, np.append(0.0, middles), chords)[inner]
+        assert series.nodes[frame, inner, NODE_THETA] == pytest.approx(wanted, abs=1e-12)
+        # The moment at the clamp is that of the load on the way to the tip.
+        force, moment = inputs.loads[frame, :2], inputs.loads[frame, 2]
+        x, y = points[frame][:, own][:, -1]
+        lever = moment + x * force[1] - y * force[0]
+        room = 0.15 * np.abs(force).sum() * arm.length
+        assert series.nodes[frame, 0, NODE_MOMENT] == pytest.approx(lever, abs=room)
 
 
 def test_where_nothing_is_seen_an_arm_is_found_as_from_no_load():
