@@ -1,7 +1,8 @@
 """Compile the kernels where numba is at hand; they run as plain Python where it is not.
 
 The kernels of this package are written so that both give the same numbers. Contraction to fused
-multiply-adds is the only relaxation of IEEE arithmetic: NaN stays NaN.
+multiply-adds, and the order of sums in those that are `summing`, are the only relaxations of IEEE
+arithmetic: NaN stays NaN.
 
 A process that has to answer at once says `answer_first` before it imports any kernel. Where the
 kernels are not on the disk they then run as plain Python, until `use_compiled` puts the compiled
@@ -35,6 +36,7 @@ WITHIN = {
 KERNEL = dict(WITHIN)
 INNER = {**WITHIN, 'no_cpython_wrapper': True}
 INLINED = {**INNER, 'forceinline': True}
+SUMMING = {**INNER, 'fastmath': {'contract', 'reassoc'}}
 # What only kernels call: by the function that they name, what numba compiles of it.
 INNER_KERNELS: dict[Callable[..., Any], Any] = {}
 
@@ -121,6 +123,14 @@ def inlined(function: Function) -> Function:
     Python, too, may call it, and then it is plain Python.
     """
     return compiled_or_plain(function, INLINED)
+
+
+def summing(function: Function) -> Function:
+    """Compile what only kernels call, and let it add up in any order, so that sums vectorize.
+
+    Python, too, may call it, and then it is plain Python.
+    """
+    return compiled_or_plain(function, SUMMING)
 
 
 def compiled_or_plain(function: Function, options: dict[str, Any]) -> Function:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.kernels.jit import inlined, inner
+from pneunet_ros.core.kernels.jit import inlined, inner, summing
 
 Integers = npt.NDArray[np.int64]
 
@@ -17,6 +17,17 @@ Integers = npt.NDArray[np.int64]
 UNKNOWNS, MOVING = 11, 8
 # Columns after them: what is left of a pixel, and how its grey level changes as the edge moves.
 LEFT, EDGE, COLUMNS = 11, 12, 13
+# The pixels near an edge stand in blocks: BLOCK numbers for each of these columns, one column
+# after the other in one array, so that loops over the pixels are vectorized. A pixel is covered by
+# as much as the plateau changes it; the columns up to DRAWN are sums over moments.
+BLOCK = 256
+COVERED = 8
+FURTHER, X, Y, LEVEL, SECTOR, SHARE, BARE, HEIGHT, WEIGHT, WEIGHTED = range(13, 23)
+DRAWN, LINES = 14, 23
+# The pixels that can be near an edge, a line each: px from where the fit begins, grey level, the
+# sector and how far it is on its way to the next one, and px outside of the edge as it is now.
+RIM_X, RIM_Y, RIM_LEVEL, RIM_SECTOR, RIM_SHARE, RIM_OUTSIDE = range(6)
+RIM_LINES = 6
 MOST_MOMENTS = 13  # of an exposure
 # The table of the normal distribution, in standard deviations: places in each, and how many.
 STEPS, FARTHEST = 64, 8
@@ -68,12 +79,10 @@ class Linearized(NamedTuple):
 def normal_at(x: float) -> tuple[float, float]:
     """Return the share of a normal distribution above x, and its density there, to 1e-13.
 
-    Taylor's series from the nearest step; the derivatives are Hermite's polynomials.
+    Taylor's series from the nearest step; the derivatives are Hermite's polynomials. No branch, so
+    that a loop over pixels is vectorized.
     """
-    if x >= FARTHEST:
-        return 0.0, 0.0
-    if x <= -FARTHEST:
-        return 1.0, 0.0
+    x = min(max(x, -float(FARTHEST)), float(FARTHEST))
     step = int((x + FARTHEST) * STEPS + 0.5)
     near = step / STEPS - FARTHEST
     off, square = x - near, near * near
@@ -86,99 +95,50 @@ def normal_at(x: float) -> tuple[float, float]:
     return 1.0 - below - density * area, density * slope
 
 
+@inlined
+def distance_outside(xx: float, xy: float, yy: float, across: float, down: float) -> float:
+    """Return how far outside of an ellipse a place is, px; xx, xy, yy: its inverse axes.
+
+    across, down: the place on the unit circle, or off it.
+    """
+    ratio = math.sqrt(max(across * across + down * down, 1e-12))
+    out_x, out_y = xx * across + xy * down, xy * across + yy * down
+    # At the very center there is no normal; it is far inside then.
+    return (ratio - 1.0) * ratio / max(math.sqrt(out_x * out_x + out_y * out_y), 1e-18)
+
+
 @inner
 def linearize_edge(
-    pixels: tuple[Array, Array, Array, Array],
-    sectors: Integers,
-    piece: tuple[int, int, int],
+    rim: Array,
+    many: int,
     given: Array,
     believed: Array,
     moments: int,
-    reach: tuple[float, float, float],
-    sums: tuple[Array, Array, Array, Array],
-    scratch: tuple[Array, Array, Integers, Array],
-) -> float:
-    """Sum up over the pixels of an ellipse what a step of its fit needs; returns their weight.
+    reach: tuple[float, float],
+    blocks: Array,
+    sums: tuple[Array, Array],
+    background: Array,
+) -> tuple[int, float]:
+    """Sum up over the pixels of an ellipse what a step of its fit needs.
 
-    pixels, (pixels,) each: x, y px, level, and how far each is on its way to the next sector;
-    sectors (pixels,): counted over all ellipses; piece: first pixel, the one behind the last, and
-    the first sector of this ellipse. given (11,), as it is now: inverse axes xx, xy, yy 1/px, blur
-    px, way in an exposure u, v px, plateau, slopes of the light u, v, way of the center so far
-    u, v px; believed (sectors,); moments of an exposure. reach: how far from an edge pixels count,
-    inward and outward in blurs, and px added. Fills `sums`, those of `Linearized` but the weights,
-    of one ellipse.
+    rim (lines, pixels), as `Rim` has them, the first `many` of them; given (GIVEN,), the ellipse
+    as it is now; believed (sectors,); moments of an exposure; reach: how far from the edge pixels
+    count, inward and outward, px. Fills blocks (blocks, LINES * BLOCK) with the pixels near the
+    edge, and sums: the products (UNKNOWNS + 1, UNKNOWNS + 1) of the derivatives and what is left,
+    weighted (their lower half), and the background (sectors,). background (sectors, 2): scratch.
+    Returns how many pixels are near the edge, and their weight.
     """
-    all_x, all_y, levels, shares = pixels
-    product, behind, by_sector, covered_of = sums
-    columns, places, near, background = scratch
+    product, behind = sums
     count = believed.size
-    xx, xy, yy = given[0], given[1], given[2]
-    blur, way_u, way_v = given[3], given[4], given[5]
-    plateau, slope_u, slope_v = given[6], given[7], given[8]
-    off_u, off_v = given[9], given[10]
-    sharp = 1.0 / blur
-    nearest, farthest = -reach[0] * blur - reach[2], reach[1] * blur + reach[2]
+    near = collect_near(rim, many, given, reach, blocks)
     background[:] = 0.0
-    used = 0
-    for pixel in range(piece[0], piece[1]):
-        x, y = all_x[pixel] - off_u, all_y[pixel] - off_v
-        low, high = math.inf, -math.inf
-        covered = further = edge = 0.0
-        by_u = by_v = by_size = by_along = by_aslant = by_blur = by_way_u = by_way_v = 0.0
+    for block in range(0, near, BLOCK):
+        lines, size = blocks[block // BLOCK], min(near - block, BLOCK)
+        lines[: DRAWN * BLOCK] = 0.0
         for moment in range(moments):
-            time, part = TIMES[moments, moment], PARTS[moments, moment]
-            px, py = x - time * way_u, y - time * way_v
-            across, down = xx * px + xy * py, xy * px + yy * py
-            square = max(across * across + down * down, 1e-12)
-            ratio = math.sqrt(square)
-            out_x, out_y = xx * across + xy * down, xy * across + yy * down
-            # At the very center there is no normal; it is far inside then.
-            normal = 1.0 / max(math.sqrt(out_x * out_x + out_y * out_y), 1e-18)
-            stretch = ratio * normal
-            outside = (ratio - 1.0) * stretch
-            low, high = min(low, outside), max(high, outside)
-            if moments == 1 and (outside <= nearest or outside >= farthest):
-                break
-            further += part * ratio
-            distance = outside * sharp
-            above, density = normal_at(distance)
-            covered += part * above
-            density *= part * sharp
-            edge += density
-            move_u, move_v = density * normal * out_x, density * normal * out_y
-            stretched = density * stretch
-            turned = stretched / square
-            by_u += move_u
-            by_v += move_v
-            by_size += stretched
-            by_along += turned * (across * across - down * down)
-            by_aslant += 2.0 * turned * across * down
-            by_blur += density * distance
-            by_way_u += time * move_u
-            by_way_v += time * move_v
-        if high <= nearest or low >= farthest:
-            covered_of[pixel] = 0.0
-            continue
-        column = columns[used]
-        column[0], column[1], column[2], column[3] = by_u, by_v, by_size, by_along
-        column[4], column[5], column[6], column[7] = by_aslant, by_blur, by_way_u, by_way_v
-        covered_of[pixel] = covered
-        bare = 1.0 - covered
-        lever = covered + bare * (1.0 - 1.0 / further)
-        tilt = slope_u * x + slope_v * y
-        column[8], column[9], column[10] = covered, lever * x, lever * y
-        column[LEFT] = levels[pixel] - plateau * covered - lever * tilt
-        column[EDGE] = edge
-        places[used, 0], places[used, 1] = bare, plateau + tilt / further
-        share = shares[pixel]
-        first = sectors[pixel] - piece[2]
-        after = (first + 1) % count
-        background[first, 0] += (1.0 - share) * bare * column[LEFT]
-        background[first, 1] += (1.0 - share) * bare * bare
-        background[after, 0] += share * bare * column[LEFT]
-        background[after, 1] += share * bare * bare
-        places[used, 2], near[used] = share, first
-        used += 1
+            draw_moment(lines, size, given, TIMES[moments, moment], PARTS[moments, moment])
+        mix_light(lines, size, given)
+        add_background(lines, size, background)
     for sector in range(count):
         before, after = (sector - 1) % count, (sector + 1) % count
         around = 0.5 * (background[before, 1] + background[after, 1])
@@ -186,28 +146,160 @@ def linearize_edge(
         behind[sector] = (background[sector, 0] + level) / max(
             background[sector, 1] + around, 1e-6
         )
-    product[:], by_sector[:] = 0.0, 0.0
+    product[:] = 0.0
     total = 0.0
-    for place in range(used):
-        column, first, share = columns[place], near[place], places[place, 2]
+    for block in range(0, near, BLOCK):
+        lines, size = blocks[block // BLOCK], min(near - block, BLOCK)
+        total += weigh(lines, size, behind, believed)
+        add_products(lines, size, product)
+    return near, total
+
+
+@inner
+def collect_near(
+    rim: Array, many: int, given: Array, reach: tuple[float, float], blocks: Array
+) -> int:
+    """Put the pixels of a rim that are near an edge into blocks, and return their number."""
+    xx, xy, yy, off_u, off_v = given[0], given[1], given[2], given[9], given[10]
+    all_x, all_y, outside = rim[RIM_X], rim[RIM_Y], rim[RIM_OUTSIDE]
+    for pixel in range(many):
+        x, y = all_x[pixel] - off_u, all_y[pixel] - off_v
+        outside[pixel] = distance_outside(xx, xy, yy, xx * x + xy * y, xy * x + yy * y)
+    near = 0
+    for pixel in range(many):
+        if -reach[0] < outside[pixel] < reach[1]:
+            lines, place = blocks[near // BLOCK], near % BLOCK
+            lines[X * BLOCK + place] = all_x[pixel] - off_u
+            lines[Y * BLOCK + place] = all_y[pixel] - off_v
+            lines[LEVEL * BLOCK + place] = rim[RIM_LEVEL, pixel]
+            lines[SECTOR * BLOCK + place] = rim[RIM_SECTOR, pixel]
+            lines[SHARE * BLOCK + place] = rim[RIM_SHARE, pixel]
+            near += 1
+    return near
+
+
+@inner
+def draw_moment(lines: Array, size: int, given: Array, time: float, part: float) -> None:
+    """Add what an ellipse covers of the pixels of a block at a moment of an exposure.
+
+    time, part: when that is, and its share of the exposure.
+    """
+    xx, xy, yy = given[0], given[1], given[2]
+    sharp, way_u, way_v = 1.0 / given[3], time * given[4], time * given[5]
+    for place in range(size):
+        px, py = lines[X * BLOCK + place] - way_u, lines[Y * BLOCK + place] - way_v
+        across, down = xx * px + xy * py, xy * px + yy * py
+        square = max(across * across + down * down, 1e-12)
+        ratio = math.sqrt(square)
+        out_x, out_y = xx * across + xy * down, xy * across + yy * down
+        # At the very center there is no normal; it is far inside then.
+        normal = 1.0 / max(math.sqrt(out_x * out_x + out_y * out_y), 1e-18)
+        stretch = ratio * normal
+        distance = (ratio - 1.0) * stretch * sharp
+        above, density = normal_at(distance)
+        density *= part * sharp
+        move_u, move_v = density * normal * out_x, density * normal * out_y
+        stretched = density * stretch
+        turned = stretched / square
+        lines[place] += move_u
+        lines[BLOCK + place] += move_v
+        lines[2 * BLOCK + place] += stretched
+        lines[3 * BLOCK + place] += turned * (across * across - down * down)
+        lines[4 * BLOCK + place] += 2.0 * turned * across * down
+        lines[5 * BLOCK + place] += density * distance
+        lines[6 * BLOCK + place] += time * move_u
+        lines[7 * BLOCK + place] += time * move_v
+        lines[COVERED * BLOCK + place] += part * above
+        lines[EDGE * BLOCK + place] += density
+        lines[FURTHER * BLOCK + place] += part * ratio
+
+
+@inner
+def mix_light(lines: Array, size: int, given: Array) -> None:
+    """Add plateau and slopes of the light to the pixels of a block, and what these leave."""
+    plateau, slope_u, slope_v = given[6], given[7], given[8]
+    for place in range(size):
+        x, y = lines[X * BLOCK + place], lines[Y * BLOCK + place]
+        covered = lines[COVERED * BLOCK + place]
+        beyond = 1.0 / lines[FURTHER * BLOCK + place]
+        bare = 1.0 - covered
+        lever = covered + bare * (1.0 - beyond)
+        tilt = slope_u * x + slope_v * y
+        lines[9 * BLOCK + place], lines[10 * BLOCK + place] = lever * x, lever * y
+        lines[LEFT * BLOCK + place] = (
+            lines[LEVEL * BLOCK + place] - plateau * covered - lever * tilt
+        )
+        lines[BARE * BLOCK + place] = bare
+        lines[HEIGHT * BLOCK + place] = plateau + tilt * beyond
+
+
+@inner
+def add_background(lines: Array, size: int, background: Array) -> None:
+    """Add what the pixels of a block say of the grey level behind them, by sector."""
+    count = len(background)
+    for place in range(size):
+        share, bare = lines[SHARE * BLOCK + place], lines[BARE * BLOCK + place]
+        first = int(lines[SECTOR * BLOCK + place])
+        after = (first + 1) % count
+        said, known = bare * lines[LEFT * BLOCK + place], bare * bare
+        background[first, 0] += (1.0 - share) * said
+        background[first, 1] += (1.0 - share) * known
+        background[after, 0] += share * said
+        background[after, 1] += share * known
+
+
+@inner
+def weigh(lines: Array, size: int, behind: Array, believed: Array) -> float:
+    """Take the background off the pixels of a block, and return the sum of their weights."""
+    count, total = behind.size, 0.0
+    for place in range(size):
+        first, share = int(lines[SECTOR * BLOCK + place]), lines[SHARE * BLOCK + place]
         after = (first + 1) % count
         level = behind[first] + share * (behind[after] - behind[first])
-        height = places[place, 1] - level
-        for unknown in range(MOVING):
-            column[unknown] *= height
-        column[LEFT] -= places[place, 0] * level
-        column[EDGE] *= height
-        one, other = believed[first], believed[after]
-        weight = one + share * (other - one)
+        weight = believed[first] + share * (believed[after] - believed[first])
+        lines[WEIGHT * BLOCK + place] = weight
+        lines[HEIGHT * BLOCK + place] -= level
+        lines[LEFT * BLOCK + place] -= lines[BARE * BLOCK + place] * level
         total += weight
-        for row in range(UNKNOWNS + 1):
-            weighted = weight * column[row]
-            for unknown in range(UNKNOWNS + 1):
-                product[row, unknown] += weighted * column[unknown]
-        for part, sector in (
-            ((1.0 - share) * column[EDGE], first),
-            (share * column[EDGE], after),
-        ):
-            for unknown in range(COLUMNS):
-                by_sector[sector, unknown] += part * column[unknown]
+    for place in range(size):
+        lines[EDGE * BLOCK + place] *= lines[HEIGHT * BLOCK + place]
+    for unknown in range(MOVING):
+        for place in range(size):
+            lines[unknown * BLOCK + place] *= lines[HEIGHT * BLOCK + place]
     return total
+
+
+@summing
+def add_products(lines: Array, size: int, product: Array) -> None:
+    """Add the products of the derivatives and what is left, weighted, over a block."""
+    weights, weighted = lines[WEIGHT * BLOCK :], lines[WEIGHTED * BLOCK :]
+    for row in range(UNKNOWNS + 1):
+        first = lines[row * BLOCK :]
+        for place in range(size):
+            weighted[place] = weights[place] * first[place]
+        for column in range(row + 1):
+            second, total = lines[column * BLOCK :], 0.0
+            for place in range(size):
+                total += weighted[place] * second[place]
+            product[row, column] += total
+
+
+@inner
+def add_edges(lines: Array, size: int, step: Array, edges: Array) -> None:
+    """Add to edges (sectors, 2) what is left of the pixels of a block after a step.
+
+    By sector: what is left, times how much the pixel tells of the edge, and that squared.
+    """
+    count = len(edges)
+    for unknown in range(UNKNOWNS):
+        way = step[unknown]
+        for place in range(size):
+            lines[LEFT * BLOCK + place] -= way * lines[unknown * BLOCK + place]
+    for place in range(size):
+        first, edge = int(lines[SECTOR * BLOCK + place]), lines[EDGE * BLOCK + place]
+        share, left = lines[SHARE * BLOCK + place], lines[LEFT * BLOCK + place]
+        after = (first + 1) % count
+        edges[first, 0] += (1.0 - share) * edge * left
+        edges[first, 1] += (1.0 - share) * edge * edge
+        edges[after, 0] += share * edge * left
+        edges[after, 1] += share * edge * edge

@@ -466,25 +466,21 @@ def _draw(
     now, owner = fit.now, rims.owner
     x, y = rims.x - fit.off[owner, 0], rims.y - fit.off[owner, 1]
     times, parts = TIMES[moments, :moments], PARTS[moments, :moments]
-    smear_u, smear_v, blur = now[owner, SMEAR_U], now[owner, SMEAR_V], now[owner, WIDTH]
-    views = [
-        _see(now, owner, x - time * smear_u, y - time * smear_v)
-        if time
-        else _see(now, owner, x, y)
-        for time in times.tolist()
-    ]
-    outside = np.array([seen.outside for seen in views])
+    middle, more = _see(now, owner, x, y), settings.margin + 0.5 * _smear(now)[owner]
+    blur = now[owner, WIDTH]
     near = np.flatnonzero(
-        (outside.max(axis=0) > -settings.inward * blur - settings.margin)
-        & (outside.min(axis=0) < settings.outward * blur + settings.margin)
+        (middle.outside > -settings.inward * blur - more)
+        & (middle.outside < settings.outward * blur + more)
     )
-    blur, outside = blur[near], outside[:, near]
-    distance = outside / blur
+    x, y, owner, blur = x[near], y[near], owner[near], blur[near]
+    smear_u, smear_v = now[owner, SMEAR_U], now[owner, SMEAR_V]
+    views = [_see(now, owner, x - time * smear_u, y - time * smear_v) for time in times.tolist()]
+    distance = np.array([seen.outside for seen in views]) / blur
     edge = PEAK * parts[:, None] / blur * np.exp(-0.5 * distance * distance)
     moved = np.zeros((UNKNOWNS - 3, len(blur)))
     further = np.zeros(len(blur))
     for time, part, seen, there, by_edge in zip(times, parts, views, distance, edge, strict=True):
-        across, down, ratio, out_x, out_y, stretch, _ = (column[near] for column in seen)
+        across, down, ratio, out_x, out_y, stretch, _ = seen
         by_u, by_v, stretched = by_edge * out_x, by_edge * out_y, by_edge * stretch
         moved[0] += by_u
         moved[1] += by_v
@@ -497,7 +493,7 @@ def _draw(
         further += part * ratio
     covered = 0.5 * parts @ scipy.special.erfc(distance / math.sqrt(2.0))
     drawn = Drawn(covered, further, edge.sum(axis=0), moved)
-    return near, x[near], y[near], drawn
+    return near, x, y, drawn
 
 
 def _solve(

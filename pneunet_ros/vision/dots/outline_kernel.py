@@ -14,7 +14,24 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.image import Bytes
 from pneunet_ros.core.kernels.jit import inner, kernel
-from pneunet_ros.vision.dots.edge_kernel import COLUMNS, EDGE, LEFT, linearize_edge, UNKNOWNS
+from pneunet_ros.vision.dots.edge_kernel import (
+    add_edges,
+    BLOCK,
+    COVERED,
+    distance_outside,
+    LEFT,
+    LEVEL,
+    linearize_edge,
+    LINES,
+    RIM_LEVEL,
+    RIM_LINES,
+    RIM_OUTSIDE,
+    RIM_SECTOR,
+    RIM_SHARE,
+    RIM_X,
+    RIM_Y,
+    UNKNOWNS,
+)
 
 Integers = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
@@ -44,38 +61,29 @@ def fit_outlines(
     for number in range(starts.shape[0]):
         left, top, right, bottom = box_of(grey, starts[number], settings)
         most = max(most, (right - left) * (bottom - top))
-    x, y, levels, shares, covered = (
-        np.empty(most), np.empty(most), np.empty(most), np.empty(most), np.empty(most),
-    )  # fmt: skip
-    sectors = np.empty(most, np.int64)
-    scratch = (
-        np.empty((most, COLUMNS)),
-        np.empty((most, 4)),
-        np.empty(most, np.int64),
-        np.empty((count, 2)),
-    )
+    rim, blocks = np.empty((RIM_LINES, most)), np.empty((most // BLOCK + 1, LINES * BLOCK))
     now, behind, edges, stds = np.empty(10), np.empty(count), np.empty(count), np.empty(count)
     off, reached = np.empty(2), np.empty(count, np.bool_)
     for number in range(starts.shape[0]):
         start, moments = starts[number], moments_of[number]
-        pixels = (x, y, levels, shares)
-        many = cut_rim(grey, start, settings, pixels, sectors)
+        many = cut_rim(grey, start, settings, rim)
         if many < 2 * UNKNOWNS:
             continue
         reached[:] = False
         for pixel in range(many):
-            reached[sectors[pixel]] |= shares[pixel] < 1.0
-            reached[(sectors[pixel] + 1) % count] |= shares[pixel] > 0.0
+            sector, share = int(rim[RIM_SECTOR, pixel]), rim[RIM_SHARE, pixel]
+            reached[sector] |= share < 1.0
+            reached[(sector + 1) % count] |= share > 0.0
         now[:] = start[:10]
         if moments == 1:
             now[WAY_U] = now[WAY_V] = 0.0
         now[BLUR] = min(max(start[BLUR], settings.least_blur), settings.most_blur)
         if math.isinf(start[LIGHT_STD]):
-            now[LIGHT] = first_plateau(start, x, y, levels, many, settings)
+            now[LIGHT] = first_plateau(start, rim, many, settings)
         off[:] = 0.0
-        error = fit_edge(
-            pixels, sectors, many, start, moments, reached, settings, rules,
-            now, off, (behind, edges, stds, covered), scratch,
+        error, near = fit_edge(
+            rim, many, start, moments, reached, settings, rules, now, off, (behind, edges, stds),
+            blocks,
         )  # fmt: skip
         if math.isnan(error):
             continue
@@ -83,7 +91,7 @@ def fit_outlines(
         result[:10] = now
         result[U], result[V], result[ERROR] = start[U] + off[0], start[V] + off[1], error
         result[BEHIND] = median_where(behind, reached)
-        result[WITHIN] = plain_within(result, levels, covered, many, settings)
+        result[WITHIN] = plain_within(result, blocks, near, settings)
         tell_edges(result, edges, stds, reached, settings)
 
 
@@ -105,18 +113,8 @@ def box_of(grey: Bytes, start: Array, settings: Any) -> tuple[int, int, int, int
 
 
 @inner
-def cut_rim(
-    grey: Bytes,
-    start: Array,
-    settings: Any,
-    pixels: tuple[Array, Array, Array, Array],
-    sectors: Integers,
-) -> int:
-    """Collect the pixels that can be near the edge of an ellipse, and return their number.
-
-    Fills pixels and sectors as `linearize_edge` takes them, x and y from where the fit begins.
-    """
-    x, y, levels, shares = pixels
+def cut_rim(grey: Bytes, start: Array, settings: Any, rim: Array) -> int:
+    """Collect the pixels that can be near the edge of an ellipse, and return their number."""
     left, top, right, bottom = box_of(grey, start, settings)
     determinant = start[XX] * start[YY] - start[XY] * start[XY]
     xx, xy, yy = start[YY] / determinant, -start[XY] / determinant, start[XX] / determinant
@@ -125,42 +123,35 @@ def cut_rim(
         -settings.inward * start[BLUR] - more,
         settings.outward * start[BLUR] + more,
     )
-    per_turn = settings.sectors / (2.0 * math.pi)
-    many = 0
+    count, many = int(settings.sectors), 0
+    per_turn = count / (2.0 * math.pi)
     for row in range(top, bottom):
-        for column in range(left, right):
-            at_x, at_y = column - start[U], row - start[V]
+        at_y, outside = row - start[V], rim[RIM_OUTSIDE, many:]
+        for column in range(right - left):
+            at_x = column + left - start[U]
             across, down = xx * at_x + xy * at_y, xy * at_x + yy * at_y
-            outside = distance_outside(xx, xy, yy, across, down)
-            if not nearest < outside < farthest:
+            outside[column] = distance_outside(xx, xy, yy, across, down)
+        for column in range(right - left):
+            if not nearest < outside[column] < farthest:
                 continue
-            around = (math.atan2(down, across) * per_turn) % settings.sectors
-            sector = min(int(around), int(settings.sectors) - 1)
-            x[many], y[many], levels[many] = at_x, at_y, grey[row, column]
-            shares[many], sectors[many] = around - sector, sector
+            at_x = column + left - start[U]
+            across, down = xx * at_x + xy * at_y, xy * at_x + yy * at_y
+            around = math.atan2(down, across) * per_turn
+            around += count if around < 0.0 else 0.0
+            sector = min(int(around), count - 1)
+            rim[RIM_X, many], rim[RIM_Y, many] = at_x, at_y
+            rim[RIM_LEVEL, many] = grey[row, column + left]
+            rim[RIM_SECTOR, many], rim[RIM_SHARE, many] = sector, around - sector
             many += 1
     return many
 
 
 @inner
-def distance_outside(xx: float, xy: float, yy: float, across: float, down: float) -> float:
-    """Return how far outside of an ellipse a place is, px; xx, xy, yy: its inverse axes.
-
-    across, down: the place on the unit circle, or off it.
-    """
-    ratio = max(math.sqrt(across * across + down * down), 1e-6)
-    out_x, out_y = (xx * across + xy * down) / ratio, (xy * across + yy * down) / ratio
-    # At the very center there is no normal; it is far inside then.
-    return (ratio - 1.0) / max(math.sqrt(out_x * out_x + out_y * out_y), 1e-12)
-
-
-@inner
-def first_plateau(
-    start: Array, x: Array, y: Array, levels: Array, many: int, settings: Any
-) -> float:
+def first_plateau(start: Array, rim: Array, many: int, settings: Any) -> float:
     """Return a grey level that only some of the pixels within an ellipse are above."""
     determinant = start[XX] * start[YY] - start[XY] * start[XY]
     xx, xy, yy = start[YY] / determinant, -start[XY] / determinant, start[XX] / determinant
+    x, y, levels = rim[RIM_X], rim[RIM_Y], rim[RIM_LEVEL]
     counts = np.zeros(GREY_LEVELS, np.int64)
     size, brightest = 0, 0.0
     for pixel in range(many):
@@ -180,18 +171,22 @@ def first_plateau(
 
 
 @inner
-def plain_within(one: Array, levels: Array, covered: Array, many: int, settings: Any) -> float:
+def plain_within(one: Array, blocks: Array, near: int, settings: Any) -> float:
     """Return the share of the inside of an ellipse that is as bright as it is drawn.
 
-    covered (pixels,): how much it covers of each pixel.
+    blocks: of the pixels near its edge, as many as there are.
     """
-    most = covered[:many].max()
+    most = 0.0
+    for pixel in range(near):
+        most = max(most, blocks[pixel // BLOCK, COVERED * BLOCK + pixel % BLOCK])
     inside = plain = 0
-    for pixel in range(many):
-        if covered[pixel] > settings.within * most:
+    for pixel in range(near):
+        lines, place = blocks[pixel // BLOCK], pixel % BLOCK
+        covered = lines[COVERED * BLOCK + place]
+        if covered > settings.within * most:
             inside += 1
-            least = (covered[pixel] - settings.plain) * (one[LIGHT] - one[BEHIND])
-            plain += levels[pixel] >= one[BEHIND] + least
+            least = (covered - settings.plain) * (one[LIGHT] - one[BEHIND])
+            plain += lines[LEVEL * BLOCK + place] >= one[BEHIND] + least
     return plain / max(inside, 1)
 
 
@@ -219,7 +214,7 @@ def tell_edges(one: Array, edges: Array, stds: Array, reached: Mask, settings: A
 def solve_step(normal: Array, gradient: Array, step: Array) -> float:
     """Solve the normal equations by Cholesky's decomposition, in place.
 
-    normal (UNKNOWNS, UNKNOWNS), symmetric; fills step (UNKNOWNS,). Returns the larger of the
+    normal (UNKNOWNS, UNKNOWNS), its lower half; fills step (UNKNOWNS,). Returns the larger of the
     variances of the first two unknowns, of what has the variance 1.
     """
     count = gradient.size
@@ -312,8 +307,7 @@ def move_ellipse(
 
 @inner
 def fit_edge(
-    pixels: tuple[Array, Array, Array, Array],
-    sectors: Integers,
+    rim: Array,
     many: int,
     start: Array,
     moments: int,
@@ -322,32 +316,34 @@ def fit_edge(
     rules: tuple[float, float],
     now: Array,
     off: Array,
-    found: tuple[Array, Array, Array, Array],
-    scratch: tuple[Array, Array, Integers, Array],
-) -> float:
-    """Fit an ellipse until it rests; returns the error of its center, px, NaN where it does not.
+    found: tuple[Array, Array, Array],
+    blocks: Array,
+) -> tuple[float, int]:
+    """Fit an ellipse until it rests.
 
-    pixels, sectors: as `linearize_edge` has them, the first `many` of them; start (FITTED,). now
-    (10,) and off (2,), way of the center, are changed. Fills found: behind, edges and stds
-    (sectors,) as in `ellipse_fit.Solution`, and covered (pixels,).
+    rim, many, blocks: as `linearize_edge` has them; start (FITTED,). now (10,) and off (2,), way
+    of the center, are changed. Fills found: behind, edges and stds (sectors,) as in
+    `ellipse_fit.Solution`. Returns the error of the center, px, NaN where the fit does not rest,
+    and how many pixels are in the blocks.
     """
-    behind, edges, stds, covered = found
+    behind, edges, stds = found
     count = behind.size
-    product, by_sector = np.empty((UNKNOWNS + 1, UNKNOWNS + 1)), np.empty((count, COLUMNS))
+    product = np.empty((UNKNOWNS + 1, UNKNOWNS + 1))
     normal, gradient = np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS)
     step, given = np.empty(UNKNOWNS), np.empty(UNKNOWNS)
     std, wrong = np.empty(UNKNOWNS), np.zeros(UNKNOWNS)
-    shape, slopes = np.zeros(3), np.zeros(2)
+    shape, slopes, by_sector = np.zeros(3), np.zeros(2), np.empty((count, 2))
     believed, clear = np.ones(count), np.empty(count, np.bool_)
-    reach = settings.inward, settings.outward, settings.margin
-    sums = product, behind, by_sector, covered
     for number in range(settings.passes):
         xx, xy, yy = now[XX], now[XY], now[YY]
         determinant = xx * yy - xy * xy
         given[0], given[1], given[2] = yy / determinant, -xy / determinant, xx / determinant
         given[3:7], given[7:9], given[9:11] = now[5:9], slopes, off
-        weights = linearize_edge(
-            pixels, sectors, (0, many, 0), given, believed, moments, reach, sums, scratch
+        smear = math.hypot(now[WAY_U], now[WAY_V])
+        more = settings.margin + 0.5 * smear
+        reach = settings.inward * now[BLUR] + more, settings.outward * now[BLUR] + more
+        near, weights = linearize_edge(
+            rim, many, given, believed, moments, reach, blocks, (product, behind), by_sector
         )
         searched = UNKNOWNS if moments > 1 else UNKNOWNS - 2
         variance = max(product[LEFT, LEFT] / max(weights - searched, 4.0), rules[0])
@@ -362,29 +358,28 @@ def fit_edge(
         wrong[5:9] = now[5:9] - start[5:9]
         for row in range(UNKNOWNS):
             known = variance / (std[row] * std[row])
-            for unknown in range(UNKNOWNS):
+            for unknown in range(row + 1):
                 normal[row, unknown] = product[row, unknown]
             normal[row, row] += known + 1e-9
-            gradient[row] = product[row, UNKNOWNS]
+            gradient[row] = product[UNKNOWNS, row]
             if known > 0.0:
                 gradient[row] -= known * wrong[row]
         larger = variance * solve_step(normal, gradient, step)
         uneven = settings.uneven / max(height, 1.0)
-        smear = math.hypot(now[WAY_U], now[WAY_V])
         smeared = settings.smear_error * smear * smear / radius
+        by_sector[:] = 0.0
+        for block in range(0, near, BLOCK):
+            add_edges(blocks[block // BLOCK], min(near - block, BLOCK), step, by_sector)
         for sector in range(count):
-            tells = max(by_sector[sector, EDGE], 1e-9)
-            left = by_sector[sector, LEFT]
-            for unknown in range(UNKNOWNS):
-                left -= by_sector[sector, unknown] * step[unknown]
-            edges[sector] = left / tells
+            tells = max(by_sector[sector, 1], 1e-9)
+            edges[sector] = by_sector[sector, 0] / tells
             stds[sector] = math.sqrt(variance / tells)
         if not move_ellipse(now, off, shape, slopes, step, moments > 1, settings):
-            return math.nan
+            return math.nan, near
         way = max(abs(step[0]), abs(step[1]))
         if (number > 1 and way < settings.done) or number == settings.passes - 1:
-            error: float = math.sqrt(larger + uneven * uneven + smeared * smeared)
-            return error
+            error = math.sqrt(larger + uneven * uneven + smeared * smeared)
+            return error, near
         for sector in range(count):
             clear[sector] = stds[sector] < settings.knows
         usual = rules[1] * median_where(np.abs(edges), clear)
@@ -395,4 +390,4 @@ def fit_edge(
                 believed[sector] = 1.0 / (1.0 + 4.0 * ratio * ratio)
             else:
                 believed[sector] = (1.0 - min(ratio, 1.0) ** 2) ** 2
-    return math.nan
+    return math.nan, 0
