@@ -87,8 +87,18 @@ def lack_of_fit_tests(
 
     map_function: runs the simulations, as `map` does.
     """
+    tested = TestedProblem.of(problem, linearization.blocks, linearization.size)
     statistics = [
-        score_statistic(name, linearization, problem, runs, fields, seed, settings)
+        tested.statistic(
+            name,
+            runs,
+            [
+                linearization.blocks[which].white(item)
+                for which, item in zip(runs, fields, strict=True)
+            ],
+            seed,
+            settings,
+        )
         for name, runs, fields in tested_fields(linearization)
     ]
     moments = map_function(clean_moments, statistics)
@@ -126,68 +136,78 @@ def tested_fields(
             yield f'{label}: windows of time', range(which, which + 1), [scaled]
 
 
-def score_statistic(
-    name: str,
-    linearization: Linearization,
-    problem: OpenLaws,
-    runs: range,
-    fields: Sequence[Array],
-    seed: int,
-    settings: LackOfFitSettings,
-) -> ScoreStatistic:
-    """Return the statistic of fields (frames, 2 targets, n) m in some of the runs."""
-    pairs = zip(runs, fields, strict=True)
-    white = [linearization.blocks[which].white(item) for which, item in pairs]
-    blocks, size = linearization.blocks, linearization.size
-    return white_statistic(name, blocks, size, problem, runs, white, seed, settings)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TestedProblem:
+    """A linear problem, and what moves its residuals by more than is expected.
 
-
-def white_statistic(
-    name: str,
-    all_blocks: Sequence[LinearizedRun],
-    size: int,
-    problem: OpenLaws,
-    runs: Sequence[int],
-    white: Sequence[Array],
-    seed: int,
-    settings: LackOfFitSettings = DEFAULTS.lack_of_fit,
-) -> ScoreStatistic:
-    """Return the statistic of whitened columns (rows, n) in some of the runs.
-
-    all_blocks: those of the problem, run by run; size: unknowns of the base model alone.
+    residuals (rows,) of each run after the best step; placement (rows, n) and camera (rows, k):
+    what these move in each run, and over both what they share with the columns of the problem.
     """
-    gaussian = problem.gaussian
-    white = [problem.columns(which, item) for which, item in zip(runs, white, strict=True)]
-    columns = [gaussian.columns[which] for which in runs]
-    residuals = gaussian.best_residuals()
-    score = sum(item.T @ residuals[which] for which, item in zip(runs, white, strict=True))
-    cross = np.asarray(sum(x.T @ item for x, item in zip(columns, white, strict=True)))
-    solved = gaussian.solved(cross)
-    covariance = sum(item.T @ item for item in white) - cross.T @ solved
-    variances, axes = np.linalg.eigh(covariance)
-    seen = variances > settings.least_seen
-    basis = axes[:, seen] / np.sqrt(variances[seen])
-    # What more placement and camera would do than is expected: their part of the score.
-    moved = [
-        problem.columns(which, block.base[:, size:]) for which, block in enumerate(all_blocks)
-    ]
-    placement = sum(
-        item.T @ moved[which] for which, item in zip(runs, white, strict=True)
-    ) - solved.T @ sum(x.T @ item for x, item in zip(gaussian.columns, moved, strict=True))
-    disturbances = [(settings.placement_dof, basis.T @ placement)]
-    for which, x, item in zip(runs, columns, white, strict=True):
-        block = all_blocks[which]
-        path = problem.columns(which, block.path_filter(block.path))
-        camera = item.T @ path - solved.T @ (x.T @ path)
-        disturbances.append((settings.camera_dof, basis.T @ camera))
-    return ScoreStatistic(
-        name=name,
-        statistic=float(np.sum((basis.T @ np.asarray(score)) ** 2)),
-        dof=int(seen.sum()),
-        disturbances=tuple(disturbances),
-        seed=seed,
-        settings=settings,
-    )
+
+    problem: OpenLaws
+    residuals: tuple[Array, ...]
+    placement: list[Array]
+    placement_shared: Array
+    camera: list[Array]
+    camera_shared: list[Array]
+
+    @classmethod
+    def of(cls, problem: OpenLaws, blocks: Sequence[LinearizedRun], size: int) -> TestedProblem:
+        """Take the runs of a problem; size: unknowns of the base model alone."""
+        columns = problem.gaussian.columns
+        placement = [
+            problem.columns(which, block.base[:, size:]) for which, block in enumerate(blocks)
+        ]
+        camera = [
+            problem.columns(which, block.path_filter(block.path))
+            for which, block in enumerate(blocks)
+        ]
+        shared = [x.T @ item for x, item in zip(columns, placement, strict=True)]
+        return cls(
+            problem=problem,
+            residuals=problem.gaussian.best_residuals(),
+            placement=placement,
+            placement_shared=np.sum(shared, axis=0),
+            camera=camera,
+            camera_shared=[x.T @ item for x, item in zip(columns, camera, strict=True)],
+        )
+
+    def statistic(
+        self,
+        name: str,
+        runs: Sequence[int],
+        white: Sequence[Array],
+        seed: int,
+        settings: LackOfFitSettings = DEFAULTS.lack_of_fit,
+    ) -> ScoreStatistic:
+        """Return the statistic of whitened columns (rows, n) in some of the runs."""
+        gaussian = self.problem.gaussian
+        pairs = [
+            (which, self.problem.columns(which, item))
+            for which, item in zip(runs, white, strict=True)
+        ]
+        score = sum(item.T @ self.residuals[which] for which, item in pairs)
+        cross = np.asarray(sum(gaussian.columns[which].T @ item for which, item in pairs))
+        solved = gaussian.solved(cross)
+        covariance = sum(item.T @ item for _, item in pairs) - cross.T @ solved
+        variances, axes = np.linalg.eigh(covariance)
+        seen = variances > settings.least_seen
+        basis = axes[:, seen] / np.sqrt(variances[seen])
+        # What more placement and camera would do than is expected: their part of the score.
+        placement = sum(item.T @ self.placement[which] for which, item in pairs)
+        moved = basis.T @ (placement - solved.T @ self.placement_shared)
+        disturbances = [(settings.placement_dof, moved)]
+        for which, item in pairs:
+            camera = item.T @ self.camera[which] - solved.T @ self.camera_shared[which]
+            disturbances.append((settings.camera_dof, basis.T @ camera))
+        return ScoreStatistic(
+            name=name,
+            statistic=float(np.sum((basis.T @ np.asarray(score)) ** 2)),
+            dof=int(seen.sum()),
+            disturbances=tuple(disturbances),
+            seed=seed,
+            settings=settings,
+        )
 
 
 def clean_moments(statistic: ScoreStatistic) -> Moments:

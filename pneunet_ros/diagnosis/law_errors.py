@@ -93,8 +93,7 @@ class OpenLaws:
         """Return that of a fit to runs; blocks: those, linearized, errors: of effects in them."""
         pairs = zip(blocks, errors.fields, strict=False)
         filters = tuple(
-            Whitening(1.0, independent(block.white(frame_by_frame(field))))
-            for block, field in pairs
+            Whitening(1.0, independent(block.white_by_frame(field))) for block, field in pairs
         )
         filters = filters[: len(known.columns)]
         if not filters:
@@ -126,15 +125,6 @@ class OpenLaws:
         gaussian = self.gaussian
         squares = sum(gaussian.squares) + float(gaussian.position @ gaussian.position)
         return 0.5 * squares - gaussian.gain + sum(gaussian.log_volumes)
-
-
-def frame_by_frame(field: Array) -> Array:
-    """Return a field (frames, points, n) as columns of its own in every frame."""
-    frames, points, count = field.shape
-    columns = np.zeros((frames, points, frames, count))
-    every = np.arange(frames)
-    columns[every, :, every] = field
-    return columns.reshape(frames, points, frames * count)
 
 
 def independent(columns: Array, least: float = 1e-6) -> Array:

@@ -24,7 +24,7 @@ from pneunet_ros.measurement.disturbances import PATH_NODES, tilt_jacobian
 from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.gauss_newton import Bounds
-from pneunet_ros.measurement.inputs import Inputs, inputs_of
+from pneunet_ros.measurement.inputs import Inputs, inputs_at_instants
 from pneunet_ros.measurement.linearization import FittedRun, linearize
 from pneunet_ros.measurement.reading_filter import filter_readings
 from pneunet_ros.model.arm import Arm
@@ -72,6 +72,14 @@ class LinearizedRun:
         """Whiten columns (frames, 2 targets, n) m, (rows, n)."""
         return self.path_filter(self.whitening(columns).reshape(-1, columns.shape[2]))
 
+    def white_by_frame(self, columns: Array) -> Array:
+        """Whiten columns (frames, 2 targets, n) m of every frame alone, (rows, frames n)."""
+        frames, coordinates, count = columns.shape
+        alone = np.zeros((frames, coordinates, frames, count))
+        which = np.arange(frames)
+        alone[which, :, which] = self.whitening(columns)
+        return self.path_filter(alone.reshape(frames * coordinates, frames * count))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LinearizationPoint:
@@ -116,23 +124,30 @@ class KnownInputs:
         self.common = len(runs) - alternatives
         self.filtered = [filter_readings(run, noise, settings.reading_filter) for run in runs]
         self.known: dict[tuple[Effect, ...], list[Inputs]] = {}
+        self.shown: dict[float, list[RecordingData]] = {}
 
     def of(self, arm: Arm) -> list[Inputs]:
         """Return what acted on an arm in all runs; the noise of a reading has no past."""
         in_time = [item for item in arm.effects if item.frame_delay]
         key = tuple(item for item in arm.effects if item in (*arm.sensing, *arm.acting, *in_time))
         if key not in self.known:
-            runs = [item.run for item in self.filtered]
+            runs = self.at_instants(arm.frame_delay)
             before, alternatives = runs[: self.common], runs[self.common :]
             all_inputs = [
-                *inputs_of(arm, before),
-                *(inputs_of(arm, [*before, run])[-1] for run in alternatives),
+                *inputs_at_instants(arm, before),
+                *(inputs_at_instants(arm, [*before, run])[-1] for run in alternatives),
             ]
             self.known[key] = [
                 replace(inputs, pressure=inputs.pressure + item.noise)
                 for inputs, item in zip(all_inputs, self.filtered, strict=True)
             ]
         return self.known[key]
+
+    def at_instants(self, delay: float) -> list[RecordingData]:
+        """Return all runs with what was read a delay (s) before each frame."""
+        if delay not in self.shown:
+            self.shown[delay] = [item.run.at_instants(delay) for item in self.filtered]
+        return self.shown[delay]
 
 
 class Linearization:

@@ -144,7 +144,7 @@ class FrameColumns:
         for block, field, columns, residuals in zip(
             linearization.blocks, fields, gaussian.columns, gaussian.residuals, strict=True
         ):
-            white = block.white(field[:, :, None] * np.eye(len(field))[:, None, :])
+            white = block.white_by_frame(field[:, :, None])
             parts.append((white.T @ white, columns.T @ white, white.T @ residuals))
         return cls(projection, parts)
 

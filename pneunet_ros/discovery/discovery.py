@@ -15,7 +15,7 @@ from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
 from pneunet_ros.diagnosis.diagnosis import evaluate, Investigation, take_back
 from pneunet_ros.diagnosis.evaluation import removed_share
-from pneunet_ros.diagnosis.lack_of_fit import clean_moments, LackOfFit, white_statistic
+from pneunet_ros.diagnosis.lack_of_fit import clean_moments, LackOfFit, TestedProblem
 from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.result import Diagnosis, Estimated
 from pneunet_ros.diagnosis.selection import (
@@ -487,10 +487,8 @@ def predicted_p_value(
         gaussian.position,
         [gaussian.grams[which] for which in tested],
     )
-    name, every = f'split {suspect.kind.name}', range(len(tested))
-    statistic = white_statistic(
-        name, blocks, linearization.size, OpenLaws(gaussian=alone), every, white, seed
-    )
+    problem = TestedProblem.of(OpenLaws(gaussian=alone), blocks, linearization.size)
+    statistic = problem.statistic(f'split {suspect.kind.name}', range(len(tested)), white, seed)
     mean, variance = clean_moments(statistic)
     test = LackOfFit(
         name=statistic.name,

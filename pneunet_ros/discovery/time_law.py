@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import itertools
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
@@ -76,14 +77,14 @@ def find_swing(
     everything = frames.evidence(runs)
     best: tuple[float, float, str, float] | None = None
     periods = possible_periods(seconds, settings)
-    for modulation in [name for name in MODULATIONS if name in by_name]:
+    for modulation in [name for name in MODULATIONS if name in by_name and periods.size]:
         sizes = [prior * np.abs(by_name[modulation].scaled(which)) for which in every_run]
-        for period in periods:
-            part = everything.along(swing_factors(seconds, sizes, period))
-            gains = log_gains(part.score, part.information, settings.prior_sizes)
-            if best is None or gains.max() > best[0]:
-                std = settings.prior_sizes[int(gains.argmax())]
-                best = float(gains.max()), period, modulation, std
+        swings = swing_evidence(everything, seconds, sizes, periods)
+        gains = log_gains(swings.score, swings.information, settings.prior_sizes)
+        place, column = np.unravel_index(int(gains.argmax()), gains.shape)
+        if best is None or gains.max() > best[0]:
+            std = settings.prior_sizes[column]
+            best = float(gains.max()), float(periods[place]), modulation, std
     priors = prior * np.asarray(settings.prior_sizes)
     free = log_gains(everything.score, everything.information, priors).max()
     # What swings is described better by that than by an amplitude of its own in every frame.
@@ -219,6 +220,33 @@ def swing_factors(seconds: Sequence[Array], sizes: Sequence[Array], period: floa
     return factors
 
 
+def swing_evidence(
+    everything: Evidence, seconds: Sequence[Array], sizes: Sequence[Array], periods: Array
+) -> Evidence:
+    """Return the evidence of `swing_factors` of many periods, (periods, 2 runs) and so on."""
+    ends = np.cumsum([0, *(item.size for item in seconds)])
+    own = [slice(*pair) for pair in itertools.pairwise(ends.tolist())]
+    waves = []
+    for time, size in zip(seconds, sizes, strict=True):
+        angle = 2.0 * np.pi * time[:, None] / periods
+        waves.append(size[:, None, None] * np.stack([np.sin(angle), np.cos(angle)], axis=2))
+    columns, runs = 2 * len(waves), range(len(waves))
+    score = np.empty((periods.size, columns))
+    information = np.empty((periods.size, columns, columns))
+    for which in runs:
+        into = slice(2 * which, 2 * which + 2)
+        wave = waves[which]
+        score[:, into] = np.einsum('fpi,f->pi', wave, everything.score[own[which]])
+        with_all = everything.information[:, own[which]] @ wave.reshape(len(wave), -1)
+        with_all = with_all.reshape(-1, *wave.shape[1:])
+        for other in runs:
+            rows = slice(2 * other, 2 * other + 2)
+            information[:, rows, into] = np.einsum(
+                'fpi,fpj->pij', waves[other], with_all[own[other]]
+            )
+    return Evidence(score=score, information=information)
+
+
 def refine_period(
     everything: Evidence,
     seconds: Sequence[Array],
@@ -229,12 +257,9 @@ def refine_period(
 ) -> tuple[float, float]:
     """Return the most probable period (s) near one, and its standard error."""
     spacing = abs(1.0 / periods[1] - 1.0 / periods[0])
-
-    def gain(frequency: float) -> float:
-        return everything.along(swing_factors(seconds, sizes, 1.0 / frequency)).log_gain(std)
-
     frequencies = 1.0 / period + spacing * np.linspace(-1.0, 1.0, 41)
-    gains = np.array([gain(float(item)) for item in frequencies])
+    swings = swing_evidence(everything, seconds, sizes, 1.0 / frequencies)
+    gains = log_gains(swings.score, swings.information, [std])[:, 0]
     weights = np.exp(gains - gains.max())
     weights /= weights.sum()
     mean = float(weights @ frequencies)

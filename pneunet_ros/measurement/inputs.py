@@ -70,7 +70,11 @@ def inputs_of(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
     The arm is taken to have rested at the first pressure before the first run, and to have held
     still between two. Static frames have no history: each is an equilibrium of its own.
     """
-    runs = [run.at_instants(arm.frame_delay) for run in runs]
+    return inputs_at_instants(arm, [run.at_instants(arm.frame_delay) for run in runs])
+
+
+def inputs_at_instants(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
+    """Return `inputs_of` runs with a reading at the instant of each of their frames."""
     if not arm.acting:
         return tuple(steady_inputs(arm, run) for run in runs)
     all_inputs = {which: equilibria(arm, run) for which, run in enumerate(runs) if run.static}

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import Stamps
@@ -116,20 +115,9 @@ class Lines:
         )
         self.sums = np.concatenate([np.zeros((6, 1)), np.cumsum(products, axis=1)], axis=1)
 
-    def moments(
-        self, first: npt.ArrayLike, last: npt.ArrayLike
-    ) -> tuple[Array, Array, Array, Array]:
-        """Return count, and central sums of t t, t p and p p of parts of the series."""
-        first, last = np.broadcast_arrays(first, last)
-        sums = self.sums[:, last + 1] - self.sums[:, first]
-        count, t, tt, p, tp, pp = sums
-        return count, tt - t * t / count, tp - t * p / count, pp - p * p / count
-
-    def chi_squared(self, first: npt.ArrayLike, last: npt.ArrayLike) -> Array:
-        """Return what the best lines leave of parts of the series, in units of the noise."""
-        count, tt, tp, pp = self.moments(first, last)
-        left = pp - np.divide(tp**2, tt, out=np.zeros_like(tp), where=tt > 0.0)
-        return np.where(count > 2, np.maximum(left, 0.0), 0.0)
+    def sums_of(self, first: int, last: int) -> Array:
+        """Return the sums of a part of the series, (6, 1)."""
+        return np.asarray(self.sums[:, last + 1 : last + 2] - self.sums[:, first : first + 1])
 
     def pieces(self) -> list[Piece]:
         """Return the lines: parts are split in two while noise does not explain them."""
@@ -154,9 +142,10 @@ class Lines:
         count = last - first + 1
         if count < 3:
             return None
-        after = np.arange(first, last)
-        both = self.chi_squared(first, after) + self.chi_squared(after + 1, last)
-        best, whole = int(np.argmin(both)), float(self.chi_squared(first, last))
+        inner = self.sums[:, first + 1 : last + 1]
+        both = chi_squared(inner - self.sums[:, first : first + 1])
+        both += chi_squared(self.sums[:, last + 1 : last + 2] - inner)
+        best, whole = int(np.argmin(both)), float(chi_squared(self.sums_of(first, last))[0])
         scatter = whole - count > self.settings.scatter * np.sqrt(2.0 * count)
         if whole - both[best] <= self.settings.corner and not scatter:
             return None
@@ -174,8 +163,21 @@ class Lines:
         part = self.values[first : last + 1]
         if part.size < 3:
             return np.asarray(self.level + self.std * part)
-        _, tt, tp, _ = (float(value) for value in self.moments(first, last))
+        _, tt, tp, _ = (float(value[0]) for value in moments(self.sums_of(first, last)))
         slope = tp / tt if tp**2 > self.settings.slope * tt else 0.0
         time = self.time[first : last + 1]
         line = part.mean() + slope * (time - time.mean())
         return np.asarray(self.level + self.std * line)
+
+
+def moments(sums: Array) -> tuple[Array, Array, Array, Array]:
+    """Return count, and central sums of t t, t p and p p, of sums (6, n) of parts of a series."""
+    count, t, tt, p, tp, pp = sums
+    return count, tt - t * t / count, tp - t * p / count, pp - p * p / count
+
+
+def chi_squared(sums: Array) -> Array:
+    """Return what the best lines leave of parts of a series, (n,) in units of the noise."""
+    count, tt, tp, pp = moments(sums)
+    left = pp - np.divide(tp**2, tt, out=np.zeros_like(tp), where=tt > 0.0)
+    return np.where(count > 2, np.maximum(left, 0.0), 0.0)

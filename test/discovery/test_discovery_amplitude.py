@@ -18,6 +18,7 @@ from pneunet_ros.discovery.time_law import (
 )
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
+from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
 RUNS, FRAMES, POINTS, BASE = 4, 12, 3, 5
@@ -96,7 +97,7 @@ def test_frames_by_themselves_add_up_to_a_law():
     gaussian, fields = problem(3)
     factors = [np.random.default_rng(which).standard_normal((FRAMES, 2)) for which in EVERY]
     columns = columns_of(gaussian, fields, factors)
-    blocks = [SimpleNamespace(white=lambda item: item.reshape(-1, item.shape[2]))] * RUNS
+    blocks = [SimpleNamespace(white_by_frame=lambda item: block_diag(*item))] * RUNS
     frames = FrameColumns.of(columns.projection, SimpleNamespace(blocks=blocks), fields)
     for runs in (EVERY, (1, 3)):
         kept = np.concatenate([factors[which] * float(which in runs) for which in EVERY])
@@ -189,7 +190,7 @@ def searched(seed: int, course, runs: int, find):
         noise = random.standard_normal(TIMES.size * 2)
         residuals.append((field * amplitude[:, None]).ravel() + noise)
     gaussian = GaussianModel.of(columns, residuals, np.zeros(BASE))
-    blocks = [SimpleNamespace(white=lambda item: item.reshape(-1, item.shape[2]))] * runs
+    blocks = [SimpleNamespace(white_by_frame=lambda item: block_diag(*item))] * runs
     frames = FrameColumns.of(Projection(gaussian), SimpleNamespace(blocks=blocks), fields)
     same = {'values': (np.ones(TIMES.size),) * runs, 'scale': 1.0}
     time = Covariate(name='t', values=(TIMES,) * runs, scale=float(TIMES[-1]))

@@ -273,18 +273,24 @@ def vibration_of(courses: Sequence[Course], slowest: float) -> Vibration | None:
     longest = min(0.5 * max(float(course.time[-1]) for course in courses), PERIODS * slowest)
     if longest <= shortest:
         return None
-    tried = [
-        Vibration(frequency=2.0 * math.pi * PERIODS / seconds, rate=ratio / seconds)
+    tried = {
+        seconds: [
+            Vibration(frequency=2.0 * math.pi * PERIODS / seconds, rate=ratio / seconds)
+            for ratio in (2.0 * math.pi * PERIODS * ratio for ratio in RATIOS)
+        ]
         for seconds in np.geomspace(shortest, longest, FREQUENCIES).tolist()
-        for ratio in (2.0 * math.pi * PERIODS * ratio for ratio in RATIOS)
+    }
+    found = [
+        (gain, windows, one)
+        for seconds, group in tried.items()
+        for (gain, windows), one in zip(gains_of(courses, group, seconds), group, strict=True)
     ]
-    evidence = [gain_of(courses, one, PERIODS * one.period) for one in tried]
-    (gain, windows), best = max(zip(evidence, tried, strict=True), key=lambda pair: pair[0][0])
-    by_noise = -NormalDist().inv_cdf(IDLE_SENSOR.chance / len(tried)) * GAIN_STD
+    gain, windows, best = max(found, key=lambda item: item[0])
+    by_noise = -NormalDist().inv_cdf(IDLE_SENSOR.chance / len(found)) * GAIN_STD
     if not gain > by_noise * math.sqrt(windows):
         return None
-    found = refined(courses, best)
-    return found if found.rate <= RATIOS[-1] * found.frequency else None
+    vibration = refined(courses, best)
+    return vibration if vibration.rate <= RATIOS[-1] * vibration.frequency else None
 
 
 def refined(courses: Sequence[Course], first: Vibration) -> Vibration:
@@ -297,7 +303,7 @@ def refined(courses: Sequence[Course], first: Vibration) -> Vibration:
 
     start, seconds = np.log([first.frequency, first.rate]), PERIODS * first.period
     found = minimize(
-        lambda numbers: -gain_of(courses, vibration(numbers), seconds)[0],
+        lambda numbers: -gains_of(courses, [vibration(numbers)], seconds)[0][0],
         start,
         method='Nelder-Mead',
         options={'initial_simplex': start + np.array([[0.0, 0.0], [0.05, 0.0], [0.0, 0.5]])},
@@ -305,15 +311,19 @@ def refined(courses: Sequence[Course], first: Vibration) -> Vibration:
     return vibration(found.x)
 
 
-def gain_of(courses: Sequence[Course], vibration: Vibration, seconds: float) -> tuple[float, int]:
-    """Return by how much a vibration explains courses better than all else does.
+def gains_of(
+    courses: Sequence[Course], vibrations: Sequence[Vibration], seconds: float
+) -> list[tuple[float, int]]:
+    """Return by how much each vibration explains courses better than all else does.
 
-    The gain is that of the log likelihood in all windows, each so many seconds long and with noise
-    of its own, in which pressure and load follow straight lines; returns their number, too.
+    vibrations: of one frequency. The gain is that of the log likelihood in all windows, each so
+    many seconds long and with noise of its own, in which pressure and load follow straight lines;
+    beside it is their number.
     """
-    driven = replace(vibration, rate=0.0)  # what goes on as long as it likes is driven
-    ways: tuple[Columns, ...] = (vibration.columns, driven.columns, *smooth_ways(seconds))
-    gains, windows = np.zeros(len(ways)), 0
+    driven = replace(vibrations[0], rate=0.0)  # what goes on as long as it likes is driven
+    others: tuple[Columns, ...] = (driven.columns, *smooth_ways(seconds))
+    ways = (*(one.columns for one in vibrations), *others)
+    gains, windows = np.zeros((len(vibrations), len(others))), 0
     for course in courses:
         places = course.windows(seconds)
         if not len(places):
@@ -324,12 +334,15 @@ def gain_of(courses: Sequence[Course], vibration: Vibration, seconds: float) -> 
         beside = np.sqrt(np.mean(left_of(line, course.drives[places]) ** 2, axis=1))
         straight = (beside <= WITHIN_95).all(axis=1)
         time, way = time[straight], course.way[places[straight]]
-        left = [np.sum(left_of(columns(time), way) ** 2, axis=(1, 2)) for columns in ways]
-        tiny = np.finfo(float).tiny
+        left = np.array(
+            [np.sum(left_of(columns(time), way) ** 2, axis=(1, 2)) for columns in ways]
+        )
+        left += np.finfo(float).tiny
+        own, other = left[: len(vibrations), None], left[None, len(vibrations) :]
         freedom = WAYS * (places.shape[1] - NUMBERS)
-        gains += [0.5 * freedom * np.sum(np.log((one + tiny) / (left[0] + tiny))) for one in left]
+        gains += 0.5 * freedom * np.sum(np.log(other / own), axis=2)
         windows += len(time)
-    return float(gains[1:].min()), windows
+    return [(gain, windows) for gain in gains.min(axis=1).tolist()]
 
 
 def smooth_ways(seconds: float) -> list[Columns]:
