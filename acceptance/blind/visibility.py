@@ -152,7 +152,8 @@ def camera_sees(
     """Return where a camera without noise sees the targets at times, (frames, targets, 2) m."""
     course, memory = follow_arm(scenario, events, before)
     chain = chain_of(scenario, course, time, events.force_at(time))
-    targets = painted_targets(equilibrium_shape(chain), scenario.arm.targets, placement)
+    shape, spacing = equilibrium_shape(chain), scenario.noise.row_spacing
+    targets = painted_targets(shape, scenario.arm.targets, placement, spacing)
     points = np.stack(targets, axis=-1)
     for effect in scenario.effects:
         points = effect.see(scenario.arm, points, time / events.duration)

@@ -26,13 +26,13 @@ from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.disturbances import placement_jacobian
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
+from pneunet_ros.measurement.painted_targets import in_plane, paint
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
-from pneunet_ros.solver.columns import THETA
+from pneunet_ros.solver.columns import CURVATURE, THETA
 import scipy
 
 SCANNED = 0.02  # decades; how closely the first stiffness is looked for, before the fit to all
@@ -310,7 +310,10 @@ class FitSequence:
         results = []
         for kind in MOMENT_LAW_PARAMETERS:
             fits = self.without_each(unloaded, loaded, free, self.law(kind, stiffness))
-            scores = (score(fit.arm, run) for fit, run in zip(fits, loaded, strict=True))
+            scores = (
+                score(fit.arm, run, placement=fit.placement)
+                for fit, run in zip(fits, loaded, strict=True)
+            )
             results.append(LawScore(kind=kind, scores=tuple(scores), fits=fits))
         return tuple(results)
 
@@ -389,7 +392,8 @@ def squared_errors(arm: Arm, run: RecordingData, placement: Array | None = None)
     solved = model.solve(arm, inputs)
     beside = run.points - model.points
     if placement is not None:
-        beside -= placement_jacobian(model.fields[:, THETA]) @ placement.ravel()
+        fields = model.fields
+        beside -= in_plane(paint(fields[:, THETA], fields[:, CURVATURE], placement).beside)
         if np.isfinite(beside[solved]).any(axis=(0, 2)).all():
             beside -= np.nanmedian(beside[solved], axis=(0, 2), keepdims=True)
     apart = np.nan_to_num(beside) ** 2

@@ -51,19 +51,23 @@ def noise_floor(
     """Return the rms (m) that a perfect model would have, and how far it scatters about that.
 
     White noise, placement, readings. White noise is every coordinate's own, what readings move is
-    one error of a frame, and a painted place one error of a target.
+    one error of a frame, and a painted place one error of a target: of one that the calibration
+    of the arm has found, what is left of it.
     """
+    known = None if arm.covariance is None else arm.covariance.placement
+    if known is not None:
+        noise = replace(noise, placement_std=float(np.sqrt(np.mean(known.std**2))))
     squares, variance = 0.0, 0.0
     seen = np.zeros((2, arm.target_arclength.size))
     white = target_stds(replace(noise, placement_std=0.0), np.array(noise.target_std))
     for run, inputs in zip(runs, inputs_of(arm, runs), strict=True):
         std = coordinate_stds(arm, run, inputs, noise)
-        known = np.isfinite(std)
-        square = np.where(known, std, 0.0) ** 2
-        by_readings = np.maximum(square - known * target_std(noise) ** 2, 0.0).sum(axis=(1, 2))
+        shown = np.isfinite(std)
+        square = np.where(shown, std, 0.0) ** 2
+        by_readings = np.maximum(square - shown * target_std(noise) ** 2, 0.0).sum(axis=(1, 2))
         squares += float(square.sum())
-        variance += 2.0 * float((known * white**4).sum() + (by_readings**2).sum())
-        seen += known.sum(axis=0)
+        variance += 2.0 * float((shown * white**4).sum() + (by_readings**2).sum())
+        seen += shown.sum(axis=0)
     variance += 2.0 * noise.placement_std**4 * float((seen**2).sum())
     if not squares:
         return 0.0, 0.0

@@ -26,10 +26,11 @@ from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.gauss_newton import Bounds
 from pneunet_ros.measurement.inputs import Inputs, inputs_at_instants
 from pneunet_ros.measurement.linearization import FittedRun, linearize
+from pneunet_ros.measurement.painted_targets import in_plane, paint
 from pneunet_ros.measurement.reading_filter import filter_readings
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
-from pneunet_ros.solver.columns import THETA, X, Y
+from pneunet_ros.solver.columns import CURVATURE, THETA, X, Y
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -37,7 +38,8 @@ class LinearizedRun:
     """One run: whitened columns, and what whitens more of them.
 
     base (rows, n): model and placement, scaled; path (rows, k): the camera's, which `path_filter`
-    integrates out of whitened columns (rows, n); fields: generic ones, and tilt: how points answer
+    integrates out of whitened columns (rows, n); placed (frames, 2, targets) m: the part of the
+    placement at the point that `base` takes off; fields: generic ones, and tilt: how points answer
     to that of the picture, neither whitened. model: where searches for equilibria start.
     load_error, tangent: as of `measurement.linearization.RunLinearization`.
     """
@@ -50,6 +52,7 @@ class LinearizedRun:
     path_filter: Whitening
     base: Array
     path: Array
+    placed: Array
     fields: Fields
     tilt: Array
 
@@ -224,6 +227,7 @@ class Linearization:
         linear = linearize(
             model, point.with_effects(), point.values, disturbance, run, inputs, self.noise
         )
+        linear_placement = linear.jacobian[:, :, size:shared] @ disturbance[: shared - size]
         white = linear.whitening(linear.jacobian).reshape(-1, linear.jacobian.shape[2])
         base = white[:, :shared] @ self.scale
         path = white[:, shared:] @ prior.disturbances.root_of_run(which)
@@ -240,6 +244,7 @@ class Linearization:
             path_filter=path_filter,
             base=path_filter(base),
             path=path,
+            placed=linear_placement.reshape(run.points.shape),
             fields=fields_of(regressors, which, knots, linear.fitted.fields[:, THETA]),
             tilt=tilt_jacobian(linear.fitted.fields[:, [X, Y]], arm.length),
         )
@@ -289,7 +294,8 @@ class Linearization:
     def points(self, arm: Arm, which: range) -> list[Array] | None:
         """Return the measured points (frames, 2, targets) m of an arm; None where it has none.
 
-        Under the loads around which the runs are linearized.
+        Under the loads around which the runs are linearized. Of the placement only how it differs
+        from its linearization.
         """
         out = []
         all_inputs = self.known_inputs.of(arm)
@@ -300,8 +306,10 @@ class Linearization:
             lost = block.fitted.counted.any(axis=1) & ~solved
             if lost.mean() > self.settings.most_lost:
                 return None
-            # A frame without equilibrium says nothing: as if the model were right there.
+            # A frame without equilibrium carries no information: as if the model were right there.
             as_seen = block.run.points + block.tangent.reshape(block.run.points.shape)
-            points = block.model.points + self.point.origin[:, None]
-            out.append(np.where(lost[:, None, None], as_seen, points))
+            fields = block.model.fields
+            beside = paint(fields[:, THETA], fields[:, CURVATURE], self.point.placement).beside
+            points = block.model.points + in_plane(beside) + self.point.origin[:, None]
+            out.append(np.where(lost[:, None, None], as_seen, points) - block.placed)
         return out

@@ -24,7 +24,6 @@ from pneunet_ros.measurement.disturbances import (
     BETWEEN_NODES,
     path_prior,
     path_weights,
-    placement_jacobian,
     SMALLEST_STD,
 )
 from pneunet_ros.measurement.errors.covariance import Whitening
@@ -32,6 +31,7 @@ from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.errors.noise_model import camera_errors
 from pneunet_ros.measurement.inference.adequacy import RARELY
+from pneunet_ros.measurement.painted_targets import paint
 from pneunet_ros.measurement.predicted_targets import PredictedTargets
 from pneunet_ros.model.arm import Arm
 import scipy
@@ -295,14 +295,14 @@ def linear_problem(
     errors = errors.reshape(count, -1, size).transpose(0, 2, 1)
     last = kept[0].predicted.own
     columns = errors[:, :, READINGS:-last]
-    placing = placement_jacobian(np.array([frame.predicted.theta for frame in kept]))
+    theta = np.array([frame.predicted.theta for frame in kept])
+    placing = paint(theta, np.zeros(targets), np.zeros((2, targets))).jacobian()
     placing = placing.reshape(count, size, size)
-    residual = residual.reshape(count, size)
     known = None if arm.covariance is None else arm.covariance.placement
     if known is None:
         places = noise.placement_std * placing
     else:
-        residual = residual - placing @ known.mean - np.repeat(known.origin, targets)
+        residual = residual - np.array([frame.predicted.placed for frame in kept])
         left = np.hypot(known.std, settings.painted * noise.placement_std)
         places, columns = placing * left, columns + placing @ known.factor
     stamps = np.array([frame.stamp_ns for frame in kept])
@@ -322,6 +322,7 @@ def linear_problem(
         ],
         axis=2,
     )
+    residual = residual.reshape(count, size)
     whitening = Whitening(1.0, own / std[:, :, None], seen)
     return LinearProblem(
         residual=whitening((residual / std)[:, :, None])[:, :, 0],

@@ -33,7 +33,8 @@ from pneunet_ros.measurement.disturbances import SMALLEST_STD
 from pneunet_ros.measurement.gauss_newton import End, gauss_newton
 from pneunet_ros.measurement.inference.gaussian import innovation_factor, root_after
 from pneunet_ros.measurement.inference.variance_component import ErrorGrowth
-from pneunet_ros.measurement.predicted_targets import along_the_arc, target_jacobian
+from pneunet_ros.measurement.painted_targets import along_the_arc
+from pneunet_ros.measurement.predicted_targets import target_jacobian
 from pneunet_ros.measurement.swinging_arm import NEXT, Reference, SwingingArm, Swung
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.part_load import (

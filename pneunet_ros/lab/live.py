@@ -294,7 +294,9 @@ class LiveLab:
     def camera_points(self, shape: ChainShape | MovingShape) -> Array:
         """Return where the camera shows the targets (targets, 2) m, before its noise."""
         arm = self.scenario.arm
-        points = np.stack(painted_targets(shape, arm.targets, self.placement), axis=-1)
+        spacing = self.scenario.noise.row_spacing
+        targets = painted_targets(shape, arm.targets, self.placement, spacing)
+        points = np.stack(targets, axis=-1)
         for effect in self.scenario.effects:
             points = effect.see(arm, points, np.full(1, MIDDLE))
         return freeze(points[0] + self.registration)

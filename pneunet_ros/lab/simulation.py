@@ -57,7 +57,7 @@ def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordin
     arclength = np.linspace(0.0, arm.reach, int(scenario.detail.stations))
     x, y, theta = shape.points(arclength)
     placement = draw_placement(random_stream('placement', arm.seed), arm.targets, scenario.noise)
-    target_x, target_y = painted_targets(shape, arm.targets, placement)
+    target_x, target_y = painted_targets(shape, arm.targets, placement, scenario.noise.row_spacing)
     registration = scenario.noise.registration_std * random_of(
         scenario, 'registration'
     ).standard_normal(2)
@@ -240,12 +240,17 @@ def chain_of(scenario: Scenario, course: Course, times: Array, force: Array) -> 
 
 
 def painted_targets(
-    shape: ChainShape | MovingShape, places: Array, placement: Array
+    shape: ChainShape | MovingShape, places: Array, placement: Array, spacing: float
 ) -> tuple[Array, Array]:
-    """Return x, y (m) of targets painted beside their places, each (frames, targets)."""
-    x, y, theta = shape.points(places)
+    """Return x, y (m) of targets painted beside their places, each (frames, targets).
+
+    spacing: the part of the placement that is in proportion to the places: so much further along
+    the arm itself. The rest is small, and along its tangent.
+    """
+    x, y, theta = shape.points(places * (1.0 + spacing))
     cosine, sine = np.cos(theta), np.sin(theta)
     along, across = placement.T
+    along = along - spacing * places
     return freeze(x + along * cosine - across * sine), freeze(y + along * sine + across * cosine)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.inputs import Inputs
+from pneunet_ros.measurement.painted_targets import paint, PaintedTargets
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import LOADS
 import scipy
@@ -160,33 +161,33 @@ def acting_inputs(run: RecordingData, inputs: Inputs, disturbance: Array) -> Inp
     return inputs.with_loads(inputs.loads + disturbance[-LOADS:]) if run.load_known else inputs
 
 
-def disturbance_jacobian(run: RecordingData, theta: Array) -> Array:
+def painted(theta: Array, curvature: Array, disturbance: Array) -> PaintedTargets:
+    """Return the targets of a run where they are painted; disturbance: the unknowns of `of_run`.
+
+    theta (rad), curvature (1/m), both (frames, targets): of the arm at their places.
+    """
+    targets = theta.shape[1]
+    return paint(theta, curvature, disturbance[: 2 * targets].reshape(2, targets))
+
+
+def camera_path(run: RecordingData, disturbance: Array) -> Array:
+    """Return how far the camera moves the picture of every frame, (frames, 2, 1) m."""
+    path = disturbance[-OF_RUN:-LOADS].reshape(2, PATH_NODES)
+    return np.asarray((path_weights(run.progress) @ path.T)[:, :, None])
+
+
+def disturbance_jacobian(run: RecordingData, targets: PaintedTargets) -> Array:
     """Return how the picture moves per unknown of `of_run`, (frames, 2, targets, n).
 
-    theta (frames, targets) rad at the targets. A load moves the arm instead: zero.
+    A load moves the arm instead: zero.
     """
-    frames, targets = theta.shape
-    start = 2 * targets
-    out = np.zeros((frames, 2, targets, start + OF_RUN))
-    out[..., :start] = placement_jacobian(theta)
+    placement = targets.jacobian()
+    start = placement.shape[-1]
+    out = np.zeros((*placement.shape[:-1], start + OF_RUN))
+    out[..., :start] = placement
     hats, middle = path_weights(run.progress), start + PATH_NODES
     out[:, 0, :, start:middle] = hats[:, None]
     out[:, 1, :, middle : middle + PATH_NODES] = hats[:, None]
-    return out
-
-
-def placement_jacobian(theta: Array) -> Array:
-    """Return how measured targets move per painted place, along and across the arm.
-
-    theta (.., targets) rad at the targets; returned (.., 2, targets, 2 targets): x and y, first of
-    all places along.
-    """
-    targets = theta.shape[-1]
-    out = np.zeros((*theta.shape[:-1], 2, targets, 2 * targets))
-    cosine, sine = np.cos(theta), np.sin(theta)
-    which = np.arange(targets)
-    out[..., 0, which, which], out[..., 1, which, which] = cosine, sine
-    out[..., 0, which, targets + which], out[..., 1, which, targets + which] = -sine, cosine
     return out
 
 

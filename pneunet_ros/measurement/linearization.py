@@ -9,16 +9,22 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.disturbances import acting_inputs, disturbance_jacobian
+from pneunet_ros.measurement.disturbances import (
+    acting_inputs,
+    camera_path,
+    disturbance_jacobian,
+    painted,
+)
 from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.measurement.errors.noise_model import reading_errors
 from pneunet_ros.measurement.forward_model import as_points, Columns, ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
+from pneunet_ros.measurement.painted_targets import in_plane, PaintedTargets
 from pneunet_ros.measurement.probable_load import probable_load_errors
 from pneunet_ros.measurement.tip_pose import heading_residual
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
-from pneunet_ros.solver.columns import LOADS, THETA
+from pneunet_ros.solver.columns import CURVATURE, LOADS, THETA, X, Y
 
 
 class Parametrization(Protocol):
@@ -113,25 +119,35 @@ class RunLinearization:
 
 def predict(
     model: ForwardModel, arm: Arm, run: RecordingData, inputs: Inputs, disturbance: Array
-) -> tuple[FittedRun, Array]:
-    """Return a run beside an arm, not whitened, and how its disturbance (n,) moves the picture.
+) -> tuple[FittedRun, PaintedTargets]:
+    """Return a run beside an arm, not whitened, and where its targets are painted.
 
-    model: where the search for the equilibria starts; it keeps what was found.
+    disturbance (n,): the unknowns of `of_run`. model: where the search for the equilibria starts;
+    it keeps what was found.
     """
     solved = model.solve(arm, acting_inputs(run, inputs, disturbance)).copy()
     fields = model.fields.copy()
-    moving = disturbance_jacobian(run, fields[:, THETA])
+    targets = painted(fields[:, THETA], fields[:, CURVATURE], disturbance)
     fitted = FittedRun(
         run=run,
         inputs=inputs,
         fields=fields,
         points=model.points.copy(),
-        disturbance=moving @ disturbance,
+        disturbance=in_plane(targets.beside) + camera_path(run, disturbance),
         whitened=np.zeros(len(solved)),
         dof=np.zeros(len(solved), dtype=np.int64),
         solved=solved,
     )
-    return fitted.counting(solved), moving
+    return fitted.counting(solved), targets
+
+
+def moved_as_painted(fields: Array, targets: PaintedTargets) -> Array:
+    """Return how fields (frames, inputs, 6, targets) move, x and y those of painted targets."""
+    theta, curvature = fields[:, :, THETA], fields[:, :, CURVATURE]
+    moved = targets.by_theta[:, None] * theta + targets.by_curvature[:, None] * curvature
+    fields[:, :, X] += moved.real
+    fields[:, :, Y] += moved.imag
+    return fields
 
 
 def parameter_jacobian(
@@ -156,18 +172,18 @@ def linearize(
     starts. ModelError where there is no such arm.
     """
     arm = parameters.arm(values)
-    fitted, moving = predict(model, arm, run, inputs, disturbance)
+    fitted, targets = predict(model, arm, run, inputs, disturbance)
     load_error = probable_load_errors(model, arm, run, inputs, fitted.disturbance, noise)
     there = fitted
     if load_error.any():
         inputs = inputs.with_loads(inputs.loads + load_error)
-        there, moving = predict(model, arm, run, inputs, disturbance)
+        there, targets = predict(model, arm, run, inputs, disturbance)
         solved = fitted.solved & there.solved
         fitted, there = fitted.counting(solved), there.counting(solved)
     inputs = acting_inputs(run, inputs, disturbance)
     fields = model.jacobian(arm, inputs, parameters.columns)
-    by_input = as_points(fields)
-    moving = moving.reshape(*by_input.shape[:2], -1)
+    by_input = as_points(moved_as_painted(fields, targets))
+    moving = disturbance_jacobian(run, targets).reshape(*by_input.shape[:2], -1)
     std: float | Array = noise.target_std
     if run.heading is not None:  # the camera's place does not turn it
         by_input = np.concatenate([by_input, fields[:, None, :, THETA, -1]], axis=1)

@@ -12,14 +12,14 @@ import functools
 import math
 
 import numpy as np
-import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.measurement.disturbances import placement_jacobian, SMALLEST_STD
+from pneunet_ros.measurement.disturbances import SMALLEST_STD
 from pneunet_ros.measurement.errors.covariance import chi_squared
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.errors.noise_model import camera_errors, target_stds
 from pneunet_ros.measurement.errors.second_order import SecondOrder
+from pneunet_ros.measurement.painted_targets import in_plane, paint
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.perturbation import PerturbationTable
@@ -88,7 +88,7 @@ def predict_targets(
     sensitivity, and what errors move to second order.
     """
     arm, sensitivity = table.arm, curved.sensitivity
-    true_x, true_y, theta = sensitivity.fields(arm.target_arclength)[:3]
+    true_x, true_y, theta, curvature = sensitivity.fields(arm.target_arclength)[:4]
     moved = curved.stations(arm.target_arclength)[:2]
     jacobian = target_jacobian(table, sensitivity)
     linear = np.tensordot(noise, jacobian, axes=1)
@@ -96,7 +96,7 @@ def predict_targets(
     errors = np.concatenate([linear, further[None]])
     x, y = arm.see(true_x, true_y)
     share = arm.target_arclength / max(float(arm.target_arclength[-1]), 1e-12)
-    placed, placed_std = painted_beside(arm, theta)
+    placed, placed_std = painted_beside(arm, theta, curvature)
     return PredictedTargets(
         x=x,
         y=y,
@@ -115,28 +115,19 @@ def seen_targets(arm: Arm, sensitivity: Sensitivity) -> tuple[Array, Array]:
     return arm.see(true_x, true_y)
 
 
-def along_the_arc(
-    theta: Array, curvature: Array, along: Array
-) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
-    """Return where dots are that are painted along (..) m further, x + i y, and how they head.
+def painted_beside(arm: Arm, theta: Array, curvature: Array) -> tuple[Array, Array]:
+    """Return where targets are painted beside their places (.., 2, targets) m, std (targets,) m.
 
-    theta (rad), curvature (1/m): of the arm where they should be. They are on its arc, and not on
-    its tangent.
-    """
-    turned = curvature * along
-    return along * np.exp(1j * (theta + 0.5 * turned)), np.exp(1j * (theta + turned))
-
-
-def painted_beside(arm: Arm, theta: Array) -> tuple[Array, Array]:
-    """Return where targets are painted beside their places (2, targets) m, and std (targets,) m.
-
-    theta (targets,) rad: they turn with the arm. As the calibration found it, if it did.
+    theta (rad), curvature (1/m), both (.., targets): of the arm at their places. As the
+    calibration found it, if it did.
     """
     known = None if arm.covariance is None else arm.covariance.placement
     if known is None:
-        return np.zeros((2, theta.size)), np.full(theta.size, arm.sensors.placement_std)
+        placement, std = np.zeros((2, theta.shape[-1])), arm.sensors.placement_std
+        return in_plane(paint(theta, curvature, placement).beside), np.full(theta.shape[-1], std)
+    targets = paint(theta, curvature, known.mean.reshape(2, -1))
     std = np.sqrt(np.mean(known.std.reshape(2, -1) ** 2, axis=0))
-    return placement_jacobian(theta) @ known.mean + known.origin[:, None], std
+    return in_plane(targets.beside) + known.origin[:, None], std
 
 
 def target_jacobian(table: PerturbationTable, sensitivity: Sensitivity) -> Array:

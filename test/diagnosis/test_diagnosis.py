@@ -30,9 +30,11 @@ from pneunet_ros.diagnosis.verdict import describe_verdict, two_lengths, Verdict
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.measurement.dataset import RecordingData
 import pytest
-from support.lab_designs import design, fitted, frame, HIDDEN, recorded, TRAINING
-from support.lab_run import true_model
+from support.lab_designs import design, fitted, frame, HELD_OUT, HIDDEN, recorded, TRAINING
+from support.lab_run import run_of, true_model
 
 STRUCTURE = ('placement_std', 'registration_std', 'drift_std')
 SURE = 1.0 - DEFAULTS.confirmation.wrong
@@ -43,6 +45,13 @@ def found(hidden: str = '', day: int = 0, **options) -> Diagnosis:
     """Diagnose the recordings of a day."""
     runs, count = recorded(hidden, day), len(TRAINING)
     return diagnose(frame(), runs[:count], runs[count:], **{'seed': 3, **options})
+
+
+def beside(name: str, offset: float) -> RecordingData:
+    """Return a recording of a shipped scenario with its dots beside the neutral line (m)."""
+    scenario = load_scenario(share_path(f'scenarios/{name}.yaml'))
+    noise = replace(scenario.noise, row_offset=offset)
+    return run_of(simulate(replace(scenario, noise=noise)))
 
 
 @functools.cache
@@ -57,10 +66,13 @@ def named() -> Diagnosis:
     return found('load_offset')
 
 
-def test_few_recordings_are_enough_to_say_that_nothing_is_missing():
-    ramp, _, strings, _, mix = recorded()
+def test_few_recordings_of_dots_beside_the_neutral_line_show_that_nothing_is_missing():
+    """The dots are on the side wall; what the model error is then, agrees with the answer."""
+    strings, ramp, mix = (beside(name, 0.004) for name in ('strings', TRAINING[0], HELD_OUT))
     answer = diagnose(frame(), [strings, ramp], [mix], seed=3)
     assert answer.answer == 'none'
+    assert abs(answer.before.rms - answer.noise_floor) < answer.noise_floor_std
+    assert answer.before.training.rms < answer.noise_floor + answer.noise_floor_std
     assert (answer.effects, answer.alternatives, answer.closed) == ((), (), None)
     assert answer.adequacy_before.p_value > 0.01
     # Unloaded recordings come first, as the base is fitted.

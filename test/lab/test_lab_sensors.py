@@ -46,6 +46,15 @@ def test_white_noise_has_its_sizes():
         assert abs(error.mean()) < 0.2 * std
 
 
+def test_a_row_of_another_spacing_is_on_the_arm():
+    """And not on the tangents where its targets should be."""
+    arm = dataclasses.replace(STRINGS.arm, targets=0.95 * STRINGS.arm.targets)
+    there = recording(dataclasses.replace(STRINGS, arm=arm))
+    found = recording(row_spacing=-0.05)
+    assert found.x == pytest.approx(there.x, abs=1e-12)
+    assert found.y == pytest.approx(there.y, abs=1e-12)
+
+
 def test_placement_turns_with_the_arm_and_belongs_to_it():
     quiet, painted = recording(), recording(placement_std=5e-5)
     again = recording(dataclasses.replace(STRINGS, seed=9, name='again'), placement_std=5e-5)

@@ -8,9 +8,11 @@ import math
 import numpy as np
 from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.measurement.disturbances import (
+    camera_path,
     disturbance_jacobian,
     Disturbances,
     OF_RUN,
+    painted,
     PATH_NODES,
     tilt_jacobian,
 )
@@ -80,7 +82,10 @@ def test_targets_answer_to_disturbances():
     theta = RANDOM.standard_normal((17, targets))
     parameters = RANDOM.standard_normal(disturbances.prior.shape[0])
     own = disturbances.of_run(1)
-    found = disturbance_jacobian(run, theta) @ parameters[own]
+    curvature = 20.0 * RANDOM.standard_normal((17, targets))
+    nowhere = painted(theta, curvature, np.zeros(own.size))
+    found = disturbance_jacobian(run, nowhere) @ parameters[own]
+    camera_alone = camera_path(run, parameters[own])
     along, across = parameters[:targets], parameters[targets : 2 * targets]
     second = parameters[2 * targets + OF_RUN :]
     nodes = second[: 2 * PATH_NODES].reshape(2, PATH_NODES)  # x, y
@@ -91,12 +96,15 @@ def test_targets_answer_to_disturbances():
         camera = [np.interp(time[frame], np.linspace(0, 1, PATH_NODES), path) for path in nodes]
         wanted = along * tangent + across * normal + np.array(camera)[:, None]
         assert found[frame] == pytest.approx(wanted, abs=1e-12)
+        assert camera_alone[frame, :, 0] == pytest.approx(camera, abs=1e-12)
 
 
 def test_a_run_of_one_frame_has_a_place():
     arm = paper_arm()
     run = made(arm, np.array([2e4]))
-    answer = disturbance_jacobian(run, np.zeros((1, arm.target_arclength.size)))
+    straight = np.zeros((1, arm.target_arclength.size))
+    targets = painted(straight, straight, np.zeros(2 * straight.size + OF_RUN))
+    answer = disturbance_jacobian(run, targets)
     assert answer[0, 0, 0, -OF_RUN:].sum() == 1.0
 
 

@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.linearization import Linearization
+from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.settings import LinearizationSettings
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
 from pneunet_ros.measurement.errors.covariance import Whitening
-from pneunet_ros.solver.columns import THETA
 import pytest
 from scipy.linalg import sqrtm
 from support.lab_designs import base, design, FRAMES, TRAINING
@@ -55,21 +54,42 @@ def test_columns_of_the_base_are_what_a_changed_model_moves():
             assert column == pytest.approx(answer, abs=2e-4 * max(np.abs(answer).max(), 1.0))
 
 
-def test_columns_of_placement_move_targets_in_their_own_frame():
-    found = design()
-    place, targets = 7, found.blocks[0].run.x.shape[1]
-    painted = found.scale[found.size :, found.size + place]  # the whole row moves with it
-    for which, block in enumerate(found.blocks):
-        # A run is linearized around what most probably acted on the arm.
-        probable = block.inputs.with_loads(block.inputs.loads + block.load_error)
-        block.model.solve(found.point.arm, probable)
-        theta = block.model.fields[:, THETA]
-        tangent, normal = (np.cos(theta), np.sin(theta)), (-np.sin(theta), np.cos(theta))
-        along, across = painted[:targets], painted[targets:]
-        moved = [t * along + n * across for t, n in zip(tangent, normal, strict=True)]
-        wanted = block.white(np.concatenate(moved, axis=1)[:, :, None])[:, 0]
-        column = found.blocks[which].base[:, found.size + place]
-        assert column == pytest.approx(wanted, abs=1e-9)
+def painted(point: LinearizationPoint, place: int, size: float) -> LinearizationPoint:
+    """Return a point with one target painted elsewhere, along and across."""
+    placement = np.array(point.placement)
+    placement[:, place] += size * np.array([1.0, 0.5])
+    return replace(point, placement=placement)
+
+
+def test_columns_of_placement_are_what_other_places_move():
+    """Millimeters beside the line too: targets are on the arc, and turn with the arm."""
+    place, step = 15, 1e-6
+    found = design().at(painted(design().point, place, 5e-3))
+    targets = found.blocks[0].run.x.shape[1]
+    column = np.zeros(2 * targets)
+    column[[place, targets + place]] = 1.0, 0.5
+    scaled = np.linalg.solve(found.scale[found.size :, found.size :], column)
+    point, sides = found.point, []
+    for size in (step, -step):
+        found.point = painted(point, place, size)
+        sides.append(found.points(point.arm, range(len(found.blocks))))
+    ahead, behind = sides
+    for block, above, below in zip(found.blocks, ahead, behind, strict=True):
+        moved = ((above - below) / (2.0 * step)).reshape(len(above), -1, 1)
+        wanted = block.white(moved)[:, 0]
+        found_column = block.base[:, found.size :] @ scaled
+        assert found_column == pytest.approx(wanted, abs=1e-6 * np.abs(wanted).max())
+
+
+def test_a_changed_model_turns_targets_that_are_beside_the_line():
+    found = design().at(painted(design().point, 15, 5e-3))
+    values, place = np.array(found.point.values), found.size // 2
+    step = 1e-3 * found.scale[: found.size, place]
+    ahead, behind = residual(values + step, found), residual(values - step, found)
+    for which in range(len(TRAINING)):
+        answer = (behind[which] - ahead[which]) / 2e-3
+        column = found.blocks[which].base[:, place]
+        assert column == pytest.approx(answer, abs=2e-4 * max(np.abs(answer).max(), 1.0))
 
 
 def test_the_position_is_that_of_the_point():

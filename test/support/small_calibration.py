@@ -47,13 +47,15 @@ def measured(
     loads = np.zeros((frames, 3))
     if force is not None:
         loads[:, :2] = force
-    series = ForwardModel(arm.target_arclength)
+    painted = np.clip(arm.target_arclength + placement[0], 0.0, arm.length)
+    series = ForwardModel(painted)
     assert series.solve(arm, Inputs(pressure=pressure, loads=loads)).all()
     cosine, sine = np.cos(series.fields[:, THETA]), np.sin(series.fields[:, THETA])
+    along = arm.target_arclength + placement[0] - painted  # beyond the ends of the arm
     place = rng.normal(0.0, NOISE.registration_std, 2)
     points = series.points + place[:, None]
-    points[:, 0] += cosine * placement[0] - sine * placement[1]
-    points[:, 1] += sine * placement[0] + cosine * placement[1]
+    points[:, 0] += cosine * along - sine * placement[1]
+    points[:, 1] += sine * along + cosine * placement[1]
     points += rng.normal(0.0, NOISE.target_std, points.shape)
     points[rng.random((frames, 1, placement.shape[1])).repeat(2, axis=1) < 0.02] = np.nan
     stamps = 1 + 100_000_000 * np.arange(frames)

@@ -9,12 +9,17 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
+from pneunet_ros.measurement.painted_targets import in_plane, paint
+from pneunet_ros.measurement.predicted_targets import painted_beside
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.solver.columns import CURVATURE, THETA
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Score:
     """Measured minus predicted targets of one run, less their mean: what registration could be.
+
+    Predicted where they are painted.
 
     rms (m) is per coordinate; p95 (m) of the distance; error (frames, 2, targets) m, NaN where
     not seen or without equilibrium, and rms and p95 NaN where that is all; missing is the share of
@@ -28,12 +33,26 @@ class Score:
     error: Array
 
 
-def score(arm: Arm, run: RecordingData, inputs: Inputs | None = None) -> Score:
-    """Predict a run from its readings and compare; inputs: what acted, where it has a past."""
+def score(
+    arm: Arm,
+    run: RecordingData,
+    inputs: Inputs | None = None,
+    placement: Array | None = None,
+) -> Score:
+    """Predict a run from its readings and compare.
+
+    inputs: what acted, where it has a past. placement (2, targets) m: where the targets are
+    painted along and across the arm; as the covariance of the arm knows it where None.
+    """
     model = ForwardModel(arm.target_arclength, run.points)
     inputs = inputs_of(arm, [run])[0] if inputs is None else inputs
     solved = model.solve(arm, inputs)
-    error = run.points - model.points
+    theta, curvature = model.fields[:, THETA], model.fields[:, CURVATURE]
+    if placement is None:
+        beside, _ = painted_beside(arm, theta, curvature)
+    else:
+        beside = in_plane(paint(theta, curvature, placement).beside)
+    error = run.points - model.points - beside
     error = np.where(solved[:, None, None], error, np.nan)
     missing = float(1.0 - solved.mean()) if solved.size else 1.0
     if not np.isfinite(error).any():

@@ -22,12 +22,12 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.disturbances import placement_jacobian
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
+from pneunet_ros.measurement.painted_targets import paint, PaintedTargets
 from pneunet_ros.measurement.tip_pose import heading_residual
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.solver.columns import THETA
+from pneunet_ros.solver.columns import CURVATURE, THETA
 import scipy
 
 Places = npt.NDArray[np.complex128]
@@ -224,8 +224,14 @@ def tip_of(fit: Fit, pressure: Array) -> tuple[Places, Array]:
     solved = model.solve(fit.arm, inputs)
     points = np.where(solved[:, None, None], model.points, np.nan)
     heading = np.asarray(model.fields[:, THETA, -1])
-    placed = complex(*fit.placement[:, -1]) * np.exp(1j * heading) + complex(*fit.origin)
+    placed = painted_tip(fit, model).beside[:, 0] + complex(*fit.origin)
     return np.array(points[:, 0, -1] + 1j * points[:, 1, -1] + placed), heading
+
+
+def painted_tip(fit: Fit, model: ForwardModel) -> PaintedTargets:
+    """Return where the last target is painted, in the frames that a model has solved."""
+    last = model.fields[:, :, -1:]
+    return paint(last[:, THETA], last[:, CURVATURE], fit.placement[:, -1:])
 
 
 def tip_variance(fit: Fit, pressure: Array, *, is_angle: bool) -> float:
@@ -236,9 +242,9 @@ def tip_variance(fit: Fit, pressure: Array, *, is_angle: bool) -> float:
     if is_angle:
         moved = np.einsum('fij,jk,fik->', jacobian[:, :, 1], fit.covariance, jacobian[:, :, 1])
         return float(moved) / (0.5 * arm.reach) ** 2
-    _, heading = tip_of(fit, pressure)
-    solved = ForwardModel(arm.target_arclength[[0, -1]]).solve(arm, inputs)
-    placed = placement_jacobian(heading[solved, None])[:, :, 0]  # (frames, 2, along and across)
+    model = ForwardModel(arm.target_arclength[[0, -1]])
+    solved = model.solve(arm, inputs)
+    placed = painted_tip(fit, model).jacobian()[solved, :, 0]  # (frames, 2, along and across)
     whole = np.concatenate([jacobian[:, :, 1], placed], axis=2)
     rows = [*range(size), size + targets - 1, size + 2 * targets - 1]
     covariance = fit.shared_covariance[np.ix_(rows, rows)]

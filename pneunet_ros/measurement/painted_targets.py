@@ -1,0 +1,73 @@
+"""Where targets are seen that are painted beside their places: further along the arm, or across.
+
+The one place that says so: calibration, replay, diagnosis and fusion ask here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+
+Complex = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PaintedTargets:
+    """How far targets are seen beside their places, x + i y (.., targets) m in the base frame.
+
+    by_theta (m), by_curvature (m^2): how `beside` moves per rad and per 1/m of the arm at a place;
+    by_along, by_across (-): per painted meter along and across the arm.
+    """
+
+    beside: Complex
+    by_theta: Complex
+    by_curvature: Complex
+    by_along: Complex
+    by_across: Complex
+
+    def jacobian(self) -> Array:
+        """Return how x and y move per painted place, (.., 2, targets, 2 targets).
+
+        Of all places along the arm first, then of those across it.
+        """
+        which = np.arange(self.by_along.shape[-1])
+        out = np.zeros((*self.by_along.shape[:-1], 2, which.size, 2 * which.size))
+        out[..., which, which] = in_plane(self.by_along)
+        out[..., which, which.size + which] = in_plane(self.by_across)
+        return out
+
+
+def paint(theta: Array, curvature: Array, placement: Array) -> PaintedTargets:
+    """Return targets painted placement (2, targets) m along and across the arm.
+
+    theta (rad), curvature (1/m), both (.., targets): of the arm at their places.
+    """
+    along, across = placement
+    chord, heading = along_the_arc(theta, curvature, along)
+    beside = chord + 1j * heading * across
+    half = np.exp(1j * (theta + 0.5 * curvature * along))
+    return PaintedTargets(
+        beside=beside,
+        by_theta=1j * beside,
+        by_curvature=0.5j * along * chord - heading * along * across,
+        by_along=half * (1.0 + 0.5j * curvature * along) - curvature * across * heading,
+        by_across=1j * heading,
+    )
+
+
+def along_the_arc(theta: Array, curvature: Array, along: Array) -> tuple[Complex, Complex]:
+    """Return where targets are that are painted along (..) m further, x + i y, and how they head.
+
+    theta (rad), curvature (1/m): of the arm where they should be. They are on its arc, and not on
+    its tangent.
+    """
+    turned = curvature * along
+    return along * np.exp(1j * (theta + 0.5 * turned)), np.exp(1j * (theta + turned))
+
+
+def in_plane(points: Complex) -> Array:
+    """Return points x + i y (.., targets) as (.., 2, targets)."""
+    return np.stack([points.real, points.imag], axis=-2)
