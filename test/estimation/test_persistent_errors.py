@@ -33,19 +33,22 @@ def drawn(
     bump: float = 0.0,
     again: int = 1,
     known: PlacementKnown | None = None,
+    truly: PlacementKnown | None = None,
     count: int = FRAMES,
 ) -> list[FrameEvidence]:
     """Return frames of an arm of which a force and one number of the model are not known.
 
     off: sigma by which that number is; bump (m): a sideways error that the model does not know,
-    growing with time; again: frames in which noise is the same.
+    growing with time; again: frames in which noise is the same. known: where the model has the
+    targets painted; truly: where they are, if elsewhere.
     """
     random = np.random.default_rng([seed, 5])
     number = random.standard_normal() if off == 0.0 else off
     placed = USUAL.placement_std * random.standard_normal((2, TARGETS))
-    if known is not None:
-        placed = (known.mean + known.factor @ [number]).reshape(2, TARGETS)
-        placed = placed + known.std.reshape(2, TARGETS) * random.standard_normal((2, TARGETS))
+    truly = truly or known
+    if truly is not None:
+        placed = (truly.mean + truly.factor @ [number]).reshape(2, TARGETS)
+        placed = placed + truly.std.reshape(2, TARGETS) * random.standard_normal((2, TARGETS))
     camera = USUAL.registration_std * random.standard_normal((2, 1))
     frames: list[FrameEvidence] = []
     for index in range(count):
@@ -58,10 +61,16 @@ def drawn(
         if index % again == 0:
             noise = USUAL.target_std * random.standard_normal((2, TARGETS))
             force = random.standard_normal(2)
-        turned = [
-            np.cos(theta) * placed[0] - np.sin(theta) * placed[1],
-            np.sin(theta) * placed[0] + np.cos(theta) * placed[1],
-        ]
+        known_places = np.zeros((2, TARGETS)) if known is None else known.mean.reshape(2, TARGETS)
+        turned, expected = (
+            np.stack(
+                [
+                    np.cos(theta) * along - np.sin(theta) * across_arm,
+                    np.sin(theta) * along + np.cos(theta) * across_arm,
+                ]
+            )
+            for along, across_arm in (placed, known_places)
+        )
         residual = (
             noise + np.tensordot(force, errors[:2], axes=1) + number * errors[4] + turned + camera
         )
@@ -80,7 +89,7 @@ def drawn(
                     by_load=np.zeros((3, 2, TARGETS)),
                     theta=theta,
                     share=SHARE,
-                    placed=np.zeros((2, TARGETS)),
+                    placed=expected,
                     placed_std=np.full(TARGETS, USUAL.placement_std),
                 ),
                 tip_errors=tip,
@@ -175,7 +184,7 @@ def test_placement_that_is_known_goes_with_the_model():
     assert all(found(seed, arm=arm, known=known).holds for seed in range(10))
     # Painted elsewhere than the calibration found:
     elsewhere = replace(known, mean=-known.mean)
-    assert not found(1, arm=arm, known=elsewhere).within_prior
+    assert not found(1, arm=arm, known=known, truly=elsewhere).within_prior
 
 
 def test_too_few_frames_tell_nothing():
