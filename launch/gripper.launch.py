@@ -1,4 +1,4 @@
-"""Start the node `gripper`, several arms in one process: config/gripper.yaml has its parameters."""
+"""Start the node `gripper`, several arms in one process: parameters in config/gripper.yaml."""
 
 from pneunet_ros.core.share import share_path
 from pneunet_ros.nodes.launch_description import describe_launch, full_name, is_true, node, number
