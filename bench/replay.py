@@ -3,21 +3,25 @@
     python bench/replay.py [--json] [--repeats N] [--recording REC] [--model MODEL]
 
 Decoding, estimating with covariance, comparing with targets where there are any, encoding all
-topics and writing them, after the kernels are compiled; a reading is a message of a sensor. The
-peer of the same run is reading and writing alone: what a replay without a model would take.
+topics and writing them, after the kernels are compiled and with one thread of linear algebra, as
+the command has it; a reading is a message of a sensor. The peer of the same run is reading and
+writing alone: what a replay without a model would take.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 from pathlib import Path
 import statistics
+import sys
 import tempfile
 import time
 
 from pneunet_ros import load_model
 from pneunet_ros.core.share import share_path
+from pneunet_ros.core.threads import THREADS, use_one_thread
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.offline.replay import input_topics, record_steps, Step, Tally, targets_topic
 from pneunet_ros.recordings.recording import open_recording
@@ -57,6 +61,9 @@ def copy(folder: Path) -> float:
 
 def main() -> None:
     """Run and print."""
+    if not any(name in os.environ for name in THREADS):  # begin anew, as `pneunet` begins
+        use_one_thread()
+        os.execv(sys.executable, [sys.executable, *sys.argv])
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     command.add_argument('--json', action='store_true', help='print one JSON object')
     command.add_argument('--repeats', type=int, default=7, help='repeats (default: 7)')
