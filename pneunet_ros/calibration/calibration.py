@@ -56,6 +56,7 @@ from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData, thinned
@@ -85,7 +86,7 @@ class Calibration:
     joint: Fit
     laws: tuple[LawScore, ...]
     explained_variance: float
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     variation: StiffnessVariation | None = None
     left_out: LeftOutLevels | None = None
     motion: FramesInMotion | None = None
@@ -306,24 +307,30 @@ def with_larger_errors(fit: Fit, excess: Array) -> Fit:
 
 def describe_thinning(
     fitted: Sequence[RecordingData], every: Sequence[RecordingData]
-) -> tuple[str, ...]:
+) -> tuple[Note, ...]:
     """Say how many frames were fitted, of how many, where it was not all of them."""
     frames, all_frames = (sum(len(run.stamp_ns) for run in runs) for runs in (fitted, every))
     if frames == all_frames:
         return ()
     return (
-        f'{frames} of {all_frames} frames are fitted, evenly spread over the recordings, to stay '
-        'within 2 GB of memory; the noise is estimated from all of them',
+        Note(
+            f'{frames} of {all_frames} frames are fitted, evenly spread over the recordings, to '
+            'stay within 2 GB of memory; the noise is estimated from all of them',
+            reason='thinned',
+        ),
     )
 
 
-def describe_structure(fit: Fit, resolution: Resolution) -> list[str]:
+def describe_structure(fit: Fit, resolution: Resolution) -> list[Note]:
     """Say what the evidence has chosen: numbers along the arm, and an elongation."""
     notes, parameters = [], fit.parameters
     if parameters.shapes is not None and parameters.shapes < resolution.shapes:
         notes.append(
-            f'the recordings are more probable with {parameters.shapes} of these numbers along '
-            f'the arm than with {resolution.shapes}: the model has {parameters.shapes}'
+            Note(
+                f'the recordings are more probable with {parameters.shapes} of these numbers '
+                f'along the arm than with {resolution.shapes}: the model has {parameters.shapes}',
+                reason='fewer_shapes',
+            )
         )
     if parameters.elongates:
         own = slice(parameters.cells, parameters.before_law)
@@ -331,10 +338,13 @@ def describe_structure(fit: Fit, resolution: Resolution) -> list[str]:
         strain = 100.0 * float(top @ fit.values[own])
         std = 100.0 * float(np.sqrt(top @ fit.covariance[own, own] @ top))
         notes.append(
-            f'the arm {"lengthens" if strain > 0.0 else "shortens"} under pressure, by '
-            f'{abs(strain):.2g} ± {std:.1g} % at {kilopascals(parameters.pressure[-1]):.3g} kPa: '
-            'the recordings are more probable with it, so the model has the effect '
-            'pressure_elongation'
+            Note(
+                f'the arm {"lengthens" if strain > 0.0 else "shortens"} under pressure, by '
+                f'{abs(strain):.2g} ± {std:.1g} % at {kilopascals(parameters.pressure[-1]):.3g} '
+                'kPa: the recordings are more probable with it, so the model has the effect '
+                'pressure_elongation',
+                reason='elongation',
+            )
         )
     return notes
 

@@ -16,6 +16,7 @@ import numpy as np
 from pneunet_ros.calibration.map_estimation import posterior_at
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.stamps import match_stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.effects.camera_delay import CameraDelay
@@ -61,14 +62,15 @@ class CameraClock:
         return odds - ODDS_AGAINST
 
     @property
-    def sentence(self) -> str:
+    def sentence(self) -> Note:
         """Say it to a person."""
         lost = 'frames that were lost and not counted' if self.rate < 0.0 else 'a wrong frame rate'
-        return (
+        return Note(
             f'{self.name}: the camera clock deviates by {1e2 * self.rate:+.2g} ± '
             f'{1e2 * self.rate_std:.1g} % from the pressure clock (and frames are stamped '
             f'{1e3 * self.late:.0f} ms late in the middle): {lost}? The corrected times are used; '
-            'stamp frames when they are exposed'
+            'stamp frames when they are exposed',
+            reason='other_clock',
         )
 
 

@@ -15,6 +15,7 @@ import math
 import numpy as np
 from pneunet_ros.calibration.settings import NOISE_ESTIMATE, NoiseEstimateSettings
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.notes import Note
 from pneunet_ros.measurement.dataset import RecordingData, SIGMA_OF_MEDIAN
 from pneunet_ros.measurement.errors.rounding_error import rounding_std
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -39,7 +40,7 @@ class NoiseEstimate:
 
     noise: SensorNoise
     sources: Mapping[str, str]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 def estimate_noise(
@@ -108,9 +109,13 @@ def estimate_noise(
             continue
         found[key] = coarse, sentence
         notes.append(
-            f'the {name} is read in steps of {step:.3g} {unit}, coarser than its noise: step^2/12 '
-            f'is in its variance, and {key} is {coarse:.3g} {unit}. A {name} that rests is off by '
-            'the same in all of its frames; a finer sensor or converter tells more'
+            Note(
+                f'the {name} is read in steps of {step:.3g} {unit}, coarser than its noise: '
+                f'step^2/12 is in its variance, and {key} is {coarse:.3g} {unit}. A {name} that '
+                'rests is off by the same in all of its frames; a finer sensor or converter tells '
+                'more',
+                reason='coarse_steps',
+            )
         )
     if alike > 1.0 and found['target_std'][0] is not None:
         factor = math.sqrt(alike)
@@ -119,9 +124,12 @@ def estimate_noise(
             f'{found["target_std"][1]}, times {factor:.2g}: it is alike in neighboring targets',
         )
         notes.append(
-            'while the arm rests, the errors of neighboring targets are correlated '
-            f'({neighbors:.2f}), as by hot air, a curved window or lossy video. The noise of each '
-            f'is taken as {factor:.2g} times what is measured'
+            Note(
+                'while the arm rests, the errors of neighboring targets are correlated '
+                f'({neighbors:.2f}), as by hot air, a curved window or lossy video. The noise of '
+                f'each is taken as {factor:.2g} times what is measured',
+                reason='alike_neighbors',
+            )
         )
     found['placement_std'] = (
         placement(runs, arclength, white, assumed.placement_std, settings),
@@ -164,7 +172,7 @@ def differing_noise(
     assumed: SensorNoise,
     sources: Mapping[str, str],
     settings: NoiseEstimateSettings,
-) -> list[str]:
+) -> list[Note]:
     """Say where the noise that was found is not what was assumed, and which is used."""
     said = []
     for name, unit in STATED:
@@ -176,8 +184,11 @@ def differing_noise(
     if not said:
         return []
     return [
-        f'the noise of these recordings is not what the arm file says: {"; ".join(said)}. The '
-        'measured values are used and written to the model'
+        Note(
+            f'the noise of these recordings is not what the arm file says: {"; ".join(said)}. The '
+            'measured values are used and written to the model',
+            reason='other_noise',
+        )
     ]
 
 

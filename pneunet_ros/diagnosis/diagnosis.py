@@ -10,6 +10,7 @@ import numpy as np
 from pneunet_ros.calibration.checks.frames_in_motion import FramesInMotion, without_motion
 from pneunet_ros.calibration.elongation import without_fitted
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import OnProgress, part_of, say_nothing
 from pneunet_ros.diagnosis.augmented_model import (
     augment_model,
@@ -602,7 +603,11 @@ def with_tips(
         return model, [*training], [*held_out], notes
     if any(run.seen.any() for run in runs):
         notes = (
-            'the measured pose of the tip (tip_pose) was not used: a diagnosis looks at targets',
+            Note(
+                'the measured pose of the tip (tip_pose) was not used: a diagnosis looks at '
+                'targets',
+                reason='tip_pose_unused',
+            ),
         )
     else:
         targets = model.target_arclength.size
@@ -615,9 +620,14 @@ def with_tips(
                 reason='heading_only',
             )
         if model.target_arclength.size > targets:
-            notes = (f'the tip is target {targets} of the models that are written',)
+            notes = (
+                Note(
+                    f'the tip is target {targets} of the models that are written',
+                    reason='tip_as_target',
+                ),
+            )
         if any(run.heading is not None for run in runs):
-            notes = (*notes, 'the heading of the tip was not used')
+            notes = (*notes, Note('the heading of the tip was not used', reason='heading_unused'))
     runs = [run.without_tip_pose() for run in runs]
     count = len(training)
     return model, runs[:count], runs[count:], notes

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.frames import BASE_FRAME, rotate
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.measurement.dataset import RecordingData
@@ -98,7 +99,7 @@ class FoundBase:
 
 def in_base_frame(
     runs: Sequence[RecordingData], arm: Arm, settings: TipFrameSettings = TIP_FRAME
-) -> tuple[list[RecordingData], tuple[str, ...]]:
+) -> tuple[list[RecordingData], tuple[Note, ...]]:
     """Return the runs with poses of the tip in the base frame, and what was found, in words.
 
     Poses whose frame is not the base frame, or that are out of the arm's reach, are of another
@@ -125,7 +126,11 @@ def in_base_frame(
         else replace(run, tip_pose=found.in_base(run.tip_pose), tip_frame=BASE_FRAME)
         for run in runs
     ]
-    return moved, (f'{names}: the tip is measured in another frame; {found.sentence}',)
+    return moved, (
+        Note(
+            f'{names}: the tip is measured in another frame; {found.sentence}', reason='base_found'
+        ),
+    )
 
 
 def is_elsewhere(run: RecordingData, arm: Arm, settings: TipFrameSettings = TIP_FRAME) -> bool:

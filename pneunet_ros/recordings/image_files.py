@@ -120,9 +120,9 @@ def _picture(file: Path, stamp_ns: int, colored: bool) -> Image | MessageError:
         decode = decode_compressed if file.suffix.lower() in COMPRESSED else _decode_plain
         return _image(decode(data, colored=colored), stamp_ns)
     except MessageError as error:
-        return MessageError(f'{file}: {error}')
+        return MessageError(f'{file}: {error}', reason=error.reason)
     except OSError as error:
-        return MessageError(f'{file} cannot be read: {error.strerror}')
+        return MessageError(f'{file} cannot be read: {error.strerror}', reason='unreadable')
 
 
 def _decode_plain(data: Bytes, *, colored: bool) -> Bytes:
@@ -182,7 +182,7 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
             index += 1
         video.release()
         if why := _breaks_off(path, index, 1 + since * own / 1e3, frames):
-            error = MessageError(f'{path} breaks off: {why}')
+            error = MessageError(f'{path} breaks off: {why}', reason='breaks_off')
             yield StreamItem(stamp_at(index, used), IMAGE_TOPIC, error, b'')
 
     clock = 'presentation times in the file' if timed else _counted(used)

@@ -406,7 +406,8 @@ class _Scan:
     def _refusal(self, what: str) -> RecordingError:
         return RecordingError(
             f'{self.path} holds {what}: it is damaged, or made to exhaust the machine that reads '
-            'it; write it anew without compression if it is neither'
+            'it; write it anew without compression if it is neither',
+            reason='too_large',
         )
 
 

@@ -23,6 +23,7 @@ from pneunet_ros.model.moment_law import LinearLaw
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made, USUAL
+from support.refusals import reasons, refused
 
 PAPER = paper_arm()
 FEW = np.linspace(0.0, 6e4, 5)
@@ -86,7 +87,7 @@ def test_pressures_are_counted_through_their_noise():
     pressures = np.repeat([0.0, 3e4, 6e4], 4) + np.tile([-90.0, -30.0, 30.0, 90.0], 3)
     found = resolve(arm, [made(arm, pressures)], [])
     assert found.pressures == 3
-    assert any('only 3 pressures were recorded' in note for note in found.notes)
+    assert 'few_pressures' in reasons(found.notes)
 
 
 def test_few_loaded_frames_give_one_stiffness():
@@ -94,9 +95,7 @@ def test_few_loaded_frames_give_one_stiffness():
     few = resolve(PAPER, [free], [made(PAPER, FEW, force)])
     many = resolve(PAPER, [free], [made(PAPER, np.tile(FEW, 5), np.tile(force, (5, 1)))])
     assert (few.law, many.law) == ('linear', 'piecewise_linear')
-    (note,) = few.law_notes
-    assert 'one stiffness EI' in note
-    assert '--law piecewise_linear' in note
+    assert reasons(few.law_notes) == ['one_stiffness']
     alone = resolve(PAPER, [free], [])
     assert alone.law_notes == many.law_notes == ()
     assert alone.notes == few.notes
@@ -118,7 +117,7 @@ def test_clamp_and_tip_of_a_constant_curvature_are_enough(count):
 def test_where_no_target_shows_it_the_shape_is_uncertain_and_is_so():
     found = of_clamp_and_tip()
     assert found.joint.converged
-    assert any('between targets the shape is uncertain' in note for note in found.notes)
+    assert 'uncertain_between' in reasons(found.notes)
     std = model_std(found.arm, 5e4)
     estimated, true = solve(found.arm, 5e4), solve(PAPER, 5e4)
     off = np.hypot(estimated.x - true.x, estimated.y - true.y)
@@ -158,10 +157,10 @@ def test_targets_are_misplaced_with_the_bend_that_a_fit_cannot_have():
 
 def test_what_a_constant_curvature_cannot_have_is_said():
     found = of_clamp_and_tip()
-    assert any('the model misses the targets' in note for note in found.notes)
+    assert 'misfit' in reasons(found.notes)
     arm = uniform(with_targets(0.0, 1.0))
     fits = calibrate([made(arm, FEW, noise=NOISE)], [], arm)
-    assert not any('misses the targets' in note for note in fits.notes)
+    assert 'misfit' not in reasons(fits.notes)
     # Along the way from the clamp to the tip nothing is known, across it the tip is.
     std = model_std(fits.arm, 1e4)
     assert std[-1] < 0.5 * std.max()
@@ -173,7 +172,7 @@ def test_what_is_resolved_is_as_sure_as_before():
     found = calibrate([run], [], arm)
     assert found.joint.parameters.shapes is None
     assert np.array_equal(found.joint.covariance, found.free.covariance)
-    assert not any('where no target' in note for note in found.notes)
+    assert 'uncertain_between' not in reasons(found.notes)
 
 
 def test_an_arm_of_higher_pressures_needs_a_law_that_holds_there():
@@ -186,7 +185,7 @@ def test_an_arm_of_higher_pressures_needs_a_law_that_holds_there():
     force = np.array([[0.0, 0.1], [0.05, 0.05], [0.1, 0.1], [0.1, 0.02]])
     loaded = made(arm, np.linspace(2e4, 1.8e5, 4), force, noise=NOISE, seed=3)
     frame = with_targets(0.0, 1.0)
-    with pytest.raises(RequestError, match=r'reach from .* to 200.* kPa.* holds from 0 to 66 kPa'):
+    with refused(RequestError, 'out_of_range'):
         calibrate([free], [], frame)
     assert calibrate([free], [], arm).arm.intrinsic_curvature.at(2e5, 0.5) == pytest.approx(
         20.0, abs=0.1

@@ -6,6 +6,7 @@ import numpy as np
 from pneunet_ros.calibration.motion_fit import let_go, SwingingRun
 from pneunet_ros.core.errors import RequestError
 import pytest
+from support.refusals import refused
 
 
 def plucked(away: list[float]) -> SwingingRun:
@@ -32,5 +33,5 @@ def test_it_begins_behind_the_last_large_swing_though_frames_miss_all_targets():
 
 @pytest.mark.parametrize('away', [[], [0.01], [np.nan, 0.01, np.nan]])
 def test_a_pluck_that_no_two_frames_show_is_refused(away):
-    with pytest.raises(RequestError, match='two frames'):
+    with refused(RequestError, 'too_few_frames'):
         let_go(plucked(away))

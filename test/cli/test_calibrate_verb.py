@@ -24,6 +24,7 @@ from pneunet_ros.offline.calibration_files import knowledge_file, load_knowledge
 from pneunet_ros.recordings.lab_files import write_lab
 from pneunet_ros.recordings.recording import open_recording
 import pytest
+from support.refusals import refused
 
 FRAME_RATE = 1.0  # Hz, few frames, to be quick
 FREE, LOADED = ('unloaded_ramp', 'unloaded_staircase'), ('force_sweeps', 'strings')
@@ -254,7 +255,7 @@ def test_knowledge_comes_back_as_it_was(model, tmp_path):
     again = load_knowledge(tmp_path / 'again.yaml')
     for item in dataclasses.fields(known):
         assert np.array_equal(getattr(known, item.name), getattr(again, item.name))
-    with pytest.raises(RecordingError, match='exists already'):
+    with refused(RecordingError, 'exists'):
         save_knowledge(known, tmp_path / 'again.yaml', overwrite=False)
 
 
@@ -275,10 +276,10 @@ def test_damaged_knowledge_is_said(model, tmp_path, damage):
         file.write_bytes(
             {'half': content[: len(content) // 2], 'text': b'abc', 'empty': b''}[damage]
         )
-    with pytest.raises(ModelError, match=r'arm.knowledge.npz is damaged: .*calibrate anew'):
+    with refused(ModelError, 'damaged'):
         load_knowledge(path)
 
 
 def test_missing_knowledge_is_said(tmp_path):
-    with pytest.raises(ModelError, match=r'knowledge.npz is missing.*calibrate anew'):
+    with refused(ModelError, 'not_found'):
         load_knowledge(tmp_path / 'arm.yaml')

@@ -103,13 +103,13 @@ def test_a_known_end_load(lab):
     np.testing.assert_array_equal(bare.force, np.tile([0.02, -0.1], (10, 1)))
     assert not bare.moment.any()
     assert not idle.load_known
-    for name, load, match in (
-        ('loaded.mcap', ('0', '0.1'), 'contains end_wrench readings'),
-        ('bare.mcap', ('0', 'one'), 'is not a force: write a number in N'),
-        ('bare.mcap', ('0', 'nan'), 'is not a force: write a number in N'),
-        ('idle.mcap', ('0', '1'), 'not among the inputs'),
+    for name, load, reason in (
+        ('loaded.mcap', ('0', '0.1'), 'exclusive'),
+        ('bare.mcap', ('0', 'one'), 'not_a_number'),
+        ('bare.mcap', ('0', 'nan'), 'not_a_number'),
+        ('idle.mcap', ('0', '1'), 'no_input'),
     ):
-        with pytest.raises(RequestError, match=match):
+        with refused(RequestError, reason):
             read('--first', 'bare.mcap', 'loaded.mcap', '--end-load', name, *load)
     once = ('--end-load', 'bare.mcap', '0', '1')
     with refused(RequestError, 'given_twice'):
@@ -133,5 +133,4 @@ def test_a_string_pulls_from_the_tip_of_every_frame(lab):
 def test_static_frames(lab):
     found = read('--first', 'bare.mcap', '--static')
     assert found.groups[0][0].static
-    assert 'steady state' in ' '.join(found.sentences)
     assert not read('--first', 'bare.mcap').groups[0][0].static

@@ -256,22 +256,22 @@ def test_writing_nothing_is_an_error(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('name', 'sentence'),
+    ('name', 'reason'),
     [
-        ('/', 'the root of all folders'),
-        ('a' * 300, 'longer than 255 bytes'),
-        ('\u00e4' * 130, 'longer than 255 bytes'),
-        ('no\0name', 'null byte'),
-        ('dangling', 'a link to nothing'),
-        ('loop', 'leads back to itself|cannot be'),
-        ('.', 'is a folder that holds'),
+        ('/', 'unwritable'),
+        ('a' * 300, 'unwritable'),
+        ('\u00e4' * 130, 'unwritable'),
+        ('no\0name', 'not_found'),
+        ('dangling', 'unwritable'),
+        ('loop', 'loop'),
+        ('.', 'holds_other_files'),
     ],
 )
-def test_a_name_that_no_output_can_have_is_a_sentence(tmp_path, monkeypatch, name, sentence):
+def test_a_name_that_no_output_can_have_is_a_sentence(tmp_path, monkeypatch, name, reason):
     monkeypatch.chdir(tmp_path)
     Path('dangling').symlink_to('nowhere')
     Path('loop').symlink_to('loop')
-    with pytest.raises(RecordingError, match=sentence), atomic_output(name):
+    with refused(RecordingError, reason), atomic_output(name):
         pytest.fail('work was done')
     assert names(tmp_path) == ['dangling', 'loop']
 

@@ -37,27 +37,27 @@ def test_arrays_as_declared_are_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('name', 'value', 'names'),
+    ('name', 'value', 'reason'),
     [
-        ('time', np.array([0.0, 2.0, 2.0]), 'time must increase'),
-        ('time', np.array([0.0, np.nan, 2.0]), 'time holds NaN'),
-        ('time', np.array([0.0, 1.0]), 'x must have the shape'),
-        ('time', np.array(0.0), 'time must have the shape'),
-        ('x', np.full((3, 2), 1e31), 'x holds NaN, infinity'),
-        ('x', np.zeros((3, 2), complex), 'x must be of kind number'),
-        ('count', np.array(4.0), 'count must be of kind integer'),
-        ('count', np.array(2**64 - 1, np.uint64), 'count holds an integer'),
-        ('kind', np.array(['a']), 'kind must have the shape'),
-        ('covariance', np.ones((3, 3)), 'covariance is not positive definite'),
-        ('covariance', np.diag([1.0, 0.0, 1.0]), 'covariance has a variance'),
-        ('covariance', np.eye(3) + np.eye(3, k=1), 'covariance is not symmetric'),
-        ('information', -np.eye(3), 'information is not positive semidefinite'),
-        ('information', np.eye(2), 'information must have the shape'),
+        ('time', np.array([0.0, 2.0, 2.0]), 'not_increasing'),
+        ('time', np.array([0.0, np.nan, 2.0]), 'not_finite'),
+        ('time', np.array([0.0, 1.0]), 'wrong_shape'),
+        ('time', np.array(0.0), 'wrong_shape'),
+        ('x', np.full((3, 2), 1e31), 'not_finite'),
+        ('x', np.zeros((3, 2), complex), 'wrong_kind'),
+        ('count', np.array(4.0), 'wrong_kind'),
+        ('count', np.array(2**64 - 1, np.uint64), 'too_large'),
+        ('kind', np.array(['a']), 'wrong_shape'),
+        ('covariance', np.ones((3, 3)), 'not_definite'),
+        ('covariance', np.diag([1.0, 0.0, 1.0]), 'not_definite'),
+        ('covariance', np.eye(3) + np.eye(3, k=1), 'not_symmetric'),
+        ('information', -np.eye(3), 'not_definite'),
+        ('information', np.eye(2), 'wrong_shape'),
     ],
 )
-def test_what_is_not_as_declared_is_refused(tmp_path, name, value, names):
+def test_what_is_not_as_declared_is_refused(tmp_path, name, value, reason):
     np.savez(tmp_path / 'a.npz', **WHOLE | {name: value})
-    with pytest.raises(ArchiveError, match=names):
+    with refused(ArchiveError, reason):
         read_arrays(tmp_path / 'a.npz', DECLARED)
 
 

@@ -8,6 +8,7 @@ from pneunet_ros.files.model_file import load_model
 from pneunet_ros.model.equilibrium import solve
 import pytest
 from support.moving_arm import motion_of, up_and_down
+from support.refusals import refused
 
 
 @pytest.fixture(scope='module')
@@ -76,9 +77,9 @@ def test_a_loaded_arm_is_elsewhere(arm, motion):
 
 
 def test_pressures_beyond_the_range_are_refused(arm, motion):
-    with pytest.raises(RequestError, match='50001 Pa'):
+    with pytest.raises(RequestError):
         motion.targets(50_001.0)
-    with pytest.raises(RequestError, match='no shape at'):
+    with refused(RequestError, 'no_shape'):
         motion_of(arm, (0.0, 200e3))
 
 

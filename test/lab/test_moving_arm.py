@@ -239,13 +239,13 @@ def test_what_links_cannot_do_is_refused():
         simulate(
             dataclasses.replace(held(), motion=LabMotion(peg_x=0.05, peg_y=0.0, peg_radius=0.01))
         )
-    for wrong in (
-        {'turn_share': (0.0, 0.5)},
-        {'turn_angle': (0.0, 1.0, 2.0)},
-        {'gravity_x': 0.9, 'gravity_y': 0.9},
-        {'links': 8.5},
+    for reason, wrong in (
+        ('not_increasing', {'turn_share': (0.0, 0.5)}),
+        ('wrong_shape', {'turn_angle': (0.0, 1.0, 2.0)}),
+        ('no_direction', {'gravity_x': 0.9, 'gravity_y': 0.9}),
+        ('not_a_number', {'links': 8.5}),
     ):
-        with pytest.raises(RequestError, match='motion'):
+        with refused(RequestError, reason):
             LabMotion(**wrong)
 
 

@@ -162,21 +162,21 @@ def test_majidi_under_pressure_is_linear_too():
 
 
 @pytest.mark.parametrize(
-    ('changes', 'sentence'),
+    ('changes', 'reason'),
     [
-        ({'length': 0.0}, r'arm\.length = 0.0 is not within'),
-        ({'length': float('nan')}, r'arm\.length = nan'),
-        ({'weight': -1.0}, r'arm\.weight = -1.0'),
-        ({'clamp_angle': 8.0}, r'arm\.clamp_angle = 8.0'),
-        ({'length': '0.1'}, r'arm\.length must be a number in m'),
-        ({'target_arclength': [0.0, 0.2]}, r'target_arclength must increase within 0 and'),
-        ({'target_arclength': [-0.01, 0.1]}, r'target_arclength must increase within 0 and'),
-        ({'target_arclength': [0.0, 0.05, 0.05]}, r'target_arclength must increase within 0 and'),
-        ({'target_arclength': [[0.0]]}, r'target_arclength must be a list of numbers'),
+        ({'length': 0.0}, 'out_of_bounds'),
+        ({'length': float('nan')}, 'out_of_bounds'),
+        ({'weight': -1.0}, 'out_of_bounds'),
+        ({'clamp_angle': 8.0}, 'out_of_bounds'),
+        ({'length': '0.1'}, 'not_a_number'),
+        ({'target_arclength': [0.0, 0.2]}, 'not_increasing'),
+        ({'target_arclength': [-0.01, 0.1]}, 'not_increasing'),
+        ({'target_arclength': [0.0, 0.05, 0.05]}, 'not_increasing'),
+        ({'target_arclength': [[0.0]]}, 'wrong_shape'),
     ],
 )
-def test_wrong_arms_are_refused(changes, sentence):
-    with pytest.raises(ModelError, match=sentence):
+def test_wrong_arms_are_refused(changes, reason):
+    with refused(ModelError, reason):
         rebuilt(paper_arm(), **changes)
 
 
@@ -294,18 +294,18 @@ def test_a_covariance_names_quantities_of_the_model():
 
 
 @pytest.mark.parametrize(
-    ('names', 'factor', 'sentence'),
+    ('names', 'factor', 'reason'),
     [
-        (('arm.length',), [[1e-6], [1e-6]], r'a row for each of 1 quantities'),
-        (('arm.length',), [[1e-6] * 13], r'1 to 12 columns, not 1 x 13'),
-        (('arm.length',), [[]], r'1 to 12 columns, not 1 x 0'),
-        (('arm.length', 'arm.length'), [[1e-6]] * 2, 'names a quantity twice'),
-        (('arm.length',), [[np.nan]], 'factor holds NaN'),
-        (('arm.length',), [1e-6], 'factor must be a list of rows'),
+        (('arm.length',), [[1e-6], [1e-6]], 'wrong_shape'),
+        (('arm.length',), [[1e-6] * 13], 'wrong_shape'),
+        (('arm.length',), [[]], 'wrong_shape'),
+        (('arm.length', 'arm.length'), [[1e-6]] * 2, 'given_twice'),
+        (('arm.length',), [[np.nan]], 'not_finite'),
+        (('arm.length',), [1e-6], 'wrong_shape'),
     ],
 )
-def test_wrong_covariances_are_refused(names, factor, sentence):
-    with pytest.raises(ModelError, match=sentence):
+def test_wrong_covariances_are_refused(names, factor, reason):
+    with refused(ModelError, reason):
         ModelCovariance(quantities=names, factor=factor)
 
 

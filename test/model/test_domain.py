@@ -174,23 +174,23 @@ def test_what_is_known_is_said_in_words():
 
 
 @pytest.mark.parametrize(
-    ('pressure', 'end_load', 'words'),
+    ('pressure', 'end_load', 'reason'),
     [
-        ([0.0], [[0, 0, 0, 0]], 'the lowest and the highest pressure'),
-        ([6e4, 0.0], [[0, 0, 0, 0]], 'the lowest and the highest pressure'),
-        ([0.0, math.nan], [[0, 0, 0, 0]], 'domain.pressure holds NaN'),
-        ([0.0, 6e4], [[0, math.inf, 0, 0]], 'domain.end_load holds NaN or infinity'),
-        ([0.0, 6e4], [[0, 0, 0]], 'rows of F1'),
-        ([0.0, 6e4], [], 'a list of rows of numbers'),
-        ([0.0, 6e4], [0, 0, 0, 0], 'a list of rows of numbers'),
-        ([0.0, 6e4], [[0, 0, 0, 0], [0, 0, 0]], 'rows of equal length'),
-        ([0.0, 6e4], [['a', 0, 0, 0]], 'a table of numbers'),
-        ([0.0, 6e4], [[0, 0, 0, 0]] * (MOST_LOADS + 1), f'1 to {MOST_LOADS} rows'),
-        ([0.0, 6e4], [[0, 0, 0, 7e4]], 'a pressure outside domain.pressure, 0 to 60000 Pa'),
+        ([0.0], [[0, 0, 0, 0]], 'wrong_shape'),
+        ([6e4, 0.0], [[0, 0, 0, 0]], 'wrong_shape'),
+        ([0.0, math.nan], [[0, 0, 0, 0]], 'not_finite'),
+        ([0.0, 6e4], [[0, math.inf, 0, 0]], 'not_finite'),
+        ([0.0, 6e4], [[0, 0, 0]], 'wrong_shape'),
+        ([0.0, 6e4], [], 'wrong_shape'),
+        ([0.0, 6e4], [0, 0, 0, 0], 'wrong_shape'),
+        ([0.0, 6e4], [[0, 0, 0, 0], [0, 0, 0]], 'not_a_table'),
+        ([0.0, 6e4], [['a', 0, 0, 0]], 'not_a_table'),
+        ([0.0, 6e4], [[0, 0, 0, 0]] * (MOST_LOADS + 1), 'wrong_shape'),
+        ([0.0, 6e4], [[0, 0, 0, 7e4]], 'out_of_bounds'),
     ],
 )
-def test_what_is_no_domain_is_refused(pressure, end_load, words):
-    with pytest.raises(ModelError, match=words):
+def test_what_is_no_domain_is_refused(pressure, end_load, reason):
+    with refused(ModelError, reason):
         Domain(pressure=pressure, end_load=end_load)
 
 

@@ -99,7 +99,7 @@ def test_the_moment_is_that_of_the_end_load():
     ],
 )
 def test_requests_that_make_no_sense_are_refused(arguments):
-    with pytest.raises(RequestError, match=r'must be a finite number|at least 2 stations'):
+    with refused(RequestError, 'too_few' if 'stations' in arguments else 'not_finite'):
         solve(paper_arm(), **arguments)
 
 

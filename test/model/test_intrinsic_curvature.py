@@ -9,6 +9,7 @@ from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 import pytest
 from scipy.interpolate import CubicSpline
 from support.example_arms import LENGTH, paper_arm
+from support.refusals import refused
 
 PRESSURE = [0.0, 20e3, 55e3]
 ARCLENGTH = [0.0, 0.3, 0.5, 0.8, 1.0]
@@ -94,32 +95,32 @@ def test_a_single_row_is_the_same_at_any_pressure():
 
 
 @pytest.mark.parametrize(
-    ('changes', 'sentence'),
+    ('changes', 'reason'),
     [
-        ({'pressure': []}, r'pressure must hold strictly increasing values in Pa, one or more'),
-        ({'pressure': [0.0, 5e3, 5e3]}, 'pressure must hold strictly increasing'),
-        ({'pressure': [0.0, 30e3, 20e3]}, 'pressure must hold strictly increasing'),
-        ({'pressure': 5.0}, 'pressure must be a list of numbers'),
-        ({'pressure': [0.0, np.nan, 9.0]}, 'pressure holds NaN or infinity'),
-        ({'pressure': ['low', 'high', 'top']}, 'pressure must be a table of numbers'),
-        ({'arclength': [0.1, 0.3, 0.5, 0.8, 1.0]}, r'must increase from 0.0 to 1.0'),
-        ({'arclength': [0.0, 0.3, 0.5, 0.8, 0.112]}, r'must increase from 0.0 to 1.0'),
-        ({'arclength': [0.0, 0.5, 0.3, 0.8, 1.0]}, r'must increase from 0.0 to 1.0'),
-        ({'arclength': [0.0]}, r'must increase from 0.0 to 1.0'),
-        ({'curvature': CURVATURE[:2]}, '3 x 5, not 2 x 5'),
-        ({'curvature': np.transpose(CURVATURE)}, '3 x 5, not 5 x 3'),
-        ({'curvature': [1.0, 2.0]}, 'curvature must be a list of rows of numbers'),
-        ({'curvature': [[1, 2], [3]]}, 'rows of equal length'),
-        ({'curvature': [[1, 2, 3, 4, np.inf]] * 3}, 'curvature holds NaN or infinity'),
-        ({'curvature': None}, 'curvature must be a table of numbers'),
-        ({'pressure': [False, 20e3, 55e3]}, 'pressure must be a table of numbers'),
-        ({'pressure': ['0', '20e3', '55e3']}, 'pressure must be a table of numbers'),
-        ({'pressure': [0, 1, 10**400]}, 'pressure must be a table of numbers'),
-        ({'curvature': [[1.7e308, -1.7e308, 0, 0, 0]] * 3}, 'a number larger than 1e'),
+        ({'pressure': []}, 'not_increasing'),
+        ({'pressure': [0.0, 5e3, 5e3]}, 'not_increasing'),
+        ({'pressure': [0.0, 30e3, 20e3]}, 'not_increasing'),
+        ({'pressure': 5.0}, 'wrong_shape'),
+        ({'pressure': [0.0, np.nan, 9.0]}, 'not_finite'),
+        ({'pressure': ['low', 'high', 'top']}, 'not_a_table'),
+        ({'arclength': [0.1, 0.3, 0.5, 0.8, 1.0]}, 'not_increasing'),
+        ({'arclength': [0.0, 0.3, 0.5, 0.8, 0.112]}, 'not_increasing'),
+        ({'arclength': [0.0, 0.5, 0.3, 0.8, 1.0]}, 'not_increasing'),
+        ({'arclength': [0.0]}, 'not_increasing'),
+        ({'curvature': CURVATURE[:2]}, 'wrong_shape'),
+        ({'curvature': np.transpose(CURVATURE)}, 'wrong_shape'),
+        ({'curvature': [1.0, 2.0]}, 'wrong_shape'),
+        ({'curvature': [[1, 2], [3]]}, 'not_a_table'),
+        ({'curvature': [[1, 2, 3, 4, np.inf]] * 3}, 'not_finite'),
+        ({'curvature': None}, 'not_a_table'),
+        ({'pressure': [False, 20e3, 55e3]}, 'not_a_table'),
+        ({'pressure': ['0', '20e3', '55e3']}, 'not_a_table'),
+        ({'pressure': [0, 1, 10**400]}, 'not_a_table'),
+        ({'curvature': [[1.7e308, -1.7e308, 0, 0, 0]] * 3}, 'too_large'),
     ],
 )
-def test_wrong_tables_are_refused(changes, sentence):
-    with pytest.raises(ModelError, match=sentence) as caught:
+def test_wrong_tables_are_refused(changes, reason):
+    with refused(ModelError, reason) as caught:
         table(**changes)
     assert str(caught.value).startswith('intrinsic_curvature.')
 

@@ -21,6 +21,7 @@ from support.example_arms import (
     two_sections,
 )
 from support.random_rods import random_case
+from support.refusals import refused
 
 FIELDS = ('x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment')
 
@@ -229,5 +230,5 @@ def test_pressure_out_of_range_is_said_before_anything():
     ],
 )
 def test_requests_that_make_no_sense_are_refused(arguments):
-    with pytest.raises(RequestError, match=r'must be a finite number|at least 2 stations'):
+    with refused(RequestError, 'too_few' if 'stations' in arguments else 'not_finite'):
         solve_tip(paper_arm(), **arguments)

@@ -107,7 +107,7 @@ def test_majidi_stays_positive_over_its_range():
 @pytest.mark.parametrize('name', ['modulus', *GEOMETRY])
 @pytest.mark.parametrize('value', [0.0, -1.0, np.nan, 'thick'])
 def test_majidi_refuses_what_is_no_size(name, value):
-    with pytest.raises(ModelError, match=rf'^moment_law\.{name} '):
+    with refused(ModelError, 'not_a_number' if value == 'thick' else 'out_of_bounds'):
         MajidiLaw(**({'modulus': 1e6, **GEOMETRY} | {name: value}))
 
 

@@ -20,6 +20,7 @@ from pneunet_ros.messages.point_cloud import cloud_points
 import pytest
 from ruamel.yaml import YAML
 from support.bursts import has_answered, RATES, RELIABLE, REPLAYS, text, write_bursts
+from support.refusals import refused
 
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
@@ -190,8 +191,9 @@ def test_a_block_goes_to_the_nodes_that_have_its_parameters():
 
 @pytest.mark.parametrize('key', ['wrench_sing', 'fusion.wrench_required', 'topics', 'pump.rate'])
 def test_a_key_that_nobody_knows_is_refused(key):
-    with pytest.raises(RequestError, match=rf'left\.{key}'):
+    with refused(RequestError, 'unknown_key') as caught:
         block_of('left', {f'left.{key}': 1})
+    assert key in str(caught.value)
 
 
 @pytest.mark.parametrize('arms', [(), ('a', 'a'), ('a b',), ('fusion',), ('',)])
@@ -223,12 +225,12 @@ def test_mounts_are_of_all_arms_or_of_none():
     blocks = {arm: block_of(arm, {}) for arm in ARMS}
     assert gripper_of(GripperSettings(), blocks) is None
     mounted = block_of('left', {'left.mount': [0.0, -0.045, 0.0, 0.0, 0.0, 0.0]})
-    with pytest.raises(RequestError, match='right'):
+    with refused(RequestError, 'missing'):
         gripper_of(GripperSettings(), blocks | {'left': mounted})
     played, frames = played_gripper([], '/hand/gripper')
     assert set(played.mounts) == set(ARMS)
     assert frames == {arm: f'{arm}_base' for arm in ARMS}
-    with pytest.raises(RequestError, match='mount'):
+    with refused(RequestError, 'missing'):
         played_gripper([share_path('config/fusion.yaml')], '/hand/gripper')
 
 

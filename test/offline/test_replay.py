@@ -37,6 +37,7 @@ from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
 from support.made_recordings import PRESSURE, pressure, STEP_NS, WRENCH, wrench
 from support.random_estimates import plain
+from support.refusals import refused
 
 ESTIMATOR = Estimator(arm=load_model(share_path('config/paper_arm.yaml')))
 TYPES = {'end_wrench': WRENCH_TYPE, 'pressure': PRESSURE_TYPE, 'targets': POINTS_TYPE}
@@ -227,7 +228,7 @@ def test_a_message_that_is_no_reading_is_counted_and_the_replay_goes_on(tmp_path
 
 def test_an_unloaded_replay_reads_the_pressure_alone(tmp_path):
     record(tmp_path / 'in.mcap', [item for item in readings() if item[0] == PRESSURE])
-    with pytest.raises(RecordingError, match='no topic end_wrench'):
+    with refused(RecordingError, 'no_topic'):
         input_topics(open_recording(tmp_path / 'in.mcap'), ESTIMATOR, {})
     unloaded = Estimator(arm=ESTIMATOR.arm, settings=EstimatorSettings(wrench_required=False))
     seen = replayed(tmp_path / 'in.mcap', tmp_path / 'out.mcap', unloaded)

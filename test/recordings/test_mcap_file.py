@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 import struct
 import tracemalloc
 import zlib
@@ -236,7 +237,7 @@ def test_a_chunk_of_empty_messages_is_refused(tmp_path):
     message = struct.pack('<BQHIQQ', Opcode.MESSAGE, 22, 1, 0, 0, 0)
     path = write_chunks(tmp_path / 'r.mcap', chunk_record(message * 200_000))
     assert path.stat().st_size < 9_000
-    with pytest.raises(RecordingError, match='more records than it has bytes'):
+    with refused(RecordingError, 'too_large'):
         open_mcap(path)
 
 
@@ -246,7 +247,7 @@ def test_a_chunk_of_records_of_no_kind_is_refused_at_once(tmp_path, monkeypatch)
     monkeypatch.setattr(
         mcap_file, 'records', lambda data: ((0, next(heads), 0) for _ in range(10**7))
     )
-    with pytest.raises(RecordingError, match='more records than it has bytes'):
+    with refused(RecordingError, 'too_large'):
         open_mcap(path)
 
 
@@ -255,7 +256,7 @@ def test_chunks_of_nothing_are_refused_before_they_fill_the_memory(tmp_path):
     path = write_chunks(tmp_path / 'r.mcap', *[nothing] * 6)
     tracemalloc.start()
     try:
-        with pytest.raises(RecordingError, match='more than 1000 times its size'):
+        with refused(RecordingError, 'too_large'):
             open_mcap(path)
         assert tracemalloc.get_traced_memory()[1] < 100_000_000
     finally:
@@ -301,18 +302,18 @@ def test_unknown_compression_is_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('content', 'sentence'),
+    ('content', 'reason'),
     [
-        (b'', 'is empty'),
-        (b'#ROSBAG V2.0\n', 'is no MCAP file'),
-        (b'SQLite format 3\0' + bytes(100), 'ros2 bag convert'),
-        (MAGIC[:5], 'is no MCAP file'),
+        (b'', 'empty'),
+        (b'#ROSBAG V2.0\n', 'wrong_kind'),
+        (b'SQLite format 3\0' + bytes(100), 'wrong_kind'),
+        (MAGIC[:5], 'wrong_kind'),
     ],
 )
-def test_what_is_no_recording_is_refused(tmp_path, content, sentence):
+def test_what_is_no_recording_is_refused(tmp_path, content, reason):
     path = tmp_path / 'r.mcap'
     path.write_bytes(content)
-    with pytest.raises(RecordingError, match=rf'r\.mcap {sentence}|{sentence}'):
+    with refused(RecordingError, reason):
         open_mcap(path)
 
 
@@ -328,8 +329,9 @@ def test_what_is_no_recording_is_refused(tmp_path, content, sentence):
 def test_the_verb_that_takes_a_film_or_a_table_is_named(tmp_path, name, sentence):
     path = tmp_path / name
     path.write_bytes(b'time_s,pressure_pa')
-    with pytest.raises(RecordingError, match=sentence):
+    with refused(RecordingError, 'wrong_kind') as caught:
         open_mcap(path)
+    assert re.search(sentence, str(caught.value))
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path):

@@ -179,7 +179,7 @@ def test_a_frame_that_is_said_once_holds_for_ever(tmp_path):
 def test_what_is_no_gravity_is_said_by_all_who_ask_for_it(tmp_path, messages, words, capsys):
     path = tmp_path / 'bad.mcap'
     recording = with_messages(path, messages)
-    with pytest.raises(RecordingError, match=words):
+    with refused(RecordingError, 'no_gravity'):
         read_gravity(recording, {}, AS_SHIPPED, AS_MODEL)
     assert read_gravity(recording, {}, AS_SHIPPED, gravity_of([0.0, -1.0], fixed=True)) is None
     assert main(['check', str(path), '--json']) == 0

@@ -285,11 +285,21 @@ def test_a_message_of_another_type_is_an_error_with_topic_and_time(tmp_path):
         next(recording.messages(['/w']))
 
 
-@pytest.mark.parametrize('text', ['', '[]', 'a: 1', '\0', 'rosbag2_bagfile_information: {}', '{'])
-def test_other_metadata_is_refused(tmp_path, text):
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('', 'not_a_mapping'),
+        ('[]', 'not_a_mapping'),
+        ('a: 1', 'not_a_mapping'),
+        ('\0', 'not_yaml'),
+        ('rosbag2_bagfile_information: {}', 'wrong_form'),
+        ('{', 'not_yaml'),
+    ],
+)
+def test_other_metadata_is_refused(tmp_path, text, reason):
     folder = write_readings(tmp_path / 'bag')
     (folder / 'metadata.yaml').write_text(text)
-    with pytest.raises(RecordingError, match=r'bag/metadata\.yaml(:| is not valid YAML)'):
+    with refused(RecordingError, reason):
         open_recording(folder)
 
 
@@ -333,12 +343,15 @@ def test_pictures_beside_recordings_make_no_folder_of_images(tmp_path):
         open_recording(folder)
 
 
-@pytest.mark.parametrize('name', [r'a\0b', r'\ud800', r'..', r''])
-def test_a_name_that_no_file_of_a_folder_can_have_is_refused(tmp_path, name):
+@pytest.mark.parametrize(
+    ('name', 'reason'),
+    [(r'a\0b', 'not_yaml'), (r'\ud800', 'not_yaml'), (r'..', 'wrong_form'), (r'', 'wrong_form')],
+)
+def test_a_name_that_no_file_of_a_folder_can_have_is_refused(tmp_path, name, reason):
     folder = write_readings(tmp_path / 'bag')
     metadata = folder / 'metadata.yaml'
     metadata.write_text(metadata.read_text().replace('- bag.mcap', f'- "{name}"', 1))
-    with pytest.raises(RecordingError, match=r'bag/metadata\.yaml'):
+    with refused(RecordingError, reason):
         open_recording(folder)
 
 

@@ -153,8 +153,9 @@ def test_recordings_that_only_share_a_folder_are_not_taken_for_one(tmp_path):
 )
 def test_damaged_files_are_a_sentence(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(RecordingError, match=name):
+    with pytest.raises(RecordingError) as caught:
         open_recording(tmp_path / name)
+    assert caught.value.reason in ('empty', 'wrong_kind', 'damaged')
 
 
 def copies() -> set[Path]:

@@ -118,7 +118,7 @@ def motion_of(
     def shape_at(pressure: float) -> Array:
         shape = solve(arm, pressure, force=force, stations=STATIONS)
         if not shape.converged:
-            raise RequestError(f'the arm has no shape at {pressure:.6g} Pa: {shape.status}')
+            raise RequestError(shape.status, reason='no_shape')
         return np.array([shape.x, shape.y, shape.theta])
 
     arclength = station_arclength(arm.length, STATIONS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from pneunet_ros.core.errors import PneunetError
@@ -15,3 +15,8 @@ def refused(error: type[PneunetError], reason: str) -> Iterator[pytest.Exception
     with pytest.raises(error) as caught:
         yield caught
     assert caught.value.reason == reason, caught.value
+
+
+def reasons(notes: Iterable[str]) -> list[str]:
+    """Return the keys of notes, '' for a sentence without one."""
+    return [getattr(note, 'reason', '') for note in notes]

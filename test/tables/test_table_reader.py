@@ -353,17 +353,17 @@ def test_a_comment_above_a_line_of_names_names_nothing(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'reason'),
     [
-        ('# by Anna, second try\n0,1\n1,2\n', 'line 2 is a row already, and no comment above it'),
-        ('# Rig 7\n\n# a, b\n0.5;\n', 'line 4 is a row already.*such as time_s;pressure_kpa'),
-        ('0,1\n1,2\n', 'line 1 is a row already; write a line above it that names each column'),
-        ('# t, p\n0,1\n', r"the columns 't' \(time_\(.*, 'p' \(pressure_\("),
-        ('# time_s, pressure_kpa\n0,1,2\n', 'line 2: 3 cells, but there are 2 columns'),
+        ('# by Anna, second try\n0,1\n1,2\n', 'no_header'),
+        ('# Rig 7\n\n# a, b\n0.5;\n', 'no_header'),
+        ('0,1\n1,2\n', 'no_header'),
+        ('# t, p\n0,1\n', 'unknown_column'),
+        ('# time_s, pressure_kpa\n0,1,2\n', 'wrong_shape'),
     ],
 )
-def test_where_nothing_names_the_columns_this_is_said(tmp_path, text, said):
-    with pytest.raises(RecordingError, match=said):
+def test_where_nothing_names_the_columns_this_is_said(tmp_path, text, reason):
+    with refused(RecordingError, reason):
         read(tmp_path, text)
 
 
@@ -428,9 +428,9 @@ def test_a_name_that_may_have_been_meant_is_asked_for(written, likely):
 
 
 def test_all_unknown_columns_are_named_at_once_before_any_cell_is_read(tmp_path):
-    said = r"the columns 'presure_kpa' \(pressure_kpa\?\), 'valve', 'note' are not known"
-    with pytest.raises(RecordingError, match=said):
+    with refused(RecordingError, 'unknown_column') as caught:
         read(tmp_path, 'time_s,presure_kpa,valve,note\n1,2,open,ok\n')
+    assert all(name in str(caught.value) for name in ('presure_kpa', 'valve', 'note'))
 
 
 @pytest.mark.parametrize(
@@ -467,18 +467,18 @@ def test_units_below_the_names_are_units(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'reason'),
     [
-        ('Time,Pressure\ns,furlong\n0,1\n', "'Pressure [furlong]'"),
-        ('time_s,pressure_kpa\ns,mbar\n0,1\n', "'pressure_kpa [mbar]'"),
-        ('Time,Pressure\ns,kPa\n0,1\nx,2\n', 'line 4, column time_s'),
-        ('Time,Pressure\ns,kPa\n', 'no rows'),
-        ('time_s,pressure_kpa\ns,1\n', "line 2, column time_s: 's' is no number"),
-        ('time_s,pressure_kpa\nhello,world\n', "line 2, column time_s: 'hello' is no number"),
+        ('Time,Pressure\ns,furlong\n0,1\n', 'unknown_column'),
+        ('time_s,pressure_kpa\ns,mbar\n0,1\n', 'unknown_column'),
+        ('Time,Pressure\ns,kPa\n0,1\nx,2\n', 'not_a_number'),
+        ('Time,Pressure\ns,kPa\n', 'no_row'),
+        ('time_s,pressure_kpa\ns,1\n', 'not_a_number'),
+        ('time_s,pressure_kpa\nhello,world\n', 'not_a_number'),
     ],
 )
-def test_a_line_of_units_that_does_not_fit_is_refused(tmp_path, text, said):
-    with pytest.raises(RecordingError, match=re.escape(said)):
+def test_a_line_of_units_that_does_not_fit_is_refused(tmp_path, text, reason):
+    with refused(RecordingError, reason):
         read(tmp_path, text)
 
 
@@ -704,19 +704,20 @@ ms,kPa,x0_mm,y0_mm,x1_mm,y1_mm,tip_x_mm,tip_y_mm,tip_heading_deg
 @pytest.mark.parametrize(
     ('pair', 'pose', 'asked'),
     [
-        ('0,0', '90,2,3', 'target 1 is (0, 0) in 1 of 4 rows, first in line 3'),
-        ('-1,-1', '90,2,3', 'target 1 is (-1, -1)'),
-        ('50,1', '9999,9999,9999', 'the tip is (9999, 9999)'),
-        ('50,1', '90,2,9999', 'tip_heading_deg is (9999)'),
-        ('50,1', '90,2,3', 'pressure_kpa is (-1) in 2 of 4 rows'),
+        ('0,0', '90,2,3', '(0, 0)'),
+        ('-1,-1', '90,2,3', '(-1, -1)'),
+        ('50,1', '9999,9999,9999', '(9999, 9999)'),
+        ('50,1', '90,2,9999', 'tip_heading_deg'),
+        ('50,1', '90,2,3', 'pressure_kpa'),
     ],
 )
 def test_numbers_that_seem_to_stand_for_nothing_are_asked_about(tmp_path, pair, pose, asked):
     text = UNSEEN.format(pair=pair, pose=pose)
     if 'pressure' not in asked:
         text = text.replace(',-1,0,0,5', ',1,0,0,5')
-    with pytest.raises(RecordingError, match=re.escape(asked)) as caught:
+    with refused(RecordingError, 'placeholder') as caught:
         read(tmp_path, text)
+    assert asked in str(caught.value)
     assert '--missing' in str(caught.value)
     assert read(tmp_path, text, missing=()).counts()['pressure'] == 4
 

@@ -269,15 +269,11 @@ def test_a_whole_image_is_taken(binning, region):
 
 
 @pytest.mark.parametrize(
-    ('binning', 'region', 'sentence'),
-    [
-        ((2, 2), (0, 0, 0, 0), 'binning 2 x 2'),
-        ((1, 1), (0, 0, 320, 480), 'region of interest'),
-        ((1, 1), (8, 0, 0, 0), 'region of interest'),
-    ],
+    ('binning', 'region'),
+    [((2, 2), (0, 0, 0, 0)), ((1, 1), (0, 0, 320, 480)), ((1, 1), (8, 0, 0, 0))],
 )
-def test_a_part_of_an_image_is_refused(binning, region, sentence):
-    with pytest.raises(CameraError, match=sentence):
+def test_a_part_of_an_image_is_refused(binning, region):
+    with refused(CameraError, 'not_supported'):
         check_whole_image(lens(), binning, region)
 
 

@@ -11,6 +11,7 @@ from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CONSISTENCY, SameArmSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters, NANOSECONDS_PER_SECOND
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.linearization import FittedRun
@@ -100,13 +101,13 @@ def chord(run: RecordingData) -> Array:
     return np.stack([run.x[:, last] - run.x[:, first], run.y[:, last] - run.y[:, first]])
 
 
-def describe_misfit(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[str]:
+def describe_misfit(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[Note]:
     """Return a sentence where the model misses the targets by much more than noise explains."""
     chi_squared = fit.chi_squared / max(fit.dof, 1)
     if chi_squared < settings.misfit:
         return []
-    few = '' if outlier_recordings(fit, settings) else misfit_of_few(fit, settings)
-    if few:
+    few = None if outlier_recordings(fit, settings) else misfit_of_few(fit, settings)
+    if few is not None:
         return [few]
     residual = np.concatenate([run.residual[run.solved].ravel() for run in fit.runs])
     seen = residual[np.isfinite(residual)]
@@ -115,14 +116,17 @@ def describe_misfit(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[s
         rms = float(np.sqrt(np.mean(seen**2)))
         missed = f'the targets by {millimeters(rms):.3g} mm rms per coordinate,'
     return [
-        f'the model misses {missed} '
-        f'{np.sqrt(chi_squared):.2g} times the noise: an effect is missing, and the standard '
-        'errors are too small. Run `pneunet diagnose`'
+        Note(
+            f'the model misses {missed} '
+            f'{np.sqrt(chi_squared):.2g} times the noise: an effect is missing, and the standard '
+            'errors are too small. Run `pneunet diagnose`',
+            reason='misfit',
+        )
     ]
 
 
-def misfit_of_few(fit: Fit, settings: SameArmSettings) -> str:
-    """Return the note that only a few frames misfit; empty if more do, or none."""
+def misfit_of_few(fit: Fit, settings: SameArmSettings) -> Note | None:
+    """Return the note that only a few frames misfit; None if more do, or none."""
     counts = [run.dof > 0 for run in fit.runs]
     whitened, dof = (
         np.concatenate([values[here] for values, here in zip(parts, counts, strict=True)])
@@ -132,7 +136,7 @@ def misfit_of_few(fit: Fit, settings: SameArmSettings) -> str:
     missed = worst[whitened[worst] > settings.misfit * dof[worst]]
     others = np.delete(np.arange(dof.size), worst)
     if not missed.size or whitened[others].sum() > settings.others_fit * dof[others].sum():
-        return ''
+        return None
     run_of = np.repeat(np.arange(len(fit.runs)), [int(here.sum()) for here in counts])
     where = ', '.join(
         f'{count} of {fit.runs[which].run.name}'
@@ -145,15 +149,16 @@ def misfit_of_few(fit: Fit, settings: SameArmSettings) -> str:
             'shapes; read the force with less noise, keep away from such loads, or look at the '
             'targets there'
         )
-    return (
+    return Note(
         f'{missed.size} of {dof.size} frames are missed by far more than noise explains '
-        f'({where}), and the others are not, so that the standard errors are too small: {cause}'
+        f'({where}), and the others are not, so that the standard errors are too small: {cause}',
+        reason='few_misfit',
     )
 
 
 def describe_pressure_noise(
     pressure_std: float, span: float, settings: SameArmSettings = CONSISTENCY
-) -> list[str]:
+) -> list[Note]:
     """Return a sentence where the pressure (Pa) is read with so much noise that errors are biased.
 
     span (Pa): of the pressures. What is proportional to pressure, on average, is taken for less:
@@ -162,13 +167,17 @@ def describe_pressure_noise(
     if not pressure_std > settings.noisy_pressure * span > 0.0:
         return []
     return [
-        f'the noise of the pressure is {100.0 * pressure_std / span:.2g} % of its range: the '
-        'standard errors are too small (in the virtual lab by a factor of 2.2 at 2.3 %, and of '
-        '3.6 at 3 %); average its readings before they are recorded, or take a better sensor'
+        Note(
+            f'the noise of the pressure is {100.0 * pressure_std / span:.2g} % of its range: the '
+            'standard errors are too small (in the virtual lab by a factor of 2.2 at 2.3 %, and '
+            'of 3.6 at 3 %); average its readings before they are recorded, or take a better '
+            'sensor',
+            reason='noisy_pressure',
+        )
     ]
 
 
-def outlier_recordings(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[str]:
+def outlier_recordings(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[Note]:
     """Return a sentence on each recording that the model says far worse than the others.
 
     A few frames of a recording, which it says worst, do not count.
@@ -181,9 +190,12 @@ def outlier_recordings(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> lis
             settings.outlier, settings.times_others * float(np.median(others))
         ):
             notes.append(
-                f'{item.run.name} does not fit the others: chi squared per coordinate is '
-                f'{chi[which]:.3g}, theirs {np.median(others):.3g}; is it of the same arm, with '
-                'the same sensors?'
+                Note(
+                    f'{item.run.name} does not fit the others: chi squared per coordinate is '
+                    f'{chi[which]:.3g}, theirs {np.median(others):.3g}; is it of the same arm, '
+                    'with the same sensors?',
+                    reason='outlier',
+                )
             )
     return notes
 

@@ -21,6 +21,7 @@ from pneunet_ros.calibration.noise_estimate import RESTS, white_of_targets
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings, NOISE_ESTIMATE
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import PneunetError, RecordingError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY
 from pneunet_ros.measurement.dataset import (
     IDLE_SENSOR,
@@ -113,12 +114,13 @@ class FramesInMotion:
         return {name: getattr(self, name) for name in names}
 
     @property
-    def left_out(self) -> str:
+    def left_out(self) -> Note:
         """The same of an arm whose statics are asked, and what to do about it."""
-        return (
+        return Note(
             f'{self.sentence}, and were left out, because the fit is static. Change pressure and '
             'load slowly, or wait for the arm to settle; calibrate --motion fits mass and damping '
-            'to such frames'
+            'to such frames',
+            reason='in_motion',
         )
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import IDENTIFIABILITY, IdentifiabilitySettings
+from pneunet_ros.core.notes import Note
 
 
 def undetermined_quantities(
     fit: Fit, settings: IdentifiabilitySettings = IDENTIFIABILITY
-) -> list[str]:
+) -> list[Note]:
     """Return sentences on quantities that stayed at their prior and on pairs that go together."""
     notes = []
     names, change = fit.parameters.quantities()
@@ -23,8 +24,11 @@ def undetermined_quantities(
     ]
     if kept:
         notes.append(
-            f'{len(kept)} of {len(names)} quantities are barely observable in these recordings: '
-            f'their values and errors are those of the prior: {", ".join(kept)}'
+            Note(
+                f'{len(kept)} of {len(names)} quantities are barely observable in these '
+                f'recordings: their values and errors are those of the prior: {", ".join(kept)}',
+                reason='not_determined',
+            )
         )
     laws = [place for place, name in enumerate(names) if name.startswith('moment_law.')]
     correlation = after / np.outer(std, std)
@@ -40,15 +44,21 @@ def undetermined_quantities(
         one, other, value = max(pairs, key=lambda pair: abs(pair[2]))
         others = f'; nor can {len(pairs) - 1} other pairs of them' if len(pairs) > 1 else ''
         notes.append(
-            f'{one} and {other} cannot be distinguished with these data (correlation {value:.3f})'
-            + others
+            Note(
+                f'{one} and {other} cannot be distinguished with these data (correlation '
+                f'{value:.3f})' + others,
+                reason='not_distinguished',
+            )
         )
     if not fit.converged:
-        notes.append(f'the fit has not converged: {fit.status}')
+        notes.append(Note(f'the fit has not converged: {fit.status}', reason='not_settled'))
     elif fit.status != 'converged':
         notes.append(
-            f'the fit has not quite settled ({fit.status}): the model cannot explain these '
-            'recordings; see what `pneunet diagnose` finds missing in it'
+            Note(
+                f'the fit has not quite settled ({fit.status}): the model cannot explain these '
+                'recordings; see what `pneunet diagnose` finds missing in it',
+                reason='not_quite_settled',
+            )
         )
     return notes
 

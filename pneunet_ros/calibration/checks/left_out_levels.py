@@ -19,6 +19,7 @@ from pneunet_ros.calibration.first_curvature import arc_curvature, tip_turns
 from pneunet_ros.calibration.low_rank import jacobian_at
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.measurement.dataset import RecordingData
@@ -79,7 +80,7 @@ class LeftOutLevels:
         return 'a constant curvature' if least == self.arc else 'interpolation'
 
     @property
-    def sentence(self) -> str:
+    def sentence(self) -> Note:
         """Say it to a person."""
         what = 'heading of the tip' if self.is_angle else 'tip'
         text = (
@@ -89,12 +90,14 @@ class LeftOutLevels:
             f'{self.shown(self.interpolation)}'
         )
         if not self.better:
-            return text
+            return Note(text, reason='left_out_levels')
         if self.model <= self.limit * min(self.arc, self.interpolation):
-            return f'{text}: between these pressures, {self.better} does as well'
-        return (
+            text = f'{text}: between these pressures, {self.better} does as well'
+            return Note(text, reason='as_good_without_model')
+        return Note(
             f'{text}: between these pressures, {self.better} does better; run pneunet diagnose to '
-            'find what the model lacks'
+            'find what the model lacks',
+            reason='better_without_model',
         )
 
     def shown(self, value: float) -> str:

@@ -18,6 +18,7 @@ from pneunet_ros.calibration.low_rank import jacobian_at, run_inputs
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import EXPERIMENTS, ExperimentSettings
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.notes import Note
 from pneunet_ros.measurement.forward_model import ForwardModel
 
 
@@ -39,10 +40,13 @@ class LeftOutRecordings:
         if not self.excess.any():
             return []
         return [
-            f'{self.recordings} loaded recordings, each left out of the fit: the tip moves there '
-            f'by {self.changed:.2g} times what the standard errors say, so these are widened. '
-            'Check the loads (--end-load, --wrench-sign); the model may lack something '
-            '(`pneunet diagnose`)'
+            Note(
+                f'{self.recordings} loaded recordings, each left out of the fit: the tip moves '
+                f'there by {self.changed:.2g} times what the standard errors say, so these are '
+                'widened. Check the loads (--end-load, --wrench-sign); the model may lack '
+                'something (`pneunet diagnose`)',
+                reason='left_out_recordings',
+            )
         ]
 
 

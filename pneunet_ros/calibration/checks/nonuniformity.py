@@ -28,6 +28,7 @@ from pneunet_ros.calibration.settings import (
     ResolutionSettings,
 )
 from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
 
 ROUNDING = 1e-12  # of a variance, so that it can be inverted
@@ -92,15 +93,18 @@ def shape_std(fit: Fit, settings: ExperimentSettings = EXPERIMENTS) -> tuple[flo
     return float(np.sqrt(total.max())), float(fit.parameters.arclength[worst])
 
 
-def describe_nonuniformity(fit: Fit, settings: CalibrationSettings) -> list[str]:
+def describe_nonuniformity(fit: Fit, settings: CalibrationSettings) -> list[Note]:
     """Return a sentence on how well the shape is known where few targets show it."""
     if fit.parameters.shapes is None:
         return []
     std, share = shape_std(fit, settings.experiments)
     return [
-        f'between targets the shape is uncertain by up to {millimeters(std):.2g} mm (one sigma, '
-        f'at s / l = {share:.2g}), because an arm may bend unevenly by '
-        f'{settings.resolution.nonuniform:g} of its curvature; the covariance includes this'
+        Note(
+            f'between targets the shape is uncertain by up to {millimeters(std):.2g} mm (one '
+            f'sigma, at s / l = {share:.2g}), because an arm may bend unevenly by '
+            f'{settings.resolution.nonuniform:g} of its curvature; the covariance includes this',
+            reason='uncertain_between',
+        )
     ]
 
 

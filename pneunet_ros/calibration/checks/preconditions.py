@@ -15,6 +15,7 @@ from pneunet_ros.calibration.settings import (
 )
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError, RequestError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.pressure_convention import PressureConvention
@@ -317,7 +318,7 @@ def check_clamp(run: RecordingData, arm: Arm, settings: RowOrderSettings = ROW_O
 
 def describe_clamp(
     runs: Sequence[RecordingData], arm: Arm, settings: RowOrderSettings = ROW_ORDER
-) -> tuple[str, ...]:
+) -> tuple[Note, ...]:
     """Say where the clamp moves a little with the pressure."""
     places = arm.target_arclength
     least = max(settings.clamp_moves * arm.length, settings.clamp_noise * arm.sensors.target_std)
@@ -331,9 +332,12 @@ def describe_clamp(
     if not loose:
         return ()
     return (
-        f'the first target moves as the pressure changes: {", ".join(loose)}. The clamp gives, or '
-        'the camera moved meanwhile; the model knows neither, and its errors hold this motion '
-        'as if it were noise',
+        Note(
+            f'the first target moves as the pressure changes: {", ".join(loose)}. The clamp '
+            'gives, or the camera moved meanwhile; the model knows neither, and its errors hold '
+            'this motion as if it were noise',
+            reason='clamp_moves',
+        ),
     )
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from pneunet_ros.calibration.checks.preconditions import has_one_pressure, same_pressure
 from pneunet_ros.calibration.settings import RESOLUTION, ResolutionSettings
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
@@ -34,8 +35,8 @@ class Resolution:
     pressures: int
     constant_pressure: bool
     law: str
-    notes: tuple[str, ...]
-    law_notes: tuple[str, ...]
+    notes: tuple[Note, ...]
+    law_notes: tuple[Note, ...]
 
     @property
     def free_shapes(self) -> int | None:
@@ -63,24 +64,37 @@ def resolve(
     if shapes == 1:
         shown = f'{count_of(targets, "target")}, {places(targets)}' if targets else 'one heading'
         notes.append(
-            f'the curvature along the arm is taken as constant, as no more is seen than {shown}'
+            Note(
+                'the curvature along the arm is taken as constant, as no more is seen than '
+                f'{shown}',
+                reason='constant_curvature',
+            )
         )
     elif shapes < settings.knots:
         heading = ' and a heading of the tip' if with_heading else ''
         notes.append(
-            f'the curvature along the arm is described by {shapes} numbers, as many as there are '
-            f'targets beyond the clamp that stand apart{heading} '
-            f'({count_of(targets, "target")} seen)'
+            Note(
+                f'the curvature along the arm is described by {shapes} numbers, as many as there '
+                f'are targets beyond the clamp that stand apart{heading} '
+                f'({count_of(targets, "target")} seen)',
+                reason='few_shapes',
+            )
         )
     if constant:
         notes.append(
-            f'the pressure is {kilopascals(float(np.median(pressure))):.3g} kPa throughout: the '
-            'model has one row of curvature and says nothing of any other pressure'
+            Note(
+                f'the pressure is {kilopascals(float(np.median(pressure))):.3g} kPa throughout: '
+                'the model has one row of curvature and says nothing of any other pressure',
+                reason='one_pressure',
+            )
         )
     elif pressures < settings.few_pressures:
         notes.append(
-            f'only {pressures} pressures were recorded: between them, the curvature is a smooth '
-            'interpolation'
+            Note(
+                f'only {pressures} pressures were recorded: between them, the curvature is a '
+                'smooth interpolation',
+                reason='few_pressures',
+            )
         )
     frames = sum(len(run.stamp_ns) for run in loaded)
     law, law_notes = PiecewiseLinearLaw.kind, []
@@ -88,9 +102,12 @@ def resolve(
         law = LinearLaw.kind
         other = '' if constant else f' (if it does not fit: --law {PiecewiseLinearLaw.kind})'
         law_notes.append(
-            'the moment law is one stiffness EI, as no more is seen than '
-            f'{count_of(range(frames), "loaded frame")} of {count_of(targets, "target")} at '
-            f'{count_of(range(pressures), "pressure")}{other}'
+            Note(
+                'the moment law is one stiffness EI, as no more is seen than '
+                f'{count_of(range(frames), "loaded frame")} of {count_of(targets, "target")} at '
+                f'{count_of(range(pressures), "pressure")}{other}',
+                reason='one_stiffness',
+            )
         )
     return Resolution(
         shapes=shapes,

@@ -19,6 +19,7 @@ from pneunet_ros.calibration.map_estimation import posterior_at
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import STIFFNESS_VARIATION, StiffnessVariationSettings
 from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.measurement.linearization import RunLinearization
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -212,7 +213,7 @@ def hold_variation(fit: Fit, guessed: Array) -> Fit:
 
 def describe_variation(
     fit: Fit, variation: StiffnessVariation | None, *, law_given: bool
-) -> list[str]:
+) -> list[Note]:
     """Return sentences on a stiffness that varies along the arm; none where it does not matter.
 
     law_given: whether the law was asked for, and no other one is to be tried.
@@ -228,11 +229,15 @@ def describe_variation(
     )
     other = ' Try --law piecewise_linear.' if law.sections == 1 and not law_given else ''
     return [
-        f'the stiffness seems to vary along the arm in another way than the law {law.kind} says: '
-        f'as if EI were {here} and {there}. That lowers chi squared by '
-        f'{variation.statistic:.0f} (noise alone: by less than '
-        f'{variation.settings.significant:.0f}) and moves the tip of loaded frames by '
-        f'{millimeters(variation.tips.rms):.2g} mm rms. A cause that the model lacks may look '
-        f'like it: see `pneunet diagnose`.{other} The standard errors of the stiffness are '
-        'widened until the tips of these loads are within them; for other loads that is a guess'
+        Note(
+            f'the stiffness seems to vary along the arm in another way than the law {law.kind} '
+            f'says: as if EI were {here} and {there}. That lowers chi squared by '
+            f'{variation.statistic:.0f} (noise alone: by less than '
+            f'{variation.settings.significant:.0f}) and moves the tip of loaded frames by '
+            f'{millimeters(variation.tips.rms):.2g} mm rms. A cause that the model lacks may look '
+            f'like it: see `pneunet diagnose`.{other} The standard errors of the stiffness are '
+            'widened until the tips of these loads are within them; for other loads that is a '
+            'guess',
+            reason='uneven_stiffness',
+        )
     ]

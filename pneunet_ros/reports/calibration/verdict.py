@@ -10,6 +10,7 @@ import shlex
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.result import Fit
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.measurement.linearization import FittedRun
 from pneunet_ros.measurement.tip_pose import heading_residual
@@ -40,7 +41,7 @@ class Verdict:
     """
 
     fits: bool
-    fit: str
+    fit: Note
     certainty: str
     next_step: str
     command: str
@@ -83,11 +84,11 @@ def lacks_something(calibration: Calibration, settings: ReportSettings) -> bool:
     return noise_ratio(calibration.joint) > settings.as_noise or varies(calibration)
 
 
-def fit_sentence(calibration: Calibration, settings: ReportSettings) -> str:
+def fit_sentence(calibration: Calibration, settings: ReportSettings) -> Note:
     """Say how far the model is from what was measured, in mm, in the length, and in its noise."""
     fit = calibration.joint
     if not fit.converged:
-        return f'No model: the fit did not settle ({fit.status}).'
+        return Note(f'No model: the fit did not settle ({fit.status}).', reason='not_settled')
     rms = residual_rms(fit)
     share = 100.0 * rms / fit.arm.length
     size = (
@@ -98,27 +99,32 @@ def fit_sentence(calibration: Calibration, settings: ReportSettings) -> str:
         size = f'{math.degrees(heading_rms(fit.runs)):.2g} degrees rms of the heading of the tip'
     times = noise_ratio(fit)
     if times <= settings.as_noise and varies(calibration):
-        return (
+        return Note(
             f'The model does not fit: {size}, no more than the noise of single targets, but they '
-            'are off together: the stiffness seems to vary along the arm as the moment law cannot.'
+            'are off together: the stiffness seems to vary along the arm as the moment law '
+            'cannot.',
+            reason='uneven_stiffness',
         )
     if times <= settings.as_noise:
         larger = larger_under_load(fit)
         if larger <= settings.hidden_under_load and times < settings.below_noise:
-            return (
+            return Note(
                 f'The model fits: {size}, better than the noise that was assumed: {times:.2g} '
-                'times it. Standard errors that rest on that noise are too large.'
+                'times it. Standard errors that rest on that noise are too large.',
+                reason='better_than_noise',
             )
         if larger <= settings.hidden_under_load:
-            return f'The model fits: {size}, as good as the noise.'
-        return (
+            return Note(f'The model fits: {size}, as good as the noise.', reason='fits')
+        return Note(
             f'Not sure: {size}. Loaded recordings are left {larger:.2g} times what unloaded ones '
             'are. The noise of force and pressure would make that of an arm that is so soft; the '
-            'stiffness may be far too small, or its law another one.'
+            'stiffness may be far too small, or its law another one.',
+            reason='unsure',
         )
-    return (
+    return Note(
         f'The model does not fit: {size}, worse than the noise: {times:.2g} times it. '
-        'Something is missing.'
+        'Something is missing.',
+        reason='misfit',
     )
 
 

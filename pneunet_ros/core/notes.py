@@ -1,0 +1,26 @@
+"""Sentences beside an answer, which people read and programs know by their reason."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+
+class Note(str):
+    """A sentence for a person; `reason` is its key, as that of an error or a `Refusal`."""
+
+    __slots__ = ('reason',)
+    reason: str
+
+    def __new__(cls, sentence: str, *, reason: str) -> Self:
+        """Take the sentence and its key."""
+        note = super().__new__(cls, sentence)
+        note.reason = reason
+        return note
+
+    def __getnewargs_ex__(self) -> tuple[tuple[str], dict[str, Any]]:
+        """Return what a copy in another process is made of."""
+        return (str(self),), {'reason': self.reason}
+
+    def of(self, name: str) -> Note:
+        """Return the note with what it is about before it."""
+        return Note(f'{name}: {self}', reason=self.reason)
