@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.stamps import match_stamps, Stamps
 
 END = 1e-6  # m; as far beyond its last station a curve is still known: rounding of float32
@@ -181,7 +182,7 @@ class Comparison:
     length: float
     tip: TipErrors | None
     shape: CenterlineErrors | None
-    unlike: tuple[str, ...] = ()
+    unlike: tuple[Note, ...] = ()
 
 
 def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None) -> Comparison:
@@ -222,7 +223,7 @@ def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None
     )
 
 
-def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[str, ...]:
+def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
     """Say why two sides are not of one arm, or not of one run; nothing where they may be."""
     said = []
     ends = [
@@ -233,15 +234,21 @@ def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[str, ...]:
     if len(ends) == 2 and max(ends) > LONGER * min(ends):
         long, short = (of, to) if ends[0] > ends[1] else (to, of)
         said.append(
-            f'they are of different arms: {1e3 * max(ends):.4g} mm long in {long.name}, '
-            f'{1e3 * min(ends):.4g} mm in {short.name}'
+            Note(
+                f'they are of different arms: {1e3 * max(ends):.4g} mm long in {long.name}, '
+                f'{1e3 * min(ends):.4g} mm in {short.name}',
+                reason='other_length',
+            )
         )
     for item in (of, to):
         stretch = _stretch(item.centerlines)
         if stretch > STRETCHED:
             said.append(
-                f'{item.name}: the first and the last target are {stretch:.3g} times as far apart '
-                'as on the arm: it is another arm; --model says where its targets are'
+                Note(
+                    f'{item.name}: the first and the last target are {stretch:.3g} times as far '
+                    'apart as on the arm: it is another arm; --model says where its targets are',
+                    reason='other_length',
+                )
             )
     if of.pressures is not None and to.pressures is not None:
         said += _other_pressures(of, of.pressures, to, to.pressures)
@@ -261,7 +268,7 @@ def _stretch(line: Centerlines | None) -> float:
 
 def _other_pressures(
     of: ShapeSeries, mine: Pressures, to: ShapeSeries, other: Pressures
-) -> list[str]:
+) -> list[Note]:
     """Say that the pressures of two sides differ where their stamps agree."""
     low = max(mine.stamp_ns[0], other.stamp_ns[0])
     high = min(mine.stamp_ns[-1], other.stamp_ns[-1])
@@ -274,8 +281,11 @@ def _other_pressures(
     if apart < max(OTHER_PRESSURE * span, LEAST_PRESSURE):
         return []
     return [
-        f'they are of different runs: at the same stamps the pressure of {of.name} and that of '
-        f'{to.name} differ by {1e-3 * apart:.3g} kPa rms'
+        Note(
+            f'they are of different runs: at the same stamps the pressure of {of.name} and that '
+            f'of {to.name} differ by {1e-3 * apart:.3g} kPa rms',
+            reason='other_pressure',
+        )
     ]
 
 

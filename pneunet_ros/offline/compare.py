@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.paths import resolved
 from pneunet_ros.core.units import seconds_since
 from pneunet_ros.estimation.shape_error import (
@@ -147,21 +148,30 @@ def errors_content(
     }
 
 
-def doubts(comparison: Comparison) -> list[str]:
+def doubts(comparison: Comparison) -> list[Note]:
     """Say what limits a comparison, or why there is none."""
     if comparison.unlike:
         return list(comparison.unlike)
     if comparison.tip is None and comparison.shape is None:
         sides = f'no frame of {comparison.of.name} matches one of {comparison.to.name}'
-        return [f'{sides}: {spans(comparison)}']
+        return [Note(f'{sides}: {spans(comparison)}', reason='nothing_in_common')]
     said = []
     tip = comparison.tip
     if tip is not None and not tip.at_end:
         said.append(
-            f'the tip is compared at s = {1000.0 * tip.at:.4g} mm, the last place that both know'
+            Note(
+                f'the tip is compared at s = {1000.0 * tip.at:.4g} mm, the last place that both '
+                'know',
+                reason='not_at_tip',
+            )
         )
     if not math.isfinite(comparison.length):
-        said.append('the length of the arm is not known: give --model for errors in percent of it')
+        said.append(
+            Note(
+                'the length of the arm is not known: give --model for errors in percent of it',
+                reason='unknown_length',
+            )
+        )
     return said
 
 

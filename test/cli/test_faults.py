@@ -159,7 +159,6 @@ def test_an_end_wrench_that_falls_silent_stops_the_estimates(replay, output):
     run = replay(readings)
     assert run.code == 0
     assert run.summary['rejected'] == {'stale_wrench': 1}
-    assert '0.7 s older than the pressure' in run.summary['last_refusal']
     assert estimates_in(output) == {COUNT + 1}
 
 
@@ -174,7 +173,6 @@ def test_an_end_wrench_in_another_frame_gives_no_estimate(replay, output):
     unjudged = replay(readings_file(output), '--no-judge-readings')
     assert unjudged.code == 1
     assert unjudged.summary['rejected'] == {'wrong_frame': COUNT, 'no_wrench': COUNT}
-    assert 'set wrench_frame' in unjudged.summary['last_refusal']
     assert estimates_in(output) == {0}
     assert replay(readings_file(output), '--wrench-frame', 'tool0', '--overwrite').code == 0
     assert estimates_in(output) == {COUNT}
@@ -205,7 +203,6 @@ def test_a_pressure_out_of_range_gives_no_estimate(replay, output):
     run = replay(readings)
     assert run.code == 0
     assert run.summary['rejected'] == {'out_of_range': 1}
-    assert '70 kPa is outside the calibrated range 0 to 66 kPa' in run.summary['last_refusal']
     assert estimates_in(output) == {COUNT - 1}
 
 
@@ -295,16 +292,16 @@ def test_a_wrong_model_file_is_refused_by_file_and_key(
 def test_an_output_that_exists_is_refused_and_stays(replay, output):
     output.write_text('precious')
     run = replay(good_readings())
-    assert f'{output} exists already' in refusal(run)
+    assert str(output) in refusal(run)
+    assert json.loads(run.out)['reason'] == 'exists'
     assert output.read_text() == 'precious'
 
 
 def test_the_input_is_no_output_even_with_overwrite(tmp_path, capsys):
     source = record(tmp_path / 'in.mcap', good_readings())
     before = source.read_bytes()
-    code = main(['replay', str(source), '--output', str(source), '--overwrite'])
-    assert code == 2
-    assert 'would overwrite the input' in capsys.readouterr().err
+    assert main(['replay', str(source), '--output', str(source), '--overwrite', '--json']) == 2
+    assert json.loads(capsys.readouterr().out)['reason'] == 'overwrites_input'
     assert source.read_bytes() == before
 
 

@@ -72,36 +72,36 @@ def test_what_is_not_given_is_asked_for(run, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'said'),
+    ('arguments', 'reason'),
     [
         (
             ('--length', '112mm'),
-            'give --weight, --pressure, --dot, --targets: there is no terminal',
+            'missing',
         ),
         (
             ('--length', '112', *SIZES[2:], '--targets', '9'),
-            '--length 112 is 112 m: is 112mm meant?',
+            'out_of_bounds',
         ),
-        ((*SIZES, '--places', '0', '10', '20'), '--places 20 is 20 m: is 20mm meant?'),
-        ((*SIZES, '--targets', '2'), 'a whole number from 3 to 500'),
-        ((*SIZES, '--targets', '40'), 'would be 2.5 mm apart, and need half a diameter'),
+        ((*SIZES, '--places', '0', '10', '20'), 'out_of_bounds'),
+        ((*SIZES, '--targets', '2'), 'out_of_bounds'),
+        ((*SIZES, '--targets', '40'), 'out_of_bounds'),
         (
             (*SIZES[:-1], '3furlong', '--targets', '9'),
-            "--dot: '3furlong' is not a length: write a number in m",
+            'not_a_number',
         ),
-        ((*SIZES[:-1], '0mm', '--targets', '9'), '--dot 0mm must be above zero'),
-        ((*SIZES, '--targets', '9', '--places', '0', '1'), '--targets or --places, not both'),
-        ((*SIZES, '--places', '0', '10mm', '5mm'), 'target_arclength must increase'),
-        ((*SIZES, '--targets', '9', '--output', 'arm.txt'), 'must end in .yaml'),
+        ((*SIZES[:-1], '0mm', '--targets', '9'), 'out_of_bounds'),
+        ((*SIZES, '--targets', '9', '--places', '0', '1'), 'exclusive'),
+        ((*SIZES, '--places', '0', '10mm', '5mm'), 'not_increasing'),
+        ((*SIZES, '--targets', '9', '--output', 'arm.txt'), 'wrong_suffix'),
         (
             ('--length', '0.6', *SIZES[2:], '--targets', '12'),
-            'longer than a page of A4: put the dots on by a ruler',
+            'too_large',
         ),
     ],
 )
-def test_what_makes_no_arm_is_said(run, tmp_path, arguments, said):
-    code, text = run(*arguments)
-    assert (code, said in text) == (2, True), text
+def test_what_makes_no_arm_is_said(run, tmp_path, capsys, arguments, reason):
+    main(['new-arm', *arguments, '--json'])
+    assert json.loads(capsys.readouterr().out)['reason'] == reason
     assert not list(tmp_path.iterdir())
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+import json
 
 from pneunet_ros.core.errors import PneunetError
 import pytest
@@ -20,3 +21,14 @@ def refused(error: type[PneunetError], reason: str) -> Iterator[pytest.Exception
 def reasons(notes: Iterable[str]) -> list[str]:
     """Return the keys of notes, '' for a sentence without one."""
     return [getattr(note, 'reason', '') for note in notes]
+
+
+def refusal(said: tuple[int, str, str]) -> str:
+    """Return why a command with --json was refused, of its exit code, stdout and stderr.
+
+    People are told in one line.
+    """
+    code, out, err = said
+    assert code == 2, out
+    assert err.count('\n') == 1, err
+    return json.loads(out)['reason']
