@@ -20,7 +20,3 @@ class Note(str):
     def __getnewargs_ex__(self) -> tuple[tuple[str], dict[str, Any]]:
         """Return what a copy in another process is made of."""
         return (str(self),), {'reason': self.reason}
-
-    def of(self, name: str) -> Note:
-        """Return the note with what it is about before it."""
-        return Note(f'{name}: {self}', reason=self.reason)

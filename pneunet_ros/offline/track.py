@@ -11,6 +11,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import CameraError, PneunetError, RecordingError
 from pneunet_ros.core.image import Image
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.measurement.row_order import first_target_moves, numbered_from_tip
 from pneunet_ros.messages.builders import UNREADABLE
@@ -128,12 +129,16 @@ def record_tracking(
         if topic.type in IMAGE_TYPES.values() and not with_images:
             continue
         if topic.name in {connection.topic for connection in outputs.values()}:
-            sentences.append(f'{topic.name} was there already and has been written anew')
+            sentences.append(
+                Note(
+                    f'{topic.name} was there already and has been written anew', reason='rewritten'
+                )
+            )
             continue
         try:
             copies[topic.name] = writer.add_copy(topic)
         except RecordingError as error:
-            sentences.append(f'{topic.name} was not copied: {error}')
+            sentences.append(Note(f'{topic.name} was not copied: {error}', reason=error.reason))
     serializer = MessageSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=frame_id)
     for step in track_steps(stream, tracker, copies, start):
         on_progress(step)

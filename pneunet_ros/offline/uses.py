@@ -18,6 +18,7 @@ from pneunet_ros.calibration.checks.preconditions import (
 from pneunet_ros.calibration.settings import judging, PRECONDITIONS
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.image import Image
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.diagnosis.diagnosis import with_tips
 from pneunet_ros.estimation.estimate import ShapeEstimate
@@ -236,4 +237,4 @@ def _answer(attempt: Callable[[], str]) -> dict[str, Any]:
     try:
         return {'usable': True, 'reason': attempt()}
     except PneunetError as error:
-        return {'usable': False, 'reason': str(error)}
+        return {'usable': False, 'reason': Note(str(error), reason=error.reason)}

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.between_readings import interpolate
@@ -102,15 +103,19 @@ def read_run(
     keep = TARGETS.present(points)
     if pose is not None:
         keep |= TIP_POSE.present(pose)
-    _say_left_out(sentences, frames, ~keep, 'no target was seen')
+    _say_left_out(sentences, frames, ~keep, 'no_target', 'no target was seen')
     if readings is None:
-        sentences.append('there is no pressure topic: the pressure is taken as 0 Pa')
+        sentences.append(
+            Note('there is no pressure topic: the pressure is taken as 0 Pa', reason='no_pressure')
+        )
         reading = np.arange(len(frames.stamp_ns))
     else:
         reading, keep = _match(sentences, frames, readings, keep)
         shown = frame_instants(frames.stamp_ns, readings.stamp_ns, reading)
         jumped = keep & frames_in_jumps(shown, readings.stamp_ns, readings.values[:, 0])
-        _say_left_out(sentences, frames, jumped, 'the pressure jumped between two readings')
+        _say_left_out(
+            sentences, frames, jumped, 'jump', 'the pressure jumped between two readings'
+        )
         keep &= ~jumped
     load, known = np.zeros((len(frames.stamp_ns), 3)), False
     if wrench is not None:
@@ -119,7 +124,12 @@ def read_run(
         known = by_string is not None or is_constant(wrench.values)
         if known:
             why = 'follows from a string' if by_string is not None else 'never changes'
-            sentences.append(f'{wrench.topic} {why}: a known load, which no sensor read')
+            sentences.append(
+                Note(
+                    f'{wrench.topic} {why}: a known load, which no sensor read',
+                    reason='known_load',
+                )
+            )
         if by_string is not None:  # it goes with the tip, from frame to frame
             load = np.column_stack(
                 [interpolate(frames.stamp_ns, wrench.stamp_ns, one) for one in wrench.values.T]
@@ -128,7 +138,9 @@ def read_run(
     if measured is not None:
         sentences += measured.sentences
         unknown = keep & ~measured.near(frames.stamp_ns)
-        _say_left_out(sentences, frames, unknown, 'the direction of gravity is unknown')
+        _say_left_out(
+            sentences, frames, unknown, 'no_gravity', 'the direction of gravity is unknown'
+        )
         keep &= ~unknown
     if not keep.any():
         raise RecordingError(
@@ -203,14 +215,20 @@ def _match(
     """Return the reading nearest to each frame, and which frames are still kept."""
     found, matched = nearest(frames.stamp_ns, readings)
     why = f'no {readings.topic} reading within half its period'
-    _say_left_out(sentences, frames, keep & ~matched, why)
+    _say_left_out(sentences, frames, keep & ~matched, 'unmatched', why)
     return found, keep & matched
 
 
 def _say_left_out(
-    sentences: list[str], frames: ReadingSeries, left_out: npt.NDArray[np.bool_], why: str
+    sentences: list[str],
+    frames: ReadingSeries,
+    left_out: npt.NDArray[np.bool_],
+    reason: str,
+    why: str,
 ) -> None:
     count = int(np.count_nonzero(left_out))
     if count:
         plural = '' if count == 1 else 's'
-        sentences.append(f'{frames.topic}: {count} frame{plural} left out, {why}')
+        sentences.append(
+            Note(f'{frames.topic}: {count} frame{plural} left out, {why}', reason=reason)
+        )

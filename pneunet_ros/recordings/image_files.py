@@ -182,7 +182,7 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
             index += 1
         video.release()
         if why := _breaks_off(path, index, 1 + since * own / 1e3, frames):
-            error = MessageError(f'{path} breaks off: {why}', reason='breaks_off')
+            error = MessageError(f'{path} breaks off: {why}', reason='cut_off')
             yield StreamItem(stamp_at(index, used), IMAGE_TOPIC, error, b'')
 
     clock = 'presentation times in the file' if timed else _counted(used)

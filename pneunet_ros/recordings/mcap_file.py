@@ -22,6 +22,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.recordings.file_kinds import recording_from
 from pneunet_ros.recordings.limits import LIMITS
@@ -77,7 +78,7 @@ class McapFile:
     schemas: dict[int, Schema]
     counts: dict[int, int]
     blocks: tuple[Block, ...]
-    damage: tuple[str, ...]
+    damage: tuple[Note, ...]
 
 
 class UnknownCompression(RecordingError):
@@ -240,32 +241,48 @@ class _Scan:
             schemas=self.schemas,
             counts=dict(self.counts),
             blocks=tuple(self.blocks),
-            damage=tuple(f'{self.path} {text}' for text in self._damage(reason)),
+            damage=tuple(
+                Note(f'{self.path} {note}', reason=note.reason) for note in self._damage(reason)
+            ),
         )
 
-    def _damage(self, reason: str | None) -> Iterator[str]:
+    def _damage(self, reason: str | None) -> Iterator[Note]:
         """Say what is wrong with the file."""
         count = self.counts.total()
         if self.skipped:
-            yield self._loss(count)
+            yield Note(self._loss(count), reason='damaged')
         if reason is not None:
-            yield f'{reason}: {count} messages were read'
+            why = 'cut_off' if reason == CUT_OFF else 'damaged'
+            yield Note(f'{reason}: {count} messages were read', reason=why)
         elif self.skipped:
             pass  # what follows would say the same
         elif self.data_end is None:
-            yield f'is damaged: the end of its data is not marked; {count} messages were read'
+            yield Note(
+                f'is damaged: the end of its data is not marked; {count} messages were read',
+                reason='damaged',
+            )
         elif not self._data_is_intact(*self.data_end):
             yield (
-                'is damaged outside of its chunks (the checksum of its data is wrong); '
-                f'{count} messages were read'
+                Note(
+                    'is damaged outside of its chunks (the checksum of its data is wrong); '
+                    f'{count} messages were read',
+                    reason='damaged',
+                )
             )
         elif self.announced is not None and self.announced != count + self.too_late:
-            yield f'announces {self.announced} messages, and {count} were read'
+            yield Note(
+                f'announces {self.announced} messages, and {count} were read', reason='lost'
+            )
         undefined = sum(number for key, number in self.counts.items() if key not in self.channels)
         if undefined:
-            yield f'has {undefined} messages of no topic, which are left out'
+            yield Note(
+                f'has {undefined} messages of no topic, which are left out', reason='no_topic'
+            )
         if self.too_late:
-            yield f'has {self.too_late} messages logged after the year 2262, which are left out'
+            yield Note(
+                f'has {self.too_late} messages logged after the year 2262, which are left out',
+                reason='too_late',
+            )
 
     def _loss(self, count: int) -> str:
         """Say which chunks were skipped."""

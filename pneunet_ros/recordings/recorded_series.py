@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze, LARGEST
 from pneunet_ros.core.errors import MessageError, RecordingError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.stamps import AHEAD, match_stamps, StampGate, Stamps, STARTS_ANEW
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.messages.builders import IMAGE_TYPE, Input, UNREADABLE
@@ -61,11 +62,14 @@ class ReadingSeries:
             return math.nan
         return float(np.median(np.diff(self.stamp_ns))) * 1e-9
 
-    def sentences(self) -> tuple[str, ...]:
+    def sentences(self) -> tuple[Note, ...]:
         """Say how many readings were left out, and why."""
         return tuple(
-            f'{self.topic}: {count} {self.sensor.label}{"" if count == 1 else "s"} left out, '
-            f'{REASONS[reason]}'
+            Note(
+                f'{self.topic}: {count} {self.sensor.label}{"" if count == 1 else "s"} left out, '
+                f'{REASONS[reason]}',
+                reason=reason,
+            )
             for reason, count in self.left_out.items()
         )
 

@@ -16,6 +16,7 @@ from typing import Any, BinaryIO, NamedTuple
 
 from mcap.records import Channel
 from pneunet_ros.core.errors import MessageError, RecordingError, shortened
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import say_how_far, STEP
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.messages.readings import is_estimated
@@ -239,7 +240,12 @@ def open_recording(path: str | Path) -> Recording:
         channels.append(names)
     sentences += left_out[:LEFT_OUT_SHOWN]
     if len(left_out) > LEFT_OUT_SHOWN:
-        sentences.append(f'{len(left_out) - LEFT_OUT_SHOWN} more channels of {path} are left out')
+        sentences.append(
+            Note(
+                f'{len(left_out) - LEFT_OUT_SHOWN} more channels of {path} are left out',
+                reason='not_supported',
+            )
+        )
     blocks = [block for file in files for block in file.blocks if block.channels]
     return Recording(
         path=path,
@@ -269,22 +275,27 @@ def _recorded_topic(file: McapFile, channel: Channel) -> RecordedTopic | None:
     )
 
 
-def _left_out(file: McapFile, channel: Channel, known: RecordedTopic | None) -> str:
+def _left_out(file: McapFile, channel: Channel, known: RecordedTopic | None) -> Note:
     schema = file.schemas.get(channel.schema_id)
     longest = max(len(channel.topic), len(schema.name) if schema else 0)
     if longest > LIMITS.name:
-        return (
+        return Note(
             f'{shortened(channel.topic, LIMITS.name)} in {file.path} is left out: the name of a '
-            f'topic or a type has at most {LIMITS.name} characters, not {longest}'
+            f'topic or a type has at most {LIMITS.name} characters, not {longest}',
+            reason='too_large',
         )
     encodings = channel.message_encoding, schema.encoding if schema else ''
     what = ' with '.join(encoding or 'nothing' for encoding in encodings)
     if known is not None and schema is not None:
-        return (
+        return Note(
             f'{channel.topic} in {file.path} is read as {known.type} only; '
-            f'what was recorded of it as {schema.name} ({what}) is left out'
+            f'what was recorded of it as {schema.name} ({what}) is left out',
+            reason='not_supported',
         )
-    return f'{channel.topic} in {file.path} is left out: it holds no ROS 2 messages ({what})'
+    return Note(
+        f'{channel.topic} in {file.path} is left out: it holds no ROS 2 messages ({what})',
+        reason='not_supported',
+    )
 
 
 def _check_held(path: Path, held: int) -> None:

@@ -7,6 +7,8 @@ from decimal import Decimal
 from pathlib import Path
 import re
 
+from pneunet_ros.core.notes import Note
+
 _LINES_SHOWN = 30
 _MONTHS = [
     'Jan',
@@ -63,12 +65,17 @@ class Clock:
         self.latest = seconds
         return str(seconds)
 
-    def sentences(self, path: Path) -> tuple[str, ...]:
+    def sentences(self, path: Path) -> tuple[Note, ...]:
         """Say where a day was added."""
         if not self._midnights:
             return ()
         lines = ', '.join(str(line) for line in self._midnights[:_LINES_SHOWN])
-        return (f'{path}: the time of day passes midnight in line {lines}: a day was added',)
+        return (
+            Note(
+                f'{path}: the time of day passes midnight in line {lines}: a day was added',
+                reason='midnight',
+            ),
+        )
 
 
 def _clock_seconds(match: re.Match[str]) -> Decimal | None:

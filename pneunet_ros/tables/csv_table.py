@@ -17,6 +17,7 @@ from typing import TextIO
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import say_how_far, STEP
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.tables.clock import Clock
@@ -231,13 +232,17 @@ def _check_decimals(path: Path, line: int, written: str, seen: dict[str, str]) -
             )
 
 
-def _spelling(path: Path, written: Mapping[str, str]) -> tuple[str, ...]:
+def _spelling(path: Path, written: Mapping[str, str]) -> tuple[Note, ...]:
     """Say which columns were read under another name than they have."""
     pairs = [f'{name!r} as {new}' for new, name in written.items() if name != new]
     if not pairs:
         return ()
     more = f' and {len(pairs) - NAMES_SHOWN} more' if len(pairs) > NAMES_SHOWN else ''
-    return (f'{path}: columns were read {", ".join(pairs[:NAMES_SHOWN])}{more}',)
+    return (
+        Note(
+            f'{path}: columns were read {", ".join(pairs[:NAMES_SHOWN])}{more}', reason='renamed'
+        ),
+    )
 
 
 def _lines(path: Path, stream: TextIO) -> Iterator[str]:
@@ -274,7 +279,12 @@ def _rows(
         if cells[0].startswith('# ') or (len(cells) != columns and cells[0].startswith('#')):
             comments.append(line)
         elif len(cells) < columns and cut and next(reader, None) is None:
-            left_out.append(f'{path}: line {line}, the last one, is incomplete and was skipped')
+            left_out.append(
+                Note(
+                    f'{path}: line {line}, the last one, is incomplete and was skipped',
+                    reason='incomplete',
+                )
+            )
         elif len(cells) != columns:
             noun = 'cell' if len(cells) == 1 else 'cells'
             raise RecordingError(
@@ -287,7 +297,12 @@ def _rows(
     if comments:
         lines = ', '.join(map(str, comments[:NAMES_SHOWN]))
         more = ', ...' * (len(comments) > NAMES_SHOWN)
-        left_out.append(f'{path}: comment lines among the rows were skipped: line {lines}{more}')
+        left_out.append(
+            Note(
+                f'{path}: comment lines among the rows were skipped: line {lines}{more}',
+                reason='comments',
+            )
+        )
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float:

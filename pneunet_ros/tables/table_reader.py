@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, LARGEST
 from pneunet_ros.core.errors import RecordingError, RequestError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.stamps import LATEST_STAMP, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT, STANDARD_ATMOSPHERE
 from pneunet_ros.measurement.pressure_convention import pressure_unit
@@ -75,19 +76,26 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     sentences = [*table.sentences]
     names = _readings(table.numbers)
     if len(names) + (STAMP in table.numbers) < len(table.numbers):
-        sentences.append(f'{path}: columns {ESTIMATE}... are not readings and were left out')
+        sentences.append(
+            Note(
+                f'{path}: columns {ESTIMATE}... are not readings and were left out',
+                reason='estimates',
+            )
+        )
     empty = [name for name in names if np.all(np.isnan(table.numbers[name]))]
     if empty:
         more = f' and {len(empty) - NAMES_SHOWN} more' if len(empty) > NAMES_SHOWN else ''
         shown = ', '.join(empty[:NAMES_SHOWN])
-        sentences.append(f'{path}: no row has a number in {shown}{more}')
+        sentences.append(Note(f'{path}: no row has a number in {shown}{more}', reason='empty'))
     known = columns_of(names, str(path))
     if request.missing is None:
         ask_for_placeholders(path, table.numbers, known, table.lines)
     numbers, count = without_placeholders(table.numbers, known, request.missing or ())
     if request.missing:
         shown = ', '.join(f'{value:.12g}' for value in request.missing)
-        sentences.append(f'{path}: {count} readings of {shown} are taken as missing')
+        sentences.append(
+            Note(f'{path}: {count} readings of {shown} are taken as missing', reason='missing')
+        )
     columns = {(item.quantity, item.target): item for item in known}
     for name in request.offsets:
         if name not in table.numbers or name == STAMP:
@@ -126,8 +134,11 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         )
     if targets and 0 not in targets:
         sentences.append(
-            f'{path}: target 0 has no columns. Targets count from 0 at the clamp: are these '
-            'numbered from 1?'
+            Note(
+                f'{path}: target 0 has no columns. Targets count from 0 at the clamp: are these '
+                'numbered from 1?',
+                reason='no_target',
+            )
         )
     nothing = np.zeros(len(stamp_ns))
     along_axes: dict[str, Array] = {}
@@ -180,30 +191,35 @@ def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
         return []
     place = places[rows[0], int(np.argmax(same[rows[0]]))]
     return [
-        f'{path}: in {rows.size} of {len(lines)} rows several targets have the same position, '
-        f'({place.real:.4g}, {place.imag:.4g}) m in line {lines[rows[0]]}: leave the cells of '
-        'targets that were not seen empty'
+        Note(
+            f'{path}: in {rows.size} of {len(lines)} rows several targets have the same position, '
+            f'({place.real:.4g}, {place.imag:.4g}) m in line {lines[rows[0]]}: leave the cells of '
+            'targets that were not seen empty',
+            reason='coincident',
+        )
     ]
 
 
-def _absolute(column: str, table: ReadingTable) -> str:
+def _absolute(column: str, table: ReadingTable) -> Note:
     """Say how the other verbs are told that a pressure is absolute, and of which air."""
     pressure = table.values[PRESSURE.name][:, 0]
     kept = np.isfinite(pressure)
     record = record_of(table.stamp_ns[kept].tolist(), pressure[kept].tolist())
     vented = min(record.low, record.high, key=lambda end: abs(end - STANDARD_ATMOSPHERE))
     if not air_density(vented, JUDGE):
-        return (
+        return Note(
             f'{column!r} is an absolute pressure by its name, but none of its readings is a '
             f'pressure of the air (nearest: {vented:.4g} Pa): if they are gauge, or have another '
             'unit, say so by --rename; if the arm was never vented, add --pressure-reference '
-            'absolute and --ambient-pressure with the pressure of the air in Pa'
+            'absolute and --ambient-pressure with the pressure of the air in Pa',
+            reason='absolute',
         )
-    return (
+    return Note(
         f'{column!r} is an absolute pressure: add --pressure-reference absolute '
         f'--ambient-pressure {vented:.0f} to every command that reads the recording (that is its '
         'reading nearest to the standard atmosphere, in Pa; if the arm was never vented, give the '
-        'pressure of the air)'
+        'pressure of the air)',
+        reason='absolute',
     )
 
 

@@ -12,6 +12,7 @@ import sys
 import numpy as np
 from pneunet_ros import load_model, save_model, solve
 from pneunet_ros.core.errors import ModelError, RecordingError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.effects.extensibility import Extensibility
 from pneunet_ros.files.model_file import mapping_from_arm, model_hash
 from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw
@@ -70,7 +71,7 @@ def refusal(path):
     sentence = str(caught.value)
     assert str(path) in sentence
     assert '\n' not in sentence
-    return sentence
+    return Note(sentence, reason=caught.value.reason)
 
 
 # ---- what is read -------------------------------------------------------------------------------
@@ -128,18 +129,18 @@ def test_the_domain_is_read_written_and_may_be_left_out(write, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('old', 'new', 'words'),
+    ('old', 'new', 'reason'),
     [
-        ('domain: {pressure: [0.0, 55000.0], ', 'domain: {', 'domain.pressure is missing'),
-        ('domain: {', 'domain: {forces: 3, ', 'unknown key domain.forces; known here: pressure'),
-        ('[0.25, 0.0, 0.0, 0.0], ', '[0.25, 0.0, 0.0], ', 'domain.end_load must be a table'),
-        ('[0.25, 0.0, 0.0, 0.0], ', '[.nan, 0.0, 0.0, 0.0], ', 'domain.end_load holds NaN'),
-        ('[0.25, 0.0, 0.0, 0.0], ', '[0.25, 0.0, 0.0, true], ', 'domain.end_load must be a table'),
-        ('0.0, 54000.0]', '0.0, 56000.0]', 'a pressure outside domain.pressure, 0 to 55000 Pa'),
+        ('domain: {pressure: [0.0, 55000.0], ', 'domain: {', 'missing_key'),
+        ('domain: {', 'domain: {forces: 3, ', 'unknown_key'),
+        ('[0.25, 0.0, 0.0, 0.0], ', '[0.25, 0.0, 0.0], ', 'not_a_table'),
+        ('[0.25, 0.0, 0.0, 0.0], ', '[.nan, 0.0, 0.0, 0.0], ', 'not_finite'),
+        ('[0.25, 0.0, 0.0, 0.0], ', '[0.25, 0.0, 0.0, true], ', 'not_a_table'),
+        ('0.0, 54000.0]', '0.0, 56000.0]', 'out_of_bounds'),
     ],
 )
-def test_a_domain_that_is_none_is_refused(write, old, new, words):
-    with pytest.raises(ModelError, match=words):
+def test_a_domain_that_is_none_is_refused(write, old, new, reason):
+    with refused(ModelError, reason):
         load_model(write(old, new))
 
 
@@ -248,13 +249,13 @@ def test_a_covariance_is_read(write):
 )
 def test_an_unknown_key_is_refused_with_the_known_ones(write, old, new, where, known):
     sentence = refusal(write(old, new))
-    assert f'unknown key {where}; known here: ' in sentence
+    assert (sentence.reason, where in sentence) == ('unknown_key', True)
     assert known in sentence
 
 
 def test_a_key_of_another_law_is_unknown(write):
     sentence = refusal(write('kind: piecewise_linear', 'kind: linear'))
-    assert 'unknown key moment_law.pressure; known here: kind, bending_stiffness' in sentence
+    assert (sentence.reason, 'moment_law.pressure' in sentence) == ('unknown_key', True)
 
 
 @pytest.mark.parametrize(
@@ -270,7 +271,8 @@ def test_a_key_of_another_law_is_unknown(write):
     ],
 )
 def test_a_missing_key_is_named(write, line, missing):
-    assert f'{missing} is missing; needed here: ' in refusal(write(line))
+    sentence = refusal(write(line))
+    assert (sentence.reason, missing in sentence) == ('missing_key', True)
 
 
 @pytest.mark.parametrize(
@@ -390,7 +392,7 @@ def test_wrong_content_is_refused(write, old, new, sentence):
 @pytest.mark.parametrize('text', ['', '3', '[1, 2]', 'hello', '- a\n- b', '1: 2'])
 def test_what_is_no_mapping_is_refused(tmp_path, text):
     (tmp_path / 'model.yaml').write_text(text)
-    assert 'the file must be a mapping of names to values' in refusal(tmp_path / 'model.yaml')
+    assert refusal(tmp_path / 'model.yaml').reason == 'not_a_mapping'
 
 
 @pytest.mark.parametrize(
@@ -416,20 +418,19 @@ def test_what_is_no_mapping_is_refused(tmp_path, text):
 )
 def test_what_is_no_yaml_for_us_is_refused(tmp_path, text):
     (tmp_path / 'model.yaml').write_text(text)
-    assert 'is not valid YAML' in refusal(tmp_path / 'model.yaml')
+    assert refusal(tmp_path / 'model.yaml').reason == 'not_yaml'
     assert not Path('/tmp/pneunet_ros_was_here').exists()
 
 
 def test_a_key_given_twice_is_refused_by_name(write):
     sentence = refusal(write('  weight: 0.17', '  length: 0.2\n  weight: 0.17'))
-    assert 'is not valid YAML' in sentence
-    assert 'length' in sentence
+    assert (sentence.reason, 'length' in sentence) == ('not_yaml', True)
 
 
 def test_text_that_is_no_text_is_refused(tmp_path):
     path = tmp_path / 'model.yaml'
     path.write_bytes(random.Random(1).randbytes(1_000_000))
-    assert f'cannot read the model file {path}' in refusal(path)
+    assert refusal(path).reason == 'unreadable'
 
 
 @pytest.mark.parametrize('key', ['name: ', 'provenance:\n  a: ', 'covariance: '])
@@ -438,13 +439,13 @@ def test_aliases_that_repeat_without_bound_are_refused(tmp_path, key, levels):
     lines = [f'a{level}: &a{level} [{9 * f"*a{level - 1}, "}]' for level in range(1, levels)]
     lines = ['a0: &a0 [1, 2, 3]', *lines, f'{key}*a{levels - 1}']
     (tmp_path / 'model.yaml').write_text('\n'.join(lines))
-    assert 'aliases make it more than' in refusal(tmp_path / 'model.yaml')
+    assert refusal(tmp_path / 'model.yaml').reason == 'too_large'
 
 
 def test_merge_keys_that_repeat_without_bound_are_refused(tmp_path):
     lines = [f'a{level}: &a{level} {{<<: [{9 * f"*a{level - 1}, "}]}}' for level in range(1, 40)]
     (tmp_path / 'model.yaml').write_text('\n'.join(['a0: &a0 {b: 1}', *lines]))
-    assert 'merge keys (<<) are not read here' in refusal(tmp_path / 'model.yaml')
+    assert refusal(tmp_path / 'model.yaml').reason == 'not_yaml'
 
 
 def test_what_holds_itself_is_refused(write):
@@ -467,12 +468,12 @@ def test_a_file_too_large_is_not_even_read(tmp_path):
     path = tmp_path / 'model.yaml'
     with path.open('wb') as stream:
         stream.truncate(30_000_000)
-    assert 'is larger than 1 MB' in refusal(path)
+    assert refusal(path).reason == 'too_large'
 
 
 def test_missing_and_unreadable_files_are_named(tmp_path):
-    assert 'cannot read the model file' in refusal(tmp_path / 'nowhere.yaml')
-    assert 'cannot read the model file' in refusal(tmp_path)
+    assert refusal(tmp_path / 'nowhere.yaml').reason == 'unreadable'
+    assert refusal(tmp_path).reason == 'unreadable'
 
 
 # ---- what is written ----------------------------------------------------------------------------

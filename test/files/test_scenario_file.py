@@ -10,7 +10,6 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import changes_of, load_scenario
 from pneunet_ros.lab.lab_arm import vary_arm
-from pneunet_ros.lab.outside_effects import ALL_EFFECTS
 from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import describe
 import pytest
@@ -92,31 +91,30 @@ def test_a_change_of_another_form_is_refused(text):
 
 
 @pytest.mark.parametrize(
-    ('text', 'words'),
+    ('text', 'reason'),
     [
-        (HEAD, 'protocol is missing; needed here: schema_version, name, arm, protocol'),
-        (HEAD + PROTOCOL + 'sead: 1\n', 'unknown key sead; known here: schema_version, name'),
-        (HEAD + PROTOCOL + 'seed: -1\n', 'seed must be a whole number from 0 on, not -1'),
-        (HEAD + PROTOCOL + 'richness: much\n', 'richness must be a number in SI units'),
-        (HEAD + PROTOCOL + 'noise: {std: 1}\n', 'unknown key noise.std; known here: pressure_std'),
-        (HEAD + PROTOCOL + 'detail: {elements: 99.5}\n', 'detail.elements = 99.5 is no whole'),
-        (HEAD + PROTOCOL + 'rates: {frames: 0}\n', 'rates.frames = 0.0 is not within'),
-        (HEAD + PROTOCOL + 'effects: {drag: {}}\n', f'known here: {", ".join(ALL_EFFECTS)}'),
-        (HEAD + PROTOCOL + 'effects: {creep: {a: 1}}\n', 'unknown key effects.creep.a; known'),
-        (HEAD + 'protocol: {kind: jump}\n', 'protocol.kind must be one of slow_ramp, staircase'),
-        (HEAD + 'protocol: {kind: slow_ramp, hight: 1}\n', 'unknown key protocol.hight; known'),
-        (HEAD + 'protocol: {kind: staircase, pressures: [a]}\n', 'protocol.pressures must be a'),
-        (HEAD.replace('1', '2', 1) + PROTOCOL, 'schema_version 2 is not known; known: 1'),
-        (HEAD.replace('lab_arm', 'no_arm') + PROTOCOL, 'cannot read the lab arm file'),
-        (HEAD.replace('mine', '""') + PROTOCOL, "name must be a text, not ''"),
-        (HEAD.replace('lab_arm.yaml', '{name: x}') + PROTOCOL, 'arm.length is missing'),
+        (HEAD, 'missing_key'),
+        (HEAD + PROTOCOL + 'sead: 1\n', 'unknown_key'),
+        (HEAD + PROTOCOL + 'seed: -1\n', 'not_a_number'),
+        (HEAD + PROTOCOL + 'richness: much\n', 'not_a_number'),
+        (HEAD + PROTOCOL + 'noise: {std: 1}\n', 'unknown_key'),
+        (HEAD + PROTOCOL + 'detail: {elements: 99.5}\n', 'not_a_number'),
+        (HEAD + PROTOCOL + 'rates: {frames: 0}\n', 'out_of_bounds'),
+        (HEAD + PROTOCOL + 'effects: {drag: {}}\n', 'unknown_key'),
+        (HEAD + PROTOCOL + 'effects: {creep: {a: 1}}\n', 'unknown_key'),
+        (HEAD + 'protocol: {kind: jump}\n', 'unknown_kind'),
+        (HEAD + 'protocol: {kind: slow_ramp, hight: 1}\n', 'unknown_key'),
+        (HEAD + 'protocol: {kind: staircase, pressures: [a]}\n', 'not_a_table'),
+        (HEAD.replace('1', '2', 1) + PROTOCOL, 'unknown_version'),
+        (HEAD.replace('lab_arm', 'no_arm') + PROTOCOL, 'unreadable'),
+        (HEAD.replace('mine', '""') + PROTOCOL, 'not_a_text'),
+        (HEAD.replace('lab_arm.yaml', '{name: x}') + PROTOCOL, 'missing_key'),
     ],
 )
-def test_what_is_wrong_in_a_scenario_is_said(load, text, words):
-    with pytest.raises(RequestError) as caught:
+def test_what_is_wrong_in_a_scenario_is_said(load, text, reason):
+    with refused(RequestError, reason) as caught:
         load(text)
     assert 'mine.yaml: ' in str(caught.value)
-    assert words in str(caught.value)
 
 
 def test_a_wrong_arm_file_is_named(load, tmp_path):

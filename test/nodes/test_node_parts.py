@@ -147,9 +147,10 @@ def test_health_is_an_error_until_there_are_estimates_again():
     assert health.report(state, settings, 101.0).level == Level.ERROR
     health.took_pressure(random_estimate(), 101.1, 0.001)
     report = health.report(state, settings, 101.2)
-    assert (report.level, report.message) == (Level.OK, 'estimating at 5 Hz')
+    assert report.level == Level.OK
+    assert float(report.values['rate_hz']) == pytest.approx(5.0)
     health.took_pressure(error_at(), 101.3, 0.001)
-    assert health.report(state, settings, 101.4).message == 'no wrench'
+    assert health.report(state, settings, 101.4).level == Level.ERROR
     assert health.report(state, settings, 101.5).level == Level.ERROR
     health.took_pressure(random_estimate(), 101.6, 0.001)
     assert health.report(state, settings, 101.7).level == Level.OK
@@ -162,7 +163,7 @@ def test_pressure_that_cannot_be_used_is_silence():
     health.took_pressure(dropped, 100.4, 0.001)
     report = health.report(EstimatorState(), EstimatorSettings(), 101.0)
     assert report.level == Level.ERROR
-    assert report.message == 'no usable pressure on /pressure for 1.0 s; holds NaN'
+    assert report.message.endswith(dropped.sentence)
 
 
 def frames(health, count, now, missing=(), reason=''):
@@ -177,18 +178,16 @@ def frames(health, count, now, missing=(), reason=''):
 
 def test_the_tracker_is_well_while_all_targets_are_seen():
     health, state = TrackerHealth('/image', 100.0), TrackerState()
-    report = health.report(state, 101.0)
-    assert (report.level, report.message) == (Level.OK, 'waiting for images on /image')
+    assert health.report(state, 101.0).level == Level.OK
     frames(health, 30, 101.5)
     report = health.report(state, 102.0)
-    assert (report.level, report.message) == (Level.OK, 'tracking at 30 Hz')
+    assert (report.level, report.values['rate_hz']) == (Level.OK, '30')
     assert (report.values['seen'], report.values['missing_ids']) == (str(TARGETS), '')
     # A slow camera is no silent one.
     report = health.report(state, 103.0)
-    assert (report.level, report.message) == (Level.OK, 'tracking at 0 Hz')
+    assert (report.level, report.values['rate_hz']) == (Level.OK, '0')
     report = health.report(state, 104.0)
-    assert report.level == Level.ERROR
-    assert report.message == 'no usable image on /image for 2.5 s'
+    assert (report.level, report.values['image_age_s']) == (Level.ERROR, '2.5')
 
 
 def test_the_tracker_warns_of_targets_that_are_missing_some_of_the_time():
@@ -198,7 +197,7 @@ def test_the_tracker_warns_of_targets_that_are_missing_some_of_the_time():
     frames(health, 1, 100.3)
     report = health.report(state, 101.0)
     assert report.level == Level.WARN
-    assert report.message == 'targets not always seen: 2, 7'
+    assert report.message.endswith(' 2, 7')
     frames(health, 1, 101.1)
     assert health.report(state, 102.0).level == Level.OK
 
@@ -207,9 +206,7 @@ def test_the_tracker_is_an_error_while_nothing_is_explained():
     health, state = TrackerHealth('/image', 100.0), TrackerState()
     frames(health, 3, 100.1, reason='no_row')
     frames(health, 1, 100.2)
-    report = health.report(state, 101.0)
-    assert report.level == Level.WARN
-    assert report.message == '3 of 4 frames not tracked: it is no_row'
+    assert health.report(state, 101.0).level == Level.WARN
     frames(health, 3, 101.1, reason='no_row')
     assert health.report(state, 102.0).level == Level.ERROR
     frames(health, 3, 102.1, reason='resting')
@@ -223,7 +220,7 @@ def test_the_tracker_tells_of_what_was_refused_once(error, level):
     frames(health, 1, 100.1)
     health.note_refusal(refusal)
     report = health.report(state, 101.0)
-    assert (report.level, report.message) == (level, 'a jpeg is cut off')
+    assert (report.level, report.message) == (level, refusal.sentence)
     assert health.report(state, 102.0).level == Level.OK
 
 
@@ -232,7 +229,7 @@ def test_the_tracker_is_an_error_until_images_can_be_looked_at_again():
     refusal = Refusal(stamp_ns=1, reason='wrong_size', sentence='wrong size', error=True)
     health.took_image(refusal, 100.1)
     for now in (101.0, 102.0):
-        assert health.report(state, now).message == 'wrong size'
+        assert health.report(state, now).message == refusal.sentence
     frames(health, 1, 102.1)
     assert health.report(state, 103.0).level == Level.OK
 

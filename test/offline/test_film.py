@@ -12,6 +12,7 @@ from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.recordings.recording import open_recording
 import pytest
 from support.films import ARM, FRAMES, pictures, RATE, REST, STEP, write_folder, write_video
+from support.refusals import reasons, refusal
 
 DELAY = 0.1  # s, by which the film began before the table
 TARGETS = ARM.target_arclength.size
@@ -83,7 +84,7 @@ def test_without_forces_nothing_hangs_and_a_known_load_is_no_reading(track):
     hung, sentences = read_run(output, TARGETS)
     assert hung.load_known
     np.testing.assert_array_equal(hung.force, np.tile([0.1, -0.02], (len(hung.stamp_ns), 1)))
-    assert any('never changes' in sentence for sentence in sentences)
+    assert 'known_load' in reasons(sentences)
 
 
 def test_json_tells_the_delay_and_the_clock_of_the_film(track):
@@ -92,7 +93,6 @@ def test_json_tells_the_delay_and_the_clock_of_the_film(track):
     assert code == 0
     assert found['delay'] == 0.1
     assert found['delay_std'] is None
-    assert found['clock'] == 'presentation times in the file'
     assert found['frames_covered'] == np.count_nonzero(np.arange(FRAMES) / RATE >= DELAY)
 
 
@@ -100,13 +100,9 @@ def test_what_cannot_tell_the_delay_gives_no_recording(track, tmp_path):
     code, said, output = track('film.avi', '--json')
     assert code == 1
     found = json.loads(said)
-    assert 'frames show the targets, and 40 are needed; give --delay S' in found['delay_sentence']
+    assert '--delay' in found['delay_sentence']
     assert found['output'] is None
     assert not output.exists()
-    said = track('film.avi')[1]
-    assert 'No recording written: at which pressures' in said
-    assert '--output OUT.mcap writes' not in said  # it was given
-    assert 'within the table' not in said
 
 
 def test_the_table_of_targets_has_the_stamps_of_the_recording(track, tmp_path):
@@ -135,34 +131,34 @@ def test_what_does_not_go_together_is_said(track, more, said):
 
 
 def test_a_film_is_no_table(folder, tmp_path, capsys):
-    assert main(['import', str(folder / 'film.avi'), '--output', str(tmp_path / 'r.mcap')]) == 2
-    assert 'holds images: `pneunet track FILM --readings' in capsys.readouterr().err
+    words = ['import', str(folder / 'film.avi'), '--output', str(tmp_path / 'r.mcap'), '--json']
+    assert refusal((main(words), *capsys.readouterr())) == 'wrong_kind'
 
 
 def test_options_of_a_table_need_one(folder, capsys):
-    assert main(['track', str(folder / 'film.avi'), '--camera-info', 'none', '--delay', '1']) == 2
-    assert '--delay needs --readings' in capsys.readouterr().err
-    demo, table = str(share_path('bags/camera_demo')), str(folder / 'table.csv')
-    assert main(['track', demo, '--readings', table, '--output', 'x.mcap']) == 2
-    assert 'is a recording, whose topics have stamps of their own' in capsys.readouterr().err
-    film = [str(folder / 'film.avi'), '--camera-info', 'none', '--readings', table]
-    assert main(['track', *film]) == 2
-    assert '--readings needs --output' in capsys.readouterr().err
+    def why(*words):
+        return refusal((main(['track', *words, '--json']), *capsys.readouterr()))
+
+    film, table = str(folder / 'film.avi'), str(folder / 'table.csv')
+    demo = str(share_path('bags/camera_demo'))
+    assert why(film, '--camera-info', 'none', '--delay', '1') == 'missing'
+    assert why(demo, '--readings', table, '--output', 'x.mcap') == 'other_source'
+    assert why(film, '--camera-info', 'none', '--readings', table) == 'missing'
 
 
 def test_forces_and_targets_of_a_table_are_looked_at(folder, tmp_path, capsys):
     table = tmp_path / 'table.csv'
-    film = ['track', str(folder / 'film.avi'), '--camera-info', 'none', '--delay', '0']
-    output = ['--output', str(tmp_path / 'out.mcap'), '--readings', str(table)]
-    table.write_text('time_s,pressure_pa,x0_m,y0_m\n0,0,0,0\n1,0,0,0\n')
-    assert main([*film, *output]) == 2
-    assert 'holds targets, which the film shows' in capsys.readouterr().err
-    table.write_text('time_s,pressure_pa,force_x_n\n0,0,0.1\n1,0,0.2\n')
-    assert main([*film, *output, '--end-load', '0.1', '0']) == 2
-    assert '--end-load is for tables without forces' in capsys.readouterr().err
-    table.write_text('time_s,force_x_n\n0,0.1\n1,0.2\n')
-    assert main([*film, *output]) == 2
-    assert 'has no pressure: a column such as pressure_kpa' in capsys.readouterr().err
+
+    def why(text, *words):
+        table.write_text(text)
+        film = ['track', str(folder / 'film.avi'), '--camera-info', 'none', '--delay', '0']
+        output = ['--output', str(tmp_path / 'out.mcap'), '--readings', str(table), '--json']
+        return refusal((main([*film, *output, *words]), *capsys.readouterr()))
+
+    assert why('time_s,pressure_pa,x0_m,y0_m\n0,0,0,0\n1,0,0,0\n') == 'exclusive'
+    forces = 'time_s,pressure_pa,force_x_n\n0,0,0.1\n1,0,0.2\n'
+    assert why(forces, '--end-load', '0.1', '0') == 'exclusive'
+    assert why('time_s,force_x_n\n0,0.1\n1,0.2\n') == 'no_pressure'
 
 
 def test_a_clamp_at_the_right_is_noticed_and_what_is_said_helps(tmp_path, capsys):
@@ -172,7 +168,6 @@ def test_a_clamp_at_the_right_is_noticed_and_what_is_said_helps(tmp_path, capsys
     command = ['track', str(tmp_path / 'film.avi'), '--camera-info', 'none', '--output']
     assert main([*command, str(output)]) == 2
     said = capsys.readouterr().err
-    assert 'numbered from the free end' in said
     assert not output.exists()
     pixel = re.search(r'about \[(\d+), (\d+)\]', said)
     assert f'--clamp-pixel {pixel[1]} {pixel[2]}' in said

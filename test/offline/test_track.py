@@ -43,6 +43,7 @@ from support.films import (
 )
 from support.made_recordings import PRESSURE
 from support.random_estimates import plain
+from support.refusals import reasons
 
 TRACKER = Tracker(ARM, load_camera(share_path('config/camera.yaml')))
 TARGETS = ARM.target_arclength.size
@@ -204,8 +205,7 @@ def test_what_was_tracked_before_is_written_anew(source, tmp_path):
         sentences = record_tracking(
             writer, stream, TRACKER, 'pneunet_base', False, lambda step: None
         )
-    assert len(sentences) == 3
-    assert all('written anew' in sentence for sentence in sentences)
+    assert reasons(sentences) == ['rewritten'] * 3
     second = open_recording(tmp_path / 'second.mcap')
     assert second.topic('/pneunet/targets').count == FRAMES
 
@@ -220,7 +220,6 @@ def test_a_truncated_jpeg_is_one_refused_frame(tmp_path):
         tally.count(step)
     assert (tally.frames, tally.explained) == (FRAMES, EXPLAINED - 1)
     assert tally.reasons['unreadable'] == 1
-    assert 'cut off' in tally.sentences['unreadable']
     assert steps[-1].state.rejected['unreadable'] == 1
     written = open_recording(tmp_path / 'out.mcap')
     assert COMPRESSED not in {topic.name for topic in written.topics}
@@ -246,7 +245,7 @@ def test_frames_before_the_rest_are_tracked_by_it(tmp_path):
     stream, looked = open_images(path, SourceRequest()), []
     start, sentence = look_ahead(stream, TRACKER, looked.append)
     assert len(looked) == FRAMES
-    assert f'up to number {FRAMES}' in sentence
+    assert f' {FRAMES}' in sentence
     steps = list(track_steps(stream, TRACKER, start=start))
     tracked_frames = outcomes(steps)
     assert len(tracked_frames) == FRAMES
@@ -274,7 +273,7 @@ def test_a_recording_without_rest_says_what_is_missing(tmp_path):
     for step in track_steps(stream, TRACKER, start=start):
         tally.count(step)
     assert tally.explained == 0
-    assert f'{REST - 2} of {REST} frames of the arm at rest' in tally.sentences['resting']
+    assert f'{REST - 2} of {REST} ' in tally.sentences['resting']
 
 
 # The tally

