@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from pneunet_ros.calibration.checks.held_out import Score
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.hypothesis import carries_time
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection
@@ -88,15 +89,18 @@ class Confirmer:
         part = slice(count, None) if held_out else slice(count)
         return sum(record.run_chi_squared[part]) / max(sum(record.coordinates[part]), 1)
 
-    def what_is_left(self, record: Record) -> tuple[str, ...]:
+    def what_is_left(self, record: Record) -> tuple[Note, ...]:
         """Object to a law that leaves more than laws may."""
         left, most = self.chi_squared(record), self.settings.confirmation.most_left
         worst = min(record.tests, key=attrgetter('p_value'))
         if left <= most or worst.p_value > self.settings.lack_of_fit.level / len(record.tests):
             return ()
         return (
-            f'it leaves chi squared per coordinate {left:.2g} in training recordings, where noise '
-            f'alone leaves 1 (p-value {worst.p_value:.1g} of {worst.name})',
+            Note(
+                f'it leaves chi squared per coordinate {left:.2g} in training recordings, where '
+                f'noise alone leaves 1 (p-value {worst.p_value:.1g} of {worst.name})',
+                reason='misfit',
+            ),
         )
 
     @property
@@ -111,7 +115,7 @@ class Confirmer:
         )
         return before - after
 
-    def held_out_objections(self, record: Record) -> tuple[str, ...]:
+    def held_out_objections(self, record: Record) -> tuple[Note, ...]:
         """Object where the error on held-out recordings does not fall significantly.
 
         Chi squared of their residuals at the fit to the training recordings, and of what these
@@ -124,18 +128,26 @@ class Confirmer:
             return ()
         means = [self.chi_squared(item, held_out=True) for item in (self.base, record)]
         return (
-            'the error on held-out recordings does not fall significantly with it (chi squared '
-            f'per coordinate {means[0]:.4g} before, {means[1]:.4g} after): hold out a recording '
-            'that shows it',
+            Note(
+                'the error on held-out recordings does not fall significantly with it (chi '
+                f'squared per coordinate {means[0]:.4g} before, {means[1]:.4g} after): hold out a '
+                'recording that shows it',
+                reason='no_fall',
+            ),
         )
 
-    def held_out_untested(self) -> tuple[str, ...]:
+    def held_out_untested(self) -> tuple[Note, ...]:
         """Say that nothing new tests a name."""
         if self.has_held_out:
             return ()
-        return ('no recording was held out: it was not tested on anything new',)
+        return (
+            Note(
+                'no recording was held out: it was not tested on anything new',
+                reason='no_held_out',
+            ),
+        )
 
-    def untried(self) -> tuple[str, ...]:
+    def untried(self) -> tuple[Note, ...]:
         """Object where nothing tests a name: no second recording, and none held out.
 
         Of frames that are steady states each is an experiment of its own.
@@ -143,9 +155,14 @@ class Confirmer:
         tested = self.has_held_out or not self.settings.confirmation.tested
         if len(self.training) > 1 or self.steady or tested:
             return ()
-        return ('nothing tests it: there is one training recording, and none was held out',)
+        return (
+            Note(
+                'nothing tests it: there is one training recording, and none was held out',
+                reason='untested',
+            ),
+        )
 
-    def nonuniform_arm(self, record: Record) -> tuple[str, ...]:
+    def nonuniform_arm(self, record: Record) -> tuple[Note, ...]:
         """Object where an arm that bends unevenly, which no target shows, needs no effect."""
         if record.nonuniform is None or self.base.nonuniform is None:
             return ()
@@ -153,11 +170,14 @@ class Confirmer:
             return ()
         share = self.settings.calibration.resolution.nonuniform
         return (
-            f'an arm that bends unevenly, by {share:g} of its curvature along it, explains it as '
-            'well, and these targets do not show how it bends',
+            Note(
+                f'an arm that bends unevenly, by {share:g} of its curvature along it, explains it '
+                'as well, and these targets do not show how it bends',
+                reason='uneven_arm',
+            ),
         )
 
-    def other_names(self, record: Record, alternatives: Collection[str]) -> tuple[str, ...]:
+    def other_names(self, record: Record, alternatives: Collection[str]) -> tuple[Note, ...]:
         """Object where another set becomes the answer without one of the training recordings.
 
         By the linearized fit of each set to all of them, from which one is taken out.
@@ -177,15 +197,22 @@ class Confirmer:
             best = max(others, key=lambda item: item.without[which])
             if best.without[which] > record.without[which] + margin:
                 names = ' + '.join(best.names)
-                sentences.append(f'without {Path(name).name} the name would be {names}')
+                sentences.append(
+                    Note(
+                        f'without {Path(name).name} the name would be {names}', reason='other_name'
+                    )
+                )
         return tuple(sentences)
 
-    def stability_untested(self, record: Record) -> tuple[str, ...]:
+    def stability_untested(self, record: Record) -> tuple[Note, ...]:
         """Say that the name hangs on one recording, or that there is only one."""
         if len(self.training) < 2:
             return (
-                'there is one training recording: whether the name stays without it could not be '
-                'tested',
+                Note(
+                    'there is one training recording: whether the name stays without it could not '
+                    'be tested',
+                    reason='one_recording',
+                ),
             )
         least = evidence_margin(record.evidence, self.settings.selection)
         alone = [
@@ -193,7 +220,10 @@ class Confirmer:
             for which, name in enumerate(self.training)
             if record.without[which] - self.base.without[which] < least
         ]
-        return tuple(f'it shows in {name} alone of the training recordings' for name in alone)
+        return tuple(
+            Note(f'it shows in {name} alone of the training recordings', reason='one_recording')
+            for name in alone
+        )
 
 
 def error_rises(
@@ -222,7 +252,8 @@ def error_rises(
     surely = level * np.std(change, ddof=1) / np.sqrt(len(change))
     if rms[1] <= rms[0] or np.mean(change) <= surely:
         return ''
-    return (
+    return Note(
         f'the error on held-out recordings rises from {millimeters(rms[0]):.3g} to '
-        f'{millimeters(rms[1]):.3g} mm rms with it'
+        f'{millimeters(rms[1]):.3g} mm rms with it',
+        reason='rises',
     )

@@ -539,7 +539,12 @@ def closest_notes(best: Record, objections: Sequence[str] = ()) -> tuple[str, ..
         objections = (f'it fails the lack-of-fit test of {worst.name}',)
     names = ' + '.join(best.names)
     said = f'reduces chi squared by {best.gain:.0f}' if best.gain > 0.0 else 'explains nothing'
-    return (f'closest is {names}, which {said}; it is not named: {"; ".join(objections)}',)
+    return (
+        Note(
+            f'closest is {names}, which {said}; it is not named: {"; ".join(objections)}',
+            reason='closest',
+        ),
+    )
 
 
 def notes_on_rest(selection: Selection, best: Trial) -> tuple[str, ...]:
@@ -549,9 +554,12 @@ def notes_on_rest(selection: Selection, best: Trial) -> tuple[str, ...]:
         return ()
     names = ' + '.join(best.names)
     return (
-        f'{item.name} beside {names} would take {item.gain:.0f} more from chi squared, which the '
-        f'law of {names} hardly misses, but the set of both does not hold, so it has no name; '
-        f'recordings in which {names} shows less would tell',
+        Note(
+            f'{item.name} beside {names} would take {item.gain:.0f} more from chi squared, which '
+            f'the law of {names} hardly misses, but the set of both does not hold, so it has no '
+            f'name; recordings in which {names} shows less would tell',
+            reason='too_faint',
+        ),
     )
 
 
@@ -565,7 +573,12 @@ def notes_on_time(selection: Selection, training: Sequence[RecordingData]) -> tu
     why = f'no training recording has {settings.fewest_in_time} frames'
     if all(run.static for run in training):
         why = 'frames are static, their stamps mean nothing'
-    return (f'{why}: effects with a time in them were not considered ({", ".join(names)})',)
+    return (
+        Note(
+            f'{why}: effects with a time in them were not considered ({", ".join(names)})',
+            reason='no_time',
+        ),
+    )
 
 
 def at_rest(

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.settings import tuning
 import scipy
 
@@ -138,7 +139,7 @@ class ClockDelay:
     explained: share of the motion that pressure and load explain with it; frames: how many were
     used; frame_period (s). repeated: in which of the frames the arm stands still while what drives
     it goes on: a film that has lost some shows the one before once more. trouble: why the data
-    cannot tell, empty where they do.
+    cannot tell, None where they do.
     """
 
     delay: float
@@ -147,7 +148,7 @@ class ClockDelay:
     frames: int
     frame_period: float
     repeated: tuple[int, ...] = ()
-    trouble: str = ''
+    trouble: Note | None = None
 
     @property
     def sentence(self) -> str:
@@ -205,7 +206,12 @@ def estimate_delay(
     )
     candidates = fits[0].candidates()
     if not candidates:
-        return replace(unknown, trouble='too few frames that show the targets lie in the table')
+        return replace(
+            unknown,
+            trouble=Note(
+                'too few frames that show the targets lie in the table', reason='no_overlap'
+            ),
+        )
     best, *rivals = candidates
     within = settings.apart * period
     delays = [best, *(fit.refine(best, within) for fit in fits[1:])]
@@ -226,9 +232,10 @@ def estimate_delay(
     )
     trouble = _cannot_tell(clock, fits[0], rivals, details[0].rate, settings)
     if not trouble and np.mean([detail.distinct for detail in details]) < settings.distinct:
-        trouble = (
+        trouble = Note(
             'the pressure goes the same way again and again, where hysteresis looks like a delay: '
-            f'{REMEDY}'
+            f'{REMEDY}',
+            reason='not_determined',
         )
     repeated = kept[fits[0].repeated(delays[0])]
     return replace(clock, trouble=trouble, repeated=tuple(repeated.tolist()))
@@ -236,20 +243,25 @@ def estimate_delay(
 
 def _too_little(
     scores: Array, period: float, reading_time: Array, inputs: Array, settings: ClockDelaySettings
-) -> str:
-    """Say why there is nothing to find a delay in; empty where there is."""
+) -> Note | None:
+    """Say why there is nothing to find a delay in; None where there is."""
     frames, fewest = len(scores), settings.fewest_frames
     if frames < fewest:
-        return f'{frames} frames show the targets, and {fewest} are needed'
+        return Note(
+            f'{frames} frames show the targets, and {fewest} are needed', reason='too_few_frames'
+        )
     if len(reading_time) < 3 or not np.any(np.ptp(inputs, axis=0) > 0.0):
-        return 'neither pressure nor load changes in the table'
+        return Note('neither pressure nor load changes in the table', reason='no_change')
     span = float(reading_time[-1] - reading_time[0])
     if span < fewest * period:
-        return f'the table lasts {span:.3g} s, and {fewest * period:.3g} s are needed'
+        return Note(
+            f'the table lasts {span:.3g} s, and {fewest * period:.3g} s are needed',
+            reason='too_short',
+        )
     noise = np.median(np.abs(np.diff(scores[:, 0], 2))) / (SIGMA_OF_MEDIAN * math.sqrt(6.0))
     if not np.std(scores[:, 0]) > settings.motion * noise:
-        return 'the arm does not move in the film'
-    return ''
+        return Note('the arm does not move in the film', reason='not_in_motion')
+    return None
 
 
 def _cannot_tell(
@@ -258,28 +270,31 @@ def _cannot_tell(
     rivals: Sequence[float],
     rate: float,
     settings: ClockDelaySettings,
-) -> str:
-    """Say why a delay that was found is none; empty where it is one."""
+) -> Note | None:
+    """Say why a delay that was found is none; None where it is one."""
     if clock.explained < settings.explained:
-        return (
+        return Note(
             f'at no delay do pressure and load explain more than {100.0 * clock.explained:.3g} % '
-            'of the motion: are film and table of the same run?'
+            'of the motion: are film and table of the same run?',
+            reason='nothing_in_common',
         )
     best = fit.unexplained(clock.delay)
     for rival in rivals:
         ratio = float(np.mean(fit.unexplained(rival) / best))
         if abs(rival - clock.delay) > settings.apart * fit.period and ratio < settings.rival:
-            return (
+            return Note(
                 f'delays of {clock.delay:.2f} s and {rival:.2f} s fit alike: the pressure repeats '
-                f'itself, or changes too evenly; {REMEDY}'
+                f'itself, or changes too evenly; {REMEDY}',
+                reason='ambiguous',
             )
     if not clock.std * rate < settings.blur:
-        return (
+        return Note(
             f'the delay is {clock.delay:.2f} s with a standard error of {clock.std:.2g} s, which '
             f'moves a frame by more than {100.0 * settings.blur:g} % of the motion: the pressure '
-            f'changes too evenly, or too few times; {REMEDY}'
+            f'changes too evenly, or too few times; {REMEDY}',
+            reason='not_determined',
         )
-    return ''
+    return None
 
 
 def motion_components(motion: Array, settings: ClockDelaySettings) -> tuple[Array, Indices]:

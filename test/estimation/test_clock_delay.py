@@ -94,7 +94,7 @@ def test_the_delay_is_found_within_its_error(protocol, options, share):
     assert not any(item.trouble for item, _ in found)
     assert all(abs(item.delay - delay) < 3.0 * item.std for item, delay in found)
     assert np.median([item.std / item.frame_period for item, _ in found]) < share
-    assert 'standard error' in found[0][0].sentence
+    assert f'{found[0][0].std:.4f} s' in found[0][0].sentence
 
 
 def test_a_film_that_begins_before_the_table_and_ends_after_it():
@@ -139,39 +139,33 @@ def test_what_cannot_tell_is_refused(protocol, said):
     assert not re.search('alike|evenly|again', found.trouble) or 'eight' in found.trouble
 
 
-@pytest.mark.parametrize(
-    ('rate', 'said'),
-    [
-        (25.0, 'like a delay: eight quick steps to different levels, at irregular times, would'),
-        (6.0, 'or too few times; eight quick steps to different levels'),
-    ],
-)
-def test_a_short_film_with_steps_is_not_told_that_it_has_none(rate, said):
+@pytest.mark.parametrize('rate', [25.0, 6.0])
+def test_a_short_film_with_steps_is_not_told_that_it_has_none(rate):
     series, _ = filmed(steps, 10, rate=rate, seconds=10.0)
-    assert said in estimate_delay(*series).trouble
+    assert estimate_delay(*series).trouble.reason == 'not_determined'
 
 
 def test_film_and_table_of_two_runs_are_refused():
     frames, motion = filmed(steps, 10)[0][:2]
     table, pressure = filmed(steps, 11)[0][2:]
     found = estimate_delay(frames, motion, table, pressure)
-    assert re.search(r'of the same run\?|fit alike', found.trouble)
+    assert found.trouble.reason in ('nothing_in_common', 'ambiguous')
 
 
 def test_too_little_is_refused():
     (frames, motion, table, pressure), _ = filmed(steps, 12)
     few = estimate_delay(frames[:30], motion[:30], table, pressure)
-    assert few.trouble == '30 frames show the targets, and 40 are needed'
+    assert few.trouble.reason == 'too_few_frames'
     assert math.isnan(few.delay)
     none = estimate_delay(frames, np.full_like(motion, np.nan), table, pressure)
-    assert none.trouble.startswith('0 frames show the targets')
+    assert none.trouble.reason == 'too_few_frames'
     short = estimate_delay(frames, motion, table[:120], pressure[:120])
-    assert short.trouble == 'the table lasts 1.19 s, and 1.6 s are needed'
+    assert short.trouble.reason == 'too_short'
     motion[::2] = np.nan
     hidden = estimate_delay(frames, motion, table[:180], pressure[:180])
-    assert hidden.trouble == 'too few frames that show the targets lie in the table'
+    assert hidden.trouble.reason == 'no_overlap'
     flat = estimate_delay(frames, motion, table, np.full_like(pressure, 2e4))
-    assert flat.trouble == 'neither pressure nor load changes in the table'
+    assert flat.trouble.reason == 'no_change'
 
 
 def test_means_over_boxes_are_those_of_straight_lines():

@@ -164,8 +164,7 @@ def test_a_missing_effect_is_told_of(effect, force):
     worst = max(monitored.found, key=lambda item: item.rms)
     assert worst.beyond
     assert worst.rms > 1.5 * worst.limit
-    assert 'run pneunet diagnose' in worst.sentence
-    assert ('force is not judged' in worst.sentence) is not loaded
+    assert worst.force_read is loaded
     assert f'{worst.rms:.3g} x' in worst.sentence
     known = Monitored(truth, wrench_required=loaded).tell(*events(run))
     assert not any(item.beyond for item in known.found)
@@ -217,8 +216,7 @@ def test_a_stiffness_that_has_drifted_hides_in_each_frame_but_not_in_all():
         assert drifted.frames_hold
         assert not drifted.holds
         assert drifted.persistent.unknowns == 1
-        assert 'all frames together' in drifted.sentence
-        assert drifted.sentence.endswith('calibrate anew')
+        assert drifted.persistent.noise_left
 
 
 # What a frame is compared with
@@ -462,14 +460,10 @@ def message(frame_id: str = BASE, targets: int = 23, stamp_ns: int = 1_000_000_0
     return targets_message(stamp_ns, zeros, zeros, frame_id, ROSBAGS_TYPES)
 
 
-@pytest.mark.parametrize(
-    ('wrong', 'words'),
-    [(message(frame_id='camera'), "frame 'camera'"), (message(targets=3), '3 points'), (None, '')],
-)
-def test_a_message_that_is_not_of_this_arm_is_refused(wrong, words):
+@pytest.mark.parametrize('wrong', [message(frame_id='camera'), message(targets=3), None])
+def test_a_message_that_is_not_of_this_arm_is_refused(wrong):
     consistency, refusal = take_targets_message(ConsistencyState(), Monitored().estimator, wrong)
     assert refusal.reason == 'unreadable'
-    assert words in refusal.sentence
     assert not refusal.error
     assert dict(consistency.unmatched) == {'unreadable': 1}
 
@@ -497,19 +491,15 @@ def test_a_model_without_targets_has_nothing_to_compare():
 
 
 @pytest.mark.parametrize(
-    ('rms', 'holds', 'words'),
+    ('rms', 'holds'),
     [
-        ([1.0] * 99 + [3.0], True, 'the model holds on this recording: 1 % of 100 frames exceed'),
-        (
-            [1.0] * 90 + [3.0] * 10,
-            False,
-            '10 % of 100 frames exceed the noise limit (pass: at most 5 %), and the median frame',
-        ),
-        ([1.0] * 5, None, 'too few frames to say whether the model holds (fewer than 10): 0 %'),
-        ([3.0] * 9, None, 'too few frames to say whether the model holds'),
+        ([1.0] * 99 + [3.0], True),
+        ([1.0] * 90 + [3.0] * 10, False),
+        ([1.0] * 5, None),
+        ([3.0] * 9, None),
     ],
 )
-def test_whether_a_model_holds_is_said_in_words(rms, holds, words):
+def test_whether_a_model_holds_is_said(rms, holds):
     for force_read in (True, False):
         frames = [
             FrameInnovation(stamp_ns=1, rms=value, limit=1.4, force_read=force_read)
@@ -517,8 +507,8 @@ def test_whether_a_model_holds_is_said_in_words(rms, holds, words):
         ]
         agreement = agreement_of(frames)
         assert agreement.holds is holds
-        assert words in agreement.sentence
-        assert ('force is not judged' in agreement.sentence) is not force_read
+        share = round(100 * np.mean([value > 1.4 for value in rms]))
+        assert f'{share} %' in agreement.sentence
 
 
 @pytest.mark.parametrize(
@@ -537,4 +527,4 @@ def test_a_model_does_not_hold_where_its_tips_lie_outside_of_their_ellipses(
     )
     assert agreement.tips_outside == pytest.approx(outside / frames)
     assert agreement.holds is holds
-    assert ('the tip is outside its 95 % ellipse' in agreement.sentence) is not holds
+    assert ('95 %' in agreement.sentence) is not holds

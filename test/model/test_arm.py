@@ -270,7 +270,7 @@ def test_quantities_are_moved_together():
 def test_a_name_that_leads_to_no_number_is_refused(name):
     with refused(ModelError, 'unknown_quantity') as caught:
         paper_arm(ALL_MECHANICS).with_changes({name: 1e-6})
-    assert f'no quantity {name}; names look like arm.length' in str(caught.value)
+    assert name in str(caught.value)
 
 
 def test_a_change_out_of_bounds_is_refused():

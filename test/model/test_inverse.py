@@ -194,8 +194,7 @@ def test_negative_rigidity_is_inverted_near_a_start():
 
 def test_a_straight_inextensible_arm_does_not_tell_its_pull():
     found = solve_tip(plain_arm(), 0.0, (LENGTH, 0.0))
-    assert_failed(found, 'the end force is not determined by this tip position')
-    assert 'at least 0.1 mm is needed' in found.status
+    assert_failed(found, '0.1 mm')
 
 
 def test_a_straight_extensible_arm_tells_its_pull():

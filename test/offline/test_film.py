@@ -155,7 +155,7 @@ def test_forces_and_targets_of_a_table_are_looked_at(folder, tmp_path, capsys):
         output = ['--output', str(tmp_path / 'out.mcap'), '--readings', str(table), '--json']
         return refusal((main([*film, *output, *words]), *capsys.readouterr()))
 
-    assert why('time_s,pressure_pa,x0_m,y0_m\n0,0,0,0\n1,0,0,0\n') == 'exclusive'
+    assert why('time_s,pressure_pa,x0_m,y0_m\n0,0,0,0\n1,0,0,0\n') == 'given_twice'
     forces = 'time_s,pressure_pa,force_x_n\n0,0,0.1\n1,0,0.2\n'
     assert why(forces, '--end-load', '0.1', '0') == 'exclusive'
     assert why('time_s,force_x_n\n0,0.1\n1,0.2\n') == 'no_pressure'

@@ -147,7 +147,7 @@ def test_a_tip_whose_time_is_none_is_one_sentence(tmp_path, capsys, fields):
         tip = writer.add('/pneunet/tip', POSE_TYPE, definition)
         writer.write_raw(tip, 5, b'\0\1\0\0' + bytes(4) + b'\1\0\0\0\0' + bytes(600))
     words = ['export', str(path), '--output', str(tmp_path / 't.csv'), '--json']
-    assert refusal((main(words), *capsys.readouterr())) == 'unreadable'
+    assert refusal((main(words), *capsys.readouterr())) == 'damaged'
     assert not (tmp_path / 't.csv').exists()
 
 
