@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import numpy as np
 from pneunet_ros.calibration.posterior import PosteriorState
 from pneunet_ros.core.errors import ModelError, RequestError
+from pneunet_ros.files.npz import LARGEST_ARCHIVE
 from pneunet_ros.lab.lab_recording import LabMemory
 from pneunet_ros.offline.calibration_files import knowledge_file, load_knowledge, save_knowledge
 from pneunet_ros.recordings.lab_files import memory_after, truth_file
