@@ -21,6 +21,7 @@ from typing import Any
 import pneunet_ros
 from pneunet_ros.cli.main import parser, VERBS
 from pneunet_ros.cli.verbs.effects import PLACES
+from pneunet_ros.core.reasons import REASONS
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.model.arm import Arm
@@ -102,6 +103,7 @@ def site_pages(docs: Path) -> dict[str, str]:
         f'{GENERATED}/effects.md': effects_page(),
         f'{GENERATED}/files.md': files_page(),
         f'{GENERATED}/settings.md': settings_page(),
+        f'{GENERATED}/reasons.md': reasons_page(),
         f'{GENERATED}/api.rst': api_page(),
     }
     moved = {}
@@ -207,6 +209,19 @@ def effects_page() -> str:
         ]
         parts.append(_table(['parameter', 'meaning', 'unit', 'neutral', 'allowed', 'prior'], rows))
     return '\n'.join(parts)
+
+
+def reasons_page() -> str:
+    """Return every reason with its meaning."""
+    rows = [[f'`{name}`', meaning] for name, meaning in sorted(REASONS.items())]
+    return '\n'.join(
+        [
+            '# Reasons\n',
+            'Why a command was refused (`reason` of `--json`), a reading dropped (diagnostics,\n'
+            '`rejected`), or a frame not used. Sentences may change, these words do not.\n',
+            _table(['reason', 'meaning'], rows),
+        ]
+    )
 
 
 def files_page() -> str:

@@ -329,7 +329,7 @@ def describe_structure(fit: Fit, resolution: Resolution) -> list[Note]:
             Note(
                 f'the recordings are more probable with {parameters.shapes} of these numbers '
                 f'along the arm than with {resolution.shapes}: the model has {parameters.shapes}',
-                reason='fewer_shapes',
+                reason='shapes_by_evidence',
             )
         )
     if parameters.elongates:

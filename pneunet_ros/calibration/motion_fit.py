@@ -409,7 +409,7 @@ def motion_problem(arm: Arm, runs: Sequence[RecordingData]) -> MotionProblem:
     modes = unloaded_modes(still)
     if modes is None:
         raise RequestError(
-            f'{arm.name} has no stable unloaded shape to swing about', reason='no_shape'
+            f'{arm.name} has no stable unloaded shape to swing about', reason='no_equilibrium'
         )
     return MotionProblem(
         arm=still,

@@ -244,5 +244,5 @@ def check_given(places: set[Path], paths: Sequence[Path], option: str) -> None:
     for place in sorted(places - {resolved(path) for path in paths}):
         raise RequestError(
             f'{option} {place.name}: this recording is not among the inputs; name it there, too',
-            reason='no_input',
+            reason='not_found',
         )

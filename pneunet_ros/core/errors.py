@@ -21,14 +21,20 @@ LONGEST_SENTENCE = 2_000  # characters; what a file says may be quoted, and be m
 class PneunetError(Exception):
     """Base of all errors of this package; its text is one sentence for a person.
 
-    `reason` is the key by which programs and tests know what was wrong, as that of a `Refusal`;
-    empty where it has none. A sentence that is too long to read keeps its beginning and end.
+    `reason` is the key by which programs and tests know what was wrong, as that of a `Refusal`
+    (meanings: `reasons.REASONS`); empty where it has none. A sentence that is too long to read
+    keeps its beginning and end.
     """
 
     def __init__(self, sentence: object = '', *, reason: str = '') -> None:
         """Take the sentence, or the error whose text is one; that error's reason is kept."""
         super().__init__(shortened(str(sentence)))
         self.reason = reason or getattr(sentence, 'reason', '')
+
+
+def why_unread(error: Exception) -> str:
+    """Return the reason for which a file cannot be read."""
+    return 'not_found' if isinstance(error, FileNotFoundError) else 'unreadable'
 
 
 def shortened(sentence: str, longest: int = LONGEST_SENTENCE) -> str:

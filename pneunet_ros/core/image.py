@@ -125,7 +125,7 @@ class Image:
             raise MessageError(
                 f'an image with the encoding {self.encoding!r} cannot be read; '
                 f'possible are {", ".join(ENCODINGS)}, and compressed jpeg and png',
-                reason='wrong_format',
+                reason='not_supported',
             )
         if not (0 < self.width <= LARGEST_SIDE and 0 < self.height <= LARGEST_SIDE):
             raise MessageError(

@@ -285,7 +285,7 @@ def _cannot_tell(
             return Note(
                 f'delays of {clock.delay:.2f} s and {rival:.2f} s fit alike: the pressure repeats '
                 f'itself, or changes too evenly; {REMEDY}',
-                reason='ambiguous',
+                reason='not_determined',
             )
     if not clock.std * rate < settings.blur:
         return Note(

@@ -284,7 +284,7 @@ def _other_pressures(
         Note(
             f'they are of different runs: at the same stamps the pressure of {of.name} and that '
             f'of {to.name} differ by {1e-3 * apart:.3g} kPa rms',
-            reason='other_pressure',
+            reason='other_run',
         )
     ]
 

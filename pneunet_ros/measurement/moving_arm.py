@@ -155,7 +155,7 @@ class MovingArm:
             raise ModelError(
                 f'{self.arm.name} has `motion`, and no stable unloaded shape to swing about: its '
                 'rigidities must be positive, or `motion` left out of the model file',
-                reason='no_shape',
+                reason='no_equilibrium',
             )
         object.__setattr__(self, 'modes', modes)
         object.__setattr__(self, 'masses', masses_of(self.arm))

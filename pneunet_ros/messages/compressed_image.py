@@ -50,7 +50,7 @@ def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
         kind, (width, height), is_complete = 'png', png_size(data), tail.endswith(PNG_END)
     else:
         raise MessageError(
-            f'a compressed image is neither jpeg nor png; {POSSIBLE}', reason='wrong_format'
+            f'a compressed image is neither jpeg nor png; {POSSIBLE}', reason='not_supported'
         )
     if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
         raise MessageError(
@@ -109,7 +109,7 @@ def jpeg_size(data: Bytes) -> tuple[int, int]:
             bits, height, width = struct.unpack_from('>BHH', raw, place + 4)
             if bits != 8:
                 raise MessageError(
-                    f'a jpeg has {bits} bits per channel; {POSSIBLE}', reason='wrong_format'
+                    f'a jpeg has {bits} bits per channel; {POSSIBLE}', reason='not_supported'
                 )
             return width, height
         if marker == SCAN:

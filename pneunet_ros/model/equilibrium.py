@@ -536,7 +536,7 @@ def changes_on_mesh(solution: SolverNodes, changes: Perturbation | None) -> tupl
 def tip_jacobian(arm: Arm, shape: Shape) -> Array:
     """d(x, y, theta) of the tip / d(chamber pressure, F1, F2, M), (3, 4) SI, of an arm at rest."""
     if shape.solution is None:
-        raise RequestError(f'no Jacobian without a shape: {shape.status}', reason='no_shape')
+        raise RequestError(f'no Jacobian without a shape: {shape.status}', reason='no_equilibrium')
     rested = arm.initial_history(shape.pressure)
     history, chamber = arm.actuate(rested, 0.0, shape.pressure)
     load = Load(

@@ -113,7 +113,7 @@ def nearest(
     if not math.isfinite(found[best]):
         raise RequestError(
             f'no shape at any pressure of the calibrated range: {at(low).status}',
-            reason='no_shape',
+            reason='no_equilibrium',
         )
     from scipy.optimize import minimize_scalar  # slow to import, and few ask for a pressure
 

@@ -45,7 +45,9 @@ def vibration(arm: Arm, shape: Shape, count: int = 2) -> Modes | None:
 
     """
     if shape.solution is None:
-        raise RequestError(f'no vibration without a shape: {shape.status}', reason='no_shape')
+        raise RequestError(
+            f'no vibration without a shape: {shape.status}', reason='no_equilibrium'
+        )
     if not 1 <= count <= LINKS:
         raise RequestError(
             f'the count of vibrations must lie between 1 and {LINKS}, not {count}',

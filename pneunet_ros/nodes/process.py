@@ -79,11 +79,11 @@ def _start_ros(arguments: list[str]) -> None:
         # Errors of rcl end with the lines of its sources they passed through.
         reason = re.sub(r'failed to initialize rcl: |, at /\S+:\d+', '', str(error))
         raise RequestError(
-            f'the ROS arguments cannot be used: {reason}', reason='unknown_argument'
+            f'the ROS arguments cannot be used: {reason}', reason='usage'
         ) from error
     others = remove_ros_args(arguments)[1:]
     if others:
         raise RequestError(
             f'unknown argument {others[0]}: parameters and names are given after --ros-args',
-            reason='unknown_argument',
+            reason='usage',
         )

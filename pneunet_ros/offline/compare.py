@@ -84,7 +84,7 @@ def refuse_itself(a: ShapeSeries, b: ShapeSeries) -> None:
         raise RequestError(
             f'A and B are the same topics of {a.name}: choose what of B to compare with, as in '
             '--topic b.targets=/pneunet/targets',
-            reason='same',
+            reason='given_twice',
         )
 
 

@@ -158,7 +158,7 @@ def fleet_of_table(table: Path, arm: Path) -> tuple[FleetArm, ...]:
         try:
             roles = {role: expanded(row.get(role, ''), table.parent) for role in ROLES}
         except ValueError as error:
-            raise RequestError(f'{table}, line {line}: {error}', reason='wrong_path') from error
+            raise RequestError(f'{table}, line {line}: {error}', reason='wrong_form') from error
         own = row.get('arm', '')
         found.append(FleetArm(name=name, arm=table.parent / own if own else arm, roles=roles))
     return tuple(found)

@@ -133,7 +133,7 @@ def _decode_plain(data: Bytes, *, colored: bool) -> Bytes:
     if grey.dtype not in (np.uint8, np.uint16):
         raise MessageError(
             f'an image of {grey.dtype} cannot be read; 8 or 16 bits per channel are',
-            reason='wrong_format',
+            reason='not_supported',
         )
     return eight_bits(grey)
 

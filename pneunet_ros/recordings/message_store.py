@@ -141,7 +141,7 @@ def _code_length(parsed: Any) -> int:
 def deserialize(raw: bytes, type_name: str, store: Typestore) -> Any:
     """Return the message in serialized bytes; MessageError when they are no such message."""
     if raw[:2] not in ENCAPSULATIONS:
-        raise MessageError('it does not begin as plain CDR', reason='wrong_format')
+        raise MessageError('it does not begin as plain CDR', reason='damaged')
     try:
         return store.deserialize_cdr(raw, type_name)
     except Exception as error:

@@ -163,7 +163,7 @@ def read_measured(
         raise RecordingError(
             f'{recording.path} holds no shape: none of the topics {", ".join(SHAPE_TOPICS)}; '
             '`pneunet replay --output` writes estimates, `pneunet track --output` targets',
-            reason='no_shape',
+            reason='no_topic',
         )
     return ShapeSeries(
         name=str(recording.path),

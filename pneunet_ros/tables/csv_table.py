@@ -16,7 +16,7 @@ from typing import TextIO
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.errors import RecordingError, why_unread
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import say_how_far, STEP
 from pneunet_ros.files.regular_file import open_regular
@@ -101,7 +101,7 @@ def read_csv(
             return _read(path, stream, cut, request, exact, check_names, size)
     except OSError as error:
         raise RecordingError(
-            f'{path} cannot be read: {error.strerror}', reason='unreadable'
+            f'{path} cannot be read: {error.strerror}', reason=why_unread(error)
         ) from error
     except UnicodeDecodeError as error:
         raise RecordingError(
@@ -282,7 +282,7 @@ def _rows(
             left_out.append(
                 Note(
                     f'{path}: line {line}, the last one, is incomplete and was skipped',
-                    reason='incomplete',
+                    reason='cut_off',
                 )
             )
         elif len(cells) != columns:

@@ -86,7 +86,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     if empty:
         more = f' and {len(empty) - NAMES_SHOWN} more' if len(empty) > NAMES_SHOWN else ''
         shown = ', '.join(empty[:NAMES_SHOWN])
-        sentences.append(Note(f'{path}: no row has a number in {shown}{more}', reason='empty'))
+        sentences.append(Note(f'{path}: no row has a number in {shown}{more}', reason='no_number'))
     known = columns_of(names, str(path))
     if request.missing is None:
         ask_for_placeholders(path, table.numbers, known, table.lines)
@@ -94,7 +94,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     if request.missing:
         shown = ', '.join(f'{value:.12g}' for value in request.missing)
         sentences.append(
-            Note(f'{path}: {count} readings of {shown} are taken as missing', reason='missing')
+            Note(f'{path}: {count} readings of {shown} are taken as missing', reason='placeholder')
         )
     columns = {(item.quantity, item.target): item for item in known}
     for name in request.offsets:
@@ -137,7 +137,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
             Note(
                 f'{path}: target 0 has no columns. Targets count from 0 at the clamp: are these '
                 'numbered from 1?',
-                reason='no_target',
+                reason='no_clamp_target',
             )
         )
     nothing = np.zeros(len(stamp_ns))

@@ -140,7 +140,7 @@ def other_arm(factor: float):
 
 def test_recordings_of_different_arms_are_refused():
     stranger = made(other_arm(0.85), np.linspace(0, 6e4, 30), noise=USUAL, name='stranger')
-    with refused(RecordingError, 'contradiction'):
+    with refused(RecordingError, 'inconsistent'):
         check_runs([FREE[0], stranger, FREE[1]], [], PAPER)
 
 

@@ -182,7 +182,7 @@ def test_a_calibration_goes_on(run, lab, model):
         (['--unloaded', 'strings'], 'loaded'),
         (['--unloaded', 'unloaded_ramp', '--loaded', 'unloaded_staircase'], 'not_loaded'),
         (['--unloaded', 'nowhere'], 'not_found'),
-        (['--unloaded', 'unloaded_ramp', '--continue', 'no.yaml'], 'unreadable'),
+        (['--unloaded', 'unloaded_ramp', '--continue', 'no.yaml'], 'not_found'),
         (['--unloaded', 'unloaded_ramp', '--topic', 'targets=/other'], 'no_topic'),
     ],
 )

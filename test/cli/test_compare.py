@@ -281,7 +281,7 @@ def test_recordings_without_a_common_stamp_are_a_negative_answer(tmp_path, stamp
     ('arguments', 'reason'),
     [
         (['a.mcap'], 'missing'),
-        (['a.mcap', 'a.mcap'], 'same'),
+        (['a.mcap', 'a.mcap'], 'given_twice'),
         (['a.mcap', 'x.truth.npz', '--plot', 'p.doc'], 'wrong_suffix'),
         (['a.mcap', 'x.truth.npz', '--topic', 'c.targets=/t'], 'wrong_form'),
         (['a.mcap', 'x.truth.npz', '--topic', 'targets=/t'], 'no_topic'),
@@ -289,7 +289,7 @@ def test_recordings_without_a_common_stamp_are_a_negative_answer(tmp_path, stamp
         (['a.mcap', 'empty.npz'], 'no_truth'),
         (['a.mcap', 'back.npz'], 'no_truth'),
         (['five.mcap', 'x.truth.npz'], 'unreadable'),
-        (['wrench.mcap', 'x.truth.npz'], 'no_shape'),
+        (['wrench.mcap', 'x.truth.npz'], 'no_topic'),
     ],
 )
 def test_what_cannot_be_compared_is_said(

@@ -87,7 +87,7 @@ def given(lab, *more) -> list:
 
 def test_what_is_handed_on_and_written(run, found, lab):
     held_out = ['--heldout', lab / 'random_mix.mcap', lab / 'random_mix.mcap']
-    assert refusal(run(*given(lab, *held_out), '--json')) == 'same'
+    assert refusal(run(*given(lab, *held_out), '--json')) == 'given_twice'
 
     code, out, err = run(*given(lab, '--seed', '5', '--json'))
     assert (code, err) == (0, '')
@@ -143,7 +143,7 @@ def test_an_answer_that_is_not_clear_is_code_1(run, found, lab, without_report, 
 
 
 def test_a_recording_is_trained_on_or_held_out(run, found, lab):
-    assert refusal(run(*given(lab, '--heldout', lab / 'strings.mcap'), '--json')) == 'same'
+    assert refusal(run(*given(lab, '--heldout', lab / 'strings.mcap'), '--json')) == 'given_twice'
     assert not found
     assert not list(Path().iterdir())
 
@@ -234,7 +234,7 @@ def test_a_discovered_law_is_said_and_its_effect_written(run, found, lab, monkey
 
 
 def test_an_effect_that_there_is_not_cannot_be_withheld(run, lab):
-    assert refusal(run(*given(lab, '--without', 'magic'), '--json')) == 'unknown_effect'
+    assert refusal(run(*given(lab, '--without', 'magic'), '--json')) == 'unknown_key'
 
 
 def test_what_is_no_recording_is_said_before_any_is_read(run, lab, tmp_path, monkeypatch):

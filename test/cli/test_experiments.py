@@ -91,7 +91,7 @@ def test_unloaded_recordings_that_are_given_win(lab):
     assert 'light.mcap (given)' in found.unloaded
     with refused(RecordingError, 'loaded'):
         read('--first', 'loaded.mcap', '--unloaded', 'loaded.mcap')
-    with refused(RequestError, 'no_input'):
+    with refused(RequestError, 'not_found'):
         read('--first', 'bare.mcap', '--unloaded', 'idle.mcap')
 
 
@@ -107,7 +107,7 @@ def test_a_known_end_load(lab):
         ('loaded.mcap', ('0', '0.1'), 'exclusive'),
         ('bare.mcap', ('0', 'one'), 'not_a_number'),
         ('bare.mcap', ('0', 'nan'), 'not_a_number'),
-        ('idle.mcap', ('0', '1'), 'no_input'),
+        ('idle.mcap', ('0', '1'), 'not_found'),
     ):
         with refused(RequestError, reason):
             read('--first', 'bare.mcap', 'loaded.mcap', '--end-load', name, *load)

@@ -106,7 +106,7 @@ def test_a_scenario_file_of_the_user(run, tmp_path):
     ('arguments', 'reason'),
     [
         (['jump'], 'not_found'),
-        (['jump.yaml'], 'unreadable'),
+        (['jump.yaml'], 'not_found'),
         (['strings', '--effect', 'gravity'], 'wrong_form'),
         (['strings', '--effect', 'drag.c=1'], 'unknown_key'),
         (['strings', '--effect', 'gravity.g=1'], 'unknown_key'),

@@ -149,7 +149,7 @@ def test_film_and_table_of_two_runs_are_refused():
     frames, motion = filmed(steps, 10)[0][:2]
     table, pressure = filmed(steps, 11)[0][2:]
     found = estimate_delay(frames, motion, table, pressure)
-    assert found.trouble.reason in ('nothing_in_common', 'ambiguous')
+    assert found.trouble.reason in ('nothing_in_common', 'not_determined')
 
 
 def test_too_little_is_refused():

@@ -328,7 +328,7 @@ def test_wrong_calibrations_are_refused(write, old, new, reason):
 
 @pytest.mark.parametrize('load', [load_camera, load_camera_info])
 def test_files_that_cannot_be_read_are_named(tmp_path, load):
-    assert refusal(tmp_path / 'nowhere.yaml', load).reason == 'unreadable'
+    assert refusal(tmp_path / 'nowhere.yaml', load).reason == 'not_found'
     assert refusal(tmp_path, load).reason == 'unreadable'
     path = tmp_path / 'large.yaml'
     path.write_bytes(random.Random(1).randbytes(1_000_000))

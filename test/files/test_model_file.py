@@ -472,7 +472,7 @@ def test_a_file_too_large_is_not_even_read(tmp_path):
 
 
 def test_missing_and_unreadable_files_are_named(tmp_path):
-    assert refusal(tmp_path / 'nowhere.yaml').reason == 'unreadable'
+    assert refusal(tmp_path / 'nowhere.yaml').reason == 'not_found'
     assert refusal(tmp_path).reason == 'unreadable'
 
 

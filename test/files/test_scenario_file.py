@@ -106,7 +106,7 @@ def test_a_change_of_another_form_is_refused(text):
         (HEAD + 'protocol: {kind: slow_ramp, hight: 1}\n', 'unknown_key'),
         (HEAD + 'protocol: {kind: staircase, pressures: [a]}\n', 'not_a_table'),
         (HEAD.replace('1', '2', 1) + PROTOCOL, 'unknown_version'),
-        (HEAD.replace('lab_arm', 'no_arm') + PROTOCOL, 'unreadable'),
+        (HEAD.replace('lab_arm', 'no_arm') + PROTOCOL, 'not_found'),
         (HEAD.replace('mine', '""') + PROTOCOL, 'not_a_text'),
         (HEAD.replace('lab_arm.yaml', '{name: x}') + PROTOCOL, 'missing_key'),
     ],

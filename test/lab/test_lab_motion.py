@@ -79,7 +79,7 @@ def test_a_loaded_arm_is_elsewhere(arm, motion):
 def test_pressures_beyond_the_range_are_refused(arm, motion):
     with pytest.raises(RequestError):
         motion.targets(50_001.0)
-    with refused(RequestError, 'no_shape'):
+    with refused(RequestError, 'no_equilibrium'):
         motion_of(arm, (0.0, 200e3))
 
 

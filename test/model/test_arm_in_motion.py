@@ -234,7 +234,7 @@ def test_targets_are_predicted_where_the_moving_arm_has_them():
 
 def test_an_arm_of_negative_rigidity_has_no_motion():
     law = LinearLaw(bending_stiffness=-1e-4)
-    with refused(ModelError, 'no_shape'):
+    with refused(ModelError, 'no_equilibrium'):
         Estimator(arm=moving(moment_law=law, covariance=None, domain=None))
 
 

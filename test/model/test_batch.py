@@ -113,5 +113,5 @@ def test_misuse_is_refused() -> None:
         solve_many(ARM, [1e3, 2e3, 3e3], [[0.1, 0.0]] * 2, start=start)
     with refused(RequestError, 'not_finite'):
         solve_many(ARM, [np.nan], [[0.1, 0.0]], start=start)
-    with refused(RequestError, 'no_shape'):
+    with refused(RequestError, 'no_equilibrium'):
         solve_many(ARM, [1e3], [[0.1, 0.0]], start=solve(ARM, 90e3))

@@ -396,7 +396,7 @@ def test_sensing_effects_are_not_in_the_jacobian():
 
 
 def test_no_jacobian_without_a_shape():
-    with refused(RequestError, 'no_shape'):
+    with refused(RequestError, 'no_equilibrium'):
         tip_jacobian(paper_arm(), solve(paper_arm(), 200e3))
 
 

@@ -183,7 +183,7 @@ def test_pressures_of_another_kind_are_doubted(tmp_path, arm, change, doubt):
 def test_targets_in_another_unit_are_no_use(tmp_path, said, arm):
     small = dataclasses.replace(arm, length=0.02, target_arclength=np.array([0.0, 0.01, 0.02]))
     use = found(tmp_path, said, small)['uses']['calibrate loaded']
-    assert use['reason'].reason == 'too_far'
+    assert use['reason'].reason == 'other_length'
 
 
 def test_settings_and_topics_are_those_of_the_request(tmp_path, said, arm):

@@ -11,6 +11,7 @@ import sys
 
 import pneunet_ros
 from pneunet_ros.cli.main import VERBS
+from pneunet_ros.core.reasons import REASONS
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 import pytest
@@ -69,6 +70,11 @@ def test_every_number_that_decides_stands_there(pages):
                 calls += node.func.id == 'tuning'
     rows = re.findall(r'^\| `\w+` \|', pages['generated/settings.md'], re.M)
     assert len(rows) == calls > 100
+
+
+def test_every_reason_stands_there_once(pages):
+    rows = re.findall(r'^\| `(\w+)` \|', pages['generated/reasons.md'], re.M)
+    assert rows == sorted(REASONS)
 
 
 def test_every_public_name_stands_there(pages):

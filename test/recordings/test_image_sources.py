@@ -429,7 +429,7 @@ def test_what_does_not_go_together_is_refused(tmp_path):
         open_images(path, SourceRequest(camera_info='none', topics={'camera_info': INFO}))
     with refused(RequestError, 'other_source'):
         open_images(folder, SourceRequest(camera_info='none', topics={'image_raw': IMAGE}))
-    with refused(CameraError, 'unreadable'):
+    with refused(CameraError, 'not_found'):
         open_images(folder, SourceRequest(camera_info='absent.yaml'))
     with refused(RecordingError, 'not_found'):
         open_images(tmp_path / 'absent', NONE)

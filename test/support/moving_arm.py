@@ -118,7 +118,7 @@ def motion_of(
     def shape_at(pressure: float) -> Array:
         shape = solve(arm, pressure, force=force, stations=STATIONS)
         if not shape.converged:
-            raise RequestError(shape.status, reason='no_shape')
+            raise RequestError(shape.status, reason='no_equilibrium')
         return np.array([shape.x, shape.y, shape.theta])
 
     arclength = station_arclength(arm.length, STATIONS)

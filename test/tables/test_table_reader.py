@@ -543,7 +543,7 @@ def test_columns_without_any_number_are_said(tmp_path):
     path = tmp_path / 'table.csv'
     path.write_text('time_s,pressure_pa,x0_m,y0_m,x1_m,y1_m\n1,2,0,0,nan,\n2,3,,,NA,nan\n')
     (note,) = read_table(path, ImportRequest())[1]
-    assert (note.reason, 'x1_m, y1_m' in note) == ('empty', True)
+    assert (note.reason, 'x1_m, y1_m' in note) == ('no_number', True)
 
 
 @pytest.mark.parametrize(
@@ -574,7 +574,7 @@ def test_sizes_are_bounded(tmp_path, monkeypatch):
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):
-    with refused(RecordingError, 'unreadable'):
+    with refused(RecordingError, 'not_found'):
         read_table(tmp_path / 'missing.csv', ImportRequest())
 
 

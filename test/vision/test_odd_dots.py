@@ -241,7 +241,7 @@ def test_a_grey_image_has_no_colors_and_is_refused():
 
 @pytest.mark.parametrize(
     ('color', 'reason'),
-    [([90, 92, 95], 'no_color'), ([300, 0, 0], 'wrong_shape'), ([1, 2], 'wrong_shape')],
+    [([90, 92, 95], 'not_a_color'), ([300, 0, 0], 'wrong_shape'), ([1, 2], 'wrong_shape')],
 )
 def test_a_color_that_is_none_is_refused(tmp_path, color, reason):
     with refused(CameraError, reason):

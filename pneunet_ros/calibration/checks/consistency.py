@@ -42,7 +42,7 @@ def check_same_arm(
                 f'without a load the ends of the arm are {millimeters(distance):.2g} mm apart; '
                 'recordings of different arms, or of another pressure sensor, cannot be '
                 'calibrated together',
-                reason='contradiction',
+                reason='inconsistent',
             )
 
 

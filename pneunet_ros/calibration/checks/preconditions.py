@@ -121,7 +121,7 @@ def check_loads(
         raise RecordingError(
             f'{run.name}: an end force of {np.max(np.abs(run.force)):.3g} N on an arm that '
             f'weighs {arm.weight:.3g} N; forces must be in N (see --arm)',
-            reason='force_too_large',
+            reason='out_of_range',
         )
 
 
@@ -265,7 +265,7 @@ def check_units(
             f'{run.name}: a target {reach:.3g} m from the clamp, and the arm is '
             f'{arm.reach:.3g} m long; targets must be in m, in the base frame at the clamp, and '
             'of this arm (see --arm)',
-            reason='too_far',
+            reason='other_length',
         )
     middle = np.nanmedian(np.hypot(run.x[:, -1], run.y[:, -1])) if run.seen[:, -1].any() else reach
     if middle < settings.nearest * arm.length:

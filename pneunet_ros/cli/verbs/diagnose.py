@@ -211,7 +211,7 @@ def settings_without(names: Sequence[str]) -> DiagnosisSettings:
             raise RequestError(
                 f'--without names an effect {name} that there is not; known here: '
                 f'{", ".join(EFFECTS)}',
-                reason='unknown_effect',
+                reason='unknown_key',
             )
     withheld = replace(DEFAULTS.hypothesis, withheld=tuple(sorted(names)))
     return replace(DEFAULTS, hypothesis=withheld)
@@ -239,5 +239,5 @@ def check_distinct(inputs: list[dict[str, str]]) -> None:
             raise RequestError(
                 f'{item["file"]} ({item["role"]}) and {other["file"]} ({other["role"]}) are the '
                 'same recording: give each once',
-                reason='same',
+                reason='given_twice',
             )

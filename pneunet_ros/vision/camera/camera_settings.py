@@ -272,7 +272,7 @@ class CameraSettings:
             if lab_color((color[0], color[1], color[2]))[1] < LEAST_CHROMA:
                 raise CameraError(
                     f'dot_color = {list(color)} is a grey: leave it out, and set polarity',
-                    reason='no_color',
+                    reason='not_a_color',
                 )
             object.__setattr__(self, 'dot_color', color)
         if self.polarity not in POLARITIES:
