@@ -50,5 +50,10 @@ def setup(app):
         with mock([name for name in OF_RECORDINGS if find_spec(name) is None]):
             write_site_pages(Path(app.srcdir))
 
+    def add_style(app, config):
+        config.html_static_path.append(str(Path(app.srcdir) / '_static'))
+
+    app.connect('config-inited', add_style)
+    app.add_css_file('site.css')
     app.connect('builder-inited', write_pages)
     app.connect('source-read', turn_links)
