@@ -13,6 +13,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import median
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.outcome import Refusal, refuse
 from pneunet_ros.core.readings import (
     BaseReading,
@@ -414,18 +415,19 @@ class Fusion:
         force = replace(force, noise=noise, largest_noise=max(force.largest_noise, noise))
         return before, replace(state, force=force)
 
-    def other_sensors(self, state: FusionState) -> dict[str, str]:
+    def other_sensors(self, state: FusionState) -> dict[str, Note]:
         """Return a sentence by sensor that is worse than the one of the calibration."""
         sentences = self.coarse_sensors(state)
         if state.force.noise:
-            sentences['force'] = (
+            sentences['force'] = Note(
                 f'the force is read with noise of {state.force.noise:.3g} N, and the model knows '
                 f'of {self.arm.sensors.force_std:.3g} N: the former is used; calibrate with this '
-                'sensor'
+                'sensor',
+                reason='other_noise',
             )
         return sentences
 
-    def coarse_sensors(self, state: FusionState) -> dict[str, str]:
+    def coarse_sensors(self, state: FusionState) -> dict[str, Note]:
         """Return a sentence by sensor that reads in steps beyond the noise of the model."""
         noise, bench, sentences = self.arm.sensors, self.bench, {}
         pressure_step = state.pressures[-1].step if state.pressures else math.inf
@@ -435,10 +437,11 @@ class Fusion:
         ):
             rounding = rounding_of(step)
             if rounding > std:
-                sentences[name] = (
+                sentences[name] = Note(
                     f'the {name} is read in steps of {step:.4g} {unit}, and the model knows of '
                     f'{std:.3g} {unit} of noise: {with_rounding(std, rounding):.3g} {unit} is '
-                    'used where a message has no variance; calibrate with this sensor'
+                    'used where a message has no variance; calibrate with this sensor',
+                    reason='coarse_steps',
                 )
         return sentences
 

@@ -73,11 +73,7 @@ def test_a_recording_is_unloaded_without_a_wrench_or_where_every_one_is_noise(la
         'loaded.mcap',
     )
     assert loaded(found) == [[False, False, True], [True, True]]
-    for word in (
-        'bare.mcap (no end_wrench)',
-        'idle.mcap (every wrench is within 4 sigma',
-        '0.004 N',
-    ):
+    for word in ('bare.mcap', 'idle.mcap', '0.004 N'):
         assert word in found.unloaded
     for name in ('light', 'twisted', 'loaded.mcap'):
         assert name not in found.unloaded

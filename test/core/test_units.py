@@ -60,9 +60,10 @@ def test_values_within_closed_bounds_pass(value):
 
 @pytest.mark.parametrize('value', [-1e-9, 10.000001, math.nan, math.inf, -math.inf])
 def test_values_outside_are_refused_by_name_with_bounds_and_unit(value):
-    with pytest.raises(ModelError) as caught:
+    with refused(ModelError, 'out_of_bounds') as caught:
         check_quantities(Spring(stiffness=value), 'arm.spring')
-    assert str(caught.value) == f'arm.spring.stiffness = {value} is not within [0.0, 10.0] N/m'
+    said = str(caught.value)
+    assert said.startswith('arm.spring.stiffness ') and said.endswith('[0.0, 10.0] N/m')
 
 
 @pytest.mark.parametrize('value', ['3', None, True, [1.0], 1j])

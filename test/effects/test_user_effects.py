@@ -96,7 +96,7 @@ def test_a_model_with_an_unknown_effect_says_what_to_do(tmp_path, capsys):
     assert main(asked) == 2
     said = capsys.readouterr().err
     assert 'effects.soft_part' in said
-    assert '--effects-path DIR' in said
+    assert '--effects-path' in said
     assert main([*asked, '--effects-path', str(path)]) == 0
     assert main(['effects', '--effects-path', str(path)]) == 0
     assert 'soft_part' in capsys.readouterr().out
@@ -164,12 +164,12 @@ def test_installed_packages_may_offer_effects(tmp_path, monkeypatch):
     offer('soft_part:SoftPart')
     assert [effect.name for effect in add_installed_effects()] == ['soft_part']
     assert 'soft_part' in EFFECTS
-    for value, words in (
-        ('soft_part:Hard', 'effect soft cannot be imported: AttributeError'),
-        ('soft_part:Terms', 'effect soft: Terms is no subclass of Effect'),
+    for value, reason in (
+        ('soft_part:Hard', 'not_imported'),
+        ('soft_part:Terms', 'wrong_form'),
     ):
         offer(value)
-        with pytest.raises(ModelError, match=words):
+        with refused(ModelError, reason):
             add_installed_effects()
 
 

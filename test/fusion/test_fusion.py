@@ -489,7 +489,7 @@ def test_a_force_sensor_that_is_noisier_than_the_model_knows_is_heard_to_be(std)
     assert not any(one.force_sensor for one in found.estimates)
     assert found.state.force.noise == pytest.approx(std, rel=0.4)
     (said,) = fusion().other_sensors(found.state).values()
-    assert said.startswith('the force is read with noise of')
+    assert said.reason == 'other_noise'
     assert found.force_covered() > 0.88
     assert found.tip_covered() > 0.88
     assert rms(found.tip_error) < 1.6e-4
@@ -728,7 +728,7 @@ def test_a_coarse_pressure_sensor_is_not_called_off():
     assert PRESSURE not in found.state.causes
     assert found.state.pressures[-1].step == pytest.approx(step)
     (said,) = calibrated().other_sensors(found.state).values()
-    assert said.startswith('the pressure is read in steps of 500 Pa')
+    assert (said.reason, ' 500 Pa' in said) == ('coarse_steps', True)
     std = calibrated().arm.sensors.pressure_std
     assert found.state.pressures[-1].std == pytest.approx(np.hypot(std, step / np.sqrt(12.0)))
     assert found.force_covered() > 0.9
@@ -748,7 +748,7 @@ def test_a_coarse_force_sensor_is_not_taken_for_a_fine_one():
     fine = usual(calibrated(), with_wrench=True).state
     assert fine.force.step < 0.2 * step
     (said,) = calibrated().other_sensors(found.state).values()
-    assert said.startswith('the force is read in steps of 0.005 N')
+    assert (said.reason, ' 0.005 N' in said) == ('coarse_steps', True)
     assert calibrated().other_sensors(fine) == calibrated().coarse_sensors(FusionState()) == {}
 
 
@@ -887,12 +887,12 @@ def test_frames_that_are_stamped_ahead_are_told_of_and_not_taken_for_now():
     assert not any('clocks' in words for words in near.estimate.warnings)
     ahead = fused_with_clock(300_000_000)
     assert isinstance(ahead, FusedEstimate)
-    assert any('are the clocks of camera' in words for words in ahead.estimate.warnings)
+    assert any('clocks' in words for words in ahead.estimate.warnings)
     far = fused_with_clock(10_000_000_000)
     assert isinstance(far, Refusal)
     assert far.reason == 'too_uncertain'
     assert far.error and far.awaits_others
-    assert 'stamped 10 s later than the pressure: are the clocks of camera' in far.sentence
+    assert ' 10 s ' in far.sentence
 
 
 def test_one_frame_that_is_stamped_ahead_costs_nothing():
@@ -982,7 +982,7 @@ def test_a_pressure_of_another_kind_is_refused_with_advice_and_the_camera_is_alo
         state, refusal = fusion().step(state, absolute)
         assert isinstance(refusal, Refusal)
         assert refusal.reason == 'out_of_range'
-        assert 'set pressure_reference to absolute' in refusal.sentence
+        assert 'pressure_reference' in refusal.sentence
         state, outcome = fusion().step(state, sightings(frame))
         modes |= set() if outcome is None else {outcome.mode}
     assert modes == {Mode.CAMERA_ONLY}

@@ -262,13 +262,8 @@ def test_what_is_refused_is_counted_by_reason_and_brings_nothing(peer):
         peer.images.publish(frame(picture, filmed.stamp_of(index)))
     peer.infos.publish(info(binning_x=2, binning_y=2))
     peer.barrier()
-    level, message, after = peer.report()
+    level, _, after = peer.report()
     assert Level(level).name == 'ERROR'
-    for words in (
-        '640 x 472 pixels, but camera_info is for 640 x 480',
-        'camera_info with binning 2 x 2 is not supported',
-    ):
-        assert words in message
     reasons = {name.partition('/')[2] for name in after if name.startswith('rejected/')}
     counts = {name: rejected(after, name) - rejected(before, name) for name in reasons}
     assert {name: count for name, count in counts.items() if count} == {

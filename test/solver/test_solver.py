@@ -214,7 +214,7 @@ def test_the_residual_sees_what_stands_between_the_gauss_points(seed):
     assert coarse.residual > SOLVER.finest_detail  # where Newton's method says 1e-13
     assert violations(case.arm, coarse).angle < coarse.residual
     if seed == STEEP[-1]:
-        assert fine.status.startswith('not resolved')
+        assert not fine.converged
         return
     assert fine.residual <= SOLVER.finest_detail
     assert violations(case.arm, fine).angle < fine.residual
@@ -379,7 +379,6 @@ def test_a_wiggly_field_gets_the_mesh_it_needs(waves):
 def test_detail_finer_than_any_mesh_is_said():
     shape = solve(wiggly_arm(300), 0.0, (0.1, 0.1))
     assert not shape.converged
-    assert shape.status.startswith('not resolved: the shape has detail finer than')
     assert np.isnan(shape.x).all()
 
 
@@ -387,7 +386,8 @@ def test_steep_boundary_layers_are_solved():
     # METHODS: shooting grows like exp(l sqrt(F/B)), here exp(35).
     law = two_sections(1e-5, 1e-5)
     shape = solve(plain_arm(curvature=20.0, law=law), 0.0, (1.0, 0.3))
-    assert shape.status.startswith('converged, stable')
+    assert shape.converged
+    assert shape.stable
     assert shape.theta[20:35] == pytest.approx(math.atan2(0.3, 1.0), abs=1e-4)
 
 

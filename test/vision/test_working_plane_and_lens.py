@@ -406,7 +406,7 @@ def test_there_and_back_from_any_pose(angles, distance, x, y):
             PosePlane(position=tuple(position), quaternion=tuple(rotation.as_quat()))
         )
     except CameraError as error:
-        assert 'the clamp behind' in str(error)
+        assert error.reason == 'behind_camera'
         return
     normalized = plane.normalized([[x, y]])
     assume(np.isfinite(normalized[0, 0]))
@@ -421,38 +421,37 @@ LINE = [[0.0, 0.0], [0.01, 0.02], [0.02, 0.04], [0.03, 0.06]]
 
 
 @pytest.mark.parametrize(
-    ('pixels', 'points', 'sentence'),
+    ('pixels', 'points', 'reason'),
     [
-        ([[100, 100], [200, 200], [300, 300], [400, 400]], LINE, 'do not determine the plane'),
+        ([[100, 100], [200, 200], [300, 300], [400, 400]], LINE, 'not_determined'),
         (
             [[100, 100], [200, 200], [300, 300], [400, 100]],
             [*LINE[:3], [0.05, 0]],
-            'do not determine',
+            'not_determined',
         ),
-        (SQUARE, LINE, 'do not determine'),
-        ([[100, 100], [200, 200], [300, 300], [400, 400]], CORNERS, 'do not determine'),
-        ([*SQUARE[:3], SQUARE[0]], [*CORNERS[:3], CORNERS[0]], 'do not determine the plane'),
-        ([*SQUARE[:3], SQUARE[0]], CORNERS, 'do not determine'),
-        ([*SQUARE[:3], SQUARE[0], SQUARE[1]], [*CORNERS[:3], *CORNERS[:2]], 'determine'),
+        (SQUARE, LINE, 'not_determined'),
+        ([[100, 100], [200, 200], [300, 300], [400, 400]], CORNERS, 'not_determined'),
+        ([*SQUARE[:3], SQUARE[0]], [*CORNERS[:3], CORNERS[0]], 'not_determined'),
+        ([*SQUARE[:3], SQUARE[0]], CORNERS, 'not_determined'),
+        ([*SQUARE[:3], SQUARE[0], SQUARE[1]], [*CORNERS[:3], *CORNERS[:2]], 'not_determined'),
         # A plane seen 89.3 degrees from square: such a plane is known to nobody.
-        ([[100, 240], [500, 240], [500, 245], [100, 245]], CORNERS, 'do not determine'),
-        (4 * [[320.0, 240.0]], CORNERS, 'all plane.pixels are the same point'),
-        (SQUARE, 4 * [[0.0, 0.0]], 'all plane.points are the same point'),
-        (SQUARE, [CORNERS[at] for at in (0, 2, 1, 3)], 'behind the camera'),
-        (SQUARE, [CORNERS[at] for at in (1, 0, 2, 3)], 'behind the camera'),
+        ([[100, 240], [500, 240], [500, 245], [100, 245]], CORNERS, 'not_determined'),
+        (4 * [[320.0, 240.0]], CORNERS, 'not_determined'),
+        (SQUARE, 4 * [[0.0, 0.0]], 'not_determined'),
+        (SQUARE, [CORNERS[at] for at in (0, 2, 1, 3)], 'behind_camera'),
+        (SQUARE, [CORNERS[at] for at in (1, 0, 2, 3)], 'behind_camera'),
         (
             [*SQUARE, [300.0, 250.0]],
             [*CORNERS, [0.1, 0.07]],
-            'do not fit the others',
+            'inconsistent',
         ),
-        ([*SQUARE[:3], [5000.0, 400.0]], CORNERS, 'plane.pixels[3] = [5000.0, 400.0] lies beyond'),
+        ([*SQUARE[:3], [5000.0, 400.0]], CORNERS, 'beyond_lens'),
     ],
 )
-def test_points_that_give_no_plane_are_refused(pixels, points, sentence):
+def test_points_that_give_no_plane_are_refused(pixels, points, reason):
     known = HomographyPlane(pixels=np.array(pixels), points=np.array(points))
-    with pytest.raises(CameraError) as caught:
+    with refused(CameraError, reason):
         plane_from_homography(lens([-0.3, 0.0, 0.0, 0.0]), known)
-    assert sentence in str(caught.value)
 
 
 @given(
@@ -476,17 +475,16 @@ def test_a_plane_fits_its_points_or_is_refused(pixels, data):
 
 
 @pytest.mark.parametrize(
-    ('position', 'quaternion', 'sentence'),
+    ('position', 'quaternion', 'reason'),
     [
-        ((0.0, 0.0, 0.5), (0.0, 0.0, 0.0, 1.0), 'have the clamp behind the camera'),
-        ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 'away from the working plane'),
-        ((0.5, 0.0, 1e-6), (1.0, 0.0, 0.0, 0.0), 'away from the working plane'),
+        ((0.0, 0.0, 0.5), (0.0, 0.0, 0.0, 1.0), 'behind_camera'),
+        ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 'not_determined'),
+        ((0.5, 0.0, 1e-6), (1.0, 0.0, 0.0, 0.0), 'not_determined'),
     ],
 )
-def test_a_pose_that_sees_no_arm_is_refused(position, quaternion, sentence):
-    with pytest.raises(CameraError) as caught:
+def test_a_pose_that_sees_no_arm_is_refused(position, quaternion, reason):
+    with refused(CameraError, reason):
         plane_from_pose(PosePlane(position=position, quaternion=quaternion))
-    assert sentence in str(caught.value)
 
 
 def test_a_rounded_quaternion_gets_its_length_back():
@@ -502,16 +500,16 @@ def test_a_quaternion_of_another_length_is_refused(length):
 
 
 @pytest.mark.parametrize(
-    ('first', 'last', 'arclengths', 'sentence'),
+    ('first', 'last', 'arclengths', 'reason'),
     [
-        ((0.1, 0.1), (0.1, 0.1), (0.0, 0.1), 'not seen apart'),
-        ((math.nan, 0.1), (0.1, 0.1), (0.0, 0.1), 'not seen apart'),
-        ((0.0, 0.1), (0.1, 0.1), (0.1, 0.1), 'must come after the first'),
-        ((0.0, 0.1), (0.1, 0.1), (0.1, 0.0), 'must come after the first'),
+        ((0.1, 0.1), (0.1, 0.1), (0.0, 0.1), 'not_determined'),
+        ((math.nan, 0.1), (0.1, 0.1), (0.0, 0.1), 'not_determined'),
+        ((0.0, 0.1), (0.1, 0.1), (0.1, 0.1), 'wrong_order'),
+        ((0.0, 0.1), (0.1, 0.1), (0.1, 0.0), 'wrong_order'),
     ],
 )
-def test_targets_that_give_no_scale_are_refused(first, last, arclengths, sentence):
-    with pytest.raises(CameraError, match=sentence):
+def test_targets_that_give_no_scale_are_refused(first, last, arclengths, reason):
+    with refused(CameraError, reason):
         plane_from_rest(first, last, *arclengths)
 
 
