@@ -478,8 +478,8 @@ def test_a_plane_fits_its_points_or_is_refused(pixels, data):
     ('position', 'quaternion', 'reason'),
     [
         ((0.0, 0.0, 0.5), (0.0, 0.0, 0.0, 1.0), 'behind_camera'),
-        ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 'not_determined'),
-        ((0.5, 0.0, 1e-6), (1.0, 0.0, 0.0, 0.0), 'not_determined'),
+        ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 'out_of_bounds'),
+        ((0.5, 0.0, 1e-6), (1.0, 0.0, 0.0, 0.0), 'out_of_bounds'),
     ],
 )
 def test_a_pose_that_sees_no_arm_is_refused(position, quaternion, reason):
