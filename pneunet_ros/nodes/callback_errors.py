@@ -57,15 +57,18 @@ class CallbackErrors:
             text = ''.join(traceback.format_exception(error))
             self._say(
                 kind,
-                f'internal error, {kind}: this message or call is left out and the node goes on. '
-                f'Call ~/reset if it repeats, and report this:\n{text}',
+                f'internal error, {kind}: this message or call was skipped and the node goes '
+                f'on. Call ~/reset if it repeats, and report this:\n{text}',
             )
 
     def sentence(self) -> str:
         """Say how many there were since this was last asked; empty where there were none."""
         new, self._new = self._new, Counter()
         return '; '.join(
-            f'{count} internal error{"s" if count > 1 else ""}, {kind}: call ~/reset if it repeats'
+            (
+                f'{count} internal error{"s" if count > 1 else ""}, {kind}: call ~/reset if '
+                'this repeats'
+            )
             for kind, count in sorted(new.items())
         )
 

@@ -150,7 +150,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         """Say in the log that the node works, and which parameters it did not know."""
         unknown = self.unknown_parameters()
         if unknown:
-            self.get_logger().warning(f'parameters that do not exist here: {", ".join(unknown)}')
+            self.get_logger().warning(f'unknown parameters: {", ".join(unknown)}')
         frame_id = self.get_parameter('frame_id').value
         self.get_logger().info(f'ready: {self.configuration.model}, frame {frame_id}')
         self.ready_at = time.monotonic()

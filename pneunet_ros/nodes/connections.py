@@ -20,7 +20,7 @@ def rival_sentences(node: Any, shared: Collection[str]) -> Iterator[str]:
     own_name = node.get_fully_qualified_name()
     known = list(node.get_node_names_and_namespaces())
     if known.count((node.get_name(), node.get_namespace())) > 1:
-        yield f'another node is named {own_name}, too'
+        yield f'another node has the same name, {own_name}'
     passed = {*SHARED_TOPICS, *shared}
     own = Counter(publisher.topic_name for publisher in node.publishers)
     topics = [
@@ -29,14 +29,14 @@ def rival_sentences(node: Any, shared: Collection[str]) -> Iterator[str]:
         if topic not in passed and node.count_publishers(topic) > count
     ]
     if topics:
-        yield f'another node publishes on {", ".join(sorted(topics))}, too'
+        yield f'another node also publishes {", ".join(sorted(topics))}'
     for topic in sorted({item.topic_name for item in node.subscriptions} - passed):
         pause()
         names = sorted(map(name_of, node.get_publishers_info_by_topic(topic)))
         if len(names) > 1:
             yield (
-                f'{len(names)} publishers on {topic}, whose messages are mixed: '
-                f'{", ".join(names)}; stop all but one'
+                f'{topic} has {len(names)} publishers, and their messages mix: '
+                f'{", ".join(names)}. Stop all but one'
             )
 
 
@@ -54,7 +54,7 @@ def mismatch_sentences(node: Any) -> Iterator[str]:
             if reason:
                 yield (
                     f'{topic} of {name_of(other)} cannot be received ({reason}): set '
-                    f'qos_overrides.{topic}.subscription.reliability, or publish as is wanted here'
+                    f'qos_overrides.{topic}.subscription.reliability, or change the publisher'
                 )
     for item in node.publishers:
         pause()
@@ -74,12 +74,12 @@ def why_not(published: Any, subscribed: Any) -> str:
         ReliabilityPolicy.BEST_EFFORT,
         ReliabilityPolicy.RELIABLE,
     ):
-        return 'published best effort, wanted reliable'
+        return 'published as best effort, reliable requested'
     if (published.durability, subscribed.durability) == (
         DurabilityPolicy.VOLATILE,
         DurabilityPolicy.TRANSIENT_LOCAL,
     ):
-        return 'published volatile, wanted transient local'
+        return 'published as volatile, transient local requested'
     return ''
 
 

@@ -147,13 +147,13 @@ def run_experiment(node: ExperimentNode, path: Path) -> None:
             if not count and (loaded or name != END_WRENCH.name):
                 topic = node.resolve_topic_name(name)
                 raise RecordingError(
-                    f'nothing came on {topic} during the experiment', reason='silence'
+                    f'no messages on {topic} during the experiment', reason='silence'
                 )
 
 
 def ask_for_load(corners: Array, topic: str) -> None:
     """Say what to hang on, and wait."""
-    print(f'Nobody takes {topic}. Pull at the free end by hand or by weights:')
+    print(f'No node subscribes to {topic}. Pull at the free end by hand or by weights:')
     print('  s      F1 (N)  F2 (N)')
     for seconds, _, x, y in corners.tolist():
         print(f'  {seconds:5.1f}  {x:6.3f}  {y:6.3f}')

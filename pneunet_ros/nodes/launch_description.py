@@ -74,9 +74,9 @@ def check_installed(started: Iterable[Any]) -> None:
             there = False
         if not there:
             raise RequestError(
-                f'nothing is started: {executable} of the package {package} is not installed; '
-                f'install it, as by sudo apt install ros-$ROS_DISTRO-{package.replace("_", "-")}, '
-                'or leave it out',
+                f'nothing was started, because {executable} of the package {package} is not '
+                'installed. Install it (sudo apt install '
+                f'ros-$ROS_DISTRO-{package.replace("_", "-")}), or leave it out',
                 reason='not_installed',
             )
 
@@ -89,7 +89,7 @@ def is_true(name: str, given: Given) -> bool:
     value = given[name].strip().lower()
     if value not in TRUE_OR_FALSE:
         raise RequestError(
-            f'{name}:={given[name]}: one of {", ".join(TRUE_OR_FALSE)} is wanted',
+            f'{name}:={given[name]}: must be one of {", ".join(TRUE_OR_FALSE)}',
             reason='not_a_flag',
         )
     return TRUE_OR_FALSE[value]
@@ -101,7 +101,7 @@ def number(name: str, given: Given) -> float:
         return float(given[name])
     except ValueError as error:
         raise RequestError(
-            f'{name}:={given[name]}: a number is wanted', reason='not_a_number'
+            f'{name}:={given[name]}: must be a number', reason='not_a_number'
         ) from error
 
 
@@ -138,12 +138,12 @@ def check_names(given: Given) -> None:
         raise RequestError(f'namespace:={namespace}: {error}', reason='wrong_name') from error
     if level.lower() not in LOG_LEVELS:
         raise RequestError(
-            f'log_level:={level}: one of {", ".join(LOG_LEVELS)} is wanted', reason='unknown_kind'
+            f'log_level:={level}: must be one of {", ".join(LOG_LEVELS)}', reason='unknown_kind'
         )
     if file and not Path(file).is_file():
         raise RequestError(
-            f'params_file:={file}: there is no such file; '
-            'name a YAML file of parameters, like config/estimator.yaml, or leave it out',
+            f'params_file:={file} does not exist. Name a YAML file of parameters, such as '
+            'config/estimator.yaml, or leave it out',
             reason='not_found',
         )
 

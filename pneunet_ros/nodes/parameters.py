@@ -138,7 +138,7 @@ def without_effect(node: Any) -> list[str]:
 
 
 EFFECTS_PATH = (
-    'folder of effect files (*.py) of your own, which are code and are run; empty: only the '
+    'folder of your own effect files (*.py), which are executed; empty: only the '
     'effects of the library and of installed packages'
 )
 
@@ -164,8 +164,8 @@ def check_source(new: GravitySource, old: GravitySource) -> None:
     """Refuse another source of gravity, whose topics the node does not read."""
     if new.frame != old.frame or new.uses_imu > old.uses_imu:
         raise RequestError(
-            'the node was started without the topics that say where gravity points by '
-            f'{new.frame or "base_imu"}: start it with that model or parameter',
+            'this node was started without the topics that give the direction of gravity '
+            f'({new.frame or "base_imu"}): restart it with that model or parameter',
             reason='no_gravity',
         )
 

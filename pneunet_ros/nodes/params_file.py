@@ -64,9 +64,9 @@ def _names_none(names: Sequence[str], nodes: Sequence[str]) -> str:
     keys = f'its keys are {", ".join(names[:_NAMES_SHOWN])}{more}' if names else 'it names no node'
     first = nodes[0]
     return (
-        f'has no parameters for {" or ".join(nodes)}: {keys}; ROS 2 takes a key only as a full '
-        f'name: call it {first}, /**/{first.rpartition("/")[2]} for any namespace, or /** for '
-        'all nodes'
+        f'has no parameters for {" or ".join(nodes)}: {keys}. ROS 2 matches full names '
+        f'only: call it {first}, /**/{first.rpartition("/")[2]} for any namespace, or '
+        '/** for all nodes'
     )
 
 

@@ -37,9 +37,9 @@ def message_class(type_name: str) -> Callable[..., Any]:
         module = import_module(f'{package}.msg')
     except ModuleNotFoundError:
         raise RequestError(
-            f'{type_name} is needed, and the package {package} is not in this ROS: install it '
-            f'(apt install ros-jazzy-{package.replace("_", "-")}; it is not among the wheels on '
-            'PyPI if pip does not find it), or do not ask for what needs it',
+            f'{type_name} is needed, and this ROS does not have the package {package}. '
+            f'Install it (apt install ros-jazzy-{package.replace("_", "-")}; it is not '
+            'among the wheels on PyPI if pip does not find it), or do not use what needs it',
             reason='not_installed',
         ) from None
     found: Callable[..., Any] = getattr(module, name)

@@ -66,4 +66,4 @@ class OtherDescriptions:
                 if described.get(name, value) != value
             ]
             if other:
-                yield f'{node} has {", ".join(other)}: set both alike'
+                yield f'{node} has {", ".join(other)}: use the same values for both nodes'

@@ -51,4 +51,6 @@ class FrameShedding:
         """Say how many were left out since this was last asked; empty where none was."""
         new, self._new = self._new, 0
         frames = f'{new} frame{"s" if new > 1 else ""} of targets'
-        return f'{frames} left out, as readings were waiting: the machine is too slow' * (new > 0)
+        return f'{frames} dropped because readings were waiting: this machine is too slow' * (
+            new > 0
+        )

@@ -29,8 +29,8 @@ def watch_time(node: Any, say: Callable[[str], None]) -> Any:
     def tell(jump: Any) -> None:
         seconds = 1e-9 * jump.delta.nanoseconds
         say(
-            f'/clock jumped by {seconds:+.3f} s to {1e-9 * clock.now().nanoseconds:.3f} s; '
-            'readings count by their own stamps, and the node goes on'
+            f'/clock jumped by {seconds:+.3f} s to {1e-09 * clock.now().nanoseconds:.3f} s; '
+            'the node goes on, as readings carry their own stamps'
         )
 
     return clock.create_jump_callback(threshold, post_callback=tell)

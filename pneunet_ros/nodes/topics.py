@@ -140,5 +140,5 @@ def _overridable(
         return create(*arguments, qos_overriding_options=QoSOverridingOptions(policies))
     except (ParameterException, InvalidQosOverridesError, RuntimeError) as error:
         raise RequestError(
-            f'a qos_overrides parameter cannot be used: {error}', reason='wrong_value'
+            f'invalid qos_overrides parameter: {error}', reason='wrong_value'
         ) from error

@@ -77,7 +77,7 @@ def gripper(tmp_path_factory):
         yield process
         assert process.end(signal.SIGTERM) == 0, process.text
         assert 'Traceback' not in process.text
-        assert 'do not exist here' not in process.text
+        assert 'unknown parameters' not in process.text
 
 
 @pytest.mark.parametrize('kind', KINDS)

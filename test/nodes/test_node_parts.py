@@ -290,8 +290,8 @@ def fake_node(publishers, names, topics=('/p/tip', '/p/model_info', '/diagnostic
     [
         ({}, [('estimator', '/p'), ('estimator', '/other'), ('tracker', '/p')], ''),
         ({'/p/model_info': 2, '/diagnostics': 3}, [('estimator', '/p')], ''),
-        ({'/p/tip': 2}, [('estimator', '/p')], 'another node publishes on /p/tip, too'),
-        ({}, 2 * [('estimator', '/p')], 'another node is named /p/estimator, too'),
+        ({'/p/tip': 2}, [('estimator', '/p')], 'another node also publishes /p/tip'),
+        ({}, 2 * [('estimator', '/p')], 'another node has the same name, /p/estimator'),
     ],
 )
 def test_a_second_node_in_its_place_is_noticed(publishers, names, sentence):

@@ -671,10 +671,10 @@ WRONG = {
         'wrench_timeout must be a number with a decimal point',
     ),
     'bounds': (['-p', 'stations:=1'], 'stations must lie between 2 and 2000'),
-    'mixed list': (['-p', 'x:=[1, 2.0]'], 'the ROS arguments cannot be used'),
+    'mixed list': (['-p', 'x:=[1, 2.0]'], 'invalid ROS arguments'),
     'qos': (
         ['-p', 'qos_overrides./pneunet/shape.publisher.reliability:=some'],
-        'a qos_overrides parameter cannot be used',
+        'invalid qos_overrides parameter',
     ),
 }
 if find_spec('tf2_msgs') is None:

@@ -52,7 +52,7 @@ class NodeSettings:
     publish_joint_states: bool = setting(
         False, 'publish the topic joint_states of the chain of links that `pneunet urdf` writes'
     )
-    tip_frame: str = setting(TIP_FRAME, 'frame of the free end, on /tf')
+    tip_frame: str = setting(TIP_FRAME, 'frame of the free end in /tf')
 
     def __post_init__(self) -> None:
         """Refuse values outside their declaration."""

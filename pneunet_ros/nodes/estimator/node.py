@@ -69,7 +69,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         )
         trouble = warm_up(self.configuration.estimator, serializer)
         if trouble:
-            self.get_logger().warning(f'the model gave no shape to begin with: {trouble}')
+            self.get_logger().warning(f'the model has no solution at the start: {trouble}')
 
         node = self.configuration.node
         markers = node.markers(lambda: self.configuration.estimator.arm)
@@ -184,7 +184,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         """Say in the log when the estimator started anew because time jumped back."""
         if self.state.resets > resets:
             self.zero.forget()
-            sentence = 'time jumped back: the estimator has started anew'
+            sentence = 'time jumped back: the estimator was reset'
             self.log.warn('reset', sentence, time.monotonic())
 
     def diagnose(self) -> None:
@@ -209,7 +209,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         """Forget all readings."""
         self.state, self.consistency = self.state.fresh(), self.consistency.fresh()
         self.zero.forget()
-        return 'the estimator starts anew'
+        return 'the estimator was reset'
 
     def take_over(self, configuration: EstimatorConfiguration) -> None:
         """Keep what remains valid of the state, and use the new rate."""

@@ -38,11 +38,11 @@ class NodeSettings:
     effects_path: str = setting('', EFFECTS_PATH)
     gravity: str = setting('', GRAVITY)
     use_wrench: bool = setting(
-        True, 'read end_wrench where there is one; false: as if there were no force sensor'
+        True, 'use end_wrench if it is published; false: ignore the force sensor'
     )
     free_tip: bool = setting(
         FUSION.free_tip,
-        'nothing ever pushes at the tip: end_wrench is not read, contacts are determined',
+        ('nothing ever pushes at the tip: ignore end_wrench and estimate contacts along the arm'),
     )
     centerline_rate: float = quantity(
         30.0,
@@ -53,7 +53,7 @@ class NodeSettings:
     target_timeout: float = quantity(
         FUSION.target_timeout,
         unit='s',
-        meaning='age of the last frame from which on there is a prediction only',
+        meaning='age of the last frame above which the estimate is a prediction only',
         bounds=(1e-3, 3600.0),
     )
     largest_tip_std: float = quantity(
@@ -65,8 +65,8 @@ class NodeSettings:
     determined: float = quantity(
         FUSION.determined,
         unit='-',
-        meaning='largest standard deviation of a component of the force that is published, as a '
-        'share of the largest calibrated force',
+        meaning='largest standard deviation of a published force component, as a share of the '
+        'largest calibrated force',
         bounds=(1e-4, 1.0),
     )
 

@@ -63,7 +63,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         )
         trouble = warm_up(fusion, serializer)
         if trouble:
-            self.get_logger().warning(f'the model gave no shape to begin with: {trouble}')
+            self.get_logger().warning(f'the model has no solution at the start: {trouble}')
         self.outputs = EstimatePublisher(self, serializer, node.centerline_rate, FUSION_OUTPUTS)
         self.open_services()
         self.zero = PressureZero(self, self.in_use)
@@ -99,7 +99,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         self.health.took(sensor.name, outcome, end, end - begin)
         if self.state.readings.resets > resets:
             self.zero.forget()
-            sentence = 'time jumped back: the fusion has started anew'
+            sentence = 'time jumped back: the fusion was reset'
             self.log.warn('reset', sentence, time.monotonic())
         belief = self.state.belief
         if self.take_frame is not None and belief is not None:
@@ -128,7 +128,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         """Forget all readings and frames."""
         self.state = self.state.restarted()
         self.zero.forget()
-        return 'the fusion starts anew'
+        return 'the fusion was reset'
 
     def take_over(self, configuration: FusionConfiguration) -> None:
         """Keep what remains valid of the state, and use the new rate."""

@@ -46,14 +46,14 @@ class GripperSettings:
     thickness: float = quantity(
         0.006,
         unit='m',
-        meaning='from the centerline of an arm to the surface that touches',
+        meaning='distance from the centerline of an arm to its contact surface',
         bounds=(0.0, 1.0),
     )
     max_force: float = quantity(
-        0.05, unit='N', meaning='largest force of an arm that is commanded', bounds=(0.0, 1e3)
+        0.05, unit='N', meaning='largest force that is commanded from one arm', bounds=(0.0, 1e3)
     )
     width_tolerance: float = quantity(
-        1e-3, unit='m', meaning='to which a commanded width is reached', bounds=(1e-6, 1.0)
+        1e-3, unit='m', meaning='tolerance of a commanded width', bounds=(1e-6, 1.0)
     )
     closing_rate: float = quantity(
         20e3, unit='Pa/s', meaning='fastest change of a commanded pressure', bounds=(1.0, 1e9)
@@ -61,11 +61,16 @@ class GripperSettings:
     closing_gain: float = quantity(
         3.0,
         unit='1/s',
-        meaning='part of what is missing that is made good in a second: less for a slow valve',
+        meaning=(
+            'share of the remaining error that is corrected per second: less for a slow valve'
+        ),
         bounds=(1e-3, 1e3),
     )
     hold_after: float = quantity(
-        0.3, unit='s', meaning='without frames, after which a command is held', bounds=(1e-3, 1e3)
+        0.3,
+        unit='s',
+        meaning='time without frames after which the command is held',
+        bounds=(1e-3, 1e3),
     )
 
     def __post_init__(self) -> None:
@@ -160,7 +165,7 @@ def gripper_of(settings: GripperSettings, blocks: Mapping[str, ArmBlock]) -> Gri
         return None
     if without:
         raise RequestError(
-            f'{MOUNT} is missing in the block of {", ".join(without)}', reason='missing'
+            f'{MOUNT} is missing from the block of {", ".join(without)}', reason='missing'
         )
     return Gripper(
         mounts={
@@ -206,8 +211,8 @@ def block_of(arm: str, given: Mapping[str, Any]) -> ArmBlock:
             shared[key] = value
         else:
             raise RequestError(
-                f'{name} is no parameter of {", ".join(TABLES)}: a block has their parameters, '
-                f'{TOPICS} with the names of topics, and {MOUNT}',
+                f'{name} is not a parameter of {", ".join(TABLES)}. A block holds their '
+                f'parameters, {TOPICS} (names of topics) and {MOUNT}',
                 reason='unknown_key',
             )
     return ArmBlock(

@@ -92,12 +92,12 @@ class Grasping:
         try:
             if len(message.position) != 1 or len(message.effort) > 1:
                 raise RequestError(
-                    'position holds one width (m), effort one force (N) or none',
+                    'position must hold one width (m), and effort one force (N) or nothing',
                     reason='wrong_shape',
                 )
             self.order(message.position[0], message.effort[0] if message.effort else 0.0)
         except RequestError as error:
-            sentence = f'a command of the gripper is refused: {error}'
+            sentence = f'gripper command refused: {error}'
             self.node.log.warn('command', sentence, time.monotonic())
 
     def order(self, width: float, force: float) -> GripCommand:

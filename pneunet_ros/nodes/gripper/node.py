@@ -82,7 +82,7 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
             member.forget()
         if self.grasping is not None:
             self.grasping.forget()
-        return 'all arms start anew'
+        return 'all arms were reset'
 
     def zero_pressure(self, request: Any, response: Any) -> Any:
         """Serve ~/zero_pressure: all arms are vented; each node sets what it can."""

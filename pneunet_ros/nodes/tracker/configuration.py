@@ -40,13 +40,16 @@ class TrackerSettings:
     )
     clamp_pixel: str = setting(
         '',
-        'where the target next to the clamp is in the image, roughly, as "120, 240" (px): of '
-        'several rows in it the one that begins there is tracked; empty: as in the camera file',
+        'approximate pixel of the target next to the clamp, as "120, 240": selects the '
+        'row that begins there, if the image shows several; empty: as in the camera '
+        'file',
     )
-    frame_id: str = setting(BASE_FRAME, 'frame of all outputs but image_annotated, at the clamp')
+    frame_id: str = setting(
+        BASE_FRAME, 'frame at the clamp, of all outputs except image_annotated'
+    )
     image_transport: str = setting(
         'raw',
-        'which topic images come on: image_raw, or image_raw/compressed',
+        'topic of the images: image_raw, or image_raw/compressed',
         ('raw', 'compressed'),
     )
 

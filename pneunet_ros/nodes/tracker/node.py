@@ -67,7 +67,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         )
         trouble = warm_up(self.configuration.tracker, self.serializer)
         if trouble:
-            self.get_logger().warning(f'a drawn arm was not tracked to begin with: {trouble}')
+            self.get_logger().warning(f'the self-test on a drawn arm failed: {trouble}')
 
         self.outputs = {
             output.name: publisher(self, output.type, output.name, output_qos())
@@ -116,7 +116,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         resets = self.state.resets
         self.state, outcome = self.configuration.tracker.step(self.state, image)
         if self.state.resets > resets:
-            sentence = 'time jumped back: the tracker has started anew'
+            sentence = 'time jumped back: the tracker was reset'
             self.log.warn('reset', sentence, time.monotonic())
         assert outcome is not None
         if isinstance(outcome, Tracking):
@@ -169,7 +169,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
     def forget(self) -> str:
         """Forget all images; what is known of the camera remains."""
         self.state = self.configuration.tracker.reset(self.state)
-        return 'the tracker starts anew'
+        return 'the tracker was reset'
 
     def take_over(self, configuration: TrackerConfiguration) -> None:
         """Start anew if anything is another one; what is known of the camera remains."""

@@ -33,26 +33,29 @@ class VirtualArmSettings:
     )
     effects: str = setting(
         '',
-        'hidden effects beside those of the file, NAME.PARAMETER=VALUE, with blanks between them',
+        (
+            'hidden effects in addition to those of the file: NAME.PARAMETER=VALUE, '
+            'separated by spaces'
+        ),
     )
     seed: int = setting(0, 'of the noise', bounds=(0, 2**31 - 1))
-    noise: bool = setting(True, 'whether sensors are noisy and targets painted a little off')
+    noise: bool = setting(True, 'add sensor noise, and small errors of the painted targets')
     rate: float = quantity(
-        100.0, unit='Hz', meaning='of pressure and end_wrench', bounds=(1.0, 1000.0)
+        100.0, unit='Hz', meaning='rate of pressure and end_wrench', bounds=(1.0, 1000.0)
     )
     frame_rate: float = quantity(
-        10.0, unit='Hz', meaning='of targets or images', bounds=(0.1, 100.0)
+        10.0, unit='Hz', meaning='rate of targets or images', bounds=(0.1, 100.0)
     )
     camera: str = setting(
         'targets',
-        'what the camera gives: targets, as a tracker would; images, for the tracker; or none',
+        ('output of the camera: targets, as from a tracker; images, for the tracker; or none'),
         ('targets', 'images', 'none'),
     )
     swing_period: float = quantity(
         0.0,
         unit='s',
         meaning=(
-            'in which the arm rests, then swells and falls, until the first command; '
+            'period in which the arm rests, inflates and deflates until the first command; '
             '0: it waits at rest'
         ),
         bounds=(0.0, 1e4),

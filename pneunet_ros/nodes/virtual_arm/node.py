@@ -127,13 +127,16 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.refuse(UNREADABLE, str(error))
             return
         if not math.isfinite(command):
-            self.refuse(NOT_FINITE, f'a commanded pressure of {command} is refused')
+            self.refuse(NOT_FINITE, f'refused: a commanded pressure of {command}')
             return
         low, high = self.configuration.lab.scenario.arm.pressure_range
         within = min(max(command, low), high)
         self.command = within
         if within != command:
-            sentence = f'the valve goes from {low:g} to {high:g} Pa, not to {command:g} Pa'
+            sentence = (
+                f'a commanded pressure of {command:g} Pa is outside the range of the valve, '
+                f'{low:g} to {high:g} Pa'
+            )
             self.log.warn('range', sentence, time.monotonic())
 
     def take_load(self, message: Any) -> None:
@@ -283,8 +286,8 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         if self.still:
             level = Level.WARN
             message = (
-                'no readings: time stands still. Start what publishes /clock, or set use_sim_time '
-                'to false'
+                'no readings, because the clock stands still. Start what publishes /clock, or '
+                'set use_sim_time to false'
             )
             self.log.warn('still', message, now)
         if self.trouble is not None:

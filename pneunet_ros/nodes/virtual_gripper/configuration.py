@@ -33,10 +33,10 @@ class VirtualGripperSettings:
     """What stands between the arms."""
 
     object_width: float = quantity(
-        0.04, unit='m', meaning='diameter of the object; 0: there is none', bounds=(0.0, 1.0)
+        0.04, unit='m', meaning='diameter of the object; 0: no object', bounds=(0.0, 1.0)
     )
     object_stiffness: float = quantity(
-        30.0, unit='N/m', meaning='force of the object on a tip by its depth', bounds=(0.1, 60.0)
+        30.0, unit='N/m', meaning='contact stiffness between object and tip', bounds=(0.1, 60.0)
     )
     rate: float = quantity(100.0, unit='Hz', meaning='of all readings', bounds=(1.0, 1000.0))
     frame_id: str = setting(BASE_FRAME, 'frame of the gripper')
@@ -90,8 +90,8 @@ def played_gripper(files: Sequence[str], name: str) -> tuple[Gripper, dict[str, 
     gripper = gripper_of(settings, blocks)
     if gripper is None:
         raise RequestError(
-            f'{", ".join(settings.arms)} have no {MOUNT}: give the params_file of the gripper, '
-            f'with a {MOUNT} in the block of each arm, as in {SHIPPED}',
+            f'{", ".join(settings.arms)} have no {MOUNT}. Give the params_file of the '
+            f'gripper, with a {MOUNT} in the block of each arm, as in {SHIPPED}',
             reason='missing',
         )
     frames = {
