@@ -43,8 +43,9 @@ def fit_base(
     one_pressure = has_one_pressure(fitted, frame, calibration.resolution)
     if not unloaded and not one_pressure:
         raise RequestError(
-            'a diagnosis needs a training recording without a load: it says what the arm does '
-            'by pressure alone (--unloaded names one whose force sensor had nothing to measure)',
+            'a diagnosis needs a training recording without a load, which shows the effect '
+            'of the pressure alone (--unloaded names one whose force sensor had nothing to '
+            'measure)',
             reason='no_unloaded',
         )
     check_runs(unloaded, loaded, frame, settings=calibration)

@@ -213,8 +213,8 @@ def unsettled(seed: int, notes: Sequence[str], settings: DiagnosisSettings) -> U
     """Return that the base model could not be fitted."""
     return UnsettledDiagnosis(
         sentence=(
-            'The model could not be fitted to the training recordings: the search did not settle, '
-            'so nothing can be said of what the model lacks.'
+            'The model could not be fitted to the training recordings: the search did not '
+            'converge, so nothing can be said about what the model lacks.'
         ),
         notes=(
             'check length, targets, units and the moment law of the model, and the recordings by '
@@ -598,7 +598,7 @@ def at_rest(
         return kept[0], kept[1], notes, None
     if all(run.loaded for run in kept[0]) and not all(run.loaded for run in training):
         raise RecordingError(
-            f'{motion.left_out}. What is left is too little for a diagnosis', reason='in_motion'
+            f'{motion.left_out}. Too little is left for a diagnosis', reason='in_motion'
         )
     return kept[0], kept[1], (motion.left_out, *notes), motion
 
@@ -627,9 +627,9 @@ def with_tips(
         model, runs = with_tip_target(model, runs)
         if not any(run.seen.any() for run in runs):
             raise RecordingError(
-                'only the heading of the tip was measured, and a diagnosis looks at positions: '
-                'measure that of the tip, or a target, as well (`calibrate` takes the heading '
-                'alone)',
+                'only the heading of the tip was measured, and a diagnosis needs positions: '
+                'measure the position of the tip or of a target as well (`calibrate` accepts '
+                'the heading alone)',
                 reason='heading_only',
             )
         if model.target_arclength.size > targets:

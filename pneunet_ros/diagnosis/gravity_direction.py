@@ -33,7 +33,7 @@ def direction_notes(arm: Arm, effects: Sequence[NamedEffect]) -> tuple[str, ...]
         longer = max(math.hypot(x, y), 1.0)
         x, y = x / longer, y / longer
         return (
-            f'the line load is what the arm weighs itself if gravity points along [{x:.2f}, '
+            f'the line load equals the weight of the arm if gravity points along [{x:.2f}, '
             f'{y:.2f}] ± {std:.1g} instead of [{known[0]:.2f}, {known[1]:.2f}]: is the base '
             f'tilted? Try --gravity={x:.3f},{y:.3f}',
         )

@@ -63,8 +63,8 @@ class Swings:
         if left <= allowed:
             return ''
         return (
-            f'targets are {millimeters(math.sqrt(left)):.2g} mm beside the moving arm, and '
-            f'{millimeters(math.sqrt(allowed)):.2g} mm would be noise'
+            f'targets are {millimeters(math.sqrt(left)):.2g} mm off the moving arm, and '
+            f'noise alone would be {millimeters(math.sqrt(allowed)):.2g} mm'
         )
 
 

@@ -44,12 +44,12 @@ def describe_verdict(
     names = ' and '.join(verdict.trial.names)
     match verdict.answer:
         case 'none':
-            return 'The residuals are consistent with noise: no effect is missing that is visible.'
+            return 'The residuals are consistent with noise: no detectable effect is missing.'
         case 'unobservable' if verdict.mimicked:
             return (
-                f'What shows may be {" and ".join(verdict.mimicked)}, or an arm that bends '
-                'unevenly: these targets cannot tell, so no effect of the library is observable '
-                'in these recordings. More targets along the arm would tell.'
+                f'The misfit may be {" and ".join(verdict.mimicked)}, or an arm that bends '
+                'unevenly. These targets cannot distinguish them, so no effect of the library '
+                'is observable in these recordings; more targets along the arm would.'
             )
         case 'unobservable':
             return 'No effect of the library is observable in these recordings.'
@@ -78,10 +78,10 @@ def describe_gain(record: Record, before: float, after: float, noise: tuple[floa
     """
     if before - after <= noise[1]:
         return (
-            f'the training recordings, each predicted from the others, are {record.evidence:.0f} '
-            'nats more probable in all. The rms error cannot show it '
-            f'({millimeters(after):.3f} mm with it, {millimeters(before):.3f} mm without, noise '
-            f'alone {millimeters(noise[0]):.3f} ± {millimeters(noise[1]):.3f} mm).'
+            'the training recordings, each predicted from the others, are more probable by '
+            f'{record.evidence:.0f} nats in all. The rms error cannot show it '
+            f'({millimeters(after):.3f} mm with it, {millimeters(before):.3f} mm without, '
+            f'noise alone {millimeters(noise[0]):.3f} ± {millimeters(noise[1]):.3f} mm).'
         )
     start, end = two_lengths(before, after)
     return (
@@ -103,13 +103,14 @@ def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
     confirmer, base, record = Confirmer.of(selection, first.record), first.record, best.record
     worst = min(base.tests, key=lambda item: item.p_value)
     tested = (
-        f'what the base model leaves has p-value {worst.p_value:.2g} at worst, in {worst.name}'
+        f'the residuals of the base model have p-value {worst.p_value:.2g} at worst, in '
+        f'{worst.name}'
     )
     if not best.names:
         strongest = selection.score_candidates(first)[:1]
         score = ''.join(
-            f'; the strongest single effect, {item.name}, would take {item.gain:.1f} from chi '
-            'squared'
+            f'; the strongest single effect, {item.name}, would reduce chi squared by '
+            f'{item.gain:.1f}'
             for item in strongest
         )
         return f'Compared with clean data, {tested}{score}.'

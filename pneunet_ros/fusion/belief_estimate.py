@@ -41,8 +41,8 @@ from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.solution import SolverNodes
 
 STIFFNESS_UNKNOWN = (
-    'the stiffness was not measured, the model was calibrated without a load: no force is told '
-    'from the shape; calibrate with loads'
+    'the stiffness was not measured (the model was calibrated without loads), so '
+    'the shape gives no force: calibrate with loads'
 )
 OF_THE_BENCH = (
     *(one.sentence for one in CAUSES if one.sentence),
@@ -77,9 +77,11 @@ def unknown_swing(state: FusionState, belief: Belief, mode: Mode) -> str:
     if belief.reference is None:
         return ''
     if belief.reference.lost:
-        return 'nobody knows how the arm swings: its equilibrium is far from where it was seen'
+        return (
+            'the swing of the arm is unknown: its equilibrium is far from where the arm was seen'
+        )
     if state.counts.contradicted and mode is not Mode.PREDICTION:
-        return 'nobody knows how the arm swings: nothing explains where the last frame has seen it'
+        return 'the swing of the arm is unknown: no hypothesis explains the last frame'
     return ''
 
 
@@ -321,9 +323,9 @@ def shape_estimate(
         return refuse(
             stamp_ns,
             'too_uncertain',
-            f'the tip is known to {known} only, and largest_tip_std is '
-            f'{1e3 * bench.settings.largest_tip_std:.3g} mm'
-            + (': no target was seen lately' if mode is Mode.PREDICTION else ''),
+            f'the tip uncertainty is {known}, and largest_tip_std allows '
+            f'{1000.0 * bench.settings.largest_tip_std:.3g} mm'
+            + (': no target was seen recently' if mode is Mode.PREDICTION else ''),
             awaits_others=True,
         )
     shape, motion = bent.shape, None

@@ -146,9 +146,9 @@ class CameraCause(Cause):
     name: ClassVar = CAMERA
     rarity: ClassVar = 3.0
     sentence: ClassVar = (
-        'the camera is not where it was when its place was found: the arm tells where it is, and '
-        'the errors hold both; find base_from_camera anew and reset; if it is right, run pneunet '
-        'diagnose'
+        'the camera has moved since it was registered: its pose is estimated from the '
+        'arm, and the stated errors include it. Find base_from_camera again and reset; '
+        'if the camera did not move, run pneunet diagnose'
     )
 
     def priors(self, bench: Bench) -> tuple[slice, Array, Array, Array]:
@@ -182,8 +182,9 @@ class TargetsCause(Cause):
 
     name: ClassVar = TARGETS
     sentence: ClassVar = (
-        'the targets are not painted where the calibration found them: what it knows of their '
-        'places is not used; calibrate anew, or take covariance.placement out of the model file'
+        'the targets are not painted where the calibration found them: their '
+        'calibrated places are ignored. Calibrate again, or remove '
+        'covariance.placement from the model file'
     )
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
@@ -206,8 +207,8 @@ class TiltCause(Cause):
     name: ClassVar = TILT
     rarity: ClassVar = 3.0
     sentence: ClassVar = (
-        'the weight of the arm pulls from another side than the model has it: level the base, or '
-        'say where gravity points (parameter gravity, --gravity), and reset'
+        'gravity acts in another direction than in the model: level the base, or set '
+        'the direction of gravity (parameter gravity, --gravity), and reset'
     )
 
     def is_told(self, bench: Bench, belief: Belief) -> float:
@@ -237,9 +238,9 @@ class ForceSensorCause(Cause):
 
     name: ClassVar = FORCE_SENSOR
     sentence: ClassVar = (
-        'force sensor and targets disagree, and the sensor is not used: check its sign, axes and '
-        'cable, the pressure, and that the camera was not turned; tare it with nothing at the arm '
-        'and reset, or run pneunet diagnose'
+        'ignoring the force sensor: it disagrees with the targets. Check its sign, '
+        'axes and cable, the pressure, and whether the camera was turned; tare it with '
+        'an unloaded arm and reset, or run pneunet diagnose'
     )
 
     def is_told(self, bench: Bench, belief: Belief) -> float:
@@ -273,9 +274,9 @@ class PressureCause(Cause):
     name: ClassVar = PRESSURE
     rarity: ClassVar = 2.0
     sentence: ClassVar = (
-        'pressure and targets disagree, and the pressure is not used: check that its sensor does '
-        'not hang, its unit, its zero and the valve, then reset; if it is right, run pneunet '
-        'diagnose'
+        'ignoring the pressure sensor: it disagrees with the targets. Check for a '
+        'frozen reading, the unit, the zero offset and the valve, then reset; if the '
+        'sensor is right, run pneunet diagnose'
     )
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
@@ -309,8 +310,9 @@ class MirroredCause(Cause):
 
     name: ClassVar = MIRRORED
     sentence: ClassVar = (
-        'the image is mirrored: the targets are taken from the other side of the clamp; flip the '
-        'image in the camera driver, or find base_from_camera anew, and reset'
+        'the image is mirrored: the targets are taken from the other side of the '
+        'clamp. Flip the image in the camera driver, or find base_from_camera again, '
+        'and reset'
     )
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
@@ -332,8 +334,8 @@ class MotionCause(Cause):
 
     name: ClassVar = MOTION
     sentence: ClassVar = (
-        'the arm swings, and its model has no motion: it is followed by its weight and a damping '
-        'that is likely; calibrate with --motion'
+        'the arm swings, and its model has no motion: the swing is estimated from the '
+        'weight of the arm and a typical damping. Calibrate with --motion'
     )
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:

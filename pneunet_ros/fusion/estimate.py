@@ -28,7 +28,7 @@ class Mode(IntEnum):
 MODE_SENTENCES = {
     Mode.FUSED: 'targets and pressure',
     Mode.CAMERA_ONLY: 'targets alone: the pressure is too old',
-    Mode.PREDICTION: 'pressure alone: no frame of targets lately; the force is held',
+    Mode.PREDICTION: 'pressure alone: no recent frame of targets; the force is held',
 }
 
 
@@ -49,7 +49,7 @@ class ForceSensorFault:
         read = ', '.join(f'{value:.4f}' for value in self.reading.tolist())
         pairs = zip(self.targets.tolist(), self.targets_std.tolist(), strict=True)
         said = ', '.join(f'{value:.4f} ± {std:.4f}' for value, std in pairs)
-        return f'not used: it reads ({read}) N, the targets say ({said}) N'
+        return f'ignored: it reads ({read}) N, the targets give ({said}) N'
 
     @property
     def numbers(self) -> dict[str, list[float | None]]:

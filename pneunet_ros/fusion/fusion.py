@@ -236,8 +236,8 @@ class Fusion:
         if ahead <= self.settings.most_ahead + 1.5 * seconds_between(before_ns, last_ns):
             return []
         return [
-            f'the last frame of targets is stamped {ahead:.3g} s later than the pressure: are the '
-            'clocks of camera and pressure sensor apart?'
+            f'the last frame of targets is stamped {ahead:.3g} s later than the pressure: '
+            'are the clocks of camera and pressure sensor synchronized?'
         ]
 
     def instant_at(self, state: FusionState, reading: PressureReading) -> PressureInstant:
@@ -278,7 +278,7 @@ class Fusion:
         reason, sentence = state.frame_stamps.fault('frame of targets', stamp_ns)
         if len(sightings.x) != targets:
             reason = 'wrong_targets'
-            sentence = f'a frame of {len(sightings.x)} targets: the model has {targets}'
+            sentence = f'the frame has {len(sightings.x)} targets, and the model {targets}'
         if reason == STARTS_ANEW:
             state = state.without_frames()
         elif reason == AHEAD:

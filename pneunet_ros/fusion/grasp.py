@@ -222,18 +222,18 @@ class Gripper:
     def __post_init__(self) -> None:
         """Refuse what is no gripper."""
         if len(self.mounts) < FEWEST:
-            raise RequestError('a gripper has two arms at least', reason='too_few')
+            raise RequestError('a gripper needs at least two arms', reason='too_few')
         mean = np.mean([mount.axes[:, 0] for mount in self.mounts.values()], axis=0)
         if np.linalg.norm(mean) < 0.5:  # cos 60 degrees
             raise RequestError(
-                'the arms of the gripper point into no common direction: check mount of each arm, '
-                'x of an arm points along it',
+                'the arms of the gripper have no common direction: check the mount of each arm '
+                '(its x axis points along the arm)',
                 reason='no_direction',
             )
         if any(abs(mount.axes[:, 1] @ self.direction) > 0.5 for mount in self.mounts.values()):
             raise RequestError(
-                'an arm of the gripper bends along its direction: check mount of each arm, y '
-                'points towards the object',
+                'an arm of the gripper bends along the gripper: check the mount of each arm '
+                '(its y axis points towards the object)',
                 reason='no_direction',
             )
 

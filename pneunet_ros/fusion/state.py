@@ -42,8 +42,8 @@ class RunningNis:
     def sentence(self) -> str:
         """Say it to a person."""
         return (
-            'targets are further from the fused shape than noise explains (running NIS '
-            f'{self.mean:.3g}, noise alone: less than {self.limit:.3g}): run pneunet diagnose'
+            'targets deviate from the fused shape by more than noise (running NIS '
+            f'{self.mean:.3g}, limit {self.limit:.3g}): run pneunet diagnose'
         )
 
     def followed_by(self, stamp_ns: int, nis: float, limit: float, time: float) -> RunningNis:

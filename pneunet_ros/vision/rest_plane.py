@@ -184,8 +184,9 @@ def row_at_rest(
     if not rows:
         return Failure(
             reason='no_row',
-            sentence=f'no row of {count} targets at their distances among {len(points)} '
-            'areas: is the whole arm in view, and are target_arclength, grey_band and area right?',
+            sentence=f'no row of {count} targets with the distances of target_arclength among '
+            f'{len(points)} areas: is the whole arm in view, and are target_arclength, '
+            'grey_band and area right?',
         )
     if clamp_pixel is not None:
         rows = _rows_from(clamp_pixel, rows, pixels, vision)
@@ -199,8 +200,8 @@ def row_at_rest(
     if any(share_of_blobs(row, best) < vision.association.alike for row in rows):
         return Failure(
             reason='several_rows',
-            sentence=f'there is more than one row of {count} targets: give clamp_pixel, or take '
-            'the others out of view',
+            sentence=f'there is more than one row of {count} targets: give clamp_pixel, or remove '
+            'the others from the view',
         )
     if clamp_pixel is None:
         best = min(rows, key=lambda row: float(pixels[row.chosen[0], 0]))
@@ -214,18 +215,18 @@ def row_at_rest(
         if at[1][0] < at[0][0]:
             return Failure(
                 reason='wrong_clamp',
-                sentence=f'the distances of the {count} targets are those of target_arclength '
-                f'from the right end {at[0]} alone, but the clamp is taken to be at the left: '
-                f'give clamp_pixel in the camera file, {at[0]} if the clamp is there',
+                sentence=f'the distances of the {count} targets match target_arclength only from '
+                f'the right end {at[0]}, but the clamp is assumed at the left: set clamp_pixel in '
+                f'the camera file to {at[0]} if the clamp is there',
             )
     off = bow(points[best.chosen[best.chosen >= 0]])
     if off > straightness:
         return Failure(
             reason='not_straight',
             sentence=f'the arm is not straight: a target is {off:.1%} of the length off the line '
-            f'between the ends, {straightness:.1%} is allowed (rest_straightness); scale and base '
-            'frame come from the arm at rest; if it is bent even then, plane.method: '
-            f'{CurvedRestPlane.method}',
+            f'between the ends, and {straightness:.1%} is allowed (rest_straightness). '
+            'Scale and base frame come from the arm at rest; if it is bent even then, set '
+            f'plane.method: {CurvedRestPlane.method}',
         )
     return best
 

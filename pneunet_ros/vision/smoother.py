@@ -137,8 +137,8 @@ class Smoother:
         targets = frozen_array(self.target_arclength)
         if targets.ndim != 1 or targets.size < FEWEST_TARGETS:
             raise CameraError(
-                f'a centerline is measured from at least {FEWEST_TARGETS} targets; '
-                f'arm.target_arclength of the model file names {targets.size}',
+                f'a centerline needs at least {FEWEST_TARGETS} targets; arm.target_arclength of '
+                f'the model file has {targets.size}',
                 reason='too_few_targets',
             )
         object.__setattr__(self, 'target_arclength', targets)
@@ -156,8 +156,8 @@ class Smoother:
         """
         if sightings.x.size != self.target_arclength.size:
             raise RequestError(
-                f'the arm has {self.target_arclength.size} targets, '
-                f'the sightings are of {sightings.x.size}',
+                f'the arm has {self.target_arclength.size} targets, and the sightings '
+                f'{sightings.x.size}',
                 reason='wrong_targets',
             )
         seen = np.isfinite(sightings.x + sightings.y)
@@ -272,8 +272,8 @@ def smoother_for(
     """
     if arm.target_arclength.size < FEWEST_TARGETS:
         raise CameraError(
-            f'a centerline is measured from at least {FEWEST_TARGETS} targets; '
-            f'arm.target_arclength of the model file names {arm.target_arclength.size}',
+            f'a centerline needs at least {FEWEST_TARGETS} targets; arm.target_arclength of '
+            f'the model file has {arm.target_arclength.size}',
             reason='too_few_targets',
         )
     return Smoother(

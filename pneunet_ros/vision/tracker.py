@@ -412,7 +412,7 @@ class Tracker:
         error = False
         if not reason and state.lens is None:
             reason, error = 'no_camera_info', True
-            sentence = 'no camera_info has come, without which the lens is not known'
+            sentence = 'no camera_info has arrived, so the lens is unknown'
         elif not reason and state.trouble:
             reason, sentence, error = 'no_plane', state.trouble, True
         elif not reason and state.lens is not None:
@@ -426,8 +426,8 @@ class Tracker:
         if not reason and self.settings.dot_color is not None and not image.has_colors:
             reason, error = 'no_colors', True
             sentence = (
-                f'an image with the encoding {image.encoding} has no colors that are read, and '
-                'dot_color in the camera file needs them'
+                'dot_color in the camera file needs colors, and an image with the encoding '
+                f'{image.encoding} has none that can be read'
             )
         if not reason:
             return state, None

@@ -118,7 +118,8 @@ def plane_from_rest(
     length = last_arclength - first_arclength
     if not (math.isfinite(distance) and distance > 1.0 / FARTHEST):
         raise CameraError(
-            'first and last target of the arm at rest are not seen apart', reason='not_determined'
+            'first and last target of the arm at rest coincide in the image, or one is not seen',
+            reason='not_determined',
         )
     if not (math.isfinite(length) and length > 0.0):
         raise CameraError(
@@ -156,8 +157,9 @@ def plane_from_pose(pose: PosePlane) -> Plane:
         )
     if not -position @ rotation[:, 2] > 0.0:
         raise CameraError(
-            f'plane.position = {pose.position} and plane.quaternion have the clamp behind the '
-            'camera; the pose is that of the optical frame (z forward, x right, y down) in base',
+            f'plane.position = {pose.position} and plane.quaternion put the clamp behind '
+            'the camera; the pose is that of the optical frame (z forward, x right, y '
+            'down) in base',
             reason='behind_camera',
         )
     # The ray R (x, y, 1) from the camera at c meets the plane after -c_z / ray_z of its length.

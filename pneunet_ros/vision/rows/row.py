@@ -33,10 +33,10 @@ CAUSES = {
     'picture, or stands out too little (grey_band, area)',
     'size': 'the dot at its place is not as large as it was: it is partly covered, or a glint '
     'touches it',
-    'motion': 'what is at its place does not move as its neighbors do: it is partly covered, or '
-    'a glint is beside it',
-    'place': 'what is near its place is off the row: is its entry in target_arclength right?',
-    'part': 'too little of its edge is seen to know its center',
+    'motion': 'the area at its place does not move like its neighbors: it is partly covered, '
+    'or a glint is beside it',
+    'place': ('the area near its place is off the row: is its entry in target_arclength right?'),
+    'part': 'too little of its edge is visible to locate its center',
 }
 
 

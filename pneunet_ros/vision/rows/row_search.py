@@ -87,8 +87,8 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
         return Failure(
             reason='no_row',
             seen=found.seen,
-            sentence=f'only {found.seen} of {targets} targets stand in a row from the clamp, '
-            f'among {len(blobs)} areas; {least} are needed: is the arm covered, or has '
-            'the camera moved?',
+            sentence=f'only {found.seen} of {targets} targets form a row from the clamp, among '
+            f'{len(blobs)} areas; {least} are needed: is the arm covered, or has the camera '
+            'moved?',
         )
     return found

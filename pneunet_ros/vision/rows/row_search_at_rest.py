@@ -65,8 +65,8 @@ def _search_what_stands_out(view: View, areas: RoundAreas) -> Array | Failure:
     if not len(near):
         return Failure(
             reason='no_row',
-            sentence=f'no row of {view.arclength.size} targets at their distances among '
-            f'{len(clear)} areas that stand out clearly',
+            sentence=f'no row of {view.arclength.size} targets with the distances of '
+            f'target_arclength among {len(clear)} areas that stand out clearly',
             found=areas.centers[clear],
         )
     blobs = measure_areas(view.image, areas.only(near), view.appearance)
@@ -102,10 +102,11 @@ def _search_anew(view: View, blobs: Blobs, points: Array) -> Array | Failure:
         return Failure(
             reason='no_row',
             seen=found.seen,
-            sentence=f'only {arclength.size - 1} of {arclength.size} targets are seen, and their '
-            f'distances do not tell whether target 0 or target {arclength.size - 1} is missing: '
-            'give clamp_pixel (--clamp-pixel U V) to within half of their spacing. Does one of '
-            'them stand out too little (contrast, focus), or lie half beyond the end of the arm?',
+            sentence=f'only {arclength.size - 1} of {arclength.size} targets are visible, and '
+            f'their distances do not show whether target 0 or target {arclength.size - 1} is '
+            'missing: give clamp_pixel (--clamp-pixel U V) to within half of their '
+            'spacing. Is one of them too faint (contrast, focus), or cut by the end of the '
+            'arm?',
         )
     again = view.lens.undistort(found.table[:, :2])
     # One beside a slot or a glint is measured anew by its neighbors' look: the same target still.
@@ -115,8 +116,8 @@ def _search_anew(view: View, blobs: Blobs, points: Array) -> Array | Failure:
         return Failure(
             reason='no_row',
             seen=int(same),
-            sentence=f'of the row of {arclength.size} targets at rest only {same} are found '
-            'again from its clamp: are their places those of target_arclength?',
+            sentence=f'only {same} of {arclength.size} targets at rest are found again from the '
+            'clamp: does target_arclength match them?',
         )
     return again
 

@@ -16,7 +16,7 @@ from pneunet_ros.vision.settings import VisionSettings
 
 NO_AREAS = Failure(
     reason='no_areas',
-    sentence='no area could be a target: look at light, exposure, focus, grey_band and area',
+    sentence='no area looks like a target: check light, exposure, focus, grey_band and area',
 )
 
 
