@@ -29,12 +29,12 @@ from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.disturbances import disturbance_jacobian
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
+from pneunet_ros.measurement.painted_targets import in_plane, paint
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
-from pneunet_ros.solver.columns import THETA
+from pneunet_ros.solver.columns import CURVATURE, THETA
 
 # What the tests share knows the truth of the virtual lab as a model.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test'))
@@ -172,8 +172,8 @@ def placed(fit: Fit, recordings: Recorded) -> Recorded:
     run, arm = recordings.held_out, fit.arm
     series = ForwardModel(arm.target_arclength)
     series.solve(arm, inputs_of(arm, [run])[0])
-    jacobian = disturbance_jacobian(run, series.fields[:, THETA])[..., : fit.placement.size]
-    moved = jacobian @ fit.placement.ravel()
+    fields = series.fields
+    moved = in_plane(paint(fields[:, THETA], fields[:, CURVATURE], fit.placement).beside)
     run = replace(run, x=run.x - moved[:, 0], y=run.y - moved[:, 1])
     return replace(recordings, held_out=run)
 

@@ -97,8 +97,8 @@ class Confirmer:
             return ()
         return (
             Note(
-                f'it leaves chi squared per coordinate {left:.2g} in training recordings, where '
-                f'noise alone leaves 1 (p-value {worst.p_value:.1g} of {worst.name})',
+                f'it leaves chi squared per coordinate {left:.2g} in the training recordings, '
+                f'and noise alone 1 (p-value {worst.p_value:.1g} of {worst.name})',
                 reason='misfit',
             ),
         )
@@ -129,9 +129,9 @@ class Confirmer:
         means = [self.chi_squared(item, held_out=True) for item in (self.base, record)]
         return (
             Note(
-                'the error on held-out recordings does not fall significantly with it (chi '
-                f'squared per coordinate {means[0]:.4g} before, {means[1]:.4g} after): hold out a '
-                'recording that shows it',
+                'the held-out error does not fall significantly with it (chi squared per '
+                f'coordinate {means[0]:.4g} before, {means[1]:.4g} after): hold out a recording '
+                'that shows it',
                 reason='no_fall',
             ),
         )
@@ -142,7 +142,7 @@ class Confirmer:
             return ()
         return (
             Note(
-                'no recording was held out: it was not tested on anything new',
+                'no recording was held out, so it was not tested on new data',
                 reason='no_held_out',
             ),
         )
@@ -157,7 +157,7 @@ class Confirmer:
             return ()
         return (
             Note(
-                'nothing tests it: there is one training recording, and none was held out',
+                'it was not tested: there is only one training recording, and none was held out',
                 reason='untested',
             ),
         )
@@ -171,8 +171,8 @@ class Confirmer:
         share = self.settings.calibration.resolution.nonuniform
         return (
             Note(
-                f'an arm that bends unevenly, by {share:g} of its curvature along it, explains it '
-                'as well, and these targets do not show how it bends',
+                f'an arm whose curvature varies by {share:g} along its length explains it as '
+                'well, and these targets cannot show that variation',
                 reason='uneven_arm',
             ),
         )
@@ -209,8 +209,8 @@ class Confirmer:
         if len(self.training) < 2:
             return (
                 Note(
-                    'there is one training recording: whether the name stays without it could not '
-                    'be tested',
+                    'there is only one training recording, so leaving it out could not test the '
+                    'name',
                     reason='one_recording',
                 ),
             )
@@ -221,7 +221,7 @@ class Confirmer:
             if record.without[which] - self.base.without[which] < least
         ]
         return tuple(
-            Note(f'it shows in {name} alone of the training recordings', reason='one_recording')
+            Note(f'of the training recordings only {name} shows it', reason='one_recording')
             for name in alone
         )
 

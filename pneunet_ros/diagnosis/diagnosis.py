@@ -555,9 +555,10 @@ def notes_on_rest(selection: Selection, best: Trial) -> tuple[str, ...]:
     names = ' + '.join(best.names)
     return (
         Note(
-            f'{item.name} beside {names} would take {item.gain:.0f} more from chi squared, which '
-            f'the law of {names} hardly misses, but the set of both does not hold, so it has no '
-            f'name; recordings in which {names} shows less would tell',
+            f'{item.name} in addition to {names} would reduce chi squared by another '
+            f'{item.gain:.0f}, more than the error of the law of {names} explains. Both '
+            f'together fail the tests, so it is not named; recordings in which {names} '
+            'shows less would decide',
             reason='too_faint',
         ),
     )
@@ -572,10 +573,10 @@ def notes_on_time(selection: Selection, training: Sequence[RecordingData]) -> tu
     names = [item.name for item in hypotheses(tuple(known), settings) if item.has_memory]
     why = f'no training recording has {settings.fewest_in_time} frames'
     if all(run.static for run in training):
-        why = 'frames are static, their stamps mean nothing'
+        why = 'frames are static and their stamps carry no time'
     return (
         Note(
-            f'{why}: effects with a time in them were not considered ({", ".join(names)})',
+            f'{why}: time-dependent effects were not considered ({", ".join(names)})',
             reason='no_time',
         ),
     )
@@ -617,7 +618,7 @@ def with_tips(
     if any(run.seen.any() for run in runs):
         notes = (
             Note(
-                'the measured pose of the tip (tip_pose) was not used: a diagnosis looks at '
+                'the measured pose of the tip (tip_pose) was not used: a diagnosis uses the '
                 'targets',
                 reason='tip_pose_unused',
             ),
@@ -635,7 +636,7 @@ def with_tips(
         if model.target_arclength.size > targets:
             notes = (
                 Note(
-                    f'the tip is target {targets} of the models that are written',
+                    f'in the written models the tip is target {targets}',
                     reason='tip_as_target',
                 ),
             )

@@ -116,14 +116,14 @@ class Selection:
         base = refit(training, (), np.zeros(0), settings.base_rounds, settings)
         if base is None:
             raise ModelError(
-                'the model has no shape in most of the training recordings',
+                'the model has no equilibrium in most of the training recordings',
                 reason='no_equilibrium',
             )
         trial = self.test_trial(base, None)
         if trial is None:
             raise ModelError(
-                'a held-out recording has no shape with the model of the training ones: train '
-                'with its loads and pressures, or leave it out',
+                'a held-out recording has no equilibrium with the model of the training '
+                'recordings: train with its loads and pressures, or leave it out',
                 reason='no_equilibrium',
             )
         return trial

@@ -62,7 +62,7 @@ def reach_of(arm: Arm, mount: Mount, inward: Array) -> Reach:
     known = np.isfinite(reached)
     if not known.any():
         raise RequestError(
-            'the arm has no shape at any pressure of the calibrated range', reason='no_equilibrium'
+            'the arm has no equilibrium at any calibrated pressure', reason='no_equilibrium'
         )
     clamp = float(inward @ mount.origin) + mount.thickness
     places = np.maximum.accumulate(np.array(reached)[known]) + clamp

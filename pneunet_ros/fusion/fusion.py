@@ -420,9 +420,9 @@ class Fusion:
         sentences = self.coarse_sensors(state)
         if state.force.noise:
             sentences['force'] = Note(
-                f'the force is read with noise of {state.force.noise:.3g} N, and the model knows '
-                f'of {self.arm.sensors.force_std:.3g} N: the former is used; calibrate with this '
-                'sensor',
+                f'the force readings have {state.force.noise:.3g} N of noise, and the model '
+                f'states {self.arm.sensors.force_std:.3g} N: using the measured noise. '
+                'Calibrate with this sensor',
                 reason='other_noise',
             )
         return sentences
@@ -438,9 +438,9 @@ class Fusion:
             rounding = rounding_of(step)
             if rounding > std:
                 sentences[name] = Note(
-                    f'the {name} is read in steps of {step:.4g} {unit}, and the model knows of '
-                    f'{std:.3g} {unit} of noise: {with_rounding(std, rounding):.3g} {unit} is '
-                    'used where a message has no variance; calibrate with this sensor',
+                    f'the {name} readings have steps of {step:.4g} {unit}, and the model states '
+                    f'{std:.3g} {unit} of noise: using {with_rounding(std, rounding):.3g} {unit} '
+                    'where a message has no variance. Calibrate with this sensor',
                     reason='coarse_steps',
                 )
         return sentences

@@ -78,9 +78,7 @@ def _start_ros(arguments: list[str]) -> None:
     except RuntimeError as error:
         # Errors of rcl end with the lines of its sources they passed through.
         reason = re.sub(r'failed to initialize rcl: |, at /\S+:\d+', '', str(error))
-        raise RequestError(
-            f'invalid ROS arguments: {reason}', reason='usage'
-        ) from error
+        raise RequestError(f'invalid ROS arguments: {reason}', reason='usage') from error
     others = remove_ros_args(arguments)[1:]
     if others:
         raise RequestError(
