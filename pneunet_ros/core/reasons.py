@@ -95,6 +95,7 @@ REASONS: Mapping[str, str] = MappingProxyType({
     'other_run': 'two sources are of different runs',
     'other_source': 'an option is for another kind of source',
     'placeholder': 'a number seems to stand for "no reading"',
+    'raw_signal': 'a column holds volts or counts, and no pressure',
     'renamed': 'columns were read under another name',
     'rewritten': 'a topic of an earlier run was replaced',
     'thousands': 'a number seems to have a thousands separator',

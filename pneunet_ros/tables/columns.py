@@ -108,7 +108,13 @@ _OTHER_WORDS = {
     'angle': 'tip_heading',  # and not that of a string: most loggers of actuators have no other
     'bending_angle': 'tip_heading',
     'theta': 'tip_heading',
+    # of other languages
+    **dict.fromkeys(('zeit', 'temps', 'tiempo', 'tempo', 'tijd', '时间', '時間'), TIME),
+    **dict.fromkeys(('druck', 'pression', 'presión', 'pressione', 'druk'), 'pressure'),
+    **dict.fromkeys(('压力', '圧力'), 'pressure'),
 }
+# What a sensor gives before anybody has calibrated it: no unit of a quantity.
+_RAW = ('v', 'volt', 'volts', 'mv', 'adc', 'raw', 'count', 'counts', 'analog')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -255,7 +261,14 @@ def likely_name(name: str) -> str:
     ]
     alike = [known_name for known_name in known if known_name.endswith(f'_{unit}')]
     near = next(iter(get_close_matches(plain, alike, 1, 0.75)), '')
-    return near or _BARE.get(unit, '')  # of another language: Druck [kPa]
+    if not near and unit in SI_PER_UNIT['pressure'] and _without_reference(_words(name))[1]:
+        near = f'pressure_{unit}'  # with its reference `at` is no word: ata
+    return near or _BARE.get(unit, '')  # in any language: nyomás [kPa]
+
+
+def is_raw(name: str) -> bool:
+    """Whether a column holds volts or counts by its name: 'pressure_V', 'ADC', 'raw'."""
+    return _words(name)[-1] in _RAW
 
 
 def known_names() -> str:
@@ -292,6 +305,15 @@ def columns_of(names: Iterable[str], where: str) -> list[Column]:
         columns[key] = column
     if unknown:
         there = {column.quantity for column in columns.values()}
+        raw = [name for name in unknown if is_raw(name)]
+        if raw and 'pressure' not in there:
+            raise RecordingError(
+                f'{where}: {", ".join(map(repr, raw[:_NAMES_SHOWN]))} by name: a raw signal, in '
+                'no unit of pressure. Convert it by the data sheet of its sensor (pressure = '
+                'slope x signal + offset) into a column such as pressure_kpa, and leave the '
+                'raw one out by --ignore',
+                reason='raw_signal',
+            )
         raise RecordingError(
             f'{where}: {_unknown_columns(unknown, there)}', reason='unknown_column'
         )

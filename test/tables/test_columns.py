@@ -25,6 +25,7 @@ def test_a_pressure_is_known_by_its_unit_and_reference(written, known, absolute)
     [
         ('P_a [kPa]', 'pressure_kpa'),  # of a chamber, or absolute
         ('a_bar', 'pressure_bar'),
+        ('Druck [bar]', 'pressure_bar'),
         ('P abs [psig]', 'pressure_psi'),  # contradicts itself
         ('Pressure at valve (kPa)', 'pressure_kpa'),
         ('pressure_at_tip_kpa', 'pressure_kpa'),

@@ -421,10 +421,30 @@ def test_names_may_be_written_as_people_do(written, read_as):
         ('force_x', 'force_x_(n|mn|gf|kgf|lbf|g|kg)'),
         ('field.wrench.force.y', 'force_y_n'),
         ('Date/Time', 'time_(s|ms|us|min|h|d)'),
+        ('Zeit [s]', 'time_s'),
+        ('Druck', f'pressure_({"|".join(SI_PER_UNIT["pressure"])})'),
+        ('ata', 'pressure_at'),
     ],
 )
 def test_a_name_that_may_have_been_meant_is_asked_for(written, likely):
     assert likely_name(written) == likely
+
+
+def test_a_raw_signal_is_to_be_converted_unless_a_pressure_is_there(tmp_path):
+    for name in ('pressure_V', 'ADC', 'raw'):
+        with refused(RecordingError, 'raw_signal'):
+            read(tmp_path, f'time_s,{name}\n0,512\n')
+        with refused(RecordingError, 'unknown_column'):
+            read(tmp_path, f'time_s,pressure_kpa,{name}\n0,1,512\n')
+
+
+@pytest.mark.parametrize('order', ['Druck;Zeit\n{0};{1}\n', 'Zeit;Druck\n{1};{0}\n'])
+def test_a_time_of_another_language_is_asked_for_and_no_pressure_that_rises(tmp_path, order):
+    head, row = order.splitlines()
+    rows = [row.format(f'1{place},5', f'0,{place}') for place in range(5)]
+    with refused(RecordingError, 'no_time') as caught:
+        read(tmp_path, '\n'.join([head, *rows, '']))
+    assert '--rename Zeit=' in str(caught.value)
 
 
 def test_all_unknown_columns_are_named_at_once_before_any_cell_is_read(tmp_path):
