@@ -209,12 +209,15 @@ def near_rows_anywhere(
         if near.any() or not 2 < targets.size <= len(known):
             continue
         chosen, costs = _grown_from_pairs(_columns(points[known], areas[known]), targets, search)
-        rows = chosen[np.isfinite(costs)]
+        rows, others = chosen[np.isfinite(costs)], np.arange(len(points))
         for seed in np.unique(np.sort(rows, axis=1), axis=0, return_index=True)[1].tolist():
             seen = np.flatnonzero(rows[seed] >= 0)
             row, places = points[known[rows[seed, seen]]], targets[seen]
-            near |= _near_line(points, row, places, search)
-            near |= _near_line(points, row[::-1], targets[-1] - places[::-1], search)
+            for line, along in ((row, places), (row[::-1], targets[-1] - places[::-1])):
+                near[others] = _near_line(points[others], line, along, search)
+                others = others[~near[others]]  # in noise there are a thousand rows
+            if not others.size:
+                break
     return np.flatnonzero(near)
 
 

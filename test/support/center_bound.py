@@ -28,16 +28,21 @@ def draw_dot(
 ):
     """Return a picture (rows, columns) with one bright dot on a dark background, as floats.
 
-    center (u, v) and radius in px; `aspect` shrinks the dot across `angle` (rad); `blur` is the
-    standard deviation of a Gaussian, px; `streak` the length of motion along u, px; `slope` of the
-    background, grey levels per px.
+    center (u, v), or several (n, 2) for where it was during the exposure, and radius in px;
+    `aspect` shrinks the dot across `angle` (rad); `blur` is the standard deviation of a
+    Gaussian, px; `streak` the length of motion along u, px; `slope` of the background, grey levels
+    per px.
     """
     rows, columns = shape
-    u = (np.arange(columns * FINE) + 0.5) / FINE - 0.5 - center[0]
-    v = ((np.arange(rows * FINE) + 0.5) / FINE - 0.5 - center[1])[:, None]
-    along = u * np.cos(angle) + v * np.sin(angle)
-    across = (v * np.cos(angle) - u * np.sin(angle)) / aspect
-    fine = np.clip(0.5 + (radius - np.hypot(along, across)) * FINE, 0.0, 1.0)
+    fine = np.zeros((rows * FINE, columns * FINE))
+    centers = np.atleast_2d(center)
+    for at in centers:
+        u = (np.arange(columns * FINE) + 0.5) / FINE - 0.5 - at[0]
+        v = ((np.arange(rows * FINE) + 0.5) / FINE - 0.5 - at[1])[:, None]
+        along = u * np.cos(angle) + v * np.sin(angle)
+        across = (v * np.cos(angle) - u * np.sin(angle)) / aspect
+        edge = 0.5 + (radius - np.hypot(along, across)) * FINE
+        fine += np.clip(edge, 0.0, 1.0) / len(centers)
     if streak:
         steps = round(streak * FINE / 2)
         padded = np.pad(fine, ((0, 0), (steps, steps)))
@@ -46,8 +51,9 @@ def draw_dot(
     if blur:
         fine = gaussian_filter(fine, blur * FINE)
     coverage = fine.reshape(rows, FINE, columns, FINE).mean((1, 3))
-    light = background + slope[0] * (np.arange(columns) - center[0])
-    light = light + slope[1] * (np.arange(rows)[:, None] - center[1])
+    middle = centers.mean(axis=0)
+    light = background + slope[0] * (np.arange(columns) - middle[0])
+    light = light + slope[1] * (np.arange(rows)[:, None] - middle[1])
     return light + amplitude * coverage
 
 

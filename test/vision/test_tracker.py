@@ -448,21 +448,23 @@ def test_targets_seen_row_by_row_are_where_they_were_at_the_stamp(readout):
         return 25e3 * (1.0 - np.cos(3.0 * max(seconds, 0.0)))
 
     shutter = Shutter(readout=readout)
+    drawn, pictures = Film(), []
+    height, width = drawn.lens.height, drawn.lens.width
+    for frame in range(1, 16):
+        picture = np.empty((height, width), np.uint8)
+        for rows in np.array_split(np.arange(height), 24):
+            seconds = frame * FRAME_NS / SECOND + shutter.seconds_after_stamp(rows.mean(), height)
+            picture[rows] = drawn.picture(pressure(float(seconds)))[0][rows]
+        pictures.append(picture)
     off, claimed = {}, []
     for name, settings in (('told', CameraSettings(shutter=shutter)), ('not', CameraSettings())):
         film = Film(settings)
         film.rest()
         errors = []
-        for frame in range(1, 16):
-            seconds, height = frame * FRAME_NS / SECOND, film.lens.height
-            bands = np.array_split(np.arange(height), 24)
-            picture = np.empty((height, film.lens.width), np.uint8)
-            for rows in bands:
-                after = shutter.seconds_after_stamp(rows.mean(), height)
-                picture[rows] = film.picture(pressure(seconds + float(after)))[0][rows]
+        for frame, picture in enumerate(pictures, 1):
             outcome = film.show(picture)
             assert outcome.sightings.seen >= TARGETS - 2
-            x, y = film.motion.targets(pressure(seconds))
+            x, y = film.motion.targets(pressure(frame * FRAME_NS / SECOND))
             error = np.hypot(outcome.sightings.x - x, outcome.sightings.y - y)
             errors.append(np.nanmax(error))
             if name == 'told' and frame > 2:
