@@ -308,7 +308,7 @@ def with_larger_errors(fit: Fit, excess: Array) -> Fit:
 def describe_thinning(
     fitted: Sequence[RecordingData], every: Sequence[RecordingData]
 ) -> tuple[Note, ...]:
-    """Say how many frames were fitted, of how many, where it was not all of them."""
+    """Describe how many frames were fitted, of how many, where it was not all of them."""
     frames, all_frames = (sum(len(run.stamp_ns) for run in runs) for runs in (fitted, every))
     if frames == all_frames:
         return ()
@@ -322,7 +322,7 @@ def describe_thinning(
 
 
 def describe_structure(fit: Fit, resolution: Resolution) -> list[Note]:
-    """Say what the evidence has chosen: numbers along the arm, and an elongation."""
+    """Describe what the evidence has chosen: numbers along the arm, and an elongation."""
     notes, parameters = [], fit.parameters
     if parameters.shapes is not None and parameters.shapes < resolution.shapes:
         notes.append(
@@ -350,7 +350,7 @@ def describe_structure(fit: Fit, resolution: Resolution) -> list[Note]:
 
 
 def domain_of(joint: Fit, earlier: Domain | None = None) -> Domain:
-    """Return what the recordings of a fit spanned, and what was spanned before."""
+    """Return the domain of the recordings of a fit, joined with the earlier one."""
     seen = [
         np.column_stack([run.inputs.loads, run.inputs.pressure])[run.solved] for run in joint.runs
     ]

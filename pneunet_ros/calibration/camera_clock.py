@@ -63,7 +63,7 @@ class CameraClock:
 
     @property
     def sentence(self) -> Note:
-        """Say it to a person."""
+        """Describe it for users."""
         lost = 'frames that were lost and not counted' if self.rate < 0.0 else 'a wrong frame rate'
         return Note(
             f'{self.name}: the camera clock deviates by {1e2 * self.rate:+.2g} ± '

@@ -44,7 +44,7 @@ def lengthened(arm: Arm, values: Array) -> Arm:
 
 
 def is_given(arm: Arm) -> bool:
-    """Whether the arm has an elongation of its own, which no calibration fits."""
+    """Whether the model file has an elongation, which a calibration does not fit."""
     return any(isinstance(effect, PressureElongation) for effect in arm.effects)
 
 

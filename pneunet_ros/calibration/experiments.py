@@ -246,7 +246,7 @@ class FitSequence:
         return float(self.first_stiffness * 10.0**best)
 
     def at_one_pressure(self, runs: Sequence[RecordingData], kind: str) -> Fit:
-        """Fit the curvature at rest and the moment law together: loads alone tell them apart.
+        """Fit the curvature at rest and the moment law together: different loads separate them.
 
         Raises RecordingError where no recording has a load.
         """

@@ -61,7 +61,7 @@ class ArmNumber:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArmNumbers:
-    """What is compared of one arm: values by name, and their covariance in the same order."""
+    """The compared numbers of one arm: values by name, and their covariance in that order."""
 
     values: Mapping[ArmNumber, float]
     covariance: Array
@@ -108,7 +108,7 @@ class Fleet:
 
     @property
     def sentence(self) -> str:
-        """Who is odd, or that nobody is, or can be called so."""
+        """Describe the odd arms, or why none is called odd."""
         compared = int(np.count_nonzero(np.isfinite(self.p_values)))
         if not compared:
             return (
@@ -125,7 +125,7 @@ class Fleet:
         return f'{count}: {"; ".join(map(self.describe, self.odd))}.'
 
     def describe(self, arm: int) -> str:
-        """Say in which number an arm differs most from the others."""
+        """Name the number in which an arm differs most from the others."""
         which = int(np.nanargmax(np.abs(self.deviations[arm])))
         number = self.numbers[which]
         unit = '' if number.unit == '-' else f' {number.unit}'
@@ -148,7 +148,7 @@ def compared_pressure(arms: Sequence[Arm], settings: FleetSettings = FLEET) -> f
 def arm_numbers(
     arm: Arm, pressure: float, *, loaded: bool, settings: FleetSettings = FLEET
 ) -> ArmNumbers:
-    """Return what is compared of a calibrated arm, with the error bars of its model file.
+    """Return the numbers by which a calibrated arm is compared, with the errors of its model file.
 
     Args:
         arm: the arm, with the covariance of its model.
@@ -333,7 +333,7 @@ def log_chance(values: Array, covariance: Array, center: Array, scatter: Array) 
 def deviations_and_precision(
     values: Array, covariance: Array, center: Array, scatter: Array
 ) -> tuple[Array, Array]:
-    """Return what an arm is off (fleets, arms, n), and the inverse covariance of it.
+    """Return the deviations of arms (fleets, arms, n) and their inverse covariance.
 
     Both are zero where an arm does not know a number.
     """

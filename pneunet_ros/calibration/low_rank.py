@@ -64,7 +64,7 @@ def covariance_root(covariance: Array) -> Array:
 def placement_with(
     fit: Fit, factor: Array, turned: Array, painted: int | None, guessed: int
 ) -> PlacementKnown:
-    """Return what the fit knows of the placement, and how it goes with columns of its covariance.
+    """Return the posterior of the placement, and its correlation with columns of the covariance.
 
     factor (n, n): root of the covariance of the parameters; turned (columns, n): the columns, in
     sigma of it; guessed: how many more there are, with which the placement does not go.

@@ -53,7 +53,7 @@ class MomentLawParameters(abc.ABC):
 
     @property
     def sections(self) -> int:
-        """How many sections of the arm have a stiffness of their own."""
+        """The number of sections with a stiffness each."""
         return 1
 
     def scalings(self, values: Array) -> Array:

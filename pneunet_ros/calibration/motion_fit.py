@@ -261,7 +261,7 @@ class MotionProblem:
         return beside, settled
 
     def residuals(self, beside: Sequence[Array]) -> list[Array]:
-        """Return what is left of the targets, per run (frames, 2, targets) m.
+        """Return the residuals of the targets per run, (frames, 2, targets) m.
 
         Less the mean of every coordinate: where the camera stands and targets are painted is no
         motion. Where the arm is let go, it is not known yet how it moves.

@@ -49,7 +49,7 @@ def estimate_noise(
     assumed: SensorNoise,
     settings: NoiseEstimateSettings = NOISE_ESTIMATE,
 ) -> NoiseEstimate:
-    """Estimate all standard deviations; what the runs cannot tell is kept as `assumed`.
+    """Estimate all standard deviations; those that the runs do not determine stay `assumed`.
 
     arclength (targets,) m of the targets. Runs of a few frames say nothing: they are no motion;
     nor do static ones, which have no order in time. A load of exactly zero is no reading. Targets
@@ -173,7 +173,7 @@ def differing_noise(
     sources: Mapping[str, str],
     settings: NoiseEstimateSettings,
 ) -> list[Note]:
-    """Say where the noise that was found is not what was assumed, and which is used."""
+    """Report where the noise that was found is not what was assumed, and which is used."""
     said = []
     for name, unit in STATED:
         found, stated = getattr(noise, name), getattr(assumed, name)
@@ -241,7 +241,7 @@ def load_readings(run: RecordingData) -> Array:
 def quiet_series(
     series: Sequence[Array], settings: NoiseEstimateSettings = NOISE_ESTIMATE
 ) -> list[Array]:
-    """Return the series that tell of noise: read slowly, others tell of what moved meanwhile."""
+    """Return the series with noise information: slow ones show motion between their readings."""
     stds = [second_differences([values], settings) or 0.0 for values in series]
     least = min((std for std in stds if std > 0.0), default=0.0)
     return [

@@ -1,4 +1,4 @@
-"""What is fitted, as one vector: the table of kappa_p0, an elongation, and the moment law."""
+"""The fitted parameters as one vector: kappa_p0, an elongation, and the moment law."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NUGGET = 3e-9  # of the variance of the prior, so that it can be inverted
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hyperparameters:
-    """What is believed of kappa_p0 before any recording, a Gaussian process over p and s.
+    """The prior of kappa_p0: a Gaussian process over p and s.
 
     amplitude (1/m) at the highest pressure of a part that is proportional to pressure, std (1/m)
     of a part that is not; both smooth in s over `length_scale` (of the length).

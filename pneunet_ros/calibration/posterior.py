@@ -1,4 +1,4 @@
-"""What a calibration knows in full, so that another one can go on from it with new recordings."""
+"""The full posterior of a calibration, which is the prior of the next one."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def all_information(fit: Fit) -> Array:
 
 
 def posterior_of(fit: Fit, low: float, high: float) -> PosteriorState:
-    """Return what a fit knows; low, high (Pa): the range of its moment law."""
+    """Return the posterior of a fit; low, high (Pa): the range of its moment law."""
     law = fit.parameters.law
     return PosteriorState(
         pressure=fit.parameters.pressure,

@@ -1,4 +1,4 @@
-"""What a fit hands over: the model, how sure it is, and every recording beside it."""
+"""The result of a fit: the model, its uncertainty, and every recording compared with it."""
 
 from __future__ import annotations
 

@@ -193,7 +193,7 @@ class HyperparameterSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MomentLawSettings:
-    """What is believed of the piecewise linear law before any recording."""
+    """The prior of the piecewise linear law."""
 
     split: float = tuning(0.12, 'l1 / l', source='literature: the paper knows 0.10 to 0.15')
     split_std: float = tuning(0.05, 'of l1 / l')
@@ -244,7 +244,7 @@ class StiffnessVariationSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SteadyStateSettings:
-    """What a steady state of a run is, and which of them are holds."""
+    """Criteria for steady states of a run, and for holds."""
 
     share_of_span: float = tuning(0.01, 'that a state may span', unit='largest reading')
     noise_span: float = tuning(8.0, 'that readings of one value may span', unit='sigma')

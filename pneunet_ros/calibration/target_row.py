@@ -1,4 +1,4 @@
-"""Where the row of targets was painted, as a fit has found it: beside the neutral line, wider."""
+"""The estimated place of the row of targets: offset from the neutral line, and spacing."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class TargetRow:
 
 
 def target_row(fit: Fit) -> TargetRow:
-    """Return what a fit says of the row of targets, given what it says of each target.
+    """Return the estimated place of the row of targets, given that of each target.
 
     The row and the targets by themselves make up the placement; both are normal before the fit.
     """

@@ -29,7 +29,7 @@ def main() -> int:
 
 
 def written_sentence() -> str:
-    """Say which outputs are there, whole; of all others there is nothing."""
+    """Name the complete outputs; no others exist."""
     from pneunet_ros.files.atomic import outputs_written
 
     written = outputs_written()

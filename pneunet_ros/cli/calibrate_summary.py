@@ -1,4 +1,4 @@
-"""What a calibration came to, as numbers and for people."""
+"""The results of a calibration, as numbers and as text."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def known_rms(residual: Array) -> float:
 
 
 def left_out_numbers(left_out: LeftOutLevels | None) -> dict[str, Any] | None:
-    """Return what left-out pressures came to, without the columns; None: none was left out."""
+    """Return the results of left-out pressures without the columns; None: none was left out."""
     if left_out is None:
         return None
     return {

@@ -1,4 +1,4 @@
-"""What a diagnosis came to, for people."""
+"""The results of a diagnosis as text."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ class CommandParser(ArgumentParser):
         return stray
 
     def _about_stray(self, words: Sequence[str]) -> str:
-        """Say which words belong nowhere; what follows an unknown option is its value."""
+        """Name the words that belong to no option; a word after an unknown option is its value."""
         if unknown := next((word for word in words if OPTION.match(word)), None):
             name = unknown.partition('=')[0]
             options = [option for action in self._actions for option in action.option_strings]
@@ -375,7 +375,7 @@ def see_to_kernels(given: Namespace) -> None:
 
 
 def say(given: Namespace, sentence: str) -> None:
-    """Say on stderr what a person should know."""
+    """Print a message for users on stderr."""
     if not given.json:
         print(f'pneunet {given.verb}: {sentence}', file=sys.stderr)
 

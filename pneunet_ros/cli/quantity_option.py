@@ -85,7 +85,7 @@ def string_of(option: str, texts: Sequence[str]) -> String:
 
 
 def quantity_type(kind: str) -> Callable[[str], float]:
-    """Return what argparse calls with the text of an option of this kind."""
+    """Return the `type` function of argparse for options of this kind."""
 
     def convert(text: str) -> float:
         try:

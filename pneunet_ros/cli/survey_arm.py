@@ -108,7 +108,7 @@ class SurveyWork:
             }
 
     def check(self, arm: FleetArm, frame: Arm) -> list[dict[str, Any]]:
-        """Return what `pneunet check` says of each recording, in short."""
+        """Return a summary of `pneunet check` for each recording."""
         asked = self.request.arguments(())
         request = UseRequest(
             arm=frame,

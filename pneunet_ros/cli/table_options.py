@@ -33,7 +33,7 @@ def add_table_options(parser: ArgumentParser) -> None:
 
 
 def table_request(arguments: Namespace, rate: float | None = None) -> ImportRequest:
-    """Return what was asked for; rate: rows per second of a table without time."""
+    """Return the request of the options; rate: rows per second of a table without time."""
     offsets = {
         name: number(f'--offset {name}={text}', text)
         for name, text in pairs_of('--offset', arguments.offset).items()

@@ -85,7 +85,7 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
 def reading_doubts(
     table: ReadingTable, arguments: Namespace, arm: Arm
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Say what the pressures of the table almost surely are, and what they may be.
+    """Describe what the pressures of the table almost surely are, and what they may be.
 
     Empty where they fit. Without --model they are compared with those of any soft actuator.
     """

@@ -29,7 +29,7 @@ def open_preview(
     film: Mapping[str, Any],
     **options: Any,
 ) -> AbstractContextManager[Preview | TrackingPage]:
-    """Return what collects all frames, and is written when its context ends without an error.
+    """Return a preview that collects all frames and is written when its context ends well.
 
     film: the numbers of the delay, which are known by then.
     """

@@ -85,7 +85,7 @@ def progress_bar(shown: bool) -> Progress:
 
 
 def progress_of(bar: Progress, what: str) -> OnProgress:
-    """Return what shows how far long work is; a total of 0 is not known."""
+    """Return a progress display; a total of 0 means unknown."""
     task = bar.add_task(what, total=None)
     return lambda stage, done, total: bar.update(
         task, description=stage, completed=done, total=total or None
@@ -187,7 +187,7 @@ def units_of(arguments: Namespace, arm: Arm, otherwise: UnitSystem = SI) -> Unit
 
 
 def scales_sentence(arm: Arm) -> str:
-    """Say what dimensionless numbers were divided by."""
+    """Describe what dimensionless numbers were divided by."""
     length, weight = 1000.0 * arm.length, arm.weight
     return (
         f'dimensionless: lengths by l = {length:g} mm, forces by mg = {weight:g} N of {arm.name}'

@@ -37,7 +37,7 @@ class Arrival(NamedTuple, Generic[Item]):
 
 @dataclass(slots=True)
 class Companion:
-    """What is known of a topic whose messages may carry the stamps of pressures.
+    """Knowledge about a topic whose messages may carry the stamps of pressures.
 
     missed: for how many pressures in a row it was waited for in vain; after two nothing waits for
     it until it carries the stamp of a pressure again.

@@ -27,7 +27,7 @@ class FrameTree:
         return FrameTree(frames=MappingProxyType(found))
 
     def only_fixed(self) -> FrameTree:
-        """Return what of the tree holds for ever."""
+        """Return the fixed transforms of the tree."""
         fixed = {name: one for name, one in self.frames.items() if one.fixed}
         return FrameTree(frames=MappingProxyType(fixed))
 

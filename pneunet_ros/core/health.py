@@ -73,7 +73,7 @@ class InputHealth:
         return now - (self._begun if self._input_at is None else self._input_at)
 
     def silence_sentence(self, now: float) -> str:
-        """Say for how long there has been no usable input."""
+        """State for how long there has been no usable input."""
         return f'no usable {self.source} for {self.silence(now):.1f} s'
 
     def input_age(self, now: float) -> float | None:
@@ -108,7 +108,7 @@ def age(at: float | None, now: float) -> float | None:
 
 
 def texts(values: Mapping[str, Any]) -> dict[str, str]:
-    """Return values as texts, empty where there is none."""
+    """Return values as texts, empty if there is none."""
     return {
         name: '' if value is None else f'{value:.4g}' if isinstance(value, float) else str(value)
         for name, value in values.items()

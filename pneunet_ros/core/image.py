@@ -39,7 +39,7 @@ def _channel(number: int) -> Callable[[Levels], Levels]:
 
 
 def _converted(name: str) -> Callable[[Levels], Levels]:
-    """Return what converts pixels by a code of OpenCV, that of `cv2.COLOR_` and this name."""
+    """Return a converter of pixels by the OpenCV code `cv2.COLOR_` plus this name."""
 
     def convert(pixels: Levels) -> Levels:
         import cv2
@@ -154,7 +154,7 @@ class Image:
 
     @property
     def has_colors(self) -> bool:
-        """Whether `closeness` can be told."""
+        """Whether the image has colors to compare."""
         return ENCODINGS[self.encoding].bgr is not None
 
     def grey(self) -> Bytes:

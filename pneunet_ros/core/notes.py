@@ -18,5 +18,5 @@ class Note(str):
         return note
 
     def __getnewargs_ex__(self) -> tuple[tuple[str], dict[str, Any]]:
-        """Return what a copy in another process is made of."""
+        """Return the arguments of a copy in another process."""
         return (str(self),), {'reason': self.reason}

@@ -1,4 +1,4 @@
-"""What is given instead of an answer: a refusal with its reason."""
+"""A refusal with its reason, returned instead of an answer."""
 
 from __future__ import annotations
 

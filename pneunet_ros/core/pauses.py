@@ -12,7 +12,7 @@ import threading
 
 
 class InPauses(threading.local):
-    """What is done in the pauses of this thread."""
+    """The work for the pauses of this thread."""
 
     def __init__(self) -> None:
         self.work: list[Callable[[], None]] = []

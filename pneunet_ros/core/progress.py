@@ -11,11 +11,11 @@ OnProgress = Callable[[str, int, int], None]
 
 
 def say_nothing(stage: str, done: int, total: int) -> None:
-    """Keep progress to oneself: where nobody looks."""
+    """Ignore progress: nobody is watching."""
 
 
 def part_of(on_progress: OnProgress, part: int, parts: int) -> OnProgress:
-    """Return what says beside each stage which part of the whole work it belongs to."""
+    """Return a progress display that prefixes each stage with its part of the whole work."""
     return lambda stage, done, total: on_progress(f'{part}/{parts} {stage}', done, total)
 
 
@@ -34,5 +34,5 @@ def heard(on_progress: OnProgress) -> Iterator[None]:
 
 
 def say_how_far(stage: str, done: int, total: int) -> None:
-    """Say how far a file is read or written, to whoever hears it."""
+    """Describe how far a file is read or written, to whoever hears it."""
     _READING.get()(stage, done, total)

@@ -29,7 +29,7 @@ class UnitSystem:
     curvature: Unit
 
     def of_kind(self, kind: str) -> Unit | None:
-        """Return the unit of a kind of quantity; None where the system has none of its own."""
+        """Return the unit of a kind of quantity; None if the system does not define one."""
         unit = getattr(self, kind, None)
         return unit if isinstance(unit, Unit) else None
 

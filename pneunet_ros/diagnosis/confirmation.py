@@ -1,4 +1,4 @@
-"""What a name requires besides passing the tests: held-out recordings, priors, stability.
+"""Requirements for a name besides the tests: held-out recordings, priors, stability.
 
 A set of effects that leaves residuals consistent with noise may still be the wrong one. It keeps
 its name only if it predicts held-out recordings better, if every parameter lies within its prior,
@@ -73,7 +73,7 @@ class Confirmer:
         )
 
     def refutations(self, record: Record) -> tuple[str, ...]:
-        """Return what speaks against a set of effects by itself.
+        """Return the objections to a set of effects, regardless of other sets.
 
         A set that something else explains as well is not refuted: it remains an alternative.
         """
@@ -137,7 +137,7 @@ class Confirmer:
         )
 
     def held_out_untested(self) -> tuple[Note, ...]:
-        """Say that nothing new tests a name."""
+        """Report that nothing new tests a name."""
         if self.has_held_out:
             return ()
         return (
@@ -205,7 +205,7 @@ class Confirmer:
         return tuple(sentences)
 
     def stability_untested(self, record: Record) -> tuple[Note, ...]:
-        """Say that the name hangs on one recording, or that there is only one."""
+        """Report that the name depends on one recording, or that there is only one."""
         if len(self.training) < 2:
             return (
                 Note(

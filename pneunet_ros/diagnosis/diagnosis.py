@@ -411,7 +411,7 @@ def passes_alike(
 
 
 def comparable(records: Sequence[Record]) -> list[Added]:
-    """Return what sets explain: over the set that all were added to, else over the base."""
+    """Return the gain of sets over the set that all of them extend, otherwise over the base."""
     added = [item.added for item in records if item.added is not None]
     if len(added) == len(records) and len({item.names for item in added}) == 1:
         return added
@@ -494,7 +494,7 @@ def collect_evidence(
     candidates: Sequence[Candidate],
     cosines: Mapping[tuple[str, str], float],
 ) -> tuple[Evidence, ...]:
-    """Return what was tried, the best first; effects that were not refitted by their score."""
+    """Return all trials, best first; effects that were not refitted are ranked by their score."""
     least = selection.settings.score_test.same_class
     same_class = [pair for pair, cosine in cosines.items() if abs(cosine) > least]
     trials = sorted(selection.tried.values(), key=lambda item: -item.evidence)
@@ -531,7 +531,7 @@ def alike_effects(
 
 
 def closest_notes(best: Record, objections: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return what comes closest to an explanation, and why it is not named."""
+    """Describe the closest explanation, and why it is not named."""
     if not best.names:
         return ()
     if not objections:
@@ -548,7 +548,7 @@ def closest_notes(best: Record, objections: Sequence[str] = ()) -> tuple[str, ..
 
 
 def notes_on_rest(selection: Selection, best: Trial) -> tuple[str, ...]:
-    """Say what else could be missing, too faint beside a strong effect to have a name."""
+    """Describe what else could be missing, too faint beside a strong effect to have a name."""
     item = selection.significant_candidate(best)
     if item is None:
         return ()
@@ -565,7 +565,7 @@ def notes_on_rest(selection: Selection, best: Trial) -> tuple[str, ...]:
 
 
 def notes_on_time(selection: Selection, training: Sequence[RecordingData]) -> tuple[str, ...]:
-    """Say which effects were not considered, as no recording could show them."""
+    """Name the effects that no recording could show and that were not considered."""
     settings = selection.settings.hypothesis
     if any(carries_time(run, settings) for run in training):
         return ()

@@ -25,7 +25,7 @@ def scores(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Score, ...]:
 def misfit(
     run_scores: Sequence[Score], chi_squared: Sequence[float], runs: Sequence[RecordingData]
 ) -> Misfit:
-    """Return what the scores of runs come to; chi_squared: of the whitened residuals of each run.
+    """Return the misfit over all runs; chi_squared: of the whitened residuals of each run.
 
     Residuals at the fit to the training runs: nothing is fitted to held-out ones.
     """

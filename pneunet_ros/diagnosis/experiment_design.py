@@ -1,4 +1,4 @@
-"""Experiment design: which recording would tell most, by experiments tried out with the model."""
+"""Experiment design: choose the most informative recording by simulation with the model."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def propose_experiment(
     rivals: Sequence[Candidate],
     settings: DiagnosisSettings = DEFAULTS,
 ) -> str:
-    """Say which experiment would show most of a wanted effect, its rivals fitted jointly.
+    """Name the experiment that shows most of a wanted effect, its rivals fitted jointly.
 
     Counted is the chi squared of each wanted effect at the far end of its prior range. Empty where
     nothing is wanted.

@@ -16,7 +16,7 @@ SURE = 2.0  # standard errors, by which a direction may be longer than a unit ve
 
 
 def direction_notes(arm: Arm, effects: Sequence[NamedEffect]) -> tuple[str, ...]:
-    """Return what direction of gravity would explain as much as its line load; empty: none.
+    """Describe the direction of gravity that explains the line load equally well; empty: none.
 
     arm: without the effect.
     """

@@ -93,7 +93,7 @@ class Hypothesis:
 
     @property
     def confounded_with_pressure_scale(self) -> bool:
-        """Whether it is another pressure scale alone: kappa_p0(p), fitted anew, takes that up."""
+        """Whether it is just another pressure scale, which a refitted kappa_p0(p) absorbs."""
         if self.kind.sense is Effect.sense:
             return False
         load = Load(pressure=1e4, force_x=1.0, force_y=1.0)

@@ -41,7 +41,7 @@ class Swings:
     rest: tuple[Flags, ...]
 
     def misfit(self, residuals: Sequence[Array], at_rest: Misfit) -> Misfit:
-        """Return what residuals come to, in units of what noise does to an arm at rest."""
+        """Return the size of residuals relative to the noise of an arm at rest."""
         every = np.concatenate([item.ravel() for item in residuals])
         squares = every[np.isfinite(every)] ** 2
         lengths = np.concatenate([distances(item) for item in residuals])
@@ -52,7 +52,7 @@ class Swings:
         )
 
     def objection(self, floor: float) -> str:
-        """Say why the moving arm does not explain its swings; empty where it does.
+        """Explain why the moving arm does not explain its swings; empty where it does.
 
         It may be beside them by what noise does (rms floor, m), and by what no arm follows its
         law.

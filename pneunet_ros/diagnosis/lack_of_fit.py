@@ -40,7 +40,7 @@ class LackOfFit:
         return float(scipy.stats.gamma.sf(self.statistic, **self.gamma_law)) if self.dof else 1.0
 
     def threshold(self, level: float) -> float:
-        """Return what clean data exceed with a probability of `level`."""
+        """Return the value that data without model error exceed with probability `level`."""
         return float(scipy.stats.gamma.isf(level, **self.gamma_law)) if self.dof else np.inf
 
     @property

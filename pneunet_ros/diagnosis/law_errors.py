@@ -1,4 +1,4 @@
-"""What the laws of effects may miss: the size of each, anew in every frame and along the arm.
+"""Law errors of effects: the size of each, independent in every frame and along the arm.
 
 No law is exact: a line that fills faster than it empties, an elongation that is not even. What a
 strong effect's law misses may look like another effect, and be far above the noise. So what is
@@ -39,7 +39,7 @@ class LawErrors:
         fit: Refit,
         settings: LawErrorSettings = DEFAULTS.law_errors,
     ) -> LawErrors:
-        """Return what the laws of all effects of a fit may miss in all runs of a linearization."""
+        """Return the law errors of all effects of a fit in all runs of a linearization."""
         if not fit.hypotheses:
             return cls(fields=())
         arclength = linearization.point.arm.target_arclength / linearization.length

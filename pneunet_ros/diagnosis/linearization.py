@@ -63,7 +63,7 @@ class LinearizedRun:
 
     @property
     def log_volume(self) -> float:
-        """Log volume of the errors of its own that a run is whitened by."""
+        """Log determinant of the errors by which a run is whitened."""
         return self.whitening.log_volume + self.path_filter.log_volume
 
     @property
@@ -130,7 +130,7 @@ class KnownInputs:
         self.shown: dict[float, list[RecordingData]] = {}
 
     def of(self, arm: Arm) -> list[Inputs]:
-        """Return what acted on an arm in all runs; the noise of a reading has no past."""
+        """Return the inputs of an arm in all runs; reading noise has no history."""
         in_time = [item for item in arm.effects if item.frame_delay]
         key = tuple(item for item in arm.effects if item in (*arm.sensing, *arm.acting, *in_time))
         if key not in self.known:
@@ -273,7 +273,7 @@ class Linearization:
     def residual(
         self, values: Array, effects: Sequence[Effect], which: range
     ) -> list[Array] | None:
-        """Return whitened residuals (rows,) of runs for a model; None where it has no shape.
+        """Return the whitened residuals (rows,) of runs for a model; None if it has no shape.
 
         Placement and departures are not taken off; effects come beside those of the model.
         """

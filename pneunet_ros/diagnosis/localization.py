@@ -148,7 +148,7 @@ def describe_interval(axis: Axis, start: float, stop: float) -> str:
 
 
 def describe_misfit(frames: Frames) -> str:
-    """Say in one sentence how the misfit depends on what acted and where it is."""
+    """Describe in one sentence how the misfit depends on what acted and where it is."""
     settings = frames.settings
     known = frames.squares[np.isfinite(frames.squares)]
     if scipy.stats.chi2.sf(known.sum(), 2 * known.size) > settings.significant:

@@ -25,7 +25,7 @@ FIELD = 'curvature 1 x p'  # of `generic_field`: linear along the arm, proportio
 def nonuniform_columns(
     linearization: Linearization, settings: ResolutionSettings = RESOLUTION
 ) -> list[Array]:
-    """Return what one sigma of the departure moves, whitened (rows, 1) per training run.
+    """Return the whitened response to one sigma of the departure, (rows, 1) per training run.
 
     None of them where the curvature is free along the arm.
     """

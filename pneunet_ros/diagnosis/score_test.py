@@ -131,7 +131,7 @@ def largest_clean_score(
     level: float,
     seed: int,
 ) -> float:
-    """Return what the largest score of all effects exceeds in clean data with probability level.
+    """Return the value that the largest score exceeds in clean data with probability `level`.
 
     Simulated: normal scores of the linearized refit, with their correlations.
     """

@@ -66,7 +66,7 @@ class Record:
     added: Added | None = None
 
     def over(self, other: Record) -> Added:
-        """Return what the set explains over another one."""
+        """Return the gain of the set over another one."""
         if self.added is not None and self.added.names == other.names:
             return self.added
         return Added(
@@ -129,7 +129,7 @@ class Selection:
         return trial
 
     def open_laws(self, trial: Trial) -> tuple[LawErrors, OpenLaws]:
-        """Return what the laws of a trial may miss, and its linear problem with that.
+        """Return the law errors of a trial, and its linear problem with them.
 
         It is large: the last one alone is kept.
         """
@@ -184,7 +184,7 @@ class Selection:
         return Trial(record=record, refit=trial)
 
     def added(self, trial: Refit, known: Trial) -> Added:
-        """Return what a fit explains over a set, beyond what the laws of that one may miss."""
+        """Return the gain of a fit over a set, beyond the law errors of that set."""
         errors, before = self.open_laws(known)
         after = OpenLaws.of(trial.gaussian, trial.linearization.blocks, errors)
         return Added(
@@ -201,7 +201,7 @@ class Selection:
         gaussian: GaussianModel,
         tests: Sequence[LackOfFit],
     ) -> bool:
-        """Whether what is left is what the laws of these effects may miss.
+        """Whether the residual lies within the law errors of these effects.
 
         Little of what was left without them; or more, if it is nothing beside errors of the laws.
         """
@@ -294,7 +294,7 @@ class Selection:
         return candidates[0] if candidates[0].gain > needed else None
 
     def add_effect(self, base: Trial, trial: Trial, *, thorough: bool) -> Trial | None:
-        """Return the best set with one effect more; None where none is good enough.
+        """Return the best set with one effect more; None without one good enough.
 
         thorough: where no set is adequate, fit all likely effects; small steps may mislead.
         """
@@ -416,7 +416,7 @@ def choose_best(
 def is_worth_adding(
     trial: Trial, better: Trial, settings: SelectionSettings = DEFAULTS.selection
 ) -> bool:
-    """Whether one effect more leaves nothing, or takes away most of what is left."""
+    """Whether one more effect explains everything, or most of what is left."""
     record = better.record
     return record.adequate or record.excess < settings.most_left * trial.record.excess
 

@@ -143,7 +143,7 @@ class SelectionSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConfirmationSettings:
-    """What a name requires besides passing the tests, and how sure it then is."""
+    """Requirements for a name besides the tests, and its probability."""
 
     most_left: float = tuning(
         2.0, 'chi squared per coordinate of the training that a law may leave', unit='noise alone'

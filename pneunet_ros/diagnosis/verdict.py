@@ -72,7 +72,7 @@ def describe_verdict(
 
 
 def describe_gain(record: Record, before: float, after: float, noise: tuple[float, float]) -> str:
-    """Say what adding a set of effects gains: in rms (m), where it can show that.
+    """Describe what adding a set of effects gains: in rms (m), where it can show that.
 
     noise: rms (m) of a perfect model, and how far it scatters.
     """
@@ -99,7 +99,7 @@ def two_lengths(before: float, after: float) -> tuple[str, str]:
 
 
 def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
-    """Say what was compared, and by how much it differs."""
+    """Describe what was compared, and by how much it differs."""
     confirmer, base, record = Confirmer.of(selection, first.record), first.record, best.record
     worst = min(base.tests, key=lambda item: item.p_value)
     tested = (

@@ -149,7 +149,7 @@ class FrameColumns:
         return cls(projection, parts)
 
     def along(self, factors: Sequence[Array]) -> FrameColumns:
-        """Return sums of the frames of every run, with its own factors (frames, n)."""
+        """Return weighted sums over the frames of every run; factors: (frames, n) per run."""
         return FrameColumns(
             self.projection,
             [

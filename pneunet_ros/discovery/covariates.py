@@ -29,7 +29,7 @@ RATE_TIME = 0.3  # s, over which the rate of a pressure is taken: noise of readi
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Meaning:
-    """What a covariate is: its group, its words in a sentence, its unit."""
+    """Description of a covariate: its group, words and unit."""
 
     group: Group
     words: str
@@ -38,9 +38,9 @@ class Meaning:
 
 MEANINGS: dict[str, Meaning] = {
     CONSTANT: Meaning(group='constant', words='is constant', unit='-'),
-    'p': Meaning(group='pressure', words='goes with the pressure', unit='Pa'),
-    'p^2': Meaning(group='pressure', words='goes with the square of the pressure', unit='Pa^2'),
-    RATE: Meaning(group='past', words='goes with the rate of the pressure', unit='Pa/s'),
+    'p': Meaning(group='pressure', words='depends on the pressure', unit='Pa'),
+    'p^2': Meaning(group='pressure', words='depends on the square of the pressure', unit='Pa^2'),
+    RATE: Meaning(group='past', words='depends on the rate of the pressure', unit='Pa/s'),
     'side of a narrow play': Meaning(
         group='past',
         words='differs between rising and falling pressure, as after a narrow dead band (play)',
@@ -57,21 +57,21 @@ MEANINGS: dict[str, Meaning] = {
         unit='-',
     ),
     'past 3 s': Meaning(
-        group='past', words='goes with the pressure less its mean over the last 3 s', unit='Pa'
+        group='past', words='depends on the pressure minus its mean over the last 3 s', unit='Pa'
     ),
     'past 10 s': Meaning(
-        group='past', words='goes with the pressure less its mean over the last 10 s', unit='Pa'
+        group='past', words='depends on the pressure minus its mean over the last 10 s', unit='Pa'
     ),
     'past 30 s': Meaning(
-        group='past', words='goes with the pressure less its mean over the last 30 s', unit='Pa'
+        group='past', words='depends on the pressure minus its mean over the last 30 s', unit='Pa'
     ),
-    'F1': Meaning(group='load', words='goes with the end force F1', unit='N'),
-    'F2': Meaning(group='load', words='goes with the end force F2', unit='N'),
-    '|F|': Meaning(group='load', words='goes with the size of the end force', unit='N'),
-    'p F1': Meaning(group='load', words='goes with pressure times end force F1', unit='Pa N'),
-    'p F2': Meaning(group='load', words='goes with pressure times end force F2', unit='Pa N'),
+    'F1': Meaning(group='load', words='depends on the end force F1', unit='N'),
+    'F2': Meaning(group='load', words='depends on the end force F2', unit='N'),
+    '|F|': Meaning(group='load', words='depends on the size of the end force', unit='N'),
+    'p F1': Meaning(group='load', words='depends on pressure times end force F1', unit='Pa N'),
+    'p F2': Meaning(group='load', words='depends on pressure times end force F2', unit='Pa N'),
     ELAPSED: Meaning(
-        group='time', words='goes with the time since the start of a recording', unit='s'
+        group='time', words='depends on the time since the start of a recording', unit='s'
     ),
 }
 

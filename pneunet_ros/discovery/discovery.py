@@ -119,7 +119,7 @@ def discover(
 def untestable_law(
     investigation: Investigation, named: Trial, best: Finding, limits: LawConfirmationSettings
 ) -> str:
-    """Return what speaks against a name beside which a law predicts recordings far better.
+    """Return the objection to a name if a law predicts recordings far better.
 
     Of several recordings halves say whether the law holds, and the name stands beside it or
     without it. Of a few they say nothing, and the name may be what comes nearest to that law.
@@ -199,7 +199,7 @@ def look_for_law(
     suspects: Sequence[Suspect],
     on_progress: OnProgress,
 ) -> tuple[Discovery, Finding | None]:
-    """Return the law of what is left by a model, and the finding that it is of.
+    """Return the law for the residuals of a model, and its finding.
 
     No law where recordings do not confirm it, no finding where no kind predicts any.
     """
@@ -255,7 +255,7 @@ def look_for_law(
 def by_itself(
     selection: Selection, base: Trial, search: Search, law: Discovery, best: Finding | None
 ) -> Discovery:
-    """Return what changes by itself without a period, where that is confirmed; else the law.
+    """Return the confirmed aperiodic course in time, if there is one, otherwise the law.
 
     It takes the place of a law that is not confirmed, and of one on time that explains less: that
     predicts nothing either.
@@ -355,7 +355,7 @@ def measured_part(suspect: Suspect) -> Law | None:
 
 
 def finding_of(suspect: Suspect, proposal: Proposal | None, fits: JointFits) -> Finding:
-    """Return what a suspect comes to, with its joint fit where it has one."""
+    """Return the finding of a suspect, with its joint fit if it has one."""
     base = fits.base
     gain, share = suspect.left_out_gain, linear_share(suspect, base, fits.search)
     if proposal is not None:
@@ -419,7 +419,7 @@ def cause_map(search: Search, base: Trial) -> CauseMap:
 def objections_to(
     finding: Finding, selection: Selection, first: Trial, base: Trial, search: Search
 ) -> tuple[str, ...]:
-    """Return what speaks against giving the law of a finding."""
+    """Return the objections to the law of a finding."""
     settings = search.settings.confirmation
     found = []
     p_value = split_p_value(finding.suspect, search, selection.seed)

@@ -26,7 +26,7 @@ POSITION = 'position'
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Proposal:
-    """A law as an effect of its own, fitted jointly.
+    """A law as an effect, fitted jointly with the model.
 
     terms of the law, and the parameters of the effect that belong to them; trial: the fit, with
     what it leaves; its last hypothesis is this effect.

@@ -1,4 +1,4 @@
-"""Kinds of cause: what may act on the arm, or on its picture, with an amplitude of its own.
+"""Kinds of cause that may act on the arm or its image, each with an amplitude.
 
 A kind is an effect with one amplitude per frame. `method` is the method of the contract of effects
 (`effects/effect.py`) in which it speaks, and `code` what that returns, as Python with `amplitude`;

@@ -1,4 +1,4 @@
-"""A law of an amplitude: which covariates it goes with, chosen by recordings left out."""
+"""A law of an amplitude: the covariates it depends on, chosen by left-out recordings."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def cause_of(
 
 
 def choose_law(cause: Cause, runs: Runs, settings: LawSettings = DISCOVERY.law) -> Law | None:
-    """Return the terms that predict the runs best, each from the others; None if none does.
+    """Return the terms that best predict each run from the others; None if none does.
 
     Forward: the best term of all, then the best one more, while it gains enough.
     """

@@ -1,4 +1,4 @@
-"""What a discovery would call each effect of the library: the same cause in other words.
+"""The description of each library effect as a kind of cause.
 
 A law in the words of a named effect says what the name says, and perhaps more. A law in others
 contradicts it.

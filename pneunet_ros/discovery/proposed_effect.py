@@ -313,7 +313,7 @@ def position_text(kind: Kind) -> str:
 
 
 def sum_text(parameters: Sequence[Parameter], expressions: Mapping[str, str]) -> str:
-    """Return the sum of parameters times covariates as Python; empty where there is none."""
+    """Return the sum of parameters times covariates as Python; empty if there is none."""
     parts = [
         f'self.{item.name}' + (f' * {expressions[item.term]}' if expressions[item.term] else '')
         for item in parameters

@@ -1,4 +1,4 @@
-"""What a discovery comes to, as values."""
+"""The results of a discovery."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class TermOfLaw:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeLaw:
-    """A course of its own in time: its form, and parameters such as a period (s)."""
+    """A course in time: its form, and parameters such as a period (s)."""
 
     form: str
     parameters: Mapping[str, Estimated]

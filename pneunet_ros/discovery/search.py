@@ -112,7 +112,7 @@ class Search:
 
     @cached_property
     def courses(self) -> Courses:
-        """What changes by itself without a period; of steady states nothing does."""
+        """Aperiodic courses in time; steady states have none."""
         seconds = {item.name: item.values for item in self.covariates}.get(ELAPSED)
         return {} if seconds is None else wandering_courses(seconds, self.settings.law)
 
@@ -148,12 +148,12 @@ class Search:
         return find_swing(frames, self.covariates, cause.kind.prior, runs, self.settings.law)
 
     def wandering(self, cause: Cause, runs: Runs) -> Swing | None:
-        """Return a course of its own of a cause in some of the runs, without a period."""
+        """Return an aperiodic course of a cause in some of the runs."""
         frames = self.frame_columns(cause)
         return find_wandering(frames, self.courses, cause.kind.prior, runs, self.settings.law)
 
     def wandering_suspects(self) -> list[Suspect]:
-        """Return the kinds that change by themselves without a period, the best first.
+        """Return the kinds with an aperiodic course, best first.
 
         Each at its best place. What follows a law of what is measured is described better by it.
         """
@@ -195,7 +195,7 @@ class Search:
         return suspect if suspect.left_out_gain > 0.0 else None
 
     def suspects(self, kinds: Sequence[Kind] | None = None) -> list[Suspect]:
-        """Return all kinds with a law, the best first."""
+        """Return all kinds with a law, best first."""
         found = [self.suspect(kind, self.runs) for kind in kinds or KINDS.values()]
         known = [item for item in found if item is not None]
         return sorted(known, key=lambda item: -item.left_out_gain)

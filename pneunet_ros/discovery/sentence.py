@@ -19,7 +19,7 @@ def law_sentence(
     terms: Sequence[TermOfLaw],
     tied: Sequence[str],
 ) -> str:
-    """Say what kind of cause it is, where, and what its amplitude goes with."""
+    """Describe the kind of cause, its place, and what its amplitude depends on."""
     words = join_words([term_words(kind, item.name) for item in terms])
     sizes = ' + '.join(term_size(item) for item in terms).replace('+ -', '- ')
     return (
@@ -31,7 +31,7 @@ def law_sentence(
 def swing_sentence(
     kind: Kind, location: Estimated | None, swing: Swing, tied: Sequence[str]
 ) -> str:
-    """Say what kind of cause swings by itself, how fast, and that nothing predicts it."""
+    """Describe a cause that oscillates: its kind, its period, and that nothing predicts it."""
     grows = (
         ' and is the larger, the higher the pressure is' if swing.modulation != CONSTANT else ''
     )
@@ -39,13 +39,13 @@ def swing_sentence(
         return (
             f'{begin(kind, location)}: the {kind.amplitude} changes by itself, over about '
             f'{swing.period:.2g} s and without a period ({swing.size * kind.prior:.2g} '
-            f'{kind.unit} rms).{tied_words(tied)} Nothing that is measured goes with it, so that '
+            f'{kind.unit} rms).{tied_words(tied)} It depends on nothing that is measured, so that '
             'no model can predict it.'
         )
     return (
         f'{begin(kind, location)}: the {kind.amplitude} goes by itself, with a period of '
         f'{swing.period:.3g} s{grows} (up to {swing.size * kind.prior:.2g} {kind.unit}).'
-        f'{tied_words(tied)} Nothing that is measured goes with it, so that no model can predict '
+        f'{tied_words(tied)} It depends on nothing that is measured, so that no model can predict '
         'it.'
     )
 
@@ -53,7 +53,7 @@ def swing_sentence(
 def drift_sentence(
     kind: Kind, location: Estimated | None, terms: Sequence[TermOfLaw], tied: Sequence[str]
 ) -> str:
-    """Say what kind of cause goes with the time of a recording, which no model knows."""
+    """Describe a cause that depends on the time of a recording, which no model knows."""
     words = join_words([term_words(kind, item.name) for item in terms])
     return (
         f'{begin(kind, location)}: the {kind.amplitude} {words}.{tied_words(tied)} The time since '
@@ -62,7 +62,7 @@ def drift_sentence(
 
 
 def begin(kind: Kind, location: Estimated | None) -> str:
-    """Return what it is and where."""
+    """Return the beginning of the sentence: kind and place."""
     subject = kind.subject[:1].upper() + kind.subject[1:]
     if location is None:
         return subject
@@ -72,7 +72,7 @@ def begin(kind: Kind, location: Estimated | None) -> str:
 
 
 def term_words(kind: Kind, name: str) -> str:
-    """Return what an amplitude does with a term."""
+    """Return the words for an amplitude and a term."""
     return kind.natives[name].words if name in kind.natives else MEANINGS[name].words
 
 
@@ -84,7 +84,7 @@ def term_size(term: TermOfLaw) -> str:
 
 
 def tied_words(tied: Sequence[str]) -> str:
-    """Say what explains as much."""
+    """Describe what explains as much."""
     if not tied:
         return ''
     subjects = [f'{name} ({KINDS[name].subject})' for name in tied[:MOST_TIED]]

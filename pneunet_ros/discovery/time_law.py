@@ -1,4 +1,4 @@
-"""An amplitude that goes by itself: it swings with a period, or comes and goes without one.
+"""An amplitude that depends on time alone: periodic or aperiodic.
 
 Nothing measured predicts its phase, so a recording that is left out can be expected to swing, with
 the period of the others, but not how: sine and cosine of every recording have a common prior. What
@@ -27,7 +27,7 @@ PERIODS = 160  # tried, evenly in frequency
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Swing:
-    """A course of its own: its period (s) and error, what it grows with, and what it gains.
+    """An oscillation: its period (s) and error, what its amplitude depends on, and its gain.
 
     periodic: else the period is the time over which it changes. size and size_std (amplitude, root
     mean square over the runs, in units of the kind's prior) where the modulation is largest;
@@ -137,7 +137,7 @@ def find_wandering(
     runs: Runs,
     settings: LawSettings = DISCOVERY.law,
 ) -> Swing | None:
-    """Return an amplitude that changes by itself without a period; None where none is seen.
+    """Return an aperiodic amplitude; None if none is seen.
 
     prior: that of the amplitude.
     """
@@ -178,7 +178,7 @@ def find_wandering(
 
 
 def wandering_roots(seconds: Sequence[Array], time: float) -> list[Array]:
-    """Return roots (frames, n) of the covariance exp(-|t - t'| / time) of every run.
+    """Return a root (frames, n) of the covariance exp(-|t - t'| / time) for every run.
 
     Runs have as many columns each: the directions of largest variance.
     """

@@ -261,7 +261,7 @@ class Effect(abc.ABC):
         return False
 
     def history_terms(self, history: Array, scale: PressureScale) -> Terms:
-        """Return what the history, (numbers,) or one per pressure (n, numbers), adds."""
+        """Return the terms of the history, (numbers,) or one per pressure (n, numbers)."""
         return NO_TERMS
 
     def terms(self, pressure: Array) -> Terms:
@@ -269,7 +269,7 @@ class Effect(abc.ABC):
         return NO_TERMS
 
     def load_terms(self, loads: Loads) -> Terms:
-        """Return what it adds under these end loads, beyond `terms`; the loads are true ones."""
+        """Return the terms of these (true) end loads, in addition to `terms`."""
         return NO_TERMS
 
     def motion(self) -> tuple[float, float] | None:
@@ -278,7 +278,7 @@ class Effect(abc.ABC):
 
     @property
     def is_neutral(self) -> bool:
-        """Whether it does nothing: no parameter that is a size differs from its default."""
+        """Whether it has no effect: all magnitude parameters have their defaults."""
         return all(
             item.metadata['shape'] or getattr(self, item.name) == item.default
             for item in quantities(self)

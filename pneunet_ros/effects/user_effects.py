@@ -46,7 +46,7 @@ def add_effects(directory: str | Path) -> tuple[type[Effect], ...]:
     """
     folder = resolved(directory)
     if not folder.is_dir():
-        raise ModelError(f'effects path {directory} is no folder', reason='unreadable')
+        raise ModelError(f'effects path {directory} is not a folder', reason='unreadable')
     files = sorted(file for file in folder.glob('*.py') if not file.name.startswith('_'))
     if not files:
         raise ModelError(
@@ -104,7 +104,7 @@ def module_of(file: Path) -> ModuleType:
 
 
 def reason(error: Exception | SystemExit) -> str:
-    """Say what an error of foreign code was."""
+    """Describe what an error of foreign code was."""
     line = getattr(error, 'lineno', None)
     where = f' (line {line})' if line else ''
     return f'{type(error).__name__}: {error}{where}'
@@ -132,7 +132,7 @@ def add_to_table(found: Iterable[tuple[Any, str]]) -> tuple[type[Effect], ...]:
 
 
 def breach(effect: Any) -> str:
-    """Say how a class breaks the contract of effects; empty where it does not.
+    """Describe how a class breaks the contract of effects; empty where it does not.
 
     What only numbers tell, such as whether its neutral value does nothing, the property suite says
     (`test/effects/test_effects.py`).

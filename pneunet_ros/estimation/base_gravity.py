@@ -39,7 +39,7 @@ class GravityReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BaseGravity:
-    """What is remembered of base and gravity: frames, the last good reading, and the last bad one.
+    """State of base and gravity: frames, the last good reading, and the last bad one.
 
     trouble: why the last reading of base_imu could not be used; None: it could.
     """
@@ -77,7 +77,7 @@ class GravitySource:
         return not self.frame and self.gravity.source != FIXED
 
     def take(self, known: BaseGravity, reading: BaseReading) -> tuple[BaseGravity, Refusal | None]:
-        """Take a reading of an accelerometer or of frames; it stops no estimate by itself."""
+        """Take a reading of an accelerometer or of frames, which alone stops no estimate."""
         if not isinstance(reading, ImuReading):
             return self.take_frames(known, reading)
         if not self.uses_imu:
@@ -106,7 +106,7 @@ class GravitySource:
         return found, drop(bad.stamp_ns, 'no_rotation', sentence)
 
     def unfit(self, known: BaseGravity, reading: ImuReading) -> Refusal | None:
-        """Return why a reading of the accelerometer is none, by itself; None where it is one."""
+        """Return why a reading of the accelerometer is invalid; None if it is valid."""
         stamp_ns, force = reading.stamp_ns, (reading.x, reading.y, reading.z)
         if not all(map(math.isfinite, force)):
             return drop(stamp_ns, 'not_finite', f'{WHAT} holds NaN or infinity')
@@ -159,7 +159,7 @@ class GravitySource:
         return None if found is None else found[0]
 
     def at(self, known: BaseGravity, stamp_ns: int) -> tuple[Direction | None, Refusal | None]:
-        """Return gravity at a stamp, in g; None: as the arm has it; or why nobody knows."""
+        """Return gravity at a stamp, in g; None: that of the model file; or why it is unknown."""
         if self.frame:
             return self.by_frame(known, stamp_ns)
         if not self.uses_imu:
@@ -208,7 +208,7 @@ class GravitySource:
         return found is None or found[1] is not None
 
     def stale(self, what: str, age: float) -> str:
-        """Say that something is too old."""
+        """Report that something is too old."""
         return (
             f'{what} is {age:.3g} s away from the pressure, more than gravity_timeout = '
             f'{self.settings.gravity_timeout:.3g} s'

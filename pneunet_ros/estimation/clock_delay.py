@@ -152,7 +152,7 @@ class ClockDelay:
 
     @property
     def sentence(self) -> str:
-        """Say the delay, and how sure it is."""
+        """Describe the delay and its uncertainty."""
         share = self.std / self.frame_period
         sure = (
             'to a fifth of a frame or better'
@@ -244,7 +244,7 @@ def estimate_delay(
 def _too_little(
     scores: Array, period: float, reading_time: Array, inputs: Array, settings: ClockDelaySettings
 ) -> Note | None:
-    """Say why there is nothing to find a delay in; None where there is."""
+    """Explain why there is nothing to find a delay in; None where there is."""
     frames, fewest = len(scores), settings.fewest_frames
     if frames < fewest:
         return Note(
@@ -271,7 +271,7 @@ def _cannot_tell(
     rate: float,
     settings: ClockDelaySettings,
 ) -> Note | None:
-    """Say why a delay that was found is none; None where it is one."""
+    """Explain why a delay that was found is none; None where it is one."""
     if clock.explained < settings.explained:
         return Note(
             f'at no delay do pressure and load explain more than {100.0 * clock.explained:.3g} % '
@@ -395,7 +395,7 @@ class DelayFit:
         return np.asarray((left**2).mean(axis=0) / variance)
 
     def cost(self, delay: float, every: int = 1) -> float:
-        """Return the logarithm of what is left of the motion, summed over components."""
+        """Return the log of the unexplained motion, summed over components."""
         return float(np.sum(np.log(self.unexplained(delay, every) + 1e-300)))
 
     def candidates(self) -> list[float]:
@@ -502,7 +502,7 @@ def box_average(time: Array, values: Array, centers: Array, width: float) -> Arr
 
 
 def regressors(inputs: Array, step: float, plays: Plays, settings: ClockDelaySettings) -> Array:
-    """Return what the motion may be a sum of, (instants, columns).
+    """Return the regressors of the motion, (instants, columns).
 
     Powers of the pressure; how far a play of each width lags, weighted by powers; how far the
     pressure is ahead of each relaxation; powers of every load, and its products with the pressure.

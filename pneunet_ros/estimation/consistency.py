@@ -81,7 +81,7 @@ FORCE_NOT_JUDGED = 'without an end wrench force is not judged: one on the arm lo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disagreement:
-    """How far measured targets have been from the estimate lately.
+    """The recent disagreement between measured targets and estimate.
 
     rms: of the whitened difference, 1 where it is all noise; limit: what noise does not exceed;
     target, arclength (m): where it is largest, against its own noise; beyond: rms is beyond the
@@ -103,7 +103,7 @@ class Disagreement:
 
     @property
     def sentence(self) -> str:
-        """Say it to a person."""
+        """Describe it for users."""
         return (
             f'measured targets are {self.rms:.3g} x their noise from the estimate (noise alone: '
             f'less than {self.limit:.3g}), worst at {self.arclength:.4g} m, target {self.target}: '
@@ -167,12 +167,12 @@ class Agreement:
 
     @property
     def frames_hold(self) -> bool:
-        """The same, of each frame by itself."""
+        """Whether single frames are consistent with the model."""
         return self.median <= self.limit and self.beyond <= self.most and self.tips_hold
 
     @property
     def sentence(self) -> str:
-        """Say it to a person."""
+        """Describe it for users."""
         verdict, advice = 'the model holds on this recording', ''
         if self.holds is None:
             verdict = f'too few frames to say whether the model holds (fewer than {self.fewest})'
@@ -380,7 +380,7 @@ def compare_waiting(
 
 
 def is_at(estimate: ShapeEstimate, shown_ns: int) -> bool:
-    """Whether a frame was taken with the readings of an estimate: nothing later tells more."""
+    """Whether a frame has the stamp of an estimate, so that no later reading matters."""
     return estimate.stamp_ns == shown_ns and not estimate.wrench_age
 
 
@@ -391,7 +391,7 @@ def add_frame(
     predicted: PredictedTargets,
     estimator: Estimator,
 ) -> tuple[RunningInnovation, FrameInnovation]:
-    """Take a frame into the running means; after a gap of `watch_time` they start anew."""
+    """Add a frame to the running means, which restart after a gap of `watch_time`."""
     frame = innovation(predicted, sightings, estimator.arm.sensors)
     assert frame is not None
     stamp_ns, time = sightings.stamp_ns, estimator.settings.watch_time
@@ -446,7 +446,7 @@ def evidence_of(
     *,
     beyond: bool,
 ) -> FrameEvidence | None:
-    """Return what a frame tells of errors that persist; None beyond the domain of the model.
+    """Return the evidence of a frame for persistent errors; None outside the domain of the model.
 
     beyond: it is further off than noise explains.
     """

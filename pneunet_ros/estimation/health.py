@@ -67,7 +67,7 @@ class EstimatorHealth(InputHealth):
     def disagreement(
         self, settings: EstimatorSettings, consistency: ConsistencyState, now: float
     ) -> Disagreement | None:
-        """Return how far targets are from estimates; None where nothing was compared lately."""
+        """Return the distance of targets from estimates; None without recent comparisons."""
         if self._targets_at is None or now - self._targets_at > settings.watch_time:
             return None
         return consistency.disagreement()
@@ -169,5 +169,5 @@ class EstimatorHealth(InputHealth):
 
 
 def force_judged(force_read: bool) -> str:
-    """Say whether a comparison with targets can tell a wrong force."""
+    """State whether a comparison with targets can tell a wrong force."""
     return 'yes' if force_read else f'no: {FORCE_NOT_JUDGED}'

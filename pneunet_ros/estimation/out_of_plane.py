@@ -59,7 +59,7 @@ def out_of_plane(
     wrench: WrenchReading,
     numbers: OutOfPlaneSettings = DEFAULTS,
 ) -> OutOfPlane:
-    """Return what of an end wrench is out of the plane, against its limit.
+    """Return the out-of-plane part of an end wrench, relative to its limit.
 
     The limit is a share of the largest force of the arm's domain and of its moment, and no less
     than noise. Without a domain the weight of the arm stands for the force.

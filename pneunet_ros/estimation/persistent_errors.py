@@ -177,7 +177,7 @@ class PersistentErrors:
 
     @property
     def sentence(self) -> str:
-        """Say to a person what is wrong; empty where nothing is."""
+        """Describe the problem for users; empty if there is none."""
         if self.holds:
             return ''
         said = []
@@ -203,7 +203,7 @@ class PersistentErrors:
 
     @property
     def advice(self) -> str:
-        """Say what to do next."""
+        """Return the advice to users."""
         if self.noise_left:
             return 'other numbers of the same model explain it: calibrate anew'
         return (
@@ -215,7 +215,7 @@ class PersistentErrors:
 def persistent_errors(
     kept: Sequence[FrameEvidence], arm: Arm, settings: PersistenceSettings = PERSISTENCE
 ) -> PersistentErrors | None:
-    """Return what frames in the order of time say together; None where there are too few.
+    """Test for errors that all frames (in order of time) share; None if there are too few frames.
 
     All is linearized at the estimates. The unknowns that frames share have the prior of the arm:
     those of the model's covariance with the places of the targets, which go with them, and the
@@ -333,7 +333,7 @@ def linear_problem(
 
 
 def frames_as_one(scores: Array) -> float:
-    """Return how many frames tell as much as one would whose noise is new in each, at least 1.
+    """Return the number of correlated frames that equal one independent frame, at least 1.
 
     scores (frames, unknowns): how far each frame moves each unknown by what is left.
     """
@@ -350,7 +350,7 @@ def frames_as_one(scores: Array) -> float:
 def distance(
     step: Array, spread: Array, settings: PersistenceSettings = PERSISTENCE
 ) -> tuple[float, int]:
-    """Return the chi squared of a step (n,) of covariance spread (n, n), and of how many numbers.
+    """Return chi squared of a step (n,) with covariance spread (n, n), and its degrees of freedom.
 
     Directions of which the frames tell little do not count.
     """
@@ -363,7 +363,7 @@ def distance(
 def without_prior(
     step: Array, covariance: Array, settings: PersistenceSettings = PERSISTENCE
 ) -> tuple[Array, Array]:
-    """Return a step (n,) and its covariance (n, n) as the frames alone tell them.
+    """Return a step (n,) and its covariance (n, n) from the frames alone, without the prior.
 
     For a prior that is refuted holds a step back. Where frames tell little it stays as it is.
     """

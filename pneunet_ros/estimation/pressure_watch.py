@@ -93,7 +93,7 @@ class PressureWatch:
         )
 
     def hint(self, reading: PressureReading, arm: Arm, settings: EstimatorSettings) -> str:
-        """Say what a reading that no arm can have may mean instead; empty where nothing fits.
+        """Describe what a reading that no arm can have may mean instead; empty if nothing fits.
 
         All readings so far are judged, and where these do not fit this one alone.
         """
@@ -106,5 +106,5 @@ class PressureWatch:
 
 
 def remedy(verdict: PressureVerdict) -> str:
-    """Return what to set in a node so that readings are taken by the other meaning."""
+    """Return the node parameters that select the other meaning of the readings."""
     return f'set {verdict.parameters}'

@@ -124,7 +124,7 @@ class EstimatorSettings:
 
     @property
     def pressure(self) -> PressureConvention:
-        """What a number of the pressure sensor means."""
+        """The meaning of a number of the pressure sensor."""
         return PressureConvention(
             unit=self.pressure_unit,
             reference=self.pressure_reference,

@@ -171,7 +171,7 @@ class CenterlineErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Comparison:
-    """One source against another. length (m): of the arm, NaN where nothing tells it.
+    """One source against another. length (m): of the arm, NaN if unknown.
 
     tip, shape: None where not both sides know it, or where no frame matches, or where the two
     are of different arms or runs, as the sentences of `unlike` say.
@@ -224,7 +224,7 @@ def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None
 
 
 def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
-    """Say why two sides are not of one arm, or not of one run; nothing where they may be."""
+    """Explain why two sides are not of one arm, or not of one run; nothing where they may be."""
     said = []
     ends = [
         float(item.centerlines.arclength[-1])
@@ -269,7 +269,7 @@ def _stretch(line: Centerlines | None) -> float:
 def _other_pressures(
     of: ShapeSeries, mine: Pressures, to: ShapeSeries, other: Pressures
 ) -> list[Note]:
-    """Say that the pressures of two sides differ where their stamps agree."""
+    """Report that the pressures of two sides differ where their stamps agree."""
     low = max(mine.stamp_ns[0], other.stamp_ns[0])
     high = min(mine.stamp_ns[-1], other.stamp_ns[-1])
     within = (mine.stamp_ns >= low) & (mine.stamp_ns <= high)
@@ -290,7 +290,7 @@ def _other_pressures(
 
 
 def contents(series: ShapeSeries) -> str:
-    """Say what a source knows."""
+    """Describe what a source knows."""
     known = [item.topic for item in (series.tips, series.centerlines) if item is not None]
     return ' and '.join(known) or 'nothing'
 

@@ -118,7 +118,7 @@ class EstimatorState:
         )
 
     def fresh(self) -> EstimatorState:
-        """Forget all readings and start anew; only the counts go on."""
+        """Forget all readings; counters continue."""
         return EstimatorState(
             estimates=self.estimates,
             resets=self.resets + 1,
@@ -134,7 +134,7 @@ class EstimatorState:
 def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refusal | None, str]:
     """Whether a reading may be used: finite, stamped, and later than the last one of its kind.
 
-    A stamp that jumps back by more than a second starts anew (a looping bag, a restarted
+    A stamp that jumps back by more than a second restarts (a looping bag, a restarted
     simulation), unless it only shows that the one before was wrong. The third value says which.
     """
     what = 'pressure' if isinstance(reading, PressureReading) else 'end wrench'

@@ -1,1 +1,1 @@
-"""The next recording: what is still possible, and which experiment tells it apart."""
+"""The next recording: remaining causes, and the experiment that separates them."""

@@ -43,7 +43,7 @@ class Choice:
 
     @property
     def words(self) -> str:
-        """Which rivals it tells apart most, in words."""
+        """The rivals that it separates best, in words."""
         if not self.divergence:
             return 'to begin with'
         pair = max(self.divergence, key=self.divergence.__getitem__)
@@ -77,7 +77,7 @@ def ranked_choices(
     safe: SafeSet,
     settings: ExplorationSettings = EXPLORATION,
 ) -> list[Choice]:
-    """Return all experiments with what they are worth, the best first."""
+    """Return all experiments with what they are worth, best first."""
     trial = trial_in_question(investigation)
     if investigation.selection is None or trial is None:
         return []

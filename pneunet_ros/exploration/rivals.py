@@ -26,7 +26,7 @@ def named_effects(investigation: Investigation) -> frozenset[str]:
 
 
 def trial_in_question(investigation: Investigation) -> Trial | None:
-    """Return what rivals stand on top of: what is named, else the base; None for nothing settled.
+    """Return the trial that rivals extend: the named one, otherwise the base; None without a fit.
 
     Where effects cannot be distinguished each is a rival of the other, on top of the base.
     """
@@ -61,7 +61,7 @@ def rival_candidates(selection: Selection, trial: Trial) -> list[Candidate]:
 
 
 def rival_probabilities(investigation: Investigation) -> dict[str, float]:
-    """Return what is still possible: how probable each effect is, and that none is missing.
+    """Return the probability of each effect, and of none, to be missing.
 
     Each on top of what is named, alone where nothing is. Of an effect that was fitted by its
     evidence; else by its score, as if points were linear in it. What no recording could have shown

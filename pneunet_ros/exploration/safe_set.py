@@ -31,7 +31,7 @@ class SafeSet:
 
     @classmethod
     def of(cls, arm: Arm) -> SafeSet:
-        """Return what a model was calibrated to; its weight as force where it was never loaded."""
+        """Return the calibrated range of a model; its weight as force if it was never loaded."""
         low, high = arm.pressure_range
         loads = np.zeros((0, 2)) if arm.domain is None else arm.domain.end_load[:, :2]
         force = float(np.hypot(*loads.T).max()) if loads.size else arm.weight

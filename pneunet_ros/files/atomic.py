@@ -131,7 +131,7 @@ class _Output:
             raise
 
     def discard(self) -> None:
-        """Remove what is left beside the final place."""
+        """Remove leftovers beside the final place."""
         with interrupted_afterwards():
             shutil.rmtree(self.scratch, ignore_errors=True)
             os.close(self.lock)
@@ -216,7 +216,7 @@ def _lock(lock: int) -> bool:
 
 
 def _remove_abandoned(parent: Path) -> None:
-    """Remove the scratch folders of runs that were killed: those that nobody holds."""
+    """Remove the scratch folders of killed runs: those that no process holds."""
     for scratch in parent.glob(f'{SCRATCH}*{PARTIAL}'):
         try:
             lock = os.open(scratch, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)

@@ -26,7 +26,7 @@ Built = TypeVar('Built')
 
 
 class PlainConstructor(SafeConstructor):
-    """Plain values alone: lists of merge keys would grow without bound, and nobody needs one."""
+    """Plain values only: merge keys could grow without bound and are not needed."""
 
     def flatten_mapping(self, node: Any) -> None:
         """Refuse merge keys."""
@@ -203,5 +203,5 @@ def size_of(content: Any, known: dict[int, float]) -> float:
 
 
 def or_default(value: Any, otherwise: Any) -> Any:
-    """Return what a file says at a key, or what an empty place stands for."""
+    """Return the value of a key, or the default for an empty value."""
     return otherwise if value is None else value

@@ -1,4 +1,4 @@
-"""What is believed of all unknowns at the stamp of a frame, and how it moves.
+"""The belief about all unknowns at the stamp of a frame, and its propagation.
 
 It rests on a hypothesis: some causes (`fusion.causes`) at work, and no others. Without a contact
 its force and place are known to be zero; a camera that nobody moved and a force sensor in order
@@ -34,7 +34,7 @@ LASTING = frozenset({FORCE_SENSOR, PRESSURE, MIRRORED, MOTION})
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Belief(Gaussian):
-    """What is believed at a stamp: mean (n,), root (n, m) with root root^T the covariance.
+    """The belief at a stamp: mean (n,), root (n, m) with root root^T the covariance.
 
     walk: of the forces; sizes (sizes,): log weights of the sizes of the model error; chamber: the
     pressure (Pa) as read, NaN where it was not; solution: the rod there, None before the first;
@@ -65,7 +65,7 @@ class Belief(Gaussian):
 def first_belief(
     unknowns: Unknowns, stamp_ns: int, causes: frozenset[str] = frozenset()
 ) -> Belief:
-    """Return what is believed before any frame, if these causes are at work."""
+    """Return the prior belief before any frame, given these causes."""
     grid = unknowns.block(ModelDiscrepancy).grid
     prior = unknowns.prior(grid.size_of(grid.first))
     return Belief(
@@ -79,7 +79,7 @@ def first_belief(
 
 
 def reset_to_prior(unknowns: Unknowns, belief: Belief) -> Belief:
-    """Forget what frames have told; the search begins where the arm is believed to be."""
+    """Reset to the prior; the search starts at the believed position of the arm."""
     first, force = first_belief(unknowns, belief.stamp_ns, belief.causes), unknowns.at(TipForce)
     mean = first.mean.copy()
     mean[force] = belief.mean[force]
@@ -110,10 +110,10 @@ def move_belief(
     walk: float | None = None,
     noise: tuple[float, float] | None = None,
 ) -> Belief:
-    """Return the belief at another stamp, before or after its own: it tells as little of both.
+    """Propagate the belief to another stamp, forward or backward.
 
     size: of the model error; pressed (Pa): by how much the pressure has moved since; walk
-    (N/sqrt(s)): of the forces from now on, None for as they moved lately; noise (N m, Pa): one
+    (N/sqrt(s)): of the forces from now on, None for as they moved recently; noise (N m, Pa): one
     sigma of readings of moment and pressure there, None where they are those of before.
     """
     seconds = seconds_between(belief.stamp_ns, stamp_ns)
@@ -136,7 +136,7 @@ def move_belief(
 
 
 def with_walk(unknowns: Unknowns, before: Belief, after: Belief) -> Belief:
-    """Return the belief after a frame, with the random walk of the forces that it tells.
+    """Return the belief after a frame, with the random walk of the forces estimated from it.
 
     before, after: the beliefs at the last frame and at this one, which are all but independent in
     the forces. What their two variances leave of a change is walk.

@@ -69,7 +69,7 @@ class BelievedArm:
 
 
 def unknown_swing(state: FusionState, belief: Belief, mode: Mode) -> str:
-    """Return a sentence where nobody knows how an arm swings, '' else.
+    """Return a sentence if the swing of the arm is unknown, otherwise ''.
 
     A swing that the newest frame contradicts is not followed further; at rest nothing is lost by
     one frame that is wrong.
@@ -232,7 +232,7 @@ def others_likely(
 
 
 def said_of_bench(bench: Bench, state: FusionState) -> list[str]:
-    """Return what somebody has to mend at the bench."""
+    """Return sentences about named causes and missing calibration that the user can mend."""
     sure = state.sure_causes
     said = [one.sentence for one in CAUSES if one.name in sure]
     return [*said, STIFFNESS_UNKNOWN] if bench.stiffness_unknown else said
@@ -412,7 +412,7 @@ def sensor_fault(
     *,
     unknown: bool,
 ) -> ForceSensorFault:
-    """Return what a force sensor that is off reads, beside what is believed without it."""
+    """Return the reading of a rejected force sensor and the estimate without it."""
     reading = np.full(2, np.nan)
     if read is not None:
         true = bench.arm.sense(load_read(read.reading, instant.gauge))

@@ -137,7 +137,7 @@ class Bench:
         return self.unknowns.block(TipForce).scale
 
     def inputs_at(self, instant: PressureInstant, wrench: NearWrench | None) -> FrameInputs:
-        """Return what acted on the arm, and what columns of the covariance change of it."""
+        """Return the inputs of the arm and their derivatives by the columns of the covariance."""
         std = 0.0 if wrench is None else self.arm.sensors.moment_std
         columns = self.unknowns.law_columns
         by_column = np.zeros(columns)
@@ -155,11 +155,11 @@ class Bench:
         )
 
     def by_columns(self, reading: Load) -> Array:
-        """Return what one sigma of each column changes of F1, F2, M, pressure: (columns, 4)."""
+        """Return the change of F1, F2, M, pressure by one sigma of each column, (columns, 4)."""
         return noise_jacobian(self.table, reading, (0.0,) * 4)[LOADS + 1 :, : PRESSURE_ROW + 1]
 
     def unread(self, stamp_ns: int) -> PressureInstant:
-        """Return what stands for a pressure that nobody has read: the middle of the range."""
+        """Return the default for an unread pressure: the middle of the range."""
         middle = 0.5 * sum(self.arm.pressure_range)
         return PressureInstant(
             stamp_ns=stamp_ns,
@@ -273,7 +273,7 @@ class Bench:
         return self.settings.coarsest * self.discrepancy.range
 
     def pressure_rounding(self, step: float) -> float:
-        """Return one sigma (Pa) of what a pressure sensor rounds off; 0 where nothing tells."""
+        """Return one sigma (Pa) of the rounding of a pressure sensor; 0 if unknown."""
         return rounding_std(step) if step <= self.coarsest_pressure else 0.0
 
     def force_rounding(self, step: float) -> float:
@@ -293,7 +293,7 @@ class Bench:
 
     @property
     def stiffness_unknown(self) -> bool:
-        """Whether the model was calibrated without any load: its stiffness is nobody's."""
+        """Whether the model was calibrated without a load, so that its stiffness is unknown."""
         domain = self.arm.domain
         return domain is not None and domain.largest_force == domain.largest_end_moment == 0.0
 

@@ -84,7 +84,7 @@ def bend_arm(
 
 
 def causes_with_contact(unknowns: Unknowns, causes: Array, contact: PartLoad | None) -> Array:
-    """Return what one of each unknown changes of every cause, with those of a contact, if any.
+    """Return the derivatives of all causes by the unknowns, including those of a contact, if any.
 
     causes (causes, unknowns): those without it. Force and place of the contact follow.
     """

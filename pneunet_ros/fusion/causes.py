@@ -103,7 +103,7 @@ class ContactCause(Cause):
     sentence: ClassVar = ''
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Say yes where there is a fit to start from; the score test asks further."""
+        """Return whether there is a fit to start from; the score test decides."""
         return taken.update.fit is not None
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
@@ -168,7 +168,7 @@ class CameraCause(Cause):
         return told_beyond(belief, turn, before[-1:], innocent, after[-1:])
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Say yes where the error of the model is known, which looks much like it."""
+        """Return whether the model error is known, which looks much like it."""
         return bench.tells_camera
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
@@ -188,7 +188,7 @@ class TargetsCause(Cause):
     )
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Say yes where the calibration knows the targets."""
+        """Return whether the calibration knows the targets."""
         return bench.unknowns.block(Placement).known is not None
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
@@ -219,7 +219,7 @@ class TiltCause(Cause):
         return told_beyond(belief, where, tilt.std, 2.0 * tilt.std, tilt.tilted_std)
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Say yes where the error of the model is known, which looks much like it."""
+        """Return whether the model error is known, which looks much like it."""
         return bench.tells_camera
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
@@ -251,7 +251,7 @@ class ForceSensorCause(Cause):
         return told_beyond(belief, where, sensor.std, sensor.innocent_std, sensor.off_std)
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Say yes where one is used."""
+        """Return whether a sensor is used."""
         return taken.frame.wrench is not None and not bench.settings.free_tip
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
@@ -280,13 +280,13 @@ class PressureCause(Cause):
     )
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Say no between readings that do not tell how the pressure went."""
+        """Return False between readings too far apart to interpolate the pressure."""
         frame = taken.frame
         missed = frame.instant.missed > bench.arm.sensors.pressure_std
         return bench.tells_camera and not frame.alone and not missed
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Do without it from now on, or begin anew: much may have been learned from it.
+        """Ignore it from now on, or restart without it: wrong readings may have been learned.
 
         Beside it a belief begun anew with it: what was learned may be wrong in itself.
         """
@@ -316,7 +316,7 @@ class MirroredCause(Cause):
     )
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Say yes, as an arm that is not straight tells it.
+        """Return whether an arm that is not straight shows it.
 
         Not of one that swings by a model without known errors: far from where that has it, an arm
         may be on either side.
@@ -339,11 +339,11 @@ class MotionCause(Cause):
     )
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Say yes where the model does not know."""
+        """Return whether the model has no motion."""
         return bench.moving is not None
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Let it swing since the last frame, by a force that nobody knows, or begin anew."""
+        """Let it swing since the last frame, by an unknown force, or from the start."""
         before, fit = taken.before, taken.update.fit
         if fit is None:
             return
@@ -363,7 +363,7 @@ class MotionCause(Cause):
 
 
 def extended(known: Belief, first: Belief) -> Belief:
-    """Return what is known of the first unknowns, with what is believed first of those behind."""
+    """Return the belief about the first unknowns, extended by the prior of the remaining ones."""
     own, columns = known.mean.size, known.root.shape[1]
     behind = first.root[own:, first.root[own:].any(axis=0)]
     root = np.zeros((first.mean.size, columns + behind.shape[1]))

@@ -111,7 +111,7 @@ class Closing:
     def missing(
         self, name: str, seen: SeenArm, touch: Touch, place: float, pressure: float, force: float
     ) -> float:
-        """Return what is missing (Pa) to a place (m, inward), pressing with no more than a force.
+        """Return the pressure (Pa) still needed to reach a place (m, inward), limited by a force.
 
         By the model, or by what moves the tip of the arm as it is, whichever is more: one that is
         in the way keeps an arm from where its model has it. It is no more than an arm with its tip

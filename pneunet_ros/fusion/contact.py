@@ -85,9 +85,9 @@ def differs_from_zero(fit: Fit, limit: float) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PushScores:
-    """What a push on each panel of the rod would gain, linearized around a fit without one.
+    """The gain of a push on each panel of the rod, linearized around a fit without one.
 
-    place (panels,) m; force (panels,) N, the likeliest there; gain (panels,) chi squared;
+    place (panels,) m; force (panels,) N, the most likely there; gain (panels,) chi squared;
     pushes, weighed (coordinates, panels): what a push moves, whitened, and the inverse of the
     covariance times that; information (panels,): of the force; freedom (N, m): one sigma of a
     force that may be any, and the length of the arm.
@@ -102,7 +102,7 @@ class PushScores:
     freedom: tuple[float, float]
 
     def evidence(self) -> Array:
-        """Return what is left of the gain (panels,), as a contact could be of any force, anywhere.
+        """Return the gain (panels,) minus the cost of unknown force and place (Occam factor).
 
         By Laplace.
         """
@@ -152,7 +152,7 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
 
 
 def pulled_at(problem: FrameProblem, fit: FrameLinearization, place: Array) -> Array | None:
-    """Return what 1 N at some places has done to an arm that swings since the last frame.
+    """Return the displacement of a swinging arm by 1 N at some places since the last frame.
 
     place (places,) m; returns places and momenta of its shapes (4, places), None of another arm.
     """
@@ -178,7 +178,7 @@ def with_pull(problem: FrameProblem, pulled: Array) -> Belief:
 def find_contacts(
     problem: FrameProblem, fit: FrameLinearization, *, unexplained: bool
 ) -> list[Fit]:
-    """Return the fits with a contact, the best at each place, the best first.
+    """Return the fits with a contact, the best at each place, best first.
 
     None where nothing asks for one. fit: without a contact. Whether anything asks for one its
     linearization tells, but not of a fit that leaves the frame unexplained: that is far from any

@@ -21,7 +21,7 @@ class Mode(IntEnum):
 
     @property
     def sentence(self) -> str:
-        """Say it to a person."""
+        """Describe it for users."""
         return MODE_SENTENCES[self]
 
 
@@ -34,7 +34,7 @@ MODE_SENTENCES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ForceSensorFault:
-    """What a force sensor that is off reads, beside what the targets say: (2,) N of F1 and F2.
+    """Reading of a faulty force sensor and the estimate from targets: (2,) N of F1 and F2.
 
     reading: NaN while none is fresh; targets and targets_std: NaN where not determined.
     """
@@ -45,7 +45,7 @@ class ForceSensorFault:
 
     @property
     def words(self) -> str:
-        """Say it in numbers."""
+        """Return the numbers as text."""
         read = ', '.join(f'{value:.4f}' for value in self.reading.tolist())
         pairs = zip(self.targets.tolist(), self.targets_std.tolist(), strict=True)
         said = ', '.join(f'{value:.4f} ± {std:.4f}' for value, std in pairs)
@@ -53,7 +53,7 @@ class ForceSensorFault:
 
     @property
     def numbers(self) -> dict[str, list[float | None]]:
-        """Say it to a program, in N."""
+        """Return the numbers for programs, in N."""
         return {
             name: [value if math.isfinite(value) else None for value in values.tolist()]
             for name, values in (

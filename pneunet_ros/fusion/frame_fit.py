@@ -255,7 +255,7 @@ class FrameProblem:
         return self.prior.root
 
     def start_at(self, force: Array) -> Array:
-        """Return the likeliest xi with a force (2,) N."""
+        """Return the most likely xi with a force (2,) N."""
         tip = self.unknowns.at(TipForce)
         root = self.root[tip]
         gain = np.linalg.lstsq(root @ root.T, force - self.mean[tip], rcond=None)[0]
@@ -464,7 +464,7 @@ class FrameProblem:
         return bool(fit.force[0, 0] + fit.force[1, 1] <= largest**2)
 
     def posterior(self, fit: FrameLinearization) -> Belief:
-        """Return what is believed after the frame.
+        """Return the posterior belief after the frame.
 
         Where the search was stopped, as by a stability that ends, the step that it could not take
         is one more error.
@@ -502,7 +502,7 @@ class FrameProblem:
         return moved.T @ fit.weighed, moved.T @ fit.solve(moved), size
 
     def reference_after(self, fit: FrameLinearization) -> Reference | None:
-        """Return what a swing is counted from, with the equilibrium that the frame tells."""
+        """Return the reference of a swing, with the equilibrium estimated from the frame."""
         trial, reference = fit.trial, self.prior.reference
         if reference is None or trial.swung is None or fit.turning is None:
             return None

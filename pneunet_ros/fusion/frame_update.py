@@ -1,7 +1,7 @@
 """One frame taken into the belief: gates, cold starts, and whether a second solution fits as well.
 
 A target that does not fit all others (a swapped dot) is left out, a frame that does not fit at all
-is not used, and now and then the search begins anew from forces all over the scale: with the tip
+is not used, and now and then the search restarts from forces all over the scale: with the tip
 hidden another equilibrium may look the same.
 """
 
@@ -131,7 +131,7 @@ def evidence_cost(fit: Fit, seen: int) -> float:
 
 
 def left_out_cost(fit: Fit, seen: int) -> float:
-    """Return what the targets cost (chi squared) that were left out: each its gate."""
+    """Return the cost (chi squared) of the targets left out: the gate of each."""
     problem = fit[0]
     return problem.settings.target_gate * (seen - int(np.count_nonzero(problem.used)))
 
@@ -265,7 +265,7 @@ def apart_by(first: Trial, second: Trial) -> float:
 
 
 def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial]:
-    """Return trials at forces all over the scale, or at some of them, the best first."""
+    """Return trials at forces all over the scale, or at some of them, best first."""
     scale = problem.unknowns.block(TipForce).scale
     angles = 2.0 * np.pi * np.arange(START_DIRECTIONS) / START_DIRECTIONS
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -282,7 +282,7 @@ def first_starts(problem: FrameProblem) -> list[Trial]:
 
 
 def solutions(problem: FrameProblem, starts: list[Trial]) -> list[Fit]:
-    """Return fits of a frame from cold starts, the best first."""
+    """Return fits of a frame from cold starts, best first."""
     found = [search_from(problem, trial) for trial in starts]
     fits = [(problem, fit) for fit in found if fit is not None]
     return sorted(fits, key=laplace_cost)
@@ -326,7 +326,7 @@ def search_from(problem: FrameProblem, trial: Trial) -> FrameLinearization | Non
 
 
 def best_rival(best: Fit, fits: list[Fit]) -> Fit | None:
-    """Return the first of some fits, the best first, that is another solution."""
+    """Return the first of some fits, best first, that is another solution."""
     return next((fit for fit in fits if are_apart(best, fit)), None)
 
 

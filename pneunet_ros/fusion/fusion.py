@@ -226,7 +226,7 @@ class Fusion:
         return state.count_rejected(refusal.reason), refusal
 
     def ahead_notes(self, state: FusionState) -> list[str]:
-        """Say that frames come long before the pressure that they were taken at, by the stamps."""
+        """Report that frames are stamped long before their pressure."""
         last_ns = state.pressures[-1].stamp_ns
         before_ns = state.pressures[max(len(state.pressures) - 2, 0)].stamp_ns
         shown = [self.bench.shown_ns(sightings) for sightings in state.waiting]
@@ -241,7 +241,7 @@ class Fusion:
         ]
 
     def instant_at(self, state: FusionState, reading: PressureReading) -> PressureInstant:
-        """Return what a pressure reading says of the chamber."""
+        """Return the chamber state implied by a pressure reading."""
         before = state.readings
         elapsed = 0.0
         if before.history_ns is not None:
@@ -305,7 +305,7 @@ class Fusion:
     def see_alone(
         self, state: FusionState, sightings: TargetSightings
     ) -> tuple[FusionState, FusionOutcome]:
-        """Take a frame whose pressure nobody has read, and estimate at its stamp."""
+        """Take a frame without a pressure reading, and estimate at its stamp."""
         waiting, state = state.waiting, replace(state, waiting=())
         for earlier in (*waiting, sightings):
             state = self.use_frame(state, earlier)
@@ -352,7 +352,7 @@ class Fusion:
     def wrench_at(
         self, state: FusionState, stamp_ns: int, *, with_targets: bool
     ) -> NearWrench | None:
-        """Return the wrench nearest to a stamp; None where none is near.
+        """Return the wrench nearest to a stamp; None without one near.
 
         Beside targets, which do as well, also None until the readings have told their noise.
         """
@@ -380,7 +380,7 @@ class Fusion:
         return period <= self.settings.noise_period * NANOSECONDS_PER_SECOND
 
     def knows_force_noise(self, state: FusionState) -> bool:
-        """Whether the readings of the force have told their noise, or are too rare to do so."""
+        """Whether the noise of the force readings is known, or they are too rare to show it."""
         enough = len(state.force.kept) >= self.settings.fewest_readings
         return enough or not self.reads_force_often(state)
 
@@ -403,7 +403,7 @@ class Fusion:
         return noise if noise > (0.5 * most if state.force.noise else most) else 0.0
 
     def with_force_noise(self, before: Belief, state: FusionState) -> tuple[Belief, FusionState]:
-        """Return what is believed before a frame, and the state, with the noise of the force.
+        """Return the predicted belief and the state, with the noise of the force.
 
         What frames have told while it was taken for much less is forgotten.
         """
@@ -467,13 +467,13 @@ class Fusion:
         return replace(state, bank=bank)
 
     def with_pressure_read(self, state: FusionState, belief: Belief) -> Belief:
-        """Return what is believed at a frame that was taken without a pressure, now it is read."""
+        """Update the belief of a frame that was taken without a pressure, now that it was read."""
         belief = self.condition_on_pressure(state, belief)
         belief = self.bench.without(belief, self.bench.unknowns.at(PressureError))
         return replace(belief, chamber=self.pressure_at(state, belief.stamp_ns).chamber)
 
     def condition_on_pressure(self, state: FusionState, belief: Belief) -> Belief:
-        """Return what is believed at a frame whose pressure is known by now, from both sides.
+        """Condition the belief of a frame on its pressure, interpolated between both readings.
 
         Its bias stands for what the pressure was beyond the last reading before. A force that is
         not determined stays as it was: along a straight arm it would go to where that buckles.
@@ -588,7 +588,7 @@ class Fusion:
         )
 
     def learned(self, taken: TakenFrame) -> Belief:
-        """Return what is believed after a frame, with the walk of the force, and odd targets."""
+        """Return the belief after a frame, with the random walk of the force and odd targets."""
         update, unknowns = taken.update, self.bench.unknowns
         if self.bench.of(taken.after.causes).swinging is None:
             belief = with_walk(unknowns, taken.before, taken.after)

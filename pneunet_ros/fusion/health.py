@@ -155,7 +155,7 @@ def determined_words(outcome: FusedEstimate) -> str:
 
 
 def contact_words(contact: Contact | None) -> str:
-    """Return what is known of a contact along the arm."""
+    """Return the estimated contact in words."""
     if contact is None:
         return 'none'
     if contact.ambiguous:

@@ -158,7 +158,7 @@ def nearest_to(known: tuple[Stamped, ...], stamp_ns: int) -> Stamped:
 
 
 def load_read(wrench: WrenchReading, gauge: float) -> Load:
-    """Return what sensors read of the load: an end wrench and a pressure (Pa)."""
+    """Return the sensor readings of a load: an end wrench and a pressure (Pa)."""
     return Load(
         pressure=gauge, force_x=wrench.force_x, force_y=wrench.force_y, moment=wrench.moment
     )

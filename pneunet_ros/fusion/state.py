@@ -35,12 +35,12 @@ class RunningNis:
 
     @property
     def beyond(self) -> bool:
-        """Whether targets have lately been further from the fused shape than noise explains."""
+        """Whether targets have recently been further from the fused shape than noise explains."""
         return self.mean > self.limit
 
     @property
     def sentence(self) -> str:
-        """Say it to a person."""
+        """Describe it for users."""
         return (
             'targets deviate from the fused shape by more than noise (running NIS '
             f'{self.mean:.3g}, limit {self.limit:.3g}): run pneunet diagnose'

@@ -89,7 +89,7 @@ class SwingingEstimate:
         return replace(still, tip_covariance=freeze(tip.T @ tip), std=freeze(std[[0, 1, 3]]))
 
     def curved(self, tips: Array) -> Array:
-        """Return what the error that moves the tip furthest does to second order, (4, stations).
+        """Return the second-order effect of the error that moves the tip furthest, (4, stations).
 
         tips (errors, 2) m: what each error moves of it. See `measurement.errors.second_order`.
         """

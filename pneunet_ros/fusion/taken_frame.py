@@ -78,7 +78,7 @@ def problem_of(
     From frame to frame the force is free: a frame must not inherit what the last one erred.
     But it is not drawn to zero either, frame after frame, which the unknowns that stay would
     take for evidence. Of an arm that swings a frame alone tells no force: there it walks, by walk
-    (N/sqrt(s)), None for as it moved lately.
+    (N/sqrt(s)), None for as it moved recently.
     """
     bench = bench.of(belief.causes)
     frame = bench.used(frame, belief.causes)

@@ -74,7 +74,7 @@ def walk_told(taken: TakenFrame) -> Walk:
 
 
 def with_walk_told(bench: Bench, taken: TakenFrame) -> Belief:
-    """Return what is believed after a frame, of an arm that swings with the walk that it tells."""
+    """Return the belief after a frame of a swinging arm, with its estimated random walk."""
     after = taken.after
     if taken.update.belief is None or bench.of(after.causes).swinging is None:
         return after
@@ -150,7 +150,7 @@ def with_pressure_first(bank: tuple[Hypothesis[Belief], ...]) -> tuple[Hypothesi
 
 
 def best_of(weighed: list[Alternative]) -> Alternative:
-    """Return the likeliest hypothesis after a frame; one that uses it, if there is one."""
+    """Return the most likely hypothesis after a frame; one that uses it, if there is one."""
     used = [one for one in weighed if one[0].update.belief is not None]
     return max(used or weighed, key=lambda one: one[1] + one[0].log_evidence)
 
@@ -188,7 +188,7 @@ def evidence_beside_swing(bench: Bench, taken: TakenFrame) -> float:
     """Return the log evidence of a frame, where an arm may swing whose force walks.
 
     An arm that does not swing is taken with a force that is free from frame to frame, and would
-    pay for that, however steadily it is loaded: here its force may also walk as it did lately.
+    pay for that, however steadily it is loaded: here its force may also walk as it did recently.
     """
     before = taken.before
     if MOTION in before.causes or not before.frames:

@@ -55,7 +55,7 @@ class LabEffect(abc.ABC):
         check_quantities(self, f'effects.{self.name}', RequestError)
 
     def read(self, arm: LabArm, pressure: Array, force: Array) -> tuple[Array, Array]:
-        """Return what sensors say of pressures (n,) Pa and forces (n, 2) N."""
+        """Return the sensor readings at pressures (n,) Pa and forces (n, 2) N."""
         return pressure, force
 
     def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
@@ -63,7 +63,7 @@ class LabEffect(abc.ABC):
         return course, past
 
     def resume(self, past: Past, rest: Array) -> Array:
-        """Return what is remembered in the shape of the state at rest, which past () stands for.
+        """Return the history in the shape of the state at rest; () means at rest.
 
         Raises RequestError where another arm remembered it.
         """

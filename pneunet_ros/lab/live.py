@@ -261,7 +261,7 @@ class LiveLab:
         return replace(state, angles=shape.angles[0]), shape
 
     def reading(self, state: LiveState, random: np.random.Generator) -> LiveReading:
-        """Return what the sensors say, with their noise."""
+        """Return noisy sensor readings."""
         noise, load = self.scenario.noise, state.load
         force = np.array([[load.force_x, load.force_y]])
         pressure, force = read_sensors(self.scenario, np.array([state.pressure]), freeze(force))
@@ -281,7 +281,7 @@ class LiveLab:
         return LiveReading(pressure=float(pressure[0]), load=felt, imu=imu)
 
     def felt(self, time: float) -> Array:
-        """Return what pulls at the arm in the frame of its base (1, 3) m/s^2."""
+        """Return the apparent gravity in the frame of the base, (1, 3) m/s^2."""
         motion = self.scenario.motion or LabMotion()
         return motion.felt(np.mod(np.array([time]), self.period), self.period)
 

@@ -109,7 +109,7 @@ class LabMotion:
         )
 
     def pull(self, times: Array, duration: float) -> Array:
-        """Return what pulls at the arm in the frame of a base that moves and does not turn.
+        """Return the apparent gravity in a base frame that moves but does not turn.
 
         times (n,) s of a recording so long (s). (n, 3) m/s^2: gravity less its acceleration.
         """

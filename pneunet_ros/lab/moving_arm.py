@@ -394,7 +394,7 @@ class Run:
     def steps(
         self, chain_at: ChainAt, begins: Array, of_base: Array
     ) -> Iterator[tuple[Array, Array]]:
-        """Step at times (n,) s, with the base at times of its own; yield the states before."""
+        """Step at times (n,) s, the base at times of its own; yield the state before each step."""
         # Springs and loads of a step are those in its middle.
         chain = chain_at(freeze(begins + 0.5 * self.motion.timestep))
         self.hinges = Hinges(chain, self.links)

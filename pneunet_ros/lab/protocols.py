@@ -61,7 +61,7 @@ class Protocol(abc.ABC):
 
     @abc.abstractmethod
     def timeline(self) -> Timeline:
-        """Return what is done to the arm; RequestError where it does not fit into `duration`."""
+        """Return the course of pressure and load; RequestError if it exceeds `duration`."""
 
     def holds(self, count: int, ramps: int) -> float:
         """Return how long (s) each of so many holds lasts, beside so many ramps and the rest."""

@@ -82,7 +82,7 @@ class Scenario:
                 object.__setattr__(self, 'motion', motion)
 
     def with_effects(self, changes: Changes) -> Scenario:
-        """Return this scenario with parameters of effects set, be they there already or not."""
+        """Return this scenario with parameters of effects set; missing effects are added."""
         effects = {effect.name: effect for effect in self.effects}
         for name, parameters in changes.items():
             known = effects.get(name)

@@ -128,7 +128,7 @@ def random_of(scenario: Scenario, name: str) -> np.random.Generator:
 def follow_arm(
     scenario: Scenario, events: Timeline, memory: LabMemory | None
 ) -> tuple[Course, LabMemory]:
-    """Return what happens in the chamber, and what the arm remembers at the end."""
+    """Return the course of the chamber pressure, and the memory of the arm at the end."""
     past: dict[str, Past] = {}
     if memory is not None:
         gap = scenario.start - memory.time
@@ -261,7 +261,7 @@ def measure(
     memory: LabMemory,
     motion: MotionTruth | None,
 ) -> LabRecording:
-    """Return what the sensors make of the truth."""
+    """Return noisy measurements of the truth."""
     arm, noise, rates = scenario.arm, scenario.noise, scenario.rates
     start, duration = scenario.start, events.duration
     share = freeze(truth.time / duration)
@@ -320,7 +320,7 @@ def measure(
 
 
 def read_sensors(scenario: Scenario, pressure: Array, force: Array) -> tuple[Array, Array]:
-    """Return what noiseless sensors say of true pressures (n,) Pa and forces (n, 2) N."""
+    """Return noise-free readings of true pressures (n,) Pa and forces (n, 2) N."""
     for effect in scenario.effects:
         pressure, force = effect.read(scenario.arm, pressure, force)
     return pressure, force

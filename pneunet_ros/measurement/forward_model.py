@@ -203,7 +203,7 @@ class ForwardModel:
             self.heading[frames] = of.heading
 
     def solutions(self) -> FrameSolutions:
-        """Return what the kernels fill."""
+        """Return empty arrays for the kernels to fill."""
         return FrameSolutions(
             counts=self.counts,
             arclength=self.stations,

@@ -65,7 +65,7 @@ class Inputs:
 
 
 def inputs_of(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
-    """Return what acted in each run; history is carried from one to the next by their stamps.
+    """Return the inputs of each run; history carries over from run to run by their stamps.
 
     The arm is taken to have rested at the first pressure before the first run, and to have held
     still between two. Static frames have no history: each is an equilibrium of its own.
@@ -109,7 +109,7 @@ def inputs_at_instants(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs,
 
 
 def equilibria(arm: Arm, run: RecordingData) -> Inputs:
-    """Return what acted in every frame of a run that had rested there."""
+    """Return the inputs of every frame of a run of steady states."""
     steady = steady_inputs(arm, run)
     rested = []
     for pressure in steady.pressure.tolist():
@@ -124,7 +124,7 @@ def equilibria(arm: Arm, run: RecordingData) -> Inputs:
 
 
 def steady_inputs(arm: Arm, run: RecordingData) -> Inputs:
-    """Return what acted by the readings alone, without history."""
+    """Return the inputs from the readings alone, without history."""
     loads = run.load
     if not arm.sensing:
         return Inputs(pressure=run.frame_pressure, loads=loads, gravity=run.gravity)

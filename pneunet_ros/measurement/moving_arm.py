@@ -49,7 +49,7 @@ MOST_STEPS = 2000  # between two readings: after a longer gap nobody knows how t
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MovingState:
-    """What is remembered of the motion: at a stamp, the equilibrium as links, and the swing.
+    """State of the motion at a stamp: the equilibrium as links, and the swing.
 
     turned (links,) rad/s: how fast the equilibrium turned before it.
     """
@@ -331,7 +331,7 @@ def after_gap(
     damping_time: float,
     moment: Array,
 ) -> Array:
-    """Return the covariance of q and p of a chain that nobody followed for so long (s).
+    """Return the covariance of q and p of a chain after a gap (s).
 
     links: the equilibrium now. It may have stepped there at any time of the gap, of which each is
     as likely: swings that began long ago have died away, and the last ones have not. What swung

@@ -1,4 +1,4 @@
-"""What a number of a pressure sensor means: its unit, its reference, its sign and its zero."""
+"""The meaning of a pressure reading: unit, reference, sign and zero."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class PressureConvention:
         return self.sign * (reading * self.size - above) + self.offset
 
     def reading(self, gauge: float) -> float:
-        """Return what the sensor reports (in `unit`) at a gauge pressure (Pa)."""
+        """Return the sensor reading (in `unit`) at a gauge pressure (Pa)."""
         above = self.ambient if self.reference == ABSOLUTE else 0.0
         return (self.sign * (gauge - self.offset) + above) / self.size
 
@@ -50,7 +50,7 @@ class PressureConvention:
         return f'{self.reference} {self.unit}{" with the sign reversed" * (self.sign < 0)}'
 
     def changes_from(self, other: PressureConvention) -> dict[str, str]:
-        """Return what must be set to get from another convention to this one, by setting."""
+        """Return the settings that change another convention into this one."""
         shown = {
             'pressure_unit': (self.unit, other.unit),
             'pressure_reference': (self.reference, other.reference),

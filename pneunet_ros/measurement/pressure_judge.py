@@ -134,7 +134,7 @@ IMPOSSIBLE = -1e6  # log likelihood of what cannot be
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureRecord:
-    """What is remembered of the readings of a pressure sensor, in its own unit.
+    """Record of the readings of a pressure sensor, in its unit.
 
     low, high: of the medians of three readings in a row, so that no single glitch counts; last:
     the last two readings. steps: sum of squares of differences; curved, log_curved: how many
@@ -230,7 +230,7 @@ class ExpectedPressure:
 
 
 def expected_of(arm: Arm) -> ExpectedPressure:
-    """Return what an arm was calibrated for."""
+    """Return the readings to expect from a calibrated arm."""
     low, high = arm.pressure_range
     return ExpectedPressure(low=low, high=high, std=arm.sensors.pressure_std, name=arm.name)
 
@@ -255,7 +255,7 @@ ANY_ACTUATOR = tuple(
 def expected_without_model(
     shipped: Arm, settings: PressureJudgeSettings = JUDGE
 ) -> tuple[ExpectedPressure, ...]:
-    """Return what may be expected where nobody gave a model: the shipped arm, or any other."""
+    """Return the readings to expect without a model: those of the shipped arm or of any other."""
     others = (replace(one, share=settings.other_actuator * one.share) for one in ANY_ACTUATOR)
     return (expected_of(shipped), *others)
 
@@ -286,7 +286,7 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
 
     @property
     def finding(self) -> str:
-        """Say what the readings most likely are, in one sentence without a remedy."""
+        """Describe what the readings most likely are, in one sentence without a remedy."""
         alike = list(dict.fromkeys(one.words for one in self.alike))[:2]
         or_else = f' (or {" or ".join(alike)})' if alike else ''
         return (
@@ -298,7 +298,7 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
 
     @property
     def strangeness(self) -> str:
-        """Say that another model is needed; empty where the readings are those of this one."""
+        """Report that another model is needed; empty where the readings are those of this one."""
         if self.doubted or not self.strange:
             return ''
         below = self.declared.gauge(self.low) + self.declared.gauge(self.high) < 0.0

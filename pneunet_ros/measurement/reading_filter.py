@@ -177,7 +177,7 @@ def moments(sums: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def chi_squared(sums: Array) -> Array:
-    """Return what the best lines leave of parts of a series, (n,) in units of the noise."""
+    """Return the chi squared of the best lines through parts of a series, (n,)."""
     count, tt, tp, pp = moments(sums)
     left = pp - np.divide(tp**2, tt, out=np.zeros_like(tp), where=tt > 0.0)
     return np.where(count > 2, np.maximum(left, 0.0), 0.0)

@@ -17,7 +17,7 @@ class Convention(Protocol):
         """Name it to a person."""
 
     def changes_from(self, other: Self) -> dict[str, str]:
-        """Return what must be set to get from another convention to this one, by setting."""
+        """Return the settings that change another convention into this one."""
 
 
 Meaning = TypeVar('Meaning', bound=Convention)
@@ -41,7 +41,7 @@ class JudgeSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingVerdict(Generic[Meaning]):
-    """The declared meaning of readings, the likeliest other one, and its log odds over that.
+    """The declared meaning of readings, the most likely other one, and its log odds over that.
 
     limit: of log_odds.
     """
@@ -80,6 +80,6 @@ class ReadingVerdict(Generic[Meaning]):
 
 
 def ranked(weights: Mapping[Meaning, float], declared: Meaning) -> list[Meaning]:
-    """Return all meanings but the declared one, the likeliest first; weights: log probability."""
+    """Return all meanings but the declared one, most likely first; weights: log probability."""
     others = (meaning for meaning in weights if meaning != declared)
     return sorted(others, key=weights.__getitem__, reverse=True)

@@ -117,7 +117,7 @@ def clamp_motion(
     length: float,
     settings: RowOrderSettings = ROW_ORDER,
 ) -> float:
-    """Return how far (m) the target at the clamp moves with the pressure; 0 where nothing tells.
+    """Return how far (m) the target at the clamp moves with the pressure; 0 if unknown.
 
     points (frames, 2, targets) m, pressure (frames,) Pa, length (m) of the arm. What does not go
     with the pressure is the camera's: noise and drift.

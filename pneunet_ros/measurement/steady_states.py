@@ -1,4 +1,4 @@
-"""Steady states: stretches in which readings stand still, as far as noise tells."""
+"""Steady states: stretches in which readings are constant within their noise."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ class Reference:
         return np.asarray(w - self.projection @ (heading - self.heading))
 
     def seen(self, swung: Swung, unknowns: Array, turning: Array) -> Reference:
-        """Return it with the equilibrium as a frame tells it."""
+        """Return it with the equilibrium estimated from a frame."""
         return replace(
             self,
             links=swung.links,
@@ -99,7 +99,7 @@ class Reference:
         )
 
     def beyond(self, turned: Array) -> Array:
-        """Return what is left of turns of the links (links,) beside the shapes."""
+        """Return the part of the link angles (links,) that the mode shapes do not span."""
         return np.asarray(turned - (self.projection @ turned) @ self.turns)
 
 
@@ -130,7 +130,7 @@ class Swung:
         return moved_shape(equilibrium, self.beside[:3], bent)
 
     def moves(self, headings: Array) -> Array:
-        """Return what is moved beside the equilibrium, (causes, 4, places).
+        """Return the derivatives of the motion beside the equilibrium, (causes, 4, places).
 
         headings (causes, links): how each cause turns the links of the equilibrium.
         """
@@ -295,7 +295,7 @@ class SwingingArm:
         return swung, reference, moving
 
     def pushed(self, swung: Swung, turns: Array, at: Array) -> Array:
-        """Return what 1 N along the normal does to each shape, (shapes, places) N m.
+        """Return the generalized force of 1 N along the normal, (shapes, places) N m.
 
         turns (shapes, links): of each shape; at (places,) m.
         """
@@ -317,11 +317,11 @@ class SwingingArm:
         return MovingState(stamp_ns=stamp_ns, links=links, swing=start, turned=old.turned)
 
     def begun_anew(self, known: Known) -> Known:
-        """Return what is known, but for a swing that nobody knows."""
+        """Return the belief with the swing reset to an uninformed prior."""
         return forget(known, self.part(Motion.SWING), self.start)
 
     def swung_on(self, moved: Known, pulled: Array, swing: Swing, on: Array) -> Known:
-        """Return what is known with the swing moved too; swing: of the mean, with its columns.
+        """Return the belief with the swing propagated too; swing: of the mean, with its columns.
 
         In z = (w, p) an equilibrium that is wrong by S theta pulls: z goes on as A z + (1 - A) (S
         theta, 0); on (4, 4): A. pulled (shapes, unknowns): S theta of each unknown;

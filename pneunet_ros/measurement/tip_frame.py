@@ -82,7 +82,7 @@ class FoundBase:
 
     @property
     def sentence(self) -> str:
-        """Say it to a person."""
+        """Describe it for users."""
         return (
             f'the clamp was found at ({millimeters(self.x):.2f} ± {millimeters(self.std_x):.2g}, '
             f'{millimeters(self.y):.2f} ± {millimeters(self.std_y):.2g}) mm, and the axis of the '

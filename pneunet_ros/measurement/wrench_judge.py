@@ -90,12 +90,12 @@ class WrenchConvention:
 
     @property
     def factor(self) -> complex:
-        """What a complex reading is multiplied by."""
+        """The factor for complex readings."""
         return self.sign * self.size * cmath.exp(1j * self.yaw)
 
     @property
     def offset(self) -> complex:
-        """What is added to it (N)."""
+        """The offset added to readings (N)."""
         return complex(self.offset_x, self.offset_y)
 
     def force(self, reading: Forces) -> Forces:
@@ -103,7 +103,7 @@ class WrenchConvention:
         return self.factor * reading + self.offset
 
     def reading(self, force: Forces) -> Forces:
-        """Return what the sensor reports at complex end forces (N)."""
+        """Return the sensor reading at complex end forces (N)."""
         return (force - self.offset) / self.factor
 
     @property
@@ -117,7 +117,7 @@ class WrenchConvention:
         return ', '.join(parts)
 
     def changes_from(self, other: WrenchConvention) -> dict[str, str]:
-        """Return what must be set to get from another convention to this one, by setting."""
+        """Return the settings that change another convention into this one."""
         shown = {
             'wrench_frame': (self.frame, other.frame),
             'wrench_unit': (self.unit, other.unit),
@@ -171,7 +171,7 @@ class WrenchVerdict(ReadingVerdict[WrenchConvention]):
 
     @property
     def finding(self) -> str:
-        """Say what the readings most likely are, in one sentence without a remedy."""
+        """Describe what the readings most likely are, in one sentence without a remedy."""
         if self.frame and self.log_odds <= self.limit:
             return f'in frame {self.frame!r}, and in the axes of the arm, if nothing else is known'
         one, other = (self.largest * meaning.size for meaning in (self.other, self.declared))
@@ -238,7 +238,7 @@ def expected_load(arm: Arm, pressure: Array) -> ExpectedLoad | None:
 
 
 def load_hint(arm: Arm, declared: WrenchConvention, force: complex, pressure: float) -> str:
-    """Say what a load (N) outside the domain may mean instead; empty where nothing fits."""
+    """Describe what a load (N) outside the domain may mean instead; empty if nothing fits."""
     reading = declared.reading(np.array([force]))
     expected = expected_load(arm, np.array([pressure]))
     verdict = judge_wrench(reading, declared, expected, None)

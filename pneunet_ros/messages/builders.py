@@ -53,7 +53,7 @@ class MessageTypes(Protocol):
         """Return the class of a type such as 'nav_msgs/msg/Path'; it takes fields as keywords."""
 
     def sequence(self, values: npt.NDArray[Any], /) -> Any:
-        """Return what a field of variable length takes for a contiguous array of numbers."""
+        """Return the value for a message field of variable length from a contiguous array."""
 
     def __hash__(self) -> int:
         """Tell bindings apart, so that constant parts of messages are made once for each."""

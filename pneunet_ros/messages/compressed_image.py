@@ -78,7 +78,7 @@ def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
 
 
 def decode_heard(data: Bytes, *, colored: bool) -> tuple[Any, bytes]:
-    """Return what OpenCV makes of an image file, None where nothing, and what its decoders said.
+    """Decode an image file by OpenCV; returns the image (or None) and the decoder's messages.
 
     Nothing of the latter is printed. As it was stored: a turn that a camera app noted in the file
     is not in camera_info either.

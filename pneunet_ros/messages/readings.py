@@ -445,7 +445,7 @@ FUSED = 'fused'  # namespace of what the fusion estimates
 
 
 def gravity_inputs(source: GravitySource) -> tuple[Input[Any], ...]:
-    """Return the topics by which somebody is asked where gravity points."""
+    """Return the input topics for the direction of gravity."""
     if source.frame:
         return FIXED_FRAMES, FRAMES
     return (FIXED_FRAMES, BASE_IMU) if source.uses_imu else ()

@@ -189,7 +189,7 @@ class Arm:
                 )
 
     def _inertia(self) -> Motion | None:
-        """Return what moves the arm: the block `motion`, or an effect that is not neutral."""
+        """Return the inertia of the arm: the block `motion`, or an effect that is not neutral."""
         for effect in self.effects:
             if (numbers := effect.motion()) is not None:
                 known = self.motion or Motion()
@@ -400,7 +400,7 @@ class Arm:
             yield self.without_neutral_part(effect, added)
 
     def without_neutral_part(self, effect: Effect, terms: Terms) -> Terms:
-        """Return what an effect adds; nothing on a part where it is off, which cuts no section."""
+        """Return the terms of an effect; none on a part where it is off, to cut no section."""
         return terms if terms.part is None or effect.name in self.parted else NO_TERMS
 
     def add_to(

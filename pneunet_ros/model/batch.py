@@ -1,7 +1,7 @@
-"""Many equilibria of one arm at once, around a known one: for fits, samples and sweeps.
+"""Solve many equilibria of one arm at once, around a known one: fits, samples, sweeps.
 
 The tangent at the known shape predicts every start; vector instructions do the rest. A rod that
-this does not bring to equilibrium is solved by itself.
+this does not bring to equilibrium is solved on its own.
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ DOMAIN = DomainSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Domain:
-    """What a calibration spanned.
+    """The range of a calibration.
 
     pressure: lowest and highest, Pa gauge; end_load (loads, 4): F1, F2 (N), M (N m), p (Pa), the
     vertices of the convex hull of the loads seen, or the corners of a box. The unloaded arm at

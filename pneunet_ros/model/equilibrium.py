@@ -282,7 +282,7 @@ def solve_dead_loads(
     settings: SolverSettings,
     quick: bool,
 ) -> Shape:
-    """Return what `solve_rod` does, of a rod without pushes that turn with it."""
+    """Solve a rod like `solve_rod`, without pushes that turn with the rod."""
     arclength = frozen_array(arclength)  # kernels are compiled again for what may be written
     chamber = float(rods.pressure[0])
     beyond = arm.beyond_range(chamber)

@@ -1,4 +1,4 @@
-"""The arm that calibration starts from: what a ruler and a scale tell, and the rest invented."""
+"""The arm that a calibration starts from: ruler and scale, and placeholders for the rest."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ INVENTED = 'invented, for calibration to start from'
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StartingArmSettings:
-    """What is made up of an arm of which nothing is known but its size."""
+    """Placeholder values for an arm of which only the size is known."""
 
     turn: float = tuning(2.0, 'of the tip at the largest pressure', unit='rad')
     split: float = tuning(0.1, 'l1 / l', source="representative: the paper's arm")

@@ -144,7 +144,7 @@ class ModelCovariance:
 
 
 def error_left_out(covariance: ModelCovariance | None, sources: Mapping[str, str]) -> str:
-    """Say which error of a model its standard deviations leave out; empty where none is.
+    """Name the model error that the standard deviations leave out; empty if there is none.
 
     covariance, sources: of the model. The stiffness is measured where the covariance has it and no
     source says otherwise.

@@ -62,7 +62,7 @@ class CallbackErrors:
             )
 
     def sentence(self) -> str:
-        """Say how many there were since this was last asked; empty where there were none."""
+        """Describe how many there were since this was last asked; empty if there were none."""
         new, self._new = self._new, Counter()
         return '; '.join(
             (

@@ -40,7 +40,7 @@ class Configuration(Protocol):
         """Name and short hash of the model in use."""
 
     def info(self) -> str:
-        """Return what the topic model_info says."""
+        """Return the content of the topic model_info."""
 
 
 C = TypeVar('C', bound=Configuration)
@@ -81,7 +81,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.open_diagnostics()
 
     def open_diagnostics(self) -> None:
-        """Say that the node is there and gets ready."""
+        """Report that the node is there and gets ready."""
         self.diagnostics = publisher(
             self, 'diagnostic_msgs/msg/DiagnosticArray', '/diagnostics', output_qos()
         )
@@ -127,7 +127,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.get_logger().error(sentence)
 
     def note_jump(self, sentence: str) -> None:
-        """Say in the log that the time of ROS jumped."""
+        """Log that the time of ROS jumped."""
         self.log.warn('jump', sentence, time.monotonic())
 
     @abstractmethod
@@ -147,7 +147,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def tell_ready(self) -> None:
-        """Say in the log that the node works, and which parameters it did not know."""
+        """Log that the node works, and which parameters it did not know."""
         unknown = self.unknown_parameters()
         if unknown:
             self.get_logger().warning(f'unknown parameters: {", ".join(unknown)}')
@@ -176,7 +176,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         return response
 
     def validate(self, changes: list[Parameter]) -> SetParametersResult:
-        """Say whether parameters can be set, by making ready what they ask for."""
+        """State whether parameters can be set, by making ready what they ask for."""
         self.candidate = self.configuration
         values = self.table.values(self)
         changed = {item.name: item.value for item in changes if item.name in values}
@@ -218,7 +218,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.others.take(message.data)
 
     def differing_sensors(self) -> str:
-        """Say in what other nodes of the arm take its sensors for something else."""
+        """Describe in what other nodes of the arm take its sensors for something else."""
         if self.sensors is None:
             return ''
         running = {

@@ -13,7 +13,7 @@ SHARED_TOPICS = ('/diagnostics', '/tf', '/rosout', '/parameter_events', '/clock'
 
 
 def rival_sentences(node: Any, shared: Collection[str]) -> Iterator[str]:
-    """Say who stands in the place of a node, and which inputs have several publishers.
+    """Name duplicates of a node, and inputs with several publishers.
 
     shared: topics beside those of all nodes on which several may publish.
     """
@@ -41,7 +41,7 @@ def rival_sentences(node: Any, shared: Collection[str]) -> Iterator[str]:
 
 
 def mismatch_sentences(node: Any) -> Iterator[str]:
-    """Say whose messages a node cannot receive, and who cannot receive those of the node."""
+    """Report whose messages a node cannot receive, and who cannot receive those of the node."""
     for item in node.subscriptions:
         pause()
         topic = item.topic_name

@@ -64,7 +64,7 @@ class ExperimentNode(Node):
                 self.create_subscription(kind, sensor.name, self.take(sensor.name), qos, raw=True)
 
     def take(self, name: str) -> Callable[[bytes], None]:
-        """Return what keeps a message of a topic."""
+        """Return a callback that records the messages of a topic."""
 
         def keep(raw: bytes) -> None:
             self.counts[name] += 1
@@ -152,7 +152,7 @@ def run_experiment(node: ExperimentNode, path: Path) -> None:
 
 
 def ask_for_load(corners: Array, topic: str) -> None:
-    """Say what to hang on, and wait."""
+    """Tell the user what load to hang on, and wait."""
     print(f'No node subscribes to {topic}. Pull at the free end by hand or by weights:')
     print('  s      F1 (N)  F2 (N)')
     for seconds, _, x, y in corners.tolist():

@@ -53,7 +53,7 @@ class FollowingSubscription:
         return name
 
     def follow(self) -> None:
-        """Subscribe anew if the publishers offer something else than before."""
+        """Resubscribe if the publishers offer another quality of service."""
         offer = common_offer(self._node.get_publishers_info_by_topic(self.topic))
         if offer is not None and offer != self._followed:
             self._node.destroy_subscription(self._subscription)
@@ -82,7 +82,7 @@ class FollowingSubscription:
 
 
 def common_offer(publishers: Sequence[Any]) -> Offer | None:
-    """Return what all publishers of a topic offer at least; None where there is none."""
+    """Return the weakest quality of service that publishers of a topic offer, or None."""
     if not publishers:
         return None
     qualities = [publisher.qos_profile for publisher in publishers]

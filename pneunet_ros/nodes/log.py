@@ -20,17 +20,17 @@ class Log:
         self._said: dict[str, float] = {}
 
     def warn(self, kind: str, sentence: str, now: float) -> None:
-        """Say a warning, unless one of its kind was said lately; now: s of a steady clock."""
+        """Log a warning, unless one of its kind was logged recently; now: s of a steady clock."""
         if self._is_new(kind, now):
             self._logger.warning(printable(sentence))
 
     def error(self, kind: str, sentence: str, now: float) -> None:
-        """Say an error, unless one of its kind was said lately; now: s of a steady clock."""
+        """Log an error, unless one of its kind was logged recently; now: s of a steady clock."""
         if self._is_new(kind, now):
             self._logger.error(printable(sentence))
 
     def refusal(self, refusal: Refusal, since_ready: float, now: float) -> None:
-        """Say why there is no result; since_ready: for how long (s) the node has been ready."""
+        """Log why there is no result; since_ready: time (s) since the node was ready."""
         if refusal.awaits_others and since_ready < STARTING:
             self.warn(f'{refusal.reason} while starting', refusal.sentence, now)
             return

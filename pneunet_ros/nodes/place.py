@@ -26,7 +26,7 @@ class Place:
     meant: Collection[str] = ()
 
     def arguments(self, name: str) -> dict[str, Any]:
-        """Return what rclpy takes to make a node of this name here."""
+        """Return the rclpy arguments for a node of this name here."""
         if not self.namespace:
             return {}
         rules = {'__ns': self.namespace, '__node': name, **self.topics}

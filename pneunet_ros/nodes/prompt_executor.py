@@ -176,7 +176,7 @@ class PromptExecutor(SingleThreadedExecutor):
         super().wake()
 
     def spin(self) -> None:
-        """Call back until ROS shuts down; ExternalShutdownException then."""
+        """Spin until ROS shuts down, then raise ExternalShutdownException."""
         end = work_in_pauses(self.call_urgent)
         try:
             while self.context.ok():

@@ -34,7 +34,7 @@ def in_order(outputs: Iterable[Output[Result]]) -> tuple[Output[Result], ...]:
 
 
 class EstimatePublisher(Generic[Result]):
-    """Publishes estimates on all their topics, as far as somebody listens.
+    """Publishes estimates on all topics that have subscribers.
 
     A message is not even built for a topic without subscribers. `centerline_rate` (Hz) limits the
     topics for people, as building and reading them is costly; 0 means every estimate.

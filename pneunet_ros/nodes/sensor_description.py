@@ -53,7 +53,7 @@ class OtherDescriptions:
     def differences(
         self, own: str, sensors: Mapping[str, Any], running: Collection[str]
     ) -> Iterator[str]:
-        """Say in what others differ from this node.
+        """Describe in what others differ from this node.
 
         own: its full name; sensors: its description; running: full names of nodes that are there.
         """

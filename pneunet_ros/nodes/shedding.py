@@ -48,7 +48,7 @@ class FrameShedding:
         return self._late
 
     def sentence(self) -> str:
-        """Say how many were left out since this was last asked; empty where none was."""
+        """Describe how many were left out since this was last asked; empty if there were none."""
         new, self._new = self._new, 0
         frames = f'{new} frame{"s" if new > 1 else ""} of targets'
         return f'{frames} dropped because readings were waiting: this machine is too slow' * (

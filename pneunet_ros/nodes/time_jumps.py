@@ -1,4 +1,4 @@
-"""What a node says where the time of ROS jumps: a simulator that starts anew, a bag in a loop.
+"""Jumps of ROS time: a simulator that restarts, a bag in a loop.
 
 Only what a node stamps with the present has this time. Readings are taken by their own stamps and
 timers go by the steady clock, so nothing else changes.

@@ -1,4 +1,4 @@
-"""What a recording holds and lacks: topics, times, how they fit together, ranges, uses."""
+"""Contents of a recording: topics, times, synchronization, ranges, uses."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ STILL_SHARE = 0.005  # of the calibrated range of pressure, the same
 
 
 def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
-    """Return what there is to know about a recording, as JSON carries it, SI.
+    """Return all facts about a recording for JSON, SI.
 
     Raises RecordingError only where the file cannot be read at all; what is wrong with its content
     is said in `sentences`, and in the reasons under `uses`.
@@ -92,7 +92,7 @@ def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
 
 
 def proposed(arm: Arm) -> str:
-    """Return what to record where it is not known how an arm moves."""
+    """Return what to record if the motion of the arm is unknown."""
     if arm.inertia is not None:
         return ''
     return (
@@ -172,7 +172,7 @@ def limits(values: Array) -> list[float]:
 
 
 def holds(series: Mapping[str, ReadingSeries], arm: Arm) -> list[dict[str, float]]:
-    """Return the stretches in which pressure and end load stand still, as far as noise tells."""
+    """Return the stretches in which pressure and end load are constant within noise."""
     if PRESSURE.name not in series:
         return []
     pressure = series[PRESSURE.name]

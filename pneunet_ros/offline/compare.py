@@ -31,7 +31,7 @@ TRUTH_SUFFIX = '.npz'
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CompareRequest:
-    """What is compared: A with B, or both with a truth.
+    """A comparison: A with B, or both with a truth.
 
     a_topics, b_topics: full topic names by their last names, of what is read; target_arclength
     (targets,) m: where targets are painted; length (m): of the arm, None: as the shapes tell.
@@ -135,7 +135,7 @@ def shape_content(shape: CenterlineErrors, length: float) -> dict[str, Any]:
 def errors_content(
     topics: tuple[str, str], distance: Array, apart: Array, length: float
 ) -> dict[str, Any]:
-    """Return what errors of tip and shape have in common; lengths in m, stamps apart in s."""
+    """Return the fields that tip and shape errors share; lengths in m, stamp distances in s."""
     errors = asdict(error_statistics(distance))
     count = errors.pop('count')
     return {
@@ -149,7 +149,7 @@ def errors_content(
 
 
 def doubts(comparison: Comparison) -> list[Note]:
-    """Say what limits a comparison, or why there is none."""
+    """Describe what limits a comparison, or why there is none."""
     if comparison.unlike:
         return list(comparison.unlike)
     if comparison.tip is None and comparison.shape is None:
@@ -176,7 +176,7 @@ def doubts(comparison: Comparison) -> list[Note]:
 
 
 def spans(comparison: Comparison) -> str:
-    """Say over which times the two sides reach."""
+    """State over which times the two sides reach."""
     texts = []
     for side in (comparison.of, comparison.to):
         stamps = [item.stamp_ns for item in (side.tips, side.centerlines) if item is not None]

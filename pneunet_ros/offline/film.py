@@ -78,7 +78,7 @@ def check_no_forces(table: ReadingTable, option: str) -> None:
 
 
 def with_end_load(table: ReadingTable, force_x: float, force_y: float) -> ReadingTable:
-    """Return the table under a known constant end load (N, base frame), without one of its own."""
+    """Return a table without loads under a known constant end load (N, base frame)."""
     check_no_forces(table, '--end-load')
     load = np.tile([force_x, force_y, 0.0], (len(table.stamp_ns), 1))
     return replace(table, values={**table.values, END_WRENCH.name: load})

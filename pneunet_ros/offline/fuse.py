@@ -139,7 +139,7 @@ def record_fusion(
 
 @dataclass(slots=True)
 class FusionTally:
-    """What a replay of the fusion came to, counted step by step.
+    """Counts of a replay of the fusion.
 
     modes: estimates by mode; determined: estimates with F1, and with F2; contacts: those with a
     contact, and those in which it may be the tip force as well; beyond: those made while the

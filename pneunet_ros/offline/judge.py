@@ -103,12 +103,12 @@ class Verdicts:
 
     @property
     def strangeness(self) -> str:
-        """Say that another model is needed; empty where the readings are those of this one."""
+        """Report that another model is needed; empty where the readings are those of this one."""
         return '' if self.pressure is None else self.pressure.strangeness
 
     @property
     def findings(self) -> str:
-        """Say what the doubted readings most likely are."""
+        """Describe what the doubted readings most likely are."""
         return '; '.join(f'{name} is {item.finding}' for name, item in self.doubted.items())
 
     @property
@@ -295,7 +295,7 @@ def judge_table(
 
 
 def table_doubts(table: ReadingTable, expected: Sequence[ExpectedPressure]) -> tuple[str, ...]:
-    """Say what the pressures of a table most likely are, and what to do; empty where they fit.
+    """Describe the likely meaning of a table's pressures, and the remedy; empty if they fit.
 
     What a column calls absolute is left to the verbs, which are told the pressure of the air.
     """
@@ -306,7 +306,7 @@ def table_doubts(table: ReadingTable, expected: Sequence[ExpectedPressure]) -> t
 
 
 def table_hints(table: ReadingTable, expected: Sequence[ExpectedPressure]) -> tuple[str, ...]:
-    """Say what the pressures of a table may be, where that is likelier but not nearly sure."""
+    """Describe another meaning of a table's pressures that is likely but not certain."""
     verdict = None if table.absolute else judge_table(table, expected)
     if verdict is None or verdict.doubted or verdict.log_odds <= 0.0:
         return ()
@@ -318,7 +318,7 @@ def table_hints(table: ReadingTable, expected: Sequence[ExpectedPressure]) -> tu
 
 
 def table_remedy(verdict: PressureVerdict) -> str:
-    """Return what to do so that the pressures of a table are taken by the other meaning."""
+    """Return the options that select the other meaning of the pressures of a table."""
     changes = dict(verdict.changes)
     unit = changes.pop('pressure_unit', None)
     do = [f'rename its column to pressure_{unit.lower()}'] if unit else []
@@ -331,7 +331,7 @@ def table_remedy(verdict: PressureVerdict) -> str:
 def readable_series(
     recording: Recording, arm: Arm, settings: EstimatorSettings, overrides: Mapping[str, str]
 ) -> dict[str, ReadingSeries]:
-    """Read what judges the pressure; what cannot be read is somebody else's to report."""
+    """Read the series that judge the pressure; unreadable ones are reported elsewhere."""
     series: dict[str, ReadingSeries] = {}
     wanted: tuple[Sensor, ...] = (PRESSURE, END_WRENCH, TARGETS, TIP_POSE)  # type: ignore[type-arg]
     for sensor in wanted:

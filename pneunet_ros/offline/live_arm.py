@@ -1,4 +1,4 @@
-"""A live arm on which experiments are made: each by a process of its own, which has ROS."""
+"""Experiments on a live arm, each in a separate process with ROS."""
 
 from __future__ import annotations
 

@@ -235,7 +235,7 @@ def record_steps(
 
 @dataclass(slots=True)
 class Tally:
-    """What a replay came to, counted step by step.
+    """Counts of a replay.
 
     warned: how many estimates by warning; settled: how many of an arm at rest; kept: frames for
     errors that persist.

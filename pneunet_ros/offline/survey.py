@@ -214,7 +214,7 @@ def expanded(cell: str, folder: Path) -> tuple[Path, ...]:
 
 
 def arm_key(arm: FleetArm, decided: Mapping[str, Any]) -> tuple[str, list[dict[str, str]]]:
-    """Return what tells one piece of work from another, and the recordings with their hashes.
+    """Return the key of a piece of work, and the recordings with their hashes.
 
     decided: all else that the outcome depends on. RecordingError where a file cannot be read.
     """
@@ -276,7 +276,7 @@ class SurveyFolder:
         )
 
     def row(self, name: str) -> dict[str, Any] | None:
-        """Return what is written of an arm, None where nothing is."""
+        """Return the row of an arm that was written, or None."""
         file = self.folder(name) / ROW
         try:
             content = json.loads(file.read_text(encoding='utf-8'))
@@ -368,7 +368,7 @@ def work_together(
 
 
 def sentence_of(error: Exception) -> str:
-    """Say what an arm ended with: a sentence of ours as it is, any other with its kind."""
+    """Describe what an arm ended with: a sentence of ours as it is, any other with its kind."""
     if isinstance(error, (PneunetError, ChildProcessError)):
         return str(error)
     return f'{type(error).__name__}: {" ".join(str(error).split())}'

@@ -47,7 +47,7 @@ class TrackStep:
 def look_ahead(
     stream: ImageStream, tracker: Tracker, on_frame: Callable[[TrackStep], None]
 ) -> tuple[TrackerState, str]:
-    """Return what the tracker begins with, and a sentence where that is not nothing.
+    """Return the initial state of the tracker, and a note if it is not empty.
 
     A recording that begins with the arm bent or hidden gets scale and base frame from the frames
     further on in which the arm rests; one that begins at rest is tracked as it would be live, and
@@ -231,7 +231,7 @@ class TrackTally:
 
     @property
     def notes(self) -> list[str]:
-        """Say of targets that are missing in more than OFTEN of the frames why that is so."""
+        """Explain why targets are missing in more than OFTEN of the frames."""
         often = np.flatnonzero(self.missing > OFTEN * self.explained)
         mostly: dict[str, list[int]] = {}
         for target in often.tolist():
@@ -247,7 +247,7 @@ class TrackTally:
 
     @property
     def odd_dots(self) -> list[str]:
-        """Say which targets are of another size than the rest of the row, on average.
+        """Name the targets whose average size differs from the rest of the row.
 
         Those that the search counts as odd: it follows them, but less surely than the others.
         """

@@ -69,7 +69,7 @@ class UseRequest:
 
 
 def run_reader(recording: Recording, request: UseRequest) -> Callable[[], RecordingData]:
-    """Return what reads a recording as a run, once; raises each time where it cannot be read."""
+    """Return a cached reader of a recording as a run; raises at each call if it cannot be read."""
 
     @functools.cache
     def read() -> RecordingData:
@@ -191,7 +191,7 @@ def uses(
 
 
 def by_tip(run: RecordingData, found: Sequence[str]) -> str:
-    """Say that a calibration goes by the measured pose of the tip, where it does.
+    """Report that a calibration goes by the measured pose of the tip, where it does.
 
     found: what was found of the frame that the pose was measured in.
     """

@@ -87,7 +87,7 @@ def _parts(path: Path) -> list[Path]:
 
 
 def _other_folder(path: Path) -> str:
-    """Say what a folder is that is no recording, and what to do."""
+    """Describe what a folder is that is no recording, and what to do."""
     loose = [file.name for file in _files_in(path)]
     if loose:
         return (

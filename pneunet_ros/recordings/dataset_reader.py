@@ -190,7 +190,7 @@ def is_constant(values: Array) -> bool:
 def _frames(
     series: Mapping[str, ReadingSeries], targets: int
 ) -> tuple[ReadingSeries, Array, Array | None]:
-    """Return what has the stamps of the frames, targets (frames, 2, targets) and tip (frames, 3).
+    """Return the stamps of frames, targets (frames, 2, targets) and tip (frames, 3).
 
     A pose of the tip belongs to the frame whose stamp is nearest; without a topic of targets it is
     the frame.

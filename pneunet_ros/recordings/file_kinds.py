@@ -18,7 +18,7 @@ def holds_pictures(folder: Path) -> bool:
 
 
 def recording_from(path: Path) -> str:
-    """Say how a recording is made of a path that is none."""
+    """Describe how a recording is made of a path that is none."""
     if path.suffix.lower() in VIDEOS or (path.is_dir() and holds_pictures(path)):
         return (
             'holds images: `pneunet track FILM --readings TABLE.csv --output REC.mcap` makes a '

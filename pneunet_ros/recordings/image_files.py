@@ -190,7 +190,7 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
 
 
 def _breaks_off(path: Path, read: int, last: float, frames: int) -> str:
-    """Say how a video ends too early, '' where it does not.
+    """Describe how a video ends too early, '' if it does not.
 
     read: how many frames could be read; last: where the last of them would be, counted at the
     rate of the file; frames: how many there are, as the file says. An AVI counts frames, too,

@@ -1,4 +1,4 @@
-"""Where images come from: a recording, a video or a folder, told apart by what is there."""
+"""Sources of images: a recording, a video or a folder, detected by content."""
 
 from __future__ import annotations
 

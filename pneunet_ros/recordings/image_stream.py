@@ -17,7 +17,7 @@ class StreamItem(NamedTuple):
     """One message of a stream: log time in ns, topic, what it says, serialized bytes.
 
     `reading` is an error where a message of the image or camera_info topic cannot be used, and
-    None for any other topic. `raw` is empty where nothing was recorded.
+    None for any other topic. `raw` is empty if there was nothing recorded.
     """
 
     log_time_ns: int

@@ -62,7 +62,7 @@ def truth_file(path: Path) -> Path:
 def write_lab(
     recording: LabRecording, path: Path, *, overwrite: bool, on_progress: Callable[[], None]
 ) -> Path:
-    """Write a recording and, in a file of its own, its truth; returns the path of the truth.
+    """Write a recording and, in a separate file, its truth; returns the path of the truth.
 
     Both stand there when both are complete. `on_progress` is called after every message. Raises
     RecordingError as `write_recording` does.
@@ -187,7 +187,7 @@ def read_truth(path: Path) -> ShapeSeries:
 
 
 def memory_after(path: Path) -> LabMemory:
-    """Return what the arm remembers of a recording of the lab, from the truth beside it.
+    """Return the memory of the arm after a recording of the lab, from the truth beside it.
 
     Raises RequestError where there is no such truth.
     """

@@ -1,4 +1,4 @@
-"""Matroska and WebM films: whether one was cut, which their frames do not tell.
+"""Matroska and WebM films: whether one is truncated, which its frames do not show.
 
 They do not count their frames, and their duration is where the last one ends on a clock that may
 start anywhere; but the segment, which holds everything, says how many bytes it has.
@@ -37,7 +37,7 @@ def is_cut(path: Path) -> bool:
 
 
 def _size(stream: BinaryIO) -> int | None:
-    """Read a size of one to eight bytes, the first of which tells how many; None: not known."""
+    """Read a size of one to eight bytes, as the first byte says; None: unknown."""
     first = stream.read(1)
     if not first or not first[0]:
         return None

@@ -68,7 +68,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class McapFile:
-    """What a file holds: channels and schemas by id, messages per channel, and blocks.
+    """Contents of a file: channels and schemas by id, messages per channel, and blocks.
 
     `damage`: sentences on what of it could not be read.
     """
@@ -247,7 +247,7 @@ class _Scan:
         )
 
     def _damage(self, reason: str | None) -> Iterator[Note]:
-        """Say what is wrong with the file."""
+        """Describe what is wrong with the file."""
         count = self.counts.total()
         if self.skipped:
             yield Note(self._loss(count), reason='damaged')
@@ -285,7 +285,7 @@ class _Scan:
             )
 
     def _loss(self, count: int) -> str:
-        """Say which chunks were skipped."""
+        """Name the skipped chunks."""
         byte, why = self.skipped[0]
         chunks = 'a damaged chunk was skipped,'
         if len(self.skipped) > 1:

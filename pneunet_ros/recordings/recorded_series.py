@@ -63,7 +63,7 @@ class ReadingSeries:
         return float(np.median(np.diff(self.stamp_ns))) * 1e-9
 
     def sentences(self) -> tuple[Note, ...]:
-        """Say how many readings were left out, and why."""
+        """Describe how many readings were left out, and why."""
         return tuple(
             Note(
                 f'{self.topic}: {count} {self.sensor.label}{"" if count == 1 else "s"} left out, '
@@ -96,7 +96,7 @@ def find_series(
 
 
 def without_topic(recording: Recording, sensor: Input[Any]) -> str:
-    """Say that a recording has no topic of a sensor, and what to type."""
+    """Report that a recording has no topic of a sensor, and what to type."""
     types = {topic.type for topic in recording.topics}
     others = [topic.name for topic in recording.topics if topic.type == sensor.type]
     if others:

@@ -51,7 +51,7 @@ class StampedRows(NamedTuple):
 
 
 def read_shapes(path: Any, overrides: Mapping[str, str], target_arclength: Array) -> ShapeSeries:
-    """Return what a recording says of the shape: what was estimated, or else what was measured.
+    """Read the shapes of a recording: the estimated ones, otherwise the measured ones.
 
     overrides: full topic names by SHAPE_TOPICS; they choose what is read, too: of a recording with
     estimates, what was measured. target_arclength (targets,) m: where the targets are painted.

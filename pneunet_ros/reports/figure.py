@@ -70,7 +70,7 @@ def picture(name: str, title: str, caption: str, figure: Figure, number: str = '
 
 
 def units_note(units: UnitSystem) -> str:
-    """Say what the axes of figures were divided by; '' where they are in SI."""
+    """Describe what the axes of figures were divided by; '' where they are in SI."""
     if units is SI:
         return ''
     length, force = units.length, units.force

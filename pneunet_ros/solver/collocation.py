@@ -237,7 +237,7 @@ def newton_step(
 
 @inner
 def scale_of_moments(panels: Array) -> float:
-    """Return what makes an angle of a moment: length over the smallest rigidity, 1/(N m)."""
+    """Return the scale from moment to angle: length over the smallest rigidity, 1/(N m)."""
     length = 0.0
     flexibility = 0.0
     for p in range(len(panels)):

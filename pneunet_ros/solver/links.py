@@ -34,7 +34,7 @@ class Links(NamedTuple):
 
 
 class Masses(NamedTuple):
-    """What is heavy in a chain: mass (n,) kg of the links, spread evenly; tip (kg) at its end."""
+    """Masses of a chain: mass (n,) kg of the links, spread evenly; tip (kg) at its end."""
 
     mass: Array
     tip: float

@@ -66,7 +66,7 @@ class Clock:
         return str(seconds)
 
     def sentences(self, path: Path) -> tuple[Note, ...]:
-        """Say where a day was added."""
+        """Report where a day was added."""
         if not self._midnights:
             return ()
         lines = ', '.join(str(line) for line in self._midnights[:_LINES_SHOWN])

@@ -128,7 +128,7 @@ class Column:
 
 
 def column_of(name: str) -> Column | None:
-    """Return what a column is by its name, such as 'x3_mm'; None for an unknown name."""
+    """Parse the name of a column, such as 'x3_mm'; None for an unknown name."""
     for quantity, kind in KINDS.items():
         for unit, si_per_unit in SI_PER_UNIT[kind].items():
             if not name.endswith(f'_{unit}'):
@@ -282,7 +282,7 @@ def known_names() -> str:
 
 
 def columns_of(names: Iterable[str], where: str) -> list[Column]:
-    """Return what these columns are; raises RecordingError where they make no whole.
+    """Parse the names of columns; raises RecordingError if they are inconsistent.
 
     Unknown names (all of them are named), one quantity twice, a target without its other
     coordinate, an angle without its string, and end forces both resolved and by strings are
@@ -322,7 +322,7 @@ def columns_of(names: Iterable[str], where: str) -> list[Column]:
 
 
 def _unknown_columns(names: list[str], there: Collection[str]) -> str:
-    """Say which columns are not known, all of them, and what to type.
+    """Name all unknown columns, and the options to type.
 
     there: the quantities of known columns, which no other column stands for.
     """

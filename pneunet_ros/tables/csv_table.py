@@ -233,7 +233,7 @@ def _check_decimals(path: Path, line: int, written: str, seen: dict[str, str]) -
 
 
 def _spelling(path: Path, written: Mapping[str, str]) -> tuple[Note, ...]:
-    """Say which columns were read under another name than they have."""
+    """Name the columns that were read under another name."""
     pairs = [f'{name!r} as {new}' for new, name in written.items() if name != new]
     if not pairs:
         return ()

@@ -316,7 +316,7 @@ def _cells(line: str, mark: str) -> list[str]:
 
 
 def delimiter(header: str) -> str:
-    """Return what stands between cells: a semicolon or tab where the first line has one."""
+    """Return the delimiter: a semicolon or tab if the first line has one, otherwise a comma."""
     unquoted = _QUOTED.sub('', header)
     return next((mark for mark in (';', '\t') if mark in unquoted), ',')
 

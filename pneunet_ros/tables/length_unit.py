@@ -1,4 +1,4 @@
-"""Lengths as they are told: in meters and millimeters, or scaled by the arm as in the paper."""
+"""Units of printed lengths: meters and millimeters, or scaled by the arm as in the paper."""
 
 from __future__ import annotations
 

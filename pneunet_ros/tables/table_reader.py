@@ -180,7 +180,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
 
 
 def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
-    """Say where two targets of a row stand at exactly one place, as unseen ones of trackers do.
+    """Report where two targets of a row stand at exactly one place, as unseen ones of trackers do.
 
     targets: (rows, 2, targets) m.
     """
@@ -201,7 +201,7 @@ def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
 
 
 def _absolute(column: str, table: ReadingTable) -> Note:
-    """Say how the other verbs are told that a pressure is absolute, and of which air."""
+    """Describe the options by which other verbs take absolute pressure."""
     pressure = table.values[PRESSURE.name][:, 0]
     kept = np.isfinite(pressure)
     record = record_of(table.stamp_ns[kept].tolist(), pressure[kept].tolist())
@@ -330,7 +330,7 @@ def _check_unnamed_unit(path: Path, table: CsvTable, time: Column) -> None:
 
 
 def _spreadsheet_epoch(table: CsvTable, time: Column) -> int:
-    """Return what is taken off days, which are those of a spreadsheet where they are so many."""
+    """Return the epoch (days) to subtract: that of spreadsheets if the numbers are that large."""
     first = next((value for value in table.exact[time.name] if value is not None), Decimal(0))
     days = time.si_per_unit == SI_PER_UNIT['time']['d']
     return SPREADSHEET_EPOCH if days and first >= SPREADSHEET_EPOCH else 0

@@ -251,7 +251,7 @@ def _same(row: TargetRow, other: TargetRow, alike: float) -> bool:
 
 
 def _direction(row: TargetRow, size: int) -> Array:
-    """Order of the blobs in a row as a direction, to tell its two readings apart."""
+    """Order of the blobs in a row as a direction, to separate its two readings."""
     ranks = np.zeros(size)
     seen = row.chosen[row.chosen >= 0]
     ranks[seen] = np.arange(seen.size) - 0.5 * (seen.size - 1)

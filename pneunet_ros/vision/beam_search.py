@@ -28,7 +28,7 @@ COST, X, Y, HEADING, BENDING, SCALE, SIZE, LAST = range(8)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BeamSearchSettings:
-    """What a row of targets looks like, and how many rows are tried."""
+    """Criteria for a row of targets, and the number of rows to try."""
 
     along: float = tuning(0.35, 'a target off its place along the row, at most', unit='spacing')
     across: float = tuning(0.35, 'the same, across', unit='spacing')

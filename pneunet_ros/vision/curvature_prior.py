@@ -1,4 +1,4 @@
-"""What is known of the curvature of an arm before a picture is taken: a Gaussian process.
+"""The prior of the curvature of an arm: a Gaussian process.
 
 Curvature is smooth along the arm, but for a break at l1 where the model has one and the arm is
 pulled. l1 moves with pressure, which the camera does not see, so the covariance is averaged over

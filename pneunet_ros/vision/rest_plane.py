@@ -52,7 +52,7 @@ class RestAverage:
         return RestAverage(frames=self.frames + 1, points=freeze(average), seen=seen)
 
     def lacks(self, wanted: int) -> str:
-        """Say what is missing to an average of so many frames; empty where nothing is."""
+        """Describe what an average of so many frames lacks; empty if nothing."""
         if self.frames >= wanted:
             return ''
         words = [f'{self.frames} of {wanted} frames of the arm at rest']
@@ -75,13 +75,13 @@ class RestSearch:
         return max((place.frames for place in self.places), default=0)
 
     def lacks(self, wanted: int) -> str:
-        """Say what is missing to the latest place; empty where nothing is, or none is known."""
+        """Describe what the latest place lacks; empty if nothing, or if no place is known."""
         return self.places[0].lacks(wanted) if self.places else ''
 
     def with_frame(
         self, points: Array, spacing: float, settings: RestPlaneSettings = VISION.rest_plane
     ) -> RestSearch:
-        """Return what is known with one more frame (targets, 2); its place comes first.
+        """Add one more frame (targets, 2); the newest comes first.
 
         spacing: of neighboring targets, in the unit of the points.
         """

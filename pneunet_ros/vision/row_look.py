@@ -43,7 +43,7 @@ from pneunet_ros.vision.gating import GATING, GatingSettings, local_median
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowLookSettings:
-    """When a target is looked at as its neighbors look, and how well these tell."""
+    """When the appearance of neighbors is used for a target, and how reliable it is."""
 
     neighbors: int = tuning(
         6,
@@ -181,7 +181,7 @@ def looks_of_neighbors(
 def _looks_of(
     table: Array, places: Array, own: Array, tell: Mask, settings: RowLookSettings
 ) -> Array:
-    """Return how targets look by those neighbors that tell (targets,)."""
+    """Return the appearance of targets (targets,) predicted from reliable neighbors."""
     whole = np.flatnonzero(tell)
     away = (whole - np.arange(len(table))[:, None]).astype(np.float64)
     distance = np.where(away == 0.0, np.inf, np.abs(away))

@@ -107,7 +107,7 @@ class VisionSettings:
         return tuple(getattr(self, item.name) for item in fields(self))
 
     def appearance(self, camera: CameraSettings) -> Appearance:
-        """Return what counts as a blob for a camera."""
+        """Return the blob settings of a camera."""
         return Appearance(
             band=camera.grey_band, limits=camera.area, blobs=self.blobs, ellipse=self.ellipse
         )

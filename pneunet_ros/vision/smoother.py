@@ -54,7 +54,7 @@ KEPT_OPERATORS = 256
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SmootherSettings:
-    """How noise and stretch are told from curvature."""
+    """Settings that separate noise and stretch from curvature."""
 
     least_std: float = tuning(1e-5, 'noise below this is not believed', unit='length')
     stretch_share: float = tuning(0.01, "variation of the stretch over the angle's")

@@ -62,7 +62,7 @@ class Missing(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tracking:
-    """What a tracker makes of a frame: where targets were seen, and the smooth curve through them.
+    """The result of a tracked frame: seen targets, and the smooth curve through them.
 
     sightings: an entry per target; curve: None where fewer than four targets were seen. Where the
     frame could not be explained `reason` is a key for counting, `sentence` says it to a
@@ -403,7 +403,7 @@ class Tracker:
         return replace(state, lens=lens, plane=plane, trouble=trouble)
 
     def _admitted(self, state: TrackerState, image: Image) -> tuple[TrackerState, Refusal | None]:
-        """Whether an image can be looked at; it may start everything anew."""
+        """Whether an image can be processed; it may reset the tracker."""
         reason, sentence = state.stamps.fault('image', image.stamp_ns)
         if reason == STARTS_ANEW:
             state, reason = self.reset(state), ''

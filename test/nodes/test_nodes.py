@@ -665,7 +665,7 @@ def test_an_interrupt_while_it_gets_ready_ends_it(tmp_path):
 
 WRONG = {
     'no model': (['-p', 'model_file:=/nowhere.yaml'], 'cannot read the model file /nowhere.yaml'),
-    'no effects': (['-p', 'effects_path:=/nowhere'], 'effects path /nowhere is no folder'),
+    'no effects': (['-p', 'effects_path:=/nowhere'], 'effects path /nowhere is not a folder'),
     'integer': (
         ['-p', 'wrench_timeout:=1'],
         'wrench_timeout must be a number with a decimal point',

@@ -1,1 +1,1 @@
-"""What a calibration has to ask of its recordings and of its result."""
+"""Checks of the recordings and the result of a calibration."""

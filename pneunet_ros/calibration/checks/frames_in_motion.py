@@ -1,4 +1,4 @@
-"""Frames that show an arm swing, told from its targets alone: no model of the arm is needed.
+"""Detect frames in which the arm swings, from targets alone, without a model of the arm.
 
 After a quick change an arm swings: beside a straight line its targets then follow a vibration that
 dies away. Where this explains them better than a smooth way of as many numbers, or a vibration
@@ -224,7 +224,7 @@ def checked_at_rest(
 
 
 def course_of(run: RecordingData) -> Course | None:
-    """Return how the targets of a recording move; None where it is too short to tell."""
+    """Return the motion of the targets of a recording; None if it is too short."""
     often = run.seen.mean(axis=0) > 0.5
     if run.static or not often.any():
         return None
@@ -363,7 +363,7 @@ def smooth_ways(seconds: float) -> list[Columns]:
 
 
 def left_of(columns: Array, values: Array) -> Array:
-    """Return what columns (windows, n, any) leave of values (windows, n, any)."""
+    """Return the residual of values (windows, n, any) after projection on columns (likewise)."""
     basis, _ = np.linalg.qr(columns)
     return np.asarray(values - basis @ (basis.transpose(0, 2, 1) @ values))
 

@@ -1,4 +1,4 @@
-"""What a calibration from few numbers is worth: each pressure left out, beside two baselines.
+"""Leave-one-out test of a calibration with few numbers, against two baselines.
 
 The baselines know nothing of rods: an arc of the length of the arm, whose curvature is
 interpolated over the pressure, and the tip itself, interpolated. Where these do as well, it is
@@ -81,7 +81,7 @@ class LeftOutLevels:
 
     @property
     def sentence(self) -> Note:
-        """Say it to a person."""
+        """Describe it for users."""
         what = 'heading of the tip' if self.is_angle else 'tip'
         text = (
             f'{self.levels} pressures, each left out of the fit: the model misses the {what} by '

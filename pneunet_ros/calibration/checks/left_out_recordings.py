@@ -36,7 +36,7 @@ class LeftOutRecordings:
 
     @property
     def sentences(self) -> list[str]:
-        """Say it to a person where it is more than the errors say."""
+        """Describe it for users if it exceeds the stated errors."""
         if not self.excess.any():
             return []
         return [
@@ -53,7 +53,7 @@ class LeftOutRecordings:
 def leave_recordings_out(
     full: Fit, without: Sequence[Fit], settings: ExperimentSettings = EXPERIMENTS
 ) -> LeftOutRecordings | None:
-    """Compare a fit with those without each of its last recordings; None where nothing tells."""
+    """Compare a fit with fits that leave out one recording each; None if that is impossible."""
     moved, expected, changes = 0.0, 0.0, list[Array]()
     tip = np.array([0.0, full.arm.reach])
     for left_out, fitted in zip(full.runs[-len(without) :], without, strict=True):

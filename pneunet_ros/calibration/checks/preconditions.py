@@ -319,7 +319,7 @@ def check_clamp(run: RecordingData, arm: Arm, settings: RowOrderSettings = ROW_O
 def describe_clamp(
     runs: Sequence[RecordingData], arm: Arm, settings: RowOrderSettings = ROW_ORDER
 ) -> tuple[Note, ...]:
-    """Say where the clamp moves a little with the pressure."""
+    """Report where the clamp moves a little with the pressure."""
     places = arm.target_arclength
     least = max(settings.clamp_moves * arm.length, settings.clamp_noise * arm.sensors.target_std)
     moved = {

@@ -50,7 +50,7 @@ def resolve(
     loaded: Sequence[RecordingData],
     settings: ResolutionSettings = RESOLUTION,
 ) -> Resolution:
-    """Return what these recordings of an arm can resolve."""
+    """Return the resolution that these recordings of an arm allow."""
     runs = [*unloaded, *loaded]
     seen = np.any([run.seen.any(axis=0) for run in runs], axis=0)
     targets = arm.target_arclength[seen].tolist()

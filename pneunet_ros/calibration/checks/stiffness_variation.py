@@ -31,7 +31,7 @@ HALVINGS = 30  # of an interval: 30 leave the ninth digit
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TipErrors:
-    """What a departure moves at the last target of loaded frames, and what the model says.
+    """Displacement of the last target in loaded frames by a departure, and the stated error.
 
     moved (frames, 2) m, all else fitted again; jacobian (frames, 2, parameters); covariance
     (frames, 2, 2) m^2 as the model states it, readings (frames, 2, 2) m^2 of their noise.
@@ -88,7 +88,7 @@ def stiffness_variation(
     noise: SensorNoise,
     settings: StiffnessVariationSettings = STIFFNESS_VARIATION,
 ) -> StiffnessVariation | None:
-    """Ask a fit whether EI varies along its arm; None where its recordings cannot tell."""
+    """Test whether EI varies along the arm of a fit; None if its recordings cannot show it."""
     law, loaded = fit.parameters.law, [item.run.loaded for item in fit.runs]
     if law is None or not any(loaded) or not fit.converged or fit.parameters.shapes is not None:
         return None
@@ -147,7 +147,7 @@ def mode_jacobian(fit: Fit, run: RunLinearization, modes: int) -> Array:
 def tip_errors(
     fit: Fit, runs: list[RunLinearization], coefficients: Array, refitted: Array
 ) -> TipErrors:
-    """Return what a departure moves at the last target, the parameters moved by `refitted`."""
+    """Return how a departure moves the last target, with the parameters refitted."""
     size, last = fit.values.size, fit.arm.target_arclength.size - 1
     parts: tuple[list[Array], ...] = ([], [], [], [])
     for run in runs:

@@ -45,7 +45,7 @@ def options(parser: ArgumentParser) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Check and tell."""
+    """Check the recordings and print the findings."""
     request = UseRequest(
         arm=model_of(arguments),
         own_model=arguments.model is not None,

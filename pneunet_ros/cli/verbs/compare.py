@@ -117,7 +117,7 @@ def run(arguments: Namespace) -> int:
 
 
 def places_assumed(comparison: Comparison, arm: Arm) -> list[str]:
-    """Say that targets were taken to be where the shipped model has them, if any were compared."""
+    """Report that the target places of the shipped model were assumed, if any were compared."""
     lines = [side.centerlines for side in (comparison.of, comparison.to)]
     places = arm.target_arclength
     if any(line is not None and np.array_equal(line.arclength, places) for line in lines):
@@ -171,7 +171,7 @@ def add_errors(table: Table, name: str, errors: dict[str, Any], *, known: bool) 
 
 
 def matched_sentence(name: str, errors: dict[str, Any]) -> str:
-    """Say what was compared, in how many frames, and how far apart their stamps are."""
+    """Describe what was compared, in how many frames, and how far apart their stamps are."""
     of, to = errors['topics'].values()
     apart = errors['stamps_apart']
     said = (

@@ -139,7 +139,7 @@ def options(parser: ArgumentParser) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Explore, and tell after every recording."""
+    """Explore, and report after every recording."""
     from pneunet_ros.reports.diagnosis.report import Given, next_steps
     from pneunet_ros.reports.exploration.report import (
         exploration_content,
@@ -215,7 +215,7 @@ def run(arguments: Namespace) -> int:
 
 
 def safe_set(arguments: Namespace, model: Arm) -> SafeSet:
-    """Return what may be done to the arm: what was asked for, within what the model knows."""
+    """Return the safe set of the arm: the requested range within the calibrated one."""
     known = SafeSet.of(model)
     low, high = arguments.pressure or (known.low, known.high)
     if low < known.low or high > known.high:
@@ -235,7 +235,7 @@ def safe_set(arguments: Namespace, model: Arm) -> SafeSet:
 
 
 def writer_of(arguments: Namespace, model: Arm) -> WriteRecording:
-    """Return what makes a recording."""
+    """Return the recorder for the chosen kind of arm."""
     if arguments.simulated is not None:
         return SimulatedArm(scenario=simulated_scenario(arguments, model)).record
     if arguments.effect or arguments.arm_seed:
@@ -269,7 +269,7 @@ def simulated_scenario(arguments: Namespace, model: Arm) -> Scenario:
 
 
 def wait_for_recording(experiment: Experiment, safe: SafeSet, path: Path) -> None:
-    """Say what to do to the arm, and wait until its recording is there."""
+    """Describe what to do to the arm, and wait until its recording is there."""
     print(f'\nRecord next, {experiment.seconds:g} s: {experiment.words}.')
     print('  s      kPa    F1 (N)  F2 (N)')
     for seconds, pressure, x, y in safe.corners(experiment).tolist():

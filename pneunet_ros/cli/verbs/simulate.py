@@ -142,7 +142,7 @@ def shipped_names() -> list[str]:
 
 
 def summary_of(recording: LabRecording) -> dict[str, Any]:
-    """Return what a recording came to."""
+    """Return the summary of a recording."""
     truth, seen = recording.truth, np.isfinite(recording.x)
     tip = np.hypot(np.ptp(truth.x[:, -1]), np.ptp(truth.y[:, -1]))
     return {

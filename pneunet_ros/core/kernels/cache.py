@@ -52,7 +52,7 @@ def kept_file() -> Path:
 
 
 def processor() -> str:
-    """Return what this processor can do: kernels are compiled for it."""
+    """Return the features of this processor: kernels are compiled for them."""
     try:
         lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
     except OSError:
@@ -81,7 +81,7 @@ def may_keep() -> bool:
 
 
 def note_kept() -> None:
-    """Say that the kernels are on the disk."""
+    """Report that the kernels are on the disk."""
     kept_file().touch()
 
 

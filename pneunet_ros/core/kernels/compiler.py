@@ -15,7 +15,7 @@ from typing import Any
 
 @cache
 def kernel_compiler() -> Any:
-    """Return the class that compiles kernels; numba is imported by nobody who does not compile.
+    """Return the class that compiles kernels; numba is imported only to compile.
 
     Raises ImportError with a numba that has no such classes.
     """
@@ -24,7 +24,7 @@ def kernel_compiler() -> Any:
     from numba.core.compiler import Compiler
 
     class OptimizedOnce(JITCodeLibrary):  # type: ignore[misc]
-        """What is compiled of a kernel, and of all that is taken into it."""
+        """The compiled form of a kernel and of everything inlined into it."""
 
         def _optimize_functions(self, module: Any) -> None:
             """Leave them as they are: they are optimized with all else."""

@@ -94,7 +94,7 @@ def is_compiled() -> bool:
 
 
 def state_of_kernels() -> str:
-    """Say what runs: 'compiled', or plain Python and why."""
+    """Describe what runs: 'compiled', or plain Python and why."""
     if is_compiled():
         return 'compiled'
     return 'plain Python while they are compiled' if is_waiting() else 'plain Python: no numba'

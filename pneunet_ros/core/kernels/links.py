@@ -30,10 +30,10 @@ def linked_cache() -> Any:
     from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
     class KeptWithCalls(CompileResultCacheImpl):  # type: ignore[misc]
-        """What is kept of a compiled kernel, and before it the kernels that it calls."""
+        """The cache entry of a compiled kernel, preceded by the kernels that it calls."""
 
         def reduce(self, result: Any) -> tuple[Any, ...]:
-            """Return what is written: the kernels that are called, and numba's own."""
+            """Return the content of the cache: the kernels that are called, and numba's data."""
             declared = {each.name for each in result.library._final_module.functions}
             calls = [NAMED[name] for name in sorted(declared & NAMED.keys())]
             return calls, super().reduce(result)
@@ -57,7 +57,7 @@ def linked_cache() -> Any:
             index._version = (index._version, sources)
 
         def _load_overload(self, types: tuple[Any, ...], target_context: Any) -> Any:
-            """Return what is kept for some types; None where it is damaged, or of other types.
+            """Return the cached kernel for some types; None if it is damaged or of other types.
 
             Numba writes the index and then the code, so that of two processes at once one may
             find the code of the other.

@@ -169,7 +169,7 @@ class Block(abc.ABC):
         """Write what they change beside that, where it goes with what was read."""
 
     def on_camera(self) -> Array | None:
-        """Return what one of each changes of the camera's x, y and turn, (3, k)."""
+        """Return the derivatives of the camera's x, y and rotation by the unknowns, (3, k)."""
         return None
 
     def on_dots(self, own: Array) -> Array | None:
@@ -177,7 +177,7 @@ class Block(abc.ABC):
         return None
 
     def on_wrench(self, seen: WrenchSeen) -> Array | None:
-        """Return what one of each changes of F1 and F2 as read, (2, k)."""
+        """Return the derivatives of the force reading (F1, F2) by the unknowns, (2, k)."""
         return None
 
     def as_pressure(self, inputs: FrameInputs) -> Array | None:

@@ -30,7 +30,7 @@ class ModelColumns(Block):
 
     @property
     def std(self) -> Array:
-        """One sigma each."""
+        """Standard deviations: the columns are scaled to one sigma."""
         return np.ones(self.known)
 
     @property

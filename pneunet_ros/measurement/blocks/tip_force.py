@@ -1,4 +1,4 @@
-"""The force at the tip: it walks, as fast as frames have lately shown."""
+"""The force at the tip: it walks, as fast as frames have recently shown."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pneunet_ros.measurement.inference.variance_component import ErrorGrowth, Si
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Walk:
-    """How the forces walk (N/sqrt(s)): recent, lately; usual, that of the tip force on average.
+    """How the forces walk (N/sqrt(s)): recent, recently; usual, that of the tip force on average.
 
     interval (s): after which they go on as steadily as from frame to frame. weights (walks,): log
     weights of the walks that an arm which swings may have, None before any frame.
@@ -107,7 +107,7 @@ class TipForce(Block):
         causes[:2] = np.eye(2)
 
     def on_wrench(self, seen: WrenchSeen) -> Array:
-        """Return what the sensor reads of it: all."""
+        """Return the derivatives of the force reading: the identity."""
         return np.eye(2)
 
     @property

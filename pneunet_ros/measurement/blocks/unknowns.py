@@ -149,7 +149,7 @@ class Unknowns:
         return len(self.causes) - LAW
 
     def prior(self, size: float) -> Gaussian:
-        """Return what is known before any frame, with a size of the model error."""
+        """Return the prior before any frame, given the size of the model error."""
         mean, root = np.zeros(self.std.size), np.diag(self.scaled_std(size))
         for one in self.placed:
             prior, where = one.block.prior, one.where
@@ -205,7 +205,7 @@ class Unknowns:
         return freeze(mean), freeze(root)
 
     def causes_at(self, inputs: FrameInputs) -> Array:
-        """Return what one of each changes of every cause of the rod at a frame, (causes, n)."""
+        """Return the derivatives of the rod's causes by the unknowns at a frame, (causes, n)."""
         causes = self.causes.copy()
         for one in self.as_read:
             one.block.on_rod_as_read(causes[:, one.where], one.columns, inputs)
@@ -221,7 +221,7 @@ class Unknowns:
         return total
 
     def wrench_response(self, seen: WrenchSeen) -> Array:
-        """Return what one of each changes of F1 and F2 as read, (2, n)."""
+        """Return the derivatives of the force reading (F1, F2) by the unknowns, (2, n)."""
         response = np.zeros((2, self.std.size))
         for one in self.of_wrench:
             read = one.block.on_wrench(seen)
@@ -230,7 +230,7 @@ class Unknowns:
         return response
 
     def as_pressure(self, inputs: FrameInputs) -> Array:
-        """Return what one of each is as an error of the pressure, (n,) Pa."""
+        """Return each unknown expressed as a pressure error, (n,) Pa."""
         row = np.zeros(self.std.size)
         for one in self.of_pressure:
             own = one.block.as_pressure(inputs)

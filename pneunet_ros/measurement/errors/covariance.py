@@ -56,7 +56,7 @@ def chi_squared(residual: Array, std: float | Array, columns: Array) -> Array:
 
     std (..., coordinates) of the white noise; columns P (..., coordinates, errors). By the smaller
     matrix, C or 1 + P^T P (Woodbury). With the two coordinates of each target as a batch, it is
-    that of each target by itself.
+    that of each target on its own.
     """
     residual = residual / std
     columns = columns / np.broadcast_to(std, residual.shape)[..., None]

@@ -76,7 +76,7 @@ def measured_tip_std(noise: SensorNoise) -> float:
 
 
 def camera_errors(std: float, targets: int) -> Array:
-    """Return what a camera off by std (m) in x, and in y, moves: (2 targets, 2) m."""
+    """Return the displacement by a camera offset of std (m) in x and in y, (2 targets, 2) m."""
     moved = np.zeros((2, targets, 2))
     moved[0, :, 0] = moved[1, :, 1] = std
     return moved.reshape(2 * targets, 2)
@@ -90,7 +90,7 @@ def reading_errors(
     inputs: Inputs,
     jacobian: Array,
 ) -> Array:
-    """Return what one sigma of each reading of a frame moves, (frames, 2 targets, errors) m.
+    """Return the displacement by one sigma of each reading, (frames, 2 targets, errors) m.
 
     model: solved there; jacobian (frames, 2 targets, >= 3 + knots) as of
     `ForwardModel.point_jacobian`, and a row more for a heading, which the camera does not move.
@@ -154,7 +154,7 @@ def missed_pressure(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
 def pressure_moves(
     model: ForwardModel, arm: Arm, run: RecordingData, inputs: Inputs, jacobian: Array
 ) -> Array:
-    """Return what a pascal of a reading moves, (frames, coordinates) m; as of `reading_errors`.
+    """Return the displacement per pascal of a reading, (frames, coordinates) m.
 
     By the table of kappa_p0; where effects go with the pressure, too, or change a wrench by it, by
     central differences. Else a law on the pressure would take the place of the table, and be free
@@ -188,7 +188,7 @@ def pressure_moves(
 
 
 def model_errors(arm: Arm, inputs: Inputs) -> Array:
-    """Return what one sigma of pressure and of each column of the arm's covariance moves.
+    """Return the displacement by one sigma of pressure and of each column of the covariance.
 
     (frames, 2 targets, 1 + columns) m by central differences of the whole model; NaN-free, zero
     where a neighbor has no equilibrium.
@@ -202,7 +202,7 @@ def model_errors(arm: Arm, inputs: Inputs) -> Array:
 
 
 def pressure_error(arm: Arm, inputs: Inputs, std: float) -> Array:
-    """Return what one sigma (Pa) of pressure moves, (frames, 2, targets) m.
+    """Return the displacement by one sigma (Pa) of pressure, (frames, 2, targets) m.
 
     By a central difference of the whole model, NaN where a neighbor has no equilibrium.
     """

@@ -1,4 +1,4 @@
-"""A bank of hypotheses: what else may be true, each with a belief of its own.
+"""A bank of hypotheses, each with its own belief.
 
 A hypothesis is a set of causes and what is believed if these, and no others, are at work. All
 take the same frames; what a frame says of each, its evidence, adds to its weight. One that is far
@@ -23,7 +23,7 @@ ALIKE = 4.0  # nats within which hypotheses are told together: odds of 50 to 1, 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Hypothesis(Generic[Believed]):
-    """What is believed if some causes are at work.
+    """The belief under a set of causes.
 
     log_weight: log odds against the most likely hypothesis of its bank, which has 0.
     """
@@ -43,7 +43,7 @@ def ranked(
     most: int,
     is_same: Callable[[Believed, Believed], bool],
 ) -> tuple[Hypothesis[Believed], ...]:
-    """Return the likely hypotheses, the best first.
+    """Return the likely hypotheses, best first.
 
     Args:
         hypotheses: in any order, their weights with any common constant.

@@ -65,7 +65,7 @@ def widen(known: Known, where: Where, std: Array) -> Known:
 
 
 def without_prior(known: Gaussian, which: int, before: float) -> tuple[float, float]:
-    """Return what measurements alone say of an unknown, and one sigma of it by its prior.
+    """Return the estimate of an unknown without its prior, and its sigma in the score test.
 
     before: one sigma of the prior of mean zero that it came from. Infinite where they say nothing.
     Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948).

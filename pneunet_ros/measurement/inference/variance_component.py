@@ -1,4 +1,4 @@
-"""The size of errors that frames tell: empirical Bayes of one variance component on a grid.
+"""The size of errors, estimated from frames: empirical Bayes of a variance component on a grid.
 
 With a size L the innovation of a frame has the covariance S + L^2 H D H^T, with S that of all
 else, and one fit gives the likelihood of all L.

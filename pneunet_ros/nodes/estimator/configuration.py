@@ -105,7 +105,7 @@ class EstimatorConfiguration:
 
     @property
     def left_out(self) -> str:
-        """Which error of the model its standard deviations leave out; empty where none is."""
+        """Which error of the model its standard deviations leave out; empty if there is none."""
         return error_left_out(self.estimator.arm.covariance, self.estimator.arm.sources)
 
     @property
@@ -114,7 +114,7 @@ class EstimatorConfiguration:
         return sensor_description(self.estimator.settings)
 
     def info(self) -> str:
-        """Return what the topic model_info says."""
+        """Return the content of the topic model_info."""
         arm, settings = self.estimator.arm, self.estimator.settings
         return model_info(
             arm,
@@ -133,7 +133,7 @@ class EstimatorConfiguration:
         )
 
     def take_over(self, state: EstimatorState, before: EstimatorConfiguration) -> EstimatorState:
-        """Return what remains valid of a state of the configuration used before."""
+        """Return the part of an earlier state that stays valid with this configuration."""
         new, old = self.estimator, before.estimator
         if new.arm is not old.arm:
             return state.fresh()

@@ -181,7 +181,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         self.log_refusal(refusal)
 
     def note_reset(self, resets: int) -> None:
-        """Say in the log when the estimator started anew because time jumped back."""
+        """Log when the estimator restarted because time jumped back."""
         if self.state.resets > resets:
             self.zero.forget()
             sentence = 'time jumped back: the estimator was reset'

@@ -1,4 +1,4 @@
-"""What is slow the first time, done before the first reading: kernels and message templates."""
+"""Warm-up before the first reading: kernels and message templates."""
 
 from __future__ import annotations
 

@@ -110,7 +110,7 @@ class FusionConfiguration:
 
     @property
     def left_out(self) -> str:
-        """Which error of the model its standard deviations leave out; empty where none is."""
+        """Which error of the model its standard deviations leave out; empty if there is none."""
         return error_left_out(self.fusion.arm.covariance, self.fusion.arm.sources)
 
     @property
@@ -119,7 +119,7 @@ class FusionConfiguration:
         return sensor_description(self.fusion.sensors)
 
     def info(self) -> str:
-        """Return what the topic model_info says."""
+        """Return the content of the topic model_info."""
         arm, sensors = self.fusion.arm, self.fusion.sensors
         return model_info(
             arm,
@@ -136,7 +136,7 @@ class FusionConfiguration:
         )
 
     def take_over(self, state: FusionState, before: FusionConfiguration) -> FusionState:
-        """Return what remains valid of a state of the configuration used before."""
+        """Return the part of an earlier state that stays valid with this configuration."""
         new, old = self.fusion, before.fusion
         if new.arm is not old.arm:
             return state.restarted()

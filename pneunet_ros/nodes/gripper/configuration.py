@@ -108,7 +108,7 @@ class GripperConfiguration:
         return f'gripper of {", ".join(self.node.arms)}'
 
     def info(self) -> str:
-        """Return what the topic gripper_info says."""
+        """Return the content of the topic gripper_info."""
         return json.dumps(
             {'arms': self.node.arms, 'nodes': self.node.nodes, 'version': __version__}
         )
@@ -124,7 +124,7 @@ def configured_gripper(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmBlock:
-    """What is given for one arm: topics by name, parameters by node, and its mount if any."""
+    """The block of one arm: topics by name, parameters by node, and its mount if any."""
 
     topics: Mapping[str, str]
     mount: Sequence[float] | None

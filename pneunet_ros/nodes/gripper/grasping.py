@@ -1,4 +1,4 @@
-"""What a gripper holds, and how it is commanded: topics of the node `gripper`."""
+"""Topics of the node `gripper`: the grasp, and commands."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Grasping:
             fusion.take_frame = partial(self.take_frame, arm)
 
     def tell_mounts(self) -> None:
-        """Publish where the bases of arms are that have frames of their own."""
+        """Publish the poses of arm bases that have a frame each."""
         frames = {
             arm: fusion.configuration.fusion.sensors.frame_id
             for arm, fusion in self.fusions.items()
@@ -168,7 +168,7 @@ class Grasping:
         self.grasp = self.command = None
 
     def texts(self) -> dict[str, str]:
-        """Return what diagnostics say."""
+        """Return the values for the diagnostics."""
         grasp, command = self.grasp, self.command
         if grasp is None:
             return {}

@@ -83,7 +83,7 @@ class TrackerConfiguration:
         return model_label(self.tracker.arm)
 
     def info(self) -> str:
-        """Return what the topic model_info says."""
+        """Return the content of the topic model_info."""
         arm = self.tracker.arm
         return model_info(
             arm,

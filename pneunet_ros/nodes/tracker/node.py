@@ -129,7 +129,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         self.health.took_image(outcome, time.monotonic())
 
     def publish(self, tracking: Tracking) -> None:
-        """Publish the targets of a frame, and of its curve what somebody listens to."""
+        """Publish the targets of a frame, and its curve on topics that have subscribers."""
         for output, result in outputs_of(tracking):
             out = self.outputs[output.name]
             if output is TARGETS_OUTPUT or out.get_subscription_count():
@@ -172,6 +172,6 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         return 'the tracker was reset'
 
     def take_over(self, configuration: TrackerConfiguration) -> None:
-        """Start anew if anything is another one; what is known of the camera remains."""
+        """Restart if the configuration has changed; camera information remains."""
         if configuration.tracker is not self.configuration.tracker:
             self.state = configuration.tracker.reset(self.state)

@@ -1,4 +1,4 @@
-"""What is slow the first time, done before the first image: kernels, smoother, messages."""
+"""Warm-up before the first image: kernels, smoother, messages."""
 
 from __future__ import annotations
 

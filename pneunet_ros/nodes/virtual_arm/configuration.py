@@ -26,7 +26,7 @@ SHIPPED_ARM = 'scenarios/lab_arm.yaml'
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VirtualArmSettings:
-    """What is tried out, and how it is measured."""
+    """Settings of the simulated arm and its sensors."""
 
     scenario_file: str = setting(
         '', f'file of a lab arm, or of a scenario with one; empty: the shipped {SHIPPED_ARM}'
@@ -93,7 +93,7 @@ class VirtualArmConfiguration:
         return f'{self.lab.scenario.arm.name}, virtual'
 
     def info(self) -> str:
-        """Return what the topic lab_info says: the truth."""
+        """Return the content of the topic lab_info: the truth."""
         about = describe(self.lab.scenario)
         wanted = {name: about[name] for name in ('arm', 'effects', 'noise', 'seed')}
         return json.dumps({'file': str(self.node.path), **wanted, 'version': __version__})

@@ -105,7 +105,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         return time.monotonic() - self.begun
 
     def warm_up(self) -> None:
-        """Run every kernel once, before somebody waits."""
+        """Run every kernel once, before a subscriber waits."""
         lab = self.configuration.lab
         load = Load(force_x=0.1 * lab.scenario.arm.weight)
         state, shape = lab.shape(lab.step(lab.begin(), 0.01, 1e3, load))
@@ -177,7 +177,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         return stamp_ns
 
     def measure(self) -> None:
-        """Publish the readings of wrench and pressure, and the truth while somebody looks.
+        """Publish the readings of wrench and pressure, and the truth if it has subscribers.
 
         Of a moment of the time of ROS there is one reading: while /clock stands still, no more.
         """

@@ -63,7 +63,7 @@ class VirtualGripperConfiguration:
         return 'virtual gripper'
 
     def info(self) -> str:
-        """Return what the topic lab_info says: the truth."""
+        """Return the content of the topic lab_info: the truth."""
         return json.dumps({'object_width': self.node.object_width, 'version': __version__})
 
 

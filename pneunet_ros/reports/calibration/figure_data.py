@@ -94,7 +94,7 @@ def views_of(
 
 
 def smoother_of(fit: Fit) -> Smoother:
-    """Return what smooths targets off which the placement that a fit estimated is taken."""
+    """Return the smoother for targets after subtraction of the estimated placement."""
     sensors = replace(fit.arm.sensors, placement_std=0.0)  # so no more of it is expected
     return smoother_for(replace(fit.arm, sensors=sensors))
 

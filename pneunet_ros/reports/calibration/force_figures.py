@@ -148,7 +148,7 @@ def limit_of(found: EstimatedForces, component: int) -> float:
 
 
 def sentences(found: EstimatedForces) -> list[str]:
-    """Say how well each way finds the force, and how often its interval holds the force read."""
+    """Describe the error of each force estimate, and how often its interval covers the reading."""
     lines = []
     for (name, _, _), way in zip(WAYS, found.ways, strict=True):
         known = np.isfinite(way.force[:, 0])

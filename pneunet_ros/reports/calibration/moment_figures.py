@@ -156,7 +156,7 @@ def one_moment(data: FigureData) -> Picture | None:
 
 
 def line_sentence(view: MomentView, data: FigureData) -> str:
-    """Say what the lines of a view are, in the paper's units."""
+    """Describe what the lines of a view are, in the paper's units."""
     arm = data.calibration.arm
     scale, parts = arm.weight * arm.length, []
     for place, item in enumerate(view.lines):

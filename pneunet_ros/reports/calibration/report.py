@@ -91,7 +91,7 @@ def report_page(
 
 
 def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, str]]:
-    """Return what one wants to know first, as pairs of a question and its answer."""
+    """Return the most important results as pairs of question and answer."""
     fit, free, arm = calibration.joint, calibration.free, calibration.arm
     runs = [item.run for item in fit.runs]
     loaded = sum(run.loaded for run in runs)

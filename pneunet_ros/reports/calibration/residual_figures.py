@@ -1,4 +1,4 @@
-"""What a calibration leaves unexplained: over frames, over targets, over recordings, by law."""
+"""Residuals of a calibration: over frames, targets and recordings, by law."""
 
 from __future__ import annotations
 
@@ -206,7 +206,7 @@ def law_comparison(data: FigureData) -> Picture | None:
 
 
 def best_sentence(laws: tuple[LawScore, ...]) -> str:
-    """Say which law predicts best."""
+    """Name the law that predicts best."""
     ranked = sorted(laws, key=lambda item: item.rms)
     first, second = ranked[0], ranked[1] if len(ranked) > 1 else ranked[0]
     return (

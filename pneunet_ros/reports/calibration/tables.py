@@ -45,7 +45,7 @@ class Row:
 
     @property
     def determined(self) -> bool:
-        """Whether the recordings told much more than was believed before."""
+        """Whether the recordings reduced the prior uncertainty much."""
         return self.std <= self.well_known * self.prior_std
 
 
@@ -89,7 +89,7 @@ def law_rows(rows: tuple[Row, ...]) -> tuple[Row, ...]:
 
 
 def describe_quantity(name: str, arm: Arm) -> str:
-    """Say what a dotted name is, in the paper's words."""
+    """Describe what a dotted name is, in the paper's words."""
     first, second, *place = name.split('.')
     if f'{first}.{second}' == CURVATURE:
         table = arm.intrinsic_curvature
@@ -119,7 +119,7 @@ def curvature_table(calibration: Calibration, rows: tuple[Row, ...]) -> Curvatur
 
 
 def noise_rows(calibration: Calibration) -> list[dict[str, str]]:
-    """Return what each sensor's standard deviation is, and where that comes from."""
+    """Return the standard deviation of each sensor and its source."""
     rows = []
     for item in quantities(calibration.noise.noise):
         unit, count = SHOWN_UNITS[item.metadata['unit']]

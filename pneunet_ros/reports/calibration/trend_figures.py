@@ -85,7 +85,7 @@ def draw_variation(shapes: Axes, moved: Axes, variation: Variation, nominal: Sha
 
 
 def travel(variation: Variation) -> str:
-    """Say how far the free end moves."""
+    """Describe how far the free end moves."""
     if not np.isfinite(variation.travel):
         return 'with no equilibrium somewhere'
     return f'{millimeters(variation.travel):.1f} mm'
@@ -156,7 +156,7 @@ def draw_lines(axes: Axes, lines: Sequence[Linearity]) -> None:
 
 
 def verdict(lines: Sequence[Linearity], settings: ReportSettings) -> str:
-    """Say how far from a straight line the values are."""
+    """Describe how far from a straight line the values are."""
     if not lines:
         return 'too few pressures for a straight line.'
     worst = max(lines, key=lambda item: item.sigmas)

@@ -1,4 +1,4 @@
-"""What a calibration is good for, in three sentences: how well, how sure, what next."""
+"""The verdict of a calibration in three sentences: how well, how sure, what next."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def lacks_something(calibration: Calibration, settings: ReportSettings) -> bool:
 
 
 def fit_sentence(calibration: Calibration, settings: ReportSettings) -> Note:
-    """Say how far the model is from what was measured, in mm, in the length, and in its noise."""
+    """Describe the error of the model in mm, relative to the length, and relative to noise."""
     fit = calibration.joint
     if not fit.converged:
         return Note(f'No model: the fit did not settle ({fit.status}).', reason='not_settled')
@@ -129,7 +129,7 @@ def fit_sentence(calibration: Calibration, settings: ReportSettings) -> Note:
 
 
 def tip_text(fit: Fit) -> str:
-    """Say how far the last target is off (rms of the distance); that at the clamp never is."""
+    """Describe the error of the last target (rms distance)."""
     rms = last_target_rms(fit.runs)
     return '' if math.isnan(rms) else f', the last target {millimeters(rms):.2g} mm'
 
@@ -197,7 +197,7 @@ def bending_stiffness(fit: Fit) -> list[BendingStiffness]:
 
 
 def stiffness_text(stiffness: Sequence[BendingStiffness]) -> str:
-    """Say EI of each section, at least one, with its standard error."""
+    """Describe EI of each section with its standard error."""
     texts = [f'{one_stiffness(item)} {item.section}'.rstrip() for item in stiffness]
     return f'{" and ".join(texts)}, at {kilopascals(stiffness[0].pressure):z.0f} kPa'
 

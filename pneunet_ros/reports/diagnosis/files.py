@@ -155,7 +155,7 @@ def discovered_content(law: Discovered) -> dict[str, Any]:
 
 
 def ending(seed: int, *settings: DiagnosisSettings | DiscoverySettings) -> dict[str, Any]:
-    """Return what every JSON of a diagnosis ends with."""
+    """Return the last keys of every JSON of a diagnosis."""
     used = {'used': settings_used(*settings), 'not_default': settings_changed(*settings)}
     return {'seed': seed, 'settings': used}
 
@@ -268,7 +268,7 @@ def diagnosed_arm(
 
 
 def valid_range(runs: Sequence[RecordingData]) -> dict[str, list[float]]:
-    """Return what the training recordings span: pressure (Pa), force (N), moment (N m)."""
+    """Return the ranges of the training recordings: pressure (Pa), force (N), moment (N m)."""
     spans = {
         'pressure': np.concatenate([run.frame_pressure for run in runs]),
         'force_x': np.concatenate([run.force[:, 0] for run in runs]),

@@ -15,7 +15,7 @@ MOST_BARS = 6  # what the screen of a phone holds
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bar:
-    """The evidence for one cause in nats, its length in percent, and what is left with it."""
+    """The evidence for one cause (nats), its bar length in percent, and the residual with it."""
 
     name: str
     nats: str
@@ -24,7 +24,7 @@ class Bar:
 
 
 def missing_sentence(diagnosis: Diagnosis) -> str:
-    """Say how surely something is missing, against noise alone."""
+    """Describe how surely something is missing, against noise alone."""
     test, chi_squared = diagnosis.adequacy_before, diagnosis.before.training.chi_squared
     values = (
         f'the worst lack-of-fit statistic is {test.statistic:.4g}, where noise alone stays below '
@@ -61,7 +61,7 @@ def evidence_bars(diagnosis: Diagnosis, discovery: Discovery) -> tuple[Bar, ...]
 
 
 def error_sentence(diagnosis: Diagnosis) -> str:
-    """Say what became of the error on held-out recordings, or on those of the training.
+    """Describe what became of the error on held-out recordings, or on those of the training.
 
     In chi squared first where rms cannot show it: noise of readings hides it there.
     """
@@ -107,7 +107,7 @@ def in_chi_squared(diagnosis: Diagnosis, before: Misfit, after: Misfit) -> str:
 
 
 def removed_text(diagnosis: Diagnosis) -> str:
-    """Say how much of the reducible error was removed; never more than all of it."""
+    """Describe how much of the reducible error was removed; never more than all of it."""
     if diagnosis.closed is None:
         return ''
     if diagnosis.closed >= 1.0:
@@ -118,6 +118,6 @@ def removed_text(diagnosis: Diagnosis) -> str:
 
 
 def floor_text(diagnosis: Diagnosis) -> str:
-    """Say what noise alone would leave."""
+    """Describe what noise alone would leave."""
     floor, scatter = diagnosis.noise_floor, diagnosis.noise_floor_std
     return f'noise alone {millimeters(floor):.3f} ± {millimeters(scatter):.3f} mm'

@@ -99,7 +99,7 @@ def loops(data: FigureData) -> Picture | None:
 
 
 def loop_of(side: Evaluation) -> Loop:
-    """Return what the middle of the arm did in some frames of every training recording."""
+    """Return the behavior of the middle of the arm in some frames of every training recording."""
     fit = side.fit
     arm = fit.arm
     smoother = smoother_of(fit)

@@ -120,7 +120,7 @@ def unsettled_page(
 
 
 def stiffness_change(diagnosis: Diagnosis) -> str:
-    """Say the bending stiffness, before and after where an effect was added."""
+    """Describe the bending stiffness, before and after an effect was added."""
     before, after = diagnosis.before.fit, diagnosis.after.fit
     found = bending_stiffness(after)
     if not found:

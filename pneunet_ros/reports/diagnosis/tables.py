@@ -85,7 +85,7 @@ def effect_table(diagnosis: Diagnosis) -> Table:
 
 
 def rank_evidence(diagnosis: Diagnosis) -> list[Evidence]:
-    """Return what was tried, strongest first; then what was not worth a fit, by its score."""
+    """Return trials, strongest first, then effects that were not fitted, by their score."""
     fitted = [item for item in diagnosis.evidence if not math.isnan(item.evidence)]
     rest = [item for item in diagnosis.evidence if math.isnan(item.evidence)]
     return [
@@ -119,7 +119,7 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
 
 
 def passes_text(item: Evidence, diagnosis: Diagnosis) -> str:
-    """Say whether noise alone is left with a set of effects, with the p-value that says so."""
+    """State whether noise alone is left with a set of effects, with the p-value that says so."""
     if math.isnan(item.evidence):
         return ''
     p_value = '' if math.isnan(item.p_value) else f' (p {p_value_text(item.p_value)})'
@@ -157,14 +157,14 @@ def adequacy_table(diagnosis: Diagnosis) -> Table:
 
 
 def consistent_text(test: Adequacy, added: bool) -> str:
-    """Say whether residuals pass a test; added: of effects that may leave what laws miss."""
+    """State whether residuals pass a test; added: of effects that may leave what laws miss."""
     if test.statistic <= test.threshold:
         return 'yes'
     return WITHIN_LAW if added else 'no'
 
 
 def where_table(diagnosis: Diagnosis) -> Table:
-    """Return what can be said of the places of the misfit."""
+    """Return the table of where the misfit is."""
     return Table(
         columns=('axis', 'what is seen', 'of the misfit', 'of what was seen', 'p-value'),
         rows=tuple(
@@ -183,7 +183,7 @@ def where_table(diagnosis: Diagnosis) -> Table:
 
 
 def where_text(diagnosis: Diagnosis) -> str:
-    """Return where the misfit is, as a sentence of its own."""
+    """Return where the misfit is, as one sentence."""
     return f'Where: {diagnosis.where_sentence.rstrip(".")}.'
 
 
@@ -273,7 +273,7 @@ def similarity_table(diagnosis: Diagnosis, least: float) -> Table:
 
 
 def undetectable_sentence(diagnosis: Diagnosis) -> str:
-    """Say which effects these recordings could not have shown at any usual size."""
+    """Name the effects that these recordings cannot show at any usual size."""
     unseen = [name for name, item in diagnosis.detectable.items() if not item.observable]
     if not unseen:
         return 'Every effect of the library would have been detected at a usual size.'

@@ -34,7 +34,7 @@ def exploration_page(rounds: Sequence[Round], safe: SafeSet, provenance: Mapping
 
 
 def last_sentence(rounds: Sequence[Round]) -> str:
-    """Say what is known after the last round, and what tested a name."""
+    """Describe what is known after the last round, and what tested a name."""
     count = f'after {len(rounds)} recording{"" if len(rounds) == 1 else "s"}'
     sentence = f'{rounds[-1].investigation.diagnosis.sentence} ({count})'
     if rounds[-1].investigation.diagnosis.answer == 'none' and rounds[-1].undetectable:
@@ -54,7 +54,7 @@ def last_sentence(rounds: Sequence[Round]) -> str:
 
 
 def safe_sentence(safe: SafeSet) -> str:
-    """Say within what experiments stay."""
+    """Describe within what experiments stay."""
     low, high = kilopascals(safe.low), kilopascals(safe.high)
     return f'{low:g} to {high:g} kPa, with at most {safe.force:.3g} N at the free end'
 
@@ -95,12 +95,12 @@ def gap_picture(rounds: Sequence[Round]) -> Picture:
     after = [millimeters(item.after.rms) if item else np.nan for item in known]
     floors = [millimeters(item.noise_floor) if item else np.nan for item in known]
     predicted = [millimeters(item.predicted or np.nan) for item in rounds]
-    gap.plot(number, before, 's--', color=SECOND, label='all so far, model as given, refitted')
-    gap.plot(number, after, 'o-', color=FIRST, label='all so far, with what is missing')
-    gap.plot(number, predicted, 'D:', color=GREY, label='the new one, by the model before it')
+    gap.plot(number, before, 's--', color=SECOND, label='given model, refitted')
+    gap.plot(number, after, 'o-', color=FIRST, label='with the missing effect')
+    gap.plot(number, predicted, 'D:', color=GREY, label='new recording, predicted')
     gap.plot(number, floors, '-', color='0.75', label='noise alone')
     gap.set(title='(a) model error', xlabel='recording', ylabel='rms per coordinate (mm)')
-    gap.set_ylim(bottom=0.0)
+    gap.set_ylim(0.0, 1.4 * gap.get_ylim()[1])  # room for the legend
     names = sorted(
         {name for item in rounds for name in item.rivals},
         key=lambda name: -max(item.rivals.get(name, 0.0) for item in rounds[-2:]),
@@ -117,10 +117,9 @@ def gap_picture(rounds: Sequence[Round]) -> Picture:
     return picture(
         'gap',
         'How the model error shrinks, recording by recording',
-        '(a) Red: the best that the given kind of model can do; '
-        'blue: with the effect that is named so far; diamonds: the newest recording as the model '
-        'of the round before predicts it, which knew nothing of it. (b) How probable it is that '
-        'an effect is missing beside what is named, or that nothing is; the likeliest ones.',
+        '(a) Red: the best fit of the given model; blue: with the effect named so far; diamonds: '
+        'the newest recording, predicted by the model of the round before. (b) Probability that '
+        'another effect is missing, or that nothing is.',
         figure,
     )
 

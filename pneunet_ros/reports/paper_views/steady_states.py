@@ -23,7 +23,7 @@ from pneunet_ros.model.arm import Arm
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SteadyState:
-    """Some successive frames of a run under about the same load, as one.
+    """Successive frames of a run under about the same load, averaged.
 
     pressure (Pa), force (2,) N and moment (N m) are means of the readings; inputs: of one frame,
     what really acted. x, y (targets,) m are means over the frames in which a target was seen, less
@@ -129,7 +129,7 @@ def thin(states: Sequence[SteadyState], count: int) -> list[SteadyState]:
 
 
 def predict_states(arm: Arm, states: Sequence[SteadyState], arclength: Array) -> Array:
-    """Return what the arm does under these loads, (states, 6, arclength); NaN: no equilibrium.
+    """Predict the arm under these loads, (states, 6, arclength); NaN: no equilibrium.
 
     Fields as of `solver.interpolation.at_stations`; arclength in m.
     """

@@ -45,7 +45,7 @@ def survey_page(data: SurveyData, pictures: Pictures, provenance: Mapping[str, A
 
 
 def survey_sentences(data: SurveyData) -> list[str]:
-    """Return what a survey came to: the odd arm, the effects, and what failed."""
+    """Return the results of a survey in sentences: odd arms, effects, failures."""
     failed = [item for item in data.arms if item.failed]
     return [
         data.fleet.sentence,
@@ -61,7 +61,7 @@ def survey_sentences(data: SurveyData) -> list[str]:
 
 
 def effects_sentence(data: SurveyData) -> str:
-    """Say which effect was missing in how many arms, and how often there was no name."""
+    """Describe which effect was missing in how many arms, and how often there was no name."""
     done = len(data.done)
     counts = data.effect_counts()
     named = ', '.join(f'{name} in {count}' for name, count in counts.items())
@@ -74,7 +74,7 @@ def effects_sentence(data: SurveyData) -> str:
 
 
 def rare_sentences(data: SurveyData) -> list[str]:
-    """Say who has an effect that most arms have not."""
+    """Name the arms with an effect that most arms do not have."""
     return [
         f'{name} is in {", ".join(arms)} only; in {data.could_show(name)} of the other '
         f'{len(data.done) - len(arms)} it could have been seen.'
@@ -83,7 +83,7 @@ def rare_sentences(data: SurveyData) -> list[str]:
 
 
 def certainty(data: SurveyData) -> str:
-    """Say by how much arms were compared, and what their model errors were measured on."""
+    """Describe by how much arms were compared, and what their model errors were measured on."""
     fleet, done = data.fleet, len(data.done)
     compared = int(np.count_nonzero(np.isfinite(fleet.p_values)))
     said = f'Too few arms to ask which is odd: that takes {fleet.settings.fewest}.'

@@ -1,4 +1,4 @@
-"""What a survey came to: every arm of a fleet, and the fleet as a whole."""
+"""The results of a survey: every arm of a fleet, and the fleet as a whole."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class SurveyedArm:
 
     @property
     def alternatives(self) -> tuple[str, ...]:
-        """Names of those that cannot be told from them."""
+        """Names of effects that cannot be distinguished from them."""
         return tuple(self.found.get('alternatives', ()))
 
     @property

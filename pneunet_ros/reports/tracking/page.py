@@ -108,7 +108,7 @@ class TrackingPage:
     def _frame(
         self, seconds: float, image: Image, tracking: Tracking, state: TrackerState
     ) -> dict[str, Any]:
-        """Return what the script of the page shows of a frame; places in px of the small image."""
+        """Return the data of a frame for the script of the page; px of the small image."""
         grey = image.grey()
         scale = min(1.0, WIDEST / image.width)
         small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
@@ -150,7 +150,7 @@ class TrackingPage:
         return [round(value) if math.isfinite(value) else None for value in away.tolist()]
 
     def _estimate_at(self, stamp_ns: int) -> Array | None:
-        """Return the estimated points (2, stations) m nearest to a stamp; None where none is."""
+        """Return the estimated points (2, stations) m nearest to a stamp; None without one."""
         if self.estimated is None or not self.estimated.stamp_ns.size:
             return None
         reach = 0.5 * median_period(self.estimated.stamp_ns)
@@ -231,7 +231,7 @@ class TrackingPage:
         return f'{text}. That the row is the right one, you see below.'
 
     def _delay(self) -> str:
-        """Say the delay of film against table; '' without a table."""
+        """Describe the delay of the film relative to the table; '' without a table."""
         if not self.film:
             return ''
         covered = f'{self.film["frames_covered"]} of {self._count} frames lie within the table'

@@ -43,7 +43,7 @@ class Lens:
     """Pinhole and distortion of a camera, as a camera_info gives them.
 
     width, height of the image in px; model 'plumb_bob' or 'rational_polynomial'; matrix (3, 3) is
-    K, px; distortion (n,) is D, empty where there is none. `limit` is the radius, in normalized
+    K, px; distortion (n,) is D, empty if there is none. `limit` is the radius, in normalized
     coordinates, within which the distortion neither folds nor leads beyond FARTHEST. CameraError
     for anything else.
     """

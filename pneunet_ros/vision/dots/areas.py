@@ -26,7 +26,7 @@ import scipy
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BlobSettings:
-    """How areas are told from what is behind them."""
+    """Criteria that separate areas from the background."""
 
     most: int = tuning(500, 'areas of an image that are measured, those that stand out most')
     least_contrast: float = tuning(

@@ -271,7 +271,7 @@ def weigh(lines: Array, size: int, behind: Array, believed: Array) -> float:
 
 @summing
 def add_products(lines: Array, size: int, product: Array) -> None:
-    """Add the products of the derivatives and what is left, weighted, over a block."""
+    """Add the weighted products of derivatives and residuals over a block."""
     weights, weighted = lines[WEIGHT * BLOCK :], lines[WEIGHTED * BLOCK :]
     for row in range(UNKNOWNS + 1):
         first = lines[row * BLOCK :]
@@ -286,7 +286,7 @@ def add_products(lines: Array, size: int, product: Array) -> None:
 
 @inner
 def add_edges(lines: Array, size: int, step: Array, edges: Array) -> None:
-    """Add to edges (sectors, 2) what is left of the pixels of a block after a step.
+    """Add the residuals of the pixels of a block after a step to edges (sectors, 2).
 
     By sector: what is left, times how much the pixel tells of the edge, and that squared.
     """

@@ -179,7 +179,7 @@ ELLIPSE = EllipseSettings()
 
 
 def for_colors(settings: EllipseSettings) -> EllipseSettings:
-    """Return settings for images told by color, which cameras store at half of the resolution.
+    """Return settings for images compared by color, which cameras store at half resolution.
 
     Measured with JPEG of 4:2:0, quality 85, dots of 12 and 16 px: edges are off by up to 0.25 px,
     and centers by 0.06 px rms, 12 grey levels of an edge of 200.
@@ -275,7 +275,7 @@ class Fit:
 
 
 class Solution(NamedTuple):
-    """What a pass over some ellipses tells.
+    """The result of a pass over some ellipses.
 
     step (m, UNKNOWNS); error (m,) px: of the center; behind (m, sectors): grey levels of the
     background; edges, stds (m, sectors): how far an edge is outside of the outline, px, and how
@@ -529,7 +529,7 @@ def _solve(
 
 
 def _no_sums(rims: Rims, fit: Fit, going: Integers) -> Linearized:
-    """Return what a linearization is written to."""
+    """Return empty arrays for a linearization."""
     count, sectors = len(going), fit.believed.shape[1]
     return Linearized(
         products=np.empty((count, UNKNOWNS + 1, UNKNOWNS + 1)),

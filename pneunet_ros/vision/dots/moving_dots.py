@@ -196,7 +196,7 @@ class MovingDot(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What is known of a dot before the fit, and one sigma of it.
+    """The prior of a dot: mean and one sigma.
 
     contrast: grey levels, its std infinite where nothing is known; size, longer: over what is
     drawn, its way one sigma of either component over its length.
@@ -259,7 +259,7 @@ class Pixels(NamedTuple):
 def _cut(
     grey: Bytes, outline: Array, along: Array, end: float, settings: MovingDotSettings
 ) -> Pixels:
-    """Collect the pixels that tell of a dot, and the splines across the arm."""
+    """Collect the pixels of a dot, and the splines across the arm."""
     radius, place = _radius(outline), outline[[CENTER_U, CENTER_V]]
     way, across = outline[[SMEAR_U, SMEAR_V]], np.array([-along[1], along[0]])
     width = (1.0 + settings.beyond) * radius + settings.blur * float(outline[WIDTH])
@@ -392,7 +392,7 @@ def _covariance(by_pixel: Array, inside: Mask, together: int) -> Array:
 
 
 def known_by(dots: list[MovingDot], settings: MovingDotSettings = MOVING_DOTS) -> Known:
-    """Return what dots tell of one next to them."""
+    """Return the prior of a dot from its neighbors."""
     contrast = float(np.median([dot.contrast for dot in dots]))
     sizes = np.array([dot.size for dot in dots])
     ways = np.array([dot.longer for dot in dots])
@@ -412,7 +412,7 @@ def _spread(values: Array) -> float:
 
 
 def nothing_known(outline: Array, contrast: float, settings: MovingDotSettings) -> Known:
-    """Return what is known of a dot by its outline (FITTED,) alone."""
+    """Return the knowledge about a dot from its outline (FITTED,) alone."""
     return Known(
         contrast=contrast,
         contrast_std=math.inf,
@@ -443,7 +443,7 @@ def end_of_arm(outline: Array, along: Array, settings: MovingDotSettings = MOVIN
 
 
 def as_fitted(outline: Array, dot: MovingDot) -> Array:
-    """Return a dot as `fit_ellipses` returns one (FITTED,): none of its edge is seen by itself."""
+    """Return a dot in the form of `fit_ellipses`, (FITTED,), with no visible edge."""
     fitted = outline.copy()
     fitted[[CENTER_U, CENTER_V]], fitted[[SMEAR_U, SMEAR_V]] = dot.center, dot.way
     fitted[[AXIS_XX, AXIS_XY, AXIS_YY]] *= dot.size

@@ -1,4 +1,4 @@
-"""Fit ellipses to edges: one loop that cuts out the pixels of each, fits, and tells what is seen.
+"""Fit ellipses to edges: one loop that cuts out pixels, fits, and reports visible edges.
 
 The compiled twin of what `ellipse_fit` says in numpy, with the same numbers. It is several times
 as fast, as nothing is written down between one operation and the next.

@@ -1,4 +1,4 @@
-"""Targets of which a part is seen, or which are smeared: their neighbors tell the rest."""
+"""Targets that are partly visible or smeared: their neighbors give the rest."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from pneunet_ros.vision.rows.view import View
 def with_partial(
     view: View, row: ObservedRow, usual: Array, sized: Mask, last: TrackedRow | None = None
 ) -> ObservedRow:
-    """Return a row with the targets of which a part is seen, where their neighbors tell the rest.
+    """Return a row with its partly visible targets, completed from their neighbors.
 
     sized (targets,): whose usual area is their own; other arguments as of `gate_row`.
     """

@@ -107,7 +107,7 @@ class ObservedRow:
 
 
 def target_sightings(view: View, row: ObservedRow) -> TargetSightings:
-    """Return what is published of the targets that are seen."""
+    """Return the sightings to publish."""
     table = np.empty((COLUMNS + 2, len(row.table)))
     table[:COLUMNS], table[COLUMNS:] = row.table.T, row.points.T
     freeze(table)

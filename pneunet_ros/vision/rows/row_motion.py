@@ -36,7 +36,7 @@ def start_row(view: View, row: ObservedRow) -> TrackedRow:
 
 
 def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
-    """Return what the next frame starts from.
+    """Return the row from which the next frame starts.
 
     Targets that are not seen are where the others say, and move as those next to them.
     """

@@ -28,7 +28,7 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     """Find the targets of the arm at rest, normalized (targets, 2), NaN where one is not seen.
 
     view: its plane is not known yet, and not used; rest: where the arm has rested so far, which
-    tells the targets of a frame that does not show a row by itself.
+    tells the targets of a frame that does not show a row on its own.
     """
     areas = view.round_areas()
     if len(areas.centers) == 0:
