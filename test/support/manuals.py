@@ -69,15 +69,16 @@ def reasons_in(module: str) -> set[str]:
 
 
 def _places(tree: ast.AST) -> Iterator[ast.expr]:
-    """Yield the expressions that give a reason; what is raised is no refusal of a reading."""
-    raised = {
+    """Yield the expressions that give a reason; errors and notes do not refuse a reading."""
+    others = {
         id(item)
         for node in ast.walk(tree)
         if isinstance(node, ast.Raise)
+        or (isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'Note')
         for item in ast.walk(node)
     }
     for node in ast.walk(tree):
-        if id(node) in raised:
+        if id(node) in others:
             continue
         if isinstance(node, ast.keyword) and node.arg == 'reason':
             yield node.value
