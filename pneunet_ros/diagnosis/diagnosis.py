@@ -25,7 +25,7 @@ from pneunet_ros.diagnosis.experiment_design import propose_experiment
 from pneunet_ros.diagnosis.gravity_direction import direction_notes
 from pneunet_ros.diagnosis.hypothesis import carries_time, hypotheses, Hypothesis
 from pneunet_ros.diagnosis.inertia import with_inertia
-from pneunet_ros.diagnosis.lack_of_fit import LackOfFit
+from pneunet_ros.diagnosis.lack_of_fit import LackOfFit, worst_p_value
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.localization import (
     collect_frames,
@@ -45,7 +45,14 @@ from pneunet_ros.diagnosis.result import (
     UnsettledDiagnosis,
 )
 from pneunet_ros.diagnosis.score_test import Candidate, detection_limits, effect_cosines
-from pneunet_ros.diagnosis.selection import Added, evidence_margin, Record, Selection, Trial
+from pneunet_ros.diagnosis.selection import (
+    Added,
+    evidence_margin,
+    is_adequate,
+    Record,
+    Selection,
+    Trial,
+)
 from pneunet_ros.diagnosis.settings import (
     DEFAULTS,
     DiagnosisSettings,
@@ -290,7 +297,14 @@ def conclude(
             added = False
     floor, floor_std = noise_floor(after.arm, recordings[1] or recordings[0], noise)
     frames, frames_after = (
-        collect_frames(trial.refit, settings.localization) for trial in (first, verdict.trial)
+        collect_frames(
+            trial.refit,
+            settings.localization,
+            harmless=trial is verdict.trial
+            and verdict.answer != 'unknown'
+            and is_adequate(trial.record.tests, level),
+        )
+        for trial in (first, verdict.trial)
     )
     cosines = effect_cosines(first.refit.gaussian, candidates, settings.score_test)
     wanted = wanted_candidates(verdict, candidates, detectable)
@@ -472,11 +486,6 @@ def worst_test(tests: Sequence[LackOfFit], level: float) -> Adequacy:
         threshold=worst.threshold(level / len(tests)),
         p_value=worst_p_value(tests),
     )
-
-
-def worst_p_value(tests: Sequence[LackOfFit]) -> float:
-    """Return the least p-value of tests, corrected for their number."""
-    return min(1.0, min(item.p_value for item in tests) * len(tests))
 
 
 def wanted_candidates(

@@ -115,6 +115,11 @@ def lack_of_fit_tests(
     return tuple(tests.values())
 
 
+def worst_p_value(tests: Sequence[LackOfFit]) -> float:
+    """Return the least p-value of tests, corrected for their number."""
+    return min(1.0, min(item.p_value for item in tests) * len(tests))
+
+
 def tested_fields(
     linearization: Linearization,
 ) -> Iterable[tuple[str, range, list[Array]]]:

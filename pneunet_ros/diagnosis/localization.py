@@ -48,12 +48,21 @@ class Frames:
         return bin_indices(self.axes[axis], self.edges(axis))
 
 
-def collect_frames(refit: Refit, settings: LocalizationSettings = DEFAULTS.localization) -> Frames:
-    """Collect the residuals of the training runs, harmless departures added."""
+def collect_frames(
+    refit: Refit,
+    settings: LocalizationSettings = DEFAULTS.localization,
+    *,
+    harmless: bool = False,
+) -> Frames:
+    """Collect the residuals of the training runs.
+
+    harmless: nothing but harmless departures is left, which are none of the misfit; else they
+    have taken up a part of what is missing, and are added.
+    """
     linearization, gaussian = refit.linearization, refit.gaussian
     squares, axes = [], []
     departures = slice(linearization.mean.size, linearization.fixed[0].shape[1])
-    sizes = (gaussian.position + gaussian.step)[departures]
+    sizes = (gaussian.position + gaussian.step)[departures] * (not harmless)
     highest = [block.inputs.pressure.max() for block in linearization.blocks]
     span = max(float(np.ptp([*highest, 0.0])), 1.0)
     residuals = gaussian.best_residuals()[: linearization.training]

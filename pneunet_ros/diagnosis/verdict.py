@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.confirmation import Confirmer
+from pneunet_ros.diagnosis.lack_of_fit import worst_p_value
 from pneunet_ros.diagnosis.result import Answer, Evaluation
 from pneunet_ros.diagnosis.selection import Record, Selection, Trial
 
@@ -83,19 +84,10 @@ def describe_gain(record: Record, before: float, after: float, noise: tuple[floa
             f'({millimeters(after):.3f} mm with it, {millimeters(before):.3f} mm without, '
             f'noise alone {millimeters(noise[0]):.3f} ± {millimeters(noise[1]):.3f} mm).'
         )
-    start, end = two_lengths(before, after)
     return (
         f'adding {"it" if len(record.names) == 1 else "them"} reduces the model error from '
-        f'{start} to {end} mm rms.'
+        f'{millimeters(before):.3f} to {millimeters(after):.3f} mm rms.'
     )
-
-
-def two_lengths(before: float, after: float) -> tuple[str, str]:
-    """Return two lengths (m) in mm, with as many decimals as show that they differ: 2 or 3."""
-    texts = [f'{millimeters(length):.2f}' for length in (before, after)]
-    if texts[0] == texts[1]:
-        texts = [f'{millimeters(length):.3f}' for length in (before, after)]
-    return texts[0], texts[1]
 
 
 def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
@@ -103,7 +95,7 @@ def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
     confirmer, base, record = Confirmer.of(selection, first.record), first.record, best.record
     worst = min(base.tests, key=lambda item: item.p_value)
     tested = (
-        f'the residuals of the base model have p-value {worst.p_value:.2g} at worst, in '
+        f'the residuals of the base model have p-value {worst_p_value(base.tests):.2g} at worst, in '
         f'{worst.name}'
     )
     if not best.names:

@@ -26,7 +26,7 @@ from pneunet_ros.diagnosis.refit import refit
 from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
 from pneunet_ros.diagnosis.selection import Record, Selection
 from pneunet_ros.diagnosis.settings import DEFAULTS
-from pneunet_ros.diagnosis.verdict import describe_verdict, two_lengths, Verdict
+from pneunet_ros.diagnosis.verdict import describe_verdict, Verdict
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.files.scenario_file import load_scenario
@@ -325,7 +325,7 @@ def test_sets_that_explain_as_much_are_said_as_sets():
     assert said.startswith(
         'The model lacks creep or gravity, which cannot be distinguished with these data: '
     )
-    assert said.endswith('from 0.30 to 0.10 mm rms.')
+    assert said.endswith('from 0.300 to 0.100 mm rms.')
     # Where rms cannot show it, evidence says it.
     assert '34 nats' in describe_verdict(single, before, before, noise)
 
@@ -338,14 +338,6 @@ def test_a_name_that_is_not_confirmed_is_said_to_explain():
         'The model lacks something. creep would explain it, but the name is not confirmed: '
         'the notes say why.'
     )
-
-
-@pytest.mark.parametrize(
-    ('lengths', 'texts'),
-    [((3.5e-4, 1.6e-4), ('0.35', '0.16')), ((1.392e-4, 1.36e-4), ('0.139', '0.136'))],
-)
-def test_two_lengths_have_the_decimals_that_tell_them_apart(lengths, texts):
-    assert two_lengths(*lengths) == texts
 
 
 def test_what_is_too_faint_beside_a_strong_effect_is_said_without_a_name():

@@ -11,12 +11,7 @@ from pneunet_ros.core.units import kilopascals, millimeters, seconds_since
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.reports.diagnosis.figure_data import (
-    AFTER,
-    BEFORE,
-    FigureData,
-    RecordingErrors,
-)
+from pneunet_ros.reports.diagnosis.figure_data import FigureData, RecordingErrors
 from pneunet_ros.reports.diagnosis.first_screen import error_sentence
 from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.style import (
@@ -48,18 +43,16 @@ def errors_along_arm(data: FigureData) -> Picture | None:
     figure, (left, right) = panels(2, height=5.0)
     times = magnification(frames, data.diagnosis.before.arm.length)
     for item, frame in frames:
-        draw_arrows(left, item, frame, times)
+        draw_arrows(left, item, frame, times, data.models)
     as_shapes(left, f'(a) errors in the worst frames, {times} times as large')
     share = data.diagnosis.before.arm.target_arclength / data.diagnosis.before.arm.length
     noise = along_arm([item.noise for item in items])
     right.fill_between(
         share, 0.0, noise, color=GREY, alpha=0.2, linewidth=0, label='noise alone, rms'
     )
-    for color, label, style, errors in (
-        (BEFORE, 'before', '--s', [item.before for item in items]),
-        (AFTER, 'after', '-o', [item.after for item in items]),
-    ):
-        right.plot(share, along_arm(errors), style, color=color, markersize=3.6, label=label)
+    for (model, color), style in zip(data.models, ('--s', '-o'), strict=False):
+        errors = along_arm([item.of(model) for item in items])
+        right.plot(share, errors, style, color=color, markersize=3.6, label=model)
     right.set(
         title=f'(b) error along the arm, {data.tested_on} recordings',
         xlabel='arclength $s / l$',
@@ -72,10 +65,10 @@ def errors_along_arm(data: FigureData) -> Picture | None:
     return picture(
         '01_errors',
         'Where the model is off',
-        '(a) From each measured target (dots) to where the models have it, red before and blue '
-        'after, in the frames that noise explains least. (b) What all frames come to: the '
-        'grey band is what noise of targets, force and pressure alone leaves. Blue should stay '
-        'near it; red above it, and how it runs along the arm, is what was missing.',
+        '(a) From each measured target (dots) to where a model has it, in the frames that noise '
+        'explains least. (b) What all frames come to: the grey band is what noise of targets, '
+        'force and pressure alone leaves. Red: the model as it was given, refitted; above the '
+        'band, and how it runs along the arm, is what it lacks. Blue: with what was added.',
         figure,
     )
 
@@ -95,11 +88,13 @@ def along_arm(errors: Sequence[Array]) -> Array:
     return millimeters(1.0) * np.sqrt(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
-def draw_arrows(axes: Axes, item: RecordingErrors, frame: int, times: float) -> None:
-    """Draw a frame's measured targets, and the errors of both models from there, mm."""
+def draw_arrows(
+    axes: Axes, item: RecordingErrors, frame: int, times: float, models: Sequence[tuple[str, str]]
+) -> None:
+    """Draw a frame's measured targets, and the errors of models from there, mm."""
     measured = millimeters(1.0) * item.run.points[frame]
-    for errors, color, label in ((item.before, BEFORE, 'before'), (item.after, AFTER, 'after')):
-        ends = measured - times * millimeters(1.0) * errors[frame]
+    for label, color in models:
+        ends = measured - times * millimeters(1.0) * item.of(label)[frame]
         gap = np.full_like(measured, np.nan)  # so that all are one line, and one of the legend
         x, y = np.stack([measured, ends, gap], axis=2).reshape(2, -1)
         known = label if label not in axes.get_legend_handles_labels()[1] else None
@@ -117,23 +112,24 @@ def model_error(data: FigureData) -> Picture:
     diagnosis = data.diagnosis
     before, after = diagnosis.before, diagnosis.after
     figure, (overall, per_recording) = panels(2, height=4.2)
-    groups = [('training', before.training, after.training)]
-    if before.held_out is not None and after.held_out is not None:
-        groups.append(('held out', before.held_out, after.held_out))
+    sides = (before, after)[: len(data.models)]
+    misfits = [
+        [side.training, *([] if side.held_out is None else [side.held_out])] for side in sides
+    ]
     draw_pairs(
         overall,
-        [name for name, _, _ in groups],
-        [millimeters(first.rms) for _, first, _ in groups],
-        [millimeters(last.rms) for _, _, last in groups],
+        ['training', 'held out'][: len(misfits[0])],
+        [[millimeters(item.rms) for item in group] for group in misfits],
+        data.models,
     )
     scores = [
-        side.training_scores if side.held_out is None else side.held_out_scores
-        for side in (before, after)
+        side.training_scores if side.held_out is None else side.held_out_scores for side in sides
     ]
     draw_pairs(
         per_recording,
         [short(score.name) for score in scores[0][:MOST_RECORDINGS]],
-        *([millimeters(score.rms) for score in of_side[:MOST_RECORDINGS]] for of_side in scores),
+        [[millimeters(score.rms) for score in group[:MOST_RECORDINGS]] for group in scores],
+        data.models,
     )
     per_recording.tick_params(axis='x', rotation=20)
     floor = millimeters(diagnosis.noise_floor)
@@ -149,9 +145,9 @@ def model_error(data: FigureData) -> Picture:
         '02_model_error',
         'Model error before and after',
         'How far measured targets are from predicted ones, registration of each recording '
-        f'removed. Dashed: what noise alone would leave. {error_sentence(diagnosis)} Blue bars '
-        'well above the dashed line mean that model error is left, well below it that the stated '
-        'noise is too large. Where red and blue are equal, the added effect explains nothing.',
+        f'removed. Dashed: what noise alone would leave. {error_sentence(diagnosis)} Bars well '
+        'above the dashed line mean that model error is left, well below it that the stated noise '
+        'is too large.',
         figure,
     )
 
@@ -172,13 +168,16 @@ def discovered_sentence(diagnosis: Diagnosis, discovery: Discovery) -> str:
     )
 
 
-def draw_pairs(axes: Axes, names: list[str], before: list[float], after: list[float]) -> None:
-    """Draw bars before and after, side by side, with their values."""
+def draw_pairs(
+    axes: Axes,
+    names: list[str],
+    errors: Sequence[Sequence[float]],
+    models: Sequence[tuple[str, str]],
+) -> None:
+    """Draw bars of the errors of models, side by side, with their values."""
     place = np.arange(len(names))
-    for shift, values, color, label in (
-        (-0.5, before, BEFORE, 'before'),
-        (0.5, after, AFTER, 'after'),
-    ):
+    for which, (values, (label, color)) in enumerate(zip(errors, models, strict=True)):
+        shift = which - 0.5 * (len(models) - 1)
         box = {'facecolor': 'white', 'alpha': 0.85, 'edgecolor': 'none', 'pad': 0.6}
         draw_bars(
             axes,
@@ -203,10 +202,10 @@ def shapes(data: FigureData) -> Picture | None:
     share = diagnosis.before.arm.target_arclength / diagnosis.before.arm.length
     for column, (item, frame) in enumerate(frames):
         top, below = axes[column], axes[len(frames) + column]
-        draw_shapes(top, item, frame)
+        draw_shapes(top, item, frame, data.models)
         as_shapes(top, frame_label(item.run, frame))
-        for errors, color, marker in ((item.before, BEFORE, 's'), (item.after, AFTER, 'o')):
-            distance = millimeters(1.0) * np.hypot(errors[frame, 0], errors[frame, 1])
+        for (model, color), marker in zip(data.models, 'so', strict=False):
+            distance = millimeters(1.0) * np.hypot(*item.of(model)[frame])
             below.plot(share, distance, color=color, marker=marker, markersize=3.2, linewidth=1.2)
         band = BAND_SIGMAS * millimeters(1.0) * item.noise_distance[frame]
         below.fill_between(share, 0.0, band, color=GREY, alpha=0.15, linewidth=0)
@@ -222,8 +221,8 @@ def shapes(data: FigureData) -> Picture | None:
         f'Frames of {data.tested_on} recordings that noise explains least before, spread over '
         'them. Dots are measured targets, lines go through the predicted ones. Below, how '
         'far each target is from its prediction; grey: two sigma of what noise of targets, force '
-        'and pressure moves in that frame. The blue line should pass through the dots and stay '
-        'in the grey; the red one shows what was missing.',
+        'and pressure moves in that frame. A model that lacks nothing passes through the dots and '
+        'stays in the grey.',
         figure,
     )
 
@@ -247,11 +246,13 @@ def worst_frames(items: Sequence[RecordingErrors]) -> list[tuple[RecordingErrors
     return frames[:SHAPES_SHOWN]
 
 
-def draw_shapes(axes: Axes, item: RecordingErrors, frame: int) -> None:
+def draw_shapes(
+    axes: Axes, item: RecordingErrors, frame: int, models: Sequence[tuple[str, str]]
+) -> None:
     """Draw measured targets as dots and predicted ones as lines, mm."""
     measured = millimeters(1.0) * item.run.points[frame]
-    for errors, color, label in ((item.before, BEFORE, 'before'), (item.after, AFTER, 'after')):
-        line = measured - millimeters(1.0) * errors[frame]
+    for label, color in models:
+        line = measured - millimeters(1.0) * item.of(label)[frame]
         known = np.isfinite(line[0])
         marker = 'x' if np.count_nonzero(known) == 1 else ''
         axes.plot(

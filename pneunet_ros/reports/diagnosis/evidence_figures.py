@@ -16,6 +16,7 @@ from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.paper_views.moment_curvature import law_view
 from pneunet_ros.reports.style import legend, panels, PressureColors, THIRD
 
+LINEAR = 10.0  # up to which a scale of evidence is
 CURVES = 3  # pressures at which kappa_p0 is drawn
 
 
@@ -24,23 +25,33 @@ def evidence(data: FigureData) -> Picture | None:
     shown = rank_evidence(data.diagnosis)[::-1]
     if not shown:
         return None
-    figure, axes = panels(2, height=1.6 + 0.3 * max(len(shown), 3))
-    for panel, values, title in (
-        (axes[0], [item.chi_squared for item in shown], '(a) chi squared gets less by'),
-        (axes[1], [item.evidence for item in shown], '(b) gain in recordings left out'),
-    ):
+    quantities = [
+        (
+            [item.chi_squared for item in shown],
+            '(a) chi squared gets less by',
+            'delta chi squared, training recordings',
+        ),
+        (
+            [item.evidence for item in shown],
+            '(b) gain in recordings left out',
+            'log probability, recording left out after recording',
+        ),
+    ]
+    if all(math.isnan(item.evidence) for item in shown):
+        del quantities[1]
+    figure, axes = panels(len(quantities), height=1.6 + 0.3 * max(len(shown), 3))
+    for panel, (values, title, label) in zip(axes, quantities, strict=True):
         draw_evidence(panel, shown, values)
-        panel.set(title=title)
-    axes[1].set_yticks(axes[1].get_yticks(), [''] * len(shown))
-    axes[1].set_xlabel('log probability, recording left out after recording')
-    axes[0].set_xlabel('delta chi squared, training recordings')
+        panel.set(title=title, xlabel=label)
+    for panel in axes[1:]:
+        panel.set_yticks(panel.get_yticks(), [''] * len(shown))
     return picture(
         '07_evidence',
         'Evidence for every effect',
         'All effects that were scored; promising ones were put into the model and everything '
         'refitted. (a) says how much '
         'better the training recordings fit, (b) how much better each of them is predicted from '
-        'the others; below zero an effect does harm. Scales are linear near zero, then '
+        'the others; below zero an effect does harm. Scales are linear to ten, then '
         'logarithmic. Green: it leaves nothing but noise, or what its law may miss; grey: it '
         'leaves more, so that it is not the answer, however much it improves the fit; white: its '
         'score promised too little to be worth a fit, and (a) shows that score.',
@@ -61,7 +72,8 @@ def draw_evidence(axes: Axes, shown: list[Evidence], values: list[float]) -> Non
     texts = ['' if math.isnan(value) else round_value(value) for value in values]
     axes.bar_label(bars, labels=texts, fontsize=8, padding=3)
     # Sizes differ by orders of magnitude, and may be negative.
-    axes.set_xscale('symlog', linthresh=10.0)
+    if np.abs(lengths).max() > LINEAR:
+        axes.set_xscale('symlog', linthresh=LINEAR)
     axes.axvline(0.0, color='0.4', linewidth=0.9)
     axes.set_yticks(places, [' + '.join(item.effects) for item in shown])
     axes.grid(visible=False, axis='y')

@@ -12,6 +12,7 @@ from pneunet_ros.discovery.result import Discovery, NOTHING_SEARCHED
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.errors.noise_model import coordinate_stds
 from pneunet_ros.measurement.inputs import inputs_of
+from pneunet_ros.reports.diagnosis.tables import added_effects
 from pneunet_ros.reports.settings import REPORT_SETTINGS, ReportSettings
 from pneunet_ros.reports.style import FIRST, SECOND, THIRD
 
@@ -30,6 +31,10 @@ class RecordingErrors:
     before: Array
     after: Array
     noise: Array
+
+    def of(self, model: str) -> Array:
+        """Return the errors of the model `before` or `after`."""
+        return self.before if model == 'before' else self.after
 
     @property
     def misfit(self) -> Array:
@@ -61,6 +66,12 @@ class FigureData:
     def tested_on(self) -> str:
         """Which recordings the models are compared on: those held out, where there are any."""
         return 'training' if self.diagnosis.before.held_out is None else 'held-out'
+
+    @property
+    def models(self) -> tuple[tuple[str, str], ...]:
+        """Names and colors of the models that are compared: one where nothing was added."""
+        every = ('before', BEFORE), ('after', AFTER)
+        return every if added_effects(self.diagnosis) else every[:1]
 
     def errors(self) -> tuple[RecordingErrors, ...]:
         """Return the errors of both models on the recordings they are compared on."""

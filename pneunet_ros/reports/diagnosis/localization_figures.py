@@ -35,7 +35,8 @@ def maps(data: FigureData) -> Picture | None:
     heat_maps = data.diagnosis.heat_maps
     if not heat_maps:
         return None
-    figure, axes = panels(2, rows=len(heat_maps), height=0.8 + 2.3 * len(heat_maps))
+    wide = len(data.models)
+    figure, axes = panels(wide, rows=len(heat_maps), height=0.8 + 2.3 * len(heat_maps))
     cells = np.concatenate(
         [cell.ravel() for item in heat_maps for cell in (item.before, item.after)]
     )
@@ -43,8 +44,9 @@ def maps(data: FigureData) -> Picture | None:
     largest = float(cells.max()) if cells.size else 2.0
     norm = TwoSlopeNorm(1.0, vmin=0.0, vmax=min(max(largest, 2.0), HIGHEST))
     for row, item in enumerate(heat_maps):
-        for column, (values, when) in enumerate(((item.before, 'before'), (item.after, 'after'))):
-            draw_map(axes[2 * row + column], item, values, norm)
+        for column, (when, _) in enumerate(data.models):
+            values = item.before if column == 0 else item.after
+            draw_map(axes[wide * row + column], item, values, norm)
             if row == 0:
                 axes[column].set_title(f'({"ab"[column]}) {when}')
     mesh = axes[0].collections[0]
@@ -55,7 +57,7 @@ def maps(data: FigureData) -> Picture | None:
         'Root mean square residual of training recordings in units of the noise, along the arm '
         '(across) and over what acted on it (up). White is what noise alone leaves, red what the '
         'model cannot explain, light blue less than noise; grey was never measured. '
-        'On the right nothing red should be left.',
+        'After what is missing was added nothing red should be left.',
         figure,
     )
 

@@ -56,10 +56,10 @@ def loops(data: FigureData) -> Picture | None:
     diagnosis = data.diagnosis
     if diagnosis.before.arm.target_arclength.size < FEWEST_TARGETS:
         return None
-    figure, axes = panels(2, rows=2, height=7.4)
-    for column, (side, when) in enumerate(
-        ((diagnosis.before, 'before'), (diagnosis.after, 'after'))
-    ):
+    wide = len(data.models)
+    figure, axes = panels(wide, rows=2, height=7.4)
+    sides = (diagnosis.before, diagnosis.after)[:wide]
+    for column, (side, (when, _)) in enumerate(zip(sides, data.models, strict=True)):
         loop = loop_of(side)
         if not loop.pressure.size:
             return None
@@ -70,30 +70,30 @@ def loops(data: FigureData) -> Picture | None:
             ylabel=r'moment $M_\mathrm{est}$ (mN m)',
         )
         draw(
-            axes[2 + column],
+            axes[wide + column],
             kilopascals(1.0) * loop.pressure,
             loop.change - loop.expected,
             loop.direction,
         )
-        axes[2 + column].axhline(0.0, color='0.4', linewidth=0.9, zorder=1)
-        axes[2 + column].set(
-            title=f'({"cd"[column]}) what the model leaves over, {when}',
+        axes[wide + column].axhline(0.0, color='0.4', linewidth=0.9, zorder=1)
+        axes[wide + column].set(
+            title=f'({"abcd"[wide + column]}) what the model leaves over, {when}',
             xlabel='pressure (kPa)',
             ylabel='measured - predicted curvature (1/m)',
         )
-    for pair in (axes[:2], axes[2:]):
+    for pair in (axes[:wide], axes[wide:]):
         same_height(pair)
     legend(axes[0], loc='best')
     return picture(
         '06_loops',
         'Moment and curvature, by direction of pressure',
         f'Means over the middle of the arm (s / l from {LOOP_START:g} to '
-        f'{LOOP_STOP:g}) in frames of all training recordings. (a), (b): moment from '
+        f'{LOOP_STOP:g}) in frames of all training recordings. Above: moment from '
         'measured shape and end force, against measured curvature less that of the unloaded arm; '
-        'rising and falling pressure should lie on one band. (c), (d): curvature that the model '
+        'rising and falling pressure should lie on one band. Below: curvature that the model '
         'does not predict. Red and blue that separate into a loop mean that the past matters '
-        '(hysteresis, lag, creep); a common trend means another cause; after, all should scatter '
-        'about zero.',
+        '(hysteresis, lag, creep); a common trend means another cause; where nothing is missing, '
+        'all scatter about zero.',
         figure,
     )
 

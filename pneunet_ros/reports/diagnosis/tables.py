@@ -42,7 +42,9 @@ def added_effects(diagnosis: Diagnosis) -> list[str]:
 
 def error_table(diagnosis: Diagnosis, discovery: Discovery = NOTHING_SEARCHED) -> Table:
     """Return the errors of all models, on training and held-out recordings."""
-    models = {'before': diagnosis.before, 'after': diagnosis.after}
+    models = {'before': diagnosis.before}
+    if added_effects(diagnosis):
+        models['after'] = diagnosis.after
     if discovery.evaluation is not None:
         models['discovered'] = discovery.evaluation
     rows = [('training', when, *misfit_texts(model.training)) for when, model in models.items()]
@@ -149,8 +151,9 @@ def adequacy_table(diagnosis: Diagnosis) -> Table:
             )
             for when, item, added in (
                 ('before', diagnosis.adequacy_before, False),
-                ('after', diagnosis.adequacy_after, bool(added_effects(diagnosis))),
+                ('after', diagnosis.adequacy_after, True),
             )
+            if not added or added_effects(diagnosis)
         ),
         numbers=(1, 2, 3),
     )
