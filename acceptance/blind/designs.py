@@ -10,7 +10,7 @@ as `steps_10`: what a memory does is told by how pressure moves, and by how ofte
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -251,4 +251,15 @@ RATED = {
     for motion, design in MOTIONS.items()
     for rate in READING_RATES
 }
-DESIGNS = {'full': FULL, 'free': FREE} | RATED
+# Readings rarer than frames of a camera that nobody triggers.
+RARE = {
+    f'{name}_2_{frames}': replace(
+        design, rates=Rates(pressure=2.0, wrench=2.0, frames=float(frames))
+    )
+    for frames in (4, 10)
+    for name, design in {
+        'full': FULL,
+        **{key: make(RATES) for key, make in MOTIONS.items()},
+    }.items()
+}
+DESIGNS = {'full': FULL, 'free': FREE} | RATED | RARE

@@ -40,6 +40,7 @@ TARGETS = (
     ('newer', 'wrong', '    wrong name', ''),
     ('unobservable', 'says_so', 'not observable: says so', '>= 0.98'),
     ('rated_nothing', 'any_name', '5 to 50 Hz, nothing hidden: any name', '<= 2 of 200'),
+    ('rare_readings', 'unknown', 'read at 2 Hz, nothing hidden: unknown', '<= 1 of 10'),
     ('rated_single', 'alone', '    one effect: right name alone', '>= 0.95'),
     ('rated_single', 'alone_apart', '        of those that no other effect explains', '>= 0.95'),
     ('rated_single', 'honest', '    right name alone, or not to be told from it', ''),
@@ -207,6 +208,7 @@ SCORERS = {
     'newer': confusable,
     'unobservable': unobservable,
     'rated_nothing': nothing,
+    'rare_readings': nothing,
     'rated_single': single,
     'rated_pairs': several,
 }

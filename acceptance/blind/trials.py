@@ -26,7 +26,7 @@ from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 
-from blind.designs import DESIGNS, NOISE, PAUSE, RATED
+from blind.designs import DESIGNS, NOISE, PAUSE, RARE, RATED
 from blind.hidden import (
     CONFUSABLE,
     hidden_effect,
@@ -57,6 +57,7 @@ BLOCKS = {
     'rated_nothing': 200,
     'rated_single': 2 * 4 * len(HIDEABLE),
     'rated_pairs': 60,
+    'rare_readings': 40,
 }  # trials by default; the rated ones go through all designs of `RATED`
 NO_TRIALS = ('harmless_mismatch', 'push', 'pulley')
 OUTSIDE = tuple(name for name in OUTSIDE_EFFECTS if name not in NO_TRIALS)
@@ -169,6 +170,8 @@ def labelled(block: str, seed: int, random: np.random.Generator) -> Label:
     elif block == 'unobservable':
         name = NEED_LOADS[place % len(NEED_LOADS)]
         effects[name] = hidden_effect(name, int(random.integers(2, 6)), random)
+    elif block == 'rare_readings':
+        design = list(RARE)[place % len(RARE)]
     elif block != 'nothing':
         raise RequestError(f'no block is called {asked}; there are {", ".join(BLOCKS)}')
     outside['harmless_mismatch'] = {'size': MISMATCH, 'phase': random.uniform(-3.0, 3.0)}

@@ -16,6 +16,7 @@ import numpy as np
 from pneunet_ros.calibration.settings import NOISE_ESTIMATE, NoiseEstimateSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.notes import Note
+from pneunet_ros.core.stamps import match_stamps
 from pneunet_ros.measurement.dataset import RecordingData, SIGMA_OF_MEDIAN
 from pneunet_ros.measurement.errors.rounding_error import rounding_std
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -233,8 +234,14 @@ def with_step(
 
 
 def load_readings(run: RecordingData) -> Array:
-    """Return F1, F2 (N) and M (N m) of the frames in which something was attached, (n, 3)."""
+    """Return F1, F2 (N) and M (N m) of the frames in which something was attached, (n, 3).
+
+    Of frames that have the same reading the first: a repeated value says nothing of noise.
+    """
     load = np.column_stack([run.force, run.moment])
+    if run.wrench_stamp_ns is not None:
+        nearest, _ = match_stamps(run.stamp_ns, run.wrench_stamp_ns, 0.0)
+        load = load[np.diff(nearest, prepend=-1) != 0]
     return load[np.any(load != 0.0, axis=1)]
 
 

@@ -59,6 +59,7 @@ from pneunet_ros.diagnosis.settings import (
     HypothesisSettings,
     SelectionSettings,
 )
+from pneunet_ros.diagnosis.unread_frames import without_unread
 from pneunet_ros.diagnosis.verdict import describe_certainty, describe_verdict, Verdict
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.tip_pose import with_tip_target
@@ -153,6 +154,8 @@ def investigate(
     model, training, held_out, notes = with_tips(model, training, held_out)
     every = training, held_out
     training, held_out, notes, motion = at_rest(model, training, held_out, notes)
+    (training, held_out), unread = without_unread(model, training, held_out)
+    notes = (*unread, *notes)
     base = fit_base(
         model,
         training,

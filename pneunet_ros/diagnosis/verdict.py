@@ -95,8 +95,8 @@ def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
     confirmer, base, record = Confirmer.of(selection, first.record), first.record, best.record
     worst = min(base.tests, key=lambda item: item.p_value)
     tested = (
-        f'the residuals of the base model have p-value {worst_p_value(base.tests):.2g} at worst, in '
-        f'{worst.name}'
+        f'the residuals of the base model have p-value {worst_p_value(base.tests):.2g} at worst, '
+        f'in {worst.name}'
     )
     if not best.names:
         strongest = selection.score_candidates(first)[:1]

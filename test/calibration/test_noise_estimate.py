@@ -344,3 +344,24 @@ def test_a_tracker_that_repeats_a_pose_is_not_taken_for_exact():
     stuck = np.full((frames, 3), [0.11, 0.0, 0.0]) + 1e-12 * np.arange(frames)[:, None] ** 2
     found = estimate_noise([replace(run, tip_pose=stuck)], arm.target_arclength, arm.sensors)
     assert found.noise.heading_std == NOISE_ESTIMATE.least_target
+
+
+def test_a_load_that_several_frames_share_is_read_once():
+    seldom = []
+    for run in runs(TRUE, frames=5 * FRAMES):
+        if not run.loaded:
+            seldom.append(run)
+            continue
+        read = np.arange(2, len(run.stamp_ns), 5)  # in the middle of the frames that have it
+        nearest = read[np.minimum(np.arange(len(run.stamp_ns)) // 5, read.size - 1)]
+        seldom.append(
+            replace(
+                run,
+                force=run.force[nearest],
+                moment=run.moment[nearest],
+                wrench_stamp_ns=run.stamp_ns[read],
+                wrench=np.column_stack([run.force, run.moment])[read],
+            )
+        )
+    found = estimate_noise(seldom, PAPER.target_arclength, ASSUMED).noise
+    assert found.force_std == pytest.approx(TRUE.force_std, rel=0.15)

@@ -182,12 +182,13 @@ def run(arguments: Namespace) -> int:
                 found, folder, frame=frame, provenance=provenance, given=given
             )
         else:
+            used, tested = investigation.recordings  # less frames that show no equilibrium
             content = write_diagnosis(
                 found,
                 folder,
                 frame=frame,
-                training=training,
-                held_out=held_out,
+                training=used,
+                held_out=tested,
                 provenance=provenance,
                 discovery=discovery,
                 given=given,

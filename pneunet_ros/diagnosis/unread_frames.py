@@ -1,0 +1,77 @@
+"""Frames that show what no sensor read: pressure or load changed between two readings.
+
+What a straight line between two readings misses is an error of the readings, which a fit takes up
+along the tangent of the shape, as if it were normal. Where it is more than the noise of a reading,
+a frame is no measurement of the arm: it shows a pressure, or a load, that nobody knows. Such a
+frame, and one from beyond the readings, is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.notes import Note
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.errors.noise_model import (
+    missed_load,
+    missed_pressure,
+    shown_instants,
+)
+from pneunet_ros.model.arm import Arm
+
+Flags = npt.NDArray[np.bool_]
+
+
+def without_unread(
+    arm: Arm, *groups: Sequence[RecordingData]
+) -> tuple[list[list[RecordingData]], tuple[Note, ...]]:
+    """Return groups of recordings less the frames whose readings are not known, and a note.
+
+    A loaded recording that is left with no load is left out as well. RecordingError where no
+    recording of the first group is left, or none without a load, or none with one.
+    """
+    read = [[(run, read_frames(arm, run)) for run in group] for group in groups]
+    every = [flags for group in read for _, flags in group]
+    left = sum(int((~flags).sum()) for flags in every)
+    if not left:
+        return [[*group] for group in groups], ()
+    note = Note(
+        f'{left} of {sum(flags.size for flags in every)} frames were left out: pressure or load '
+        'changed there between two readings, so that their values were not measured',
+        reason='between_readings',
+    )
+    kept = [
+        [part for run, flags in group if (part := read_part(arm, run, flags)) is not None]
+        for group in read
+    ]
+    if {run.loaded for run in kept[0]} != {run.loaded for run in groups[0]}:
+        raise RecordingError(
+            f'{note}. Too little is left for a diagnosis: read pressure and load more often than '
+            'frames',
+            reason='between_readings',
+        )
+    return kept, (note,)
+
+
+def read_part(arm: Arm, run: RecordingData, flags: Flags) -> RecordingData | None:
+    """Return these frames of a run; None where none is left, or none with the load it had."""
+    if not flags.any():
+        return None
+    part = run.subset(np.flatnonzero(flags))
+    lost = run.loaded and part.is_idle(arm.sensors) and not run.is_idle(arm.sensors)
+    return None if lost else part
+
+
+def read_frames(arm: Arm, run: RecordingData) -> Flags:
+    """Return of which frames (frames,) the readings say what they show."""
+    if run.static or len(run.reading_stamp_ns) < 2:
+        return np.ones(len(run.stamp_ns), np.bool_)
+    noise, shown = arm.sensors, shown_instants(arm, run)
+    known = missed_pressure(noise, arm, run) <= noise.pressure_std
+    stds = np.array([noise.force_std, noise.force_std, noise.moment_std])
+    known &= (missed_load(run, stds) <= stds).all(axis=1)
+    stamps = run.reading_stamp_ns
+    return np.asarray(known & (shown >= stamps[0]) & (shown <= stamps[-1]))
