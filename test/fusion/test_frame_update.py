@@ -1,0 +1,138 @@
+"""One frame beside a prior: its Jacobian by differences, its posterior by the book, its gates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros import load_model, solve
+from pneunet_ros.core.readings import PressureReading, TargetSightings
+from pneunet_ros.core.share import share_path
+from pneunet_ros.fusion import weighing
+from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem
+from pneunet_ros.fusion.frame_update import excess, leave_out, take_frame
+from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.measurement.blocks.tip_force import TipForce
+import pytest
+
+FORCE, PRESSURE = (0.05, -0.03), 40e3  # N, Pa
+NAMES = ('std', 'u', 'v', 'area', 'major', 'minor', 'angle')
+TARGET = 13  # one in the middle
+FRAMES = 4
+
+
+def moved(problem: FrameProblem, target: int, by: float) -> FrameProblem:
+    """Return the problem with one target seen elsewhere (m)."""
+    y = problem.sightings.y.copy()
+    y[target] += by
+    return replace(problem, sightings=replace(problem.sightings, y=y))
+
+
+@pytest.fixture(scope='module')
+def problem() -> FrameProblem:
+    """Return the last of a few frames of a loaded arm, as the fusion asks of it."""
+    fusion = Fusion(arm=load_model(share_path('config/lab_arm.yaml')))
+    targets, random = fusion.arm.target_arclength, np.random.default_rng(5)
+    shape = solve(fusion.arm, pressure=PRESSURE, force=FORCE)
+    asked: list[FrameProblem] = []
+
+    def noted(problem, **options):
+        asked.append(problem)
+        return take_frame(problem, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(weighing, 'take_frame', noted)
+        state, nothing = FusionState(), np.full(targets.size, np.nan)
+        for frame in range(FRAMES):
+            stamp = 1_000_000_000 + 33_000_000 * frame
+            x, y = (
+                np.interp(targets, shape.arclength, row)
+                + fusion.arm.sensors.target_std * random.standard_normal(targets.size)
+                for row in (shape.x, shape.y)
+            )
+            seen = TargetSightings(stamp_ns=stamp, x=x, y=y, **dict.fromkeys(NAMES, nothing))
+            state, _ = fusion.step(state, PressureReading(stamp_ns=stamp, pressure=PRESSURE))
+            state, _ = fusion.step(state, seen)
+    return asked[-1]
+
+
+def fitted(problem: FrameProblem) -> FrameLinearization:
+    found = problem.search(np.zeros(problem.root.shape[1]), problem.prior.solution)
+    assert found is not None
+    return found
+
+
+def test_slopes_are_those_of_differences(problem):
+    fit = fitted(problem)
+    at = problem.linearize(problem.try_at(fit.trial.solved, fit.trial.bent.solution))
+    for column in range(problem.root.shape[1]):
+        step = np.zeros(problem.root.shape[1])
+        step[column] = 1e-3
+        less, more = (
+            problem.try_at(at.trial.xi + side * step, at.trial.bent.solution).residual
+            for side in (-1.0, 1.0)
+        )
+        slope = (less - more) / 2e-3  # of what is predicted: the residual is measured less that
+        scale = max(float(np.abs(slope).max()), 1e-3)  # how dots beside it turn is left out
+        assert at.jacobian[:, column] == pytest.approx(slope, abs=0.02 * scale), column
+
+
+def test_nothing_nearby_costs_less(problem):
+    fit = fitted(problem)
+    random = np.random.default_rng(1)
+    for _ in range(20):
+        xi = fit.trial.xi + 0.05 * random.standard_normal(fit.trial.xi.size)
+        assert problem.try_at(xi, fit.trial.bent.solution).cost > fit.cost - 1e-6
+
+
+def test_the_posterior_is_that_of_the_information_form(problem):
+    fit = fitted(problem)
+    after = problem.posterior(fit)
+    information = np.eye(problem.root.shape[1]) + fit.jacobian.T @ fit.jacobian
+    covariance = problem.root @ np.linalg.solve(information, problem.root.T)
+    scale = np.sqrt(np.diag(covariance)) + 1e-30
+    found = after.root @ after.root.T
+    np.testing.assert_allclose(found / scale / scale[:, None],
+                               covariance / scale / scale[:, None], atol=1e-6)  # fmt: skip
+    tip = problem.unknowns.at(TipForce)
+    off = after.mean[tip] - FORCE
+    assert off @ np.linalg.solve(found[tip, tip], off) < 13.8  # chi squared of 2, 1e-3
+
+
+def test_a_target_against_the_others_is_what_leaving_it_out_saves(problem):
+    fit = fitted(problem)
+    against = problem.at_targets(fit)
+    for target in np.flatnonzero(problem.used)[1:].tolist():
+        used = problem.used.copy()
+        used[target] = False
+        saved = fit.cost - fitted(replace(problem, used=used)).cost
+        assert against[target] == pytest.approx(saved, rel=0.01, abs=1e-3)
+
+
+def test_a_swapped_dot_is_left_out_and_no_other(problem):
+    wrong = moved(problem, TARGET, 4e-3)
+    kept, fit = leave_out(wrong, fitted(wrong))
+    assert np.flatnonzero(~kept.used).tolist() == [TARGET]
+    assert excess((kept, fit)) < 1.0 < excess((wrong, fitted(wrong)))
+    update = take_frame(wrong, cold=False, force_read=False)
+    assert (update.left_out, update.reason) == (1, '')
+    used = problem.used.copy()
+    used[TARGET] = False
+    without = take_frame(replace(problem, used=used), cold=False, force_read=False)
+    tip = problem.unknowns.at(TipForce)
+    assert update.belief.mean[tip] == pytest.approx(without.belief.mean[tip], abs=1e-4)
+
+
+def test_frames_that_cannot_be_used_have_their_reason(problem):
+    few = np.zeros_like(problem.used)
+    few[:2] = True
+    update = take_frame(replace(problem, used=few), cold=False, force_read=False)
+    assert (update.belief, update.reason) == (None, 'too_few_targets')
+    random = np.random.default_rng(2)
+    spread = replace(
+        problem.sightings, y=problem.sightings.y + 0.02 * random.standard_normal(few.size)
+    )
+    update = take_frame(replace(problem, sightings=spread), cold=False, force_read=False)
+    assert (update.belief, update.reason) == (None, 'inconsistent')
+    assert update.nis > 100.0 * update.coordinates
