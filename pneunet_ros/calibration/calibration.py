@@ -68,7 +68,7 @@ from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Calibration:
-    """What came out: the arm, the fits behind it, the noise, and how the moment laws compare.
+    """The result: the arm, its fits, the noise, and a comparison of moment laws.
 
     posterior is what another calibration may go on from. free is the fit of experiment 1; joint
     that of all recordings (the same where there is no loaded one). explained_variance is the share

@@ -39,7 +39,7 @@ CLOCK = 2  # unknowns: late, rate
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraClock:
-    """How late (s) frames are stamped in the middle (ns) of a recording, and how much more later.
+    """Delay (s) of frame stamps in the middle (ns) of a recording, and its drift.
 
     rate, rate_std: s/s.
     """

@@ -1,4 +1,4 @@
-"""How an arm lengthens under pressure, fitted beside kappa_p0: the library's effect as numbers."""
+"""Elongation under pressure, fitted together with kappa_p0: the library's effect as numbers."""
 
 from __future__ import annotations
 

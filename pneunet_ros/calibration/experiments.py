@@ -128,7 +128,7 @@ class FitSequence:
 
     @property
     def wide(self) -> Hyperparameters:
-        """What may be believed of kappa_p0 of any arm of this length."""
+        """The prior of kappa_p0 for any arm of this length."""
         experiments, length = self.settings.experiments, self.frame.length
         return Hyperparameters(
             amplitude=experiments.amplitude / length,

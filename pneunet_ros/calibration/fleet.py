@@ -28,7 +28,7 @@ HALVINGS = 40
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetSettings:
-    """When an arm is called odd."""
+    """Criteria for an odd arm."""
 
     level: float = tuning(
         0.01, 'chance that one of a fleet of alike arms is called odd', source='convention'
@@ -103,7 +103,7 @@ class Fleet:
 
     @property
     def deviations(self) -> Array:
-        """By how many standard deviations each number is off, scatter and error bar together."""
+        """Deviation of each number in standard deviations of scatter and error bar together."""
         return np.asarray((self.values - self.center) / np.hypot(self.scatter, self.stds))
 
     @property

@@ -111,7 +111,7 @@ class PiecewiseParameters(MomentLawParameters):
 
     @property
     def weights(self) -> Array:
-        """How much each parameter of a section counts in the rows, (rows, 3)."""
+        """Weights of the parameters of a section in the rows, (rows, 3)."""
         up = (self.rows - self.low) / (self.high - self.low)
         return np.column_stack([1.0 - up, up, 4.0 * up * (1.0 - up)])
 

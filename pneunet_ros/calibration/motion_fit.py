@@ -98,7 +98,7 @@ class MotionFit:
 
     @property
     def sentence(self) -> str:
-        """What was found, in words."""
+        """The finding in words."""
         return (
             f'{self.in_motion} of {self.frames} frames show the arm in motion '
             f'({self.hertz:.2g} Hz, decays in {self.decay_time:.2g} s): '
@@ -208,7 +208,7 @@ class MotionProblem:
 
     @property
     def share(self) -> float:
-        """What counts of the arm's mass at its tip, kg."""
+        """The effective mass of the arm at its tip, kg."""
         return SHARE_AT_TIP * self.arm.weight / STANDARD_GRAVITY
 
     def motion(self, numbers: Array) -> tuple[float, float]:

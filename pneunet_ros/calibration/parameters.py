@@ -33,7 +33,7 @@ class Hyperparameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PriorState:
-    """What an earlier fit knew: the first parameters, the targets' placement, their covariance.
+    """The posterior of an earlier fit: first parameters, placement of targets, their covariance.
 
     values (k,) and placement (2 targets,) m, tangents then normals; covariance (k + 2 targets, k +
     2 targets) of both, in this order. Placement is part of it because the dots stay where they are
@@ -112,12 +112,12 @@ class Parameters:
 
     @property
     def cells(self) -> int:
-        """How many parameters are cells of the curvature's table."""
+        """Number of parameters in the table of curvature."""
         return self.pressure.size * self.arclength.size
 
     @property
     def before_law(self) -> int:
-        """How many parameters stand before those of the law."""
+        """Number of parameters before those of the law."""
         return self.cells + (0 if self.elongates is None else elongation.SIZE)
 
     @property
@@ -166,7 +166,7 @@ class Parameters:
 
     @property
     def sections(self) -> int:
-        """How many sections the moment law cuts the arm into."""
+        """Number of sections of the moment law."""
         if self.law is not None:
             return self.law.sections
         frame = self.frame

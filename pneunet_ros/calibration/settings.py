@@ -12,7 +12,7 @@ GAUGE_PASCALS = PressureConvention()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PreconditionSettings:
-    """What recordings must hold to calibrate from, and what no arm does.
+    """Preconditions of a calibration.
 
     declared: what the pressure readings were taken to mean, which is judged; None: it is right.
     """
@@ -43,7 +43,7 @@ class PreconditionSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SameArmSettings:
-    """When recordings are of one arm: unloaded and at one pressure it has one shape."""
+    """Criteria for recordings of one arm: one unloaded shape per pressure."""
 
     same_pressure: float = tuning(0.01, 'how near', unit='largest pressure')
     another_time: float = tuning(0.2, 'frames so far apart show the past', unit='recording')
@@ -56,7 +56,9 @@ class SameArmSettings:
         source='the prior of camera_delay, 0.2 s, and a frame',
     )
     two_arms: float = tuning(0.03, 'what two arms differ by at least', unit='length')
-    two_arms_unknown: float = tuning(0.06, 'where nothing shows what the past does', unit='length')
+    two_arms_unknown: float = tuning(
+        0.06, 'the same, if no recording shows the effect of history', unit='length'
+    )
     times_past: float = tuning(3.0, 'as much as the past does')
     outlier: float = tuning(5.0, 'chi squared per coordinate of an outlier recording')
     misfit: float = tuning(4.0, 'chi squared per coordinate of a model that lacks something')
@@ -77,7 +79,7 @@ class SameArmSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseEstimateSettings:
-    """How the noise of recordings is found."""
+    """Settings of the noise estimate."""
 
     fewest: int = tuning(20, 'values for an estimate, and frames of a run to take them from')
     restless: float = tuning(1.5, 'readings of a run that moves', unit='of the quietest run')
@@ -135,7 +137,7 @@ class NoiseEstimateSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResolutionSettings:
-    """What recordings can resolve, and what is believed of the rest."""
+    """Resolution of recordings, and the prior of what they do not resolve."""
 
     knots: int = tuning(11, 'of kappa_p0 along the arm, at most')
     apart: float = tuning(0.05, 'between targets that show two things', unit='length')
@@ -207,7 +209,7 @@ class MomentLawSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapEstimationSettings:
-    """When the search for the most probable parameters ends."""
+    """Stopping criteria of the search for the most probable parameters."""
 
     small_step: float = tuning(0.05, 'size of all that is fitted that ends it', unit='sigma')
     nearly: float = tuning(10.0, 'left where no step helps any more: still a model', unit='sigma')
@@ -215,15 +217,17 @@ class MapEstimationSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifiabilitySettings:
-    """What recordings have determined."""
+    """Criteria for determined parameters."""
 
-    well_known: float = tuning(0.5, 'of the sigma before the recordings: more was not determined')
+    well_known: float = tuning(
+        0.5, 'largest share of the prior sigma for a parameter to count as determined'
+    )
     confounded: float = tuning(0.95, 'correlation of two quantities that go together')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StiffnessVariationSettings:
-    """When a stiffness varies along the arm, and what is done then."""
+    """Criteria for a stiffness that varies along the arm, and the consequences."""
 
     modes: int = tuning(4, 'Legendre polynomials of ln EI along the arm')
     expected: float = tuning(0.3, 'of ln EI in each of them, one sigma', source='invented')
@@ -255,7 +259,7 @@ class SteadyStateSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipForceSettings:
-    """When the search for an end force ends, and when that force is determined."""
+    """Stopping criteria of the search for an end force, and when that force is determined."""
 
     largest_step: float = tuning(0.6, 'of a component in one step', unit='weight')
     largest_sigma: float = tuning(60.0, 'what is less certain is not determined', unit='weight')

@@ -1,4 +1,4 @@
-"""What `calibrate` and `diagnose` ask of recordings, and how both read them."""
+"""Options and reading of recordings that `calibrate` and `diagnose` share."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ def as_measured(frame: Arm, runs: Sequence[RecordingData]) -> Arm:
 
 
 def reason_unloaded(run: RecordingData, noise: SensorNoise) -> str:
-    """Return why nothing was attached in a run; empty where something was."""
+    """Return why a run counts as unloaded; empty if it is loaded."""
     if not run.loaded:
         return 'no end_wrench'
     if not run.is_idle(noise):

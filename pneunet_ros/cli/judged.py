@@ -1,4 +1,4 @@
-"""What verbs print where readings are almost surely not what they are declared to be."""
+"""Output of verbs whose readings almost surely mean something else than declared."""
 
 from __future__ import annotations
 

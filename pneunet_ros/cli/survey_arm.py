@@ -39,7 +39,7 @@ Runs = Sequence[RecordingData]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurveyRequest:
-    """What was asked of every arm: `--static`, `--topic`, the sensor settings, and the seed.
+    """Options that apply to every arm: `--static`, `--topic`, the sensor settings, and the seed.
 
     effects_path: of the effects of a user, which every worker reads; '' for none.
     """
@@ -51,7 +51,7 @@ class SurveyRequest:
     effects_path: str = ''
 
     def arguments(self, unloaded: Sequence[Path]) -> Namespace:
-        """Return it as `calibrate` and `diagnose` are asked."""
+        """Return it as the arguments of `calibrate` and `diagnose`."""
         return Namespace(
             static=self.static,
             topic=self.topic,

@@ -1,4 +1,4 @@
-"""What `import` and `track` ask of a table of readings."""
+"""Options of `import` and `track` for a table of readings."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def pairs_of(option: str, words: Iterable[str]) -> dict[str, str]:
         name, equals, text = word.partition('=')
         if not equals or not name or not text or name in pairs:
             raise RequestError(
-                f'{option} {word} is not of the form NAME=TEXT, a name only once',
+                f'{option} {word} is not of the form NAME=TEXT, or its name is given twice',
                 reason='wrong_form',
             )
         pairs[name] = text

@@ -1,4 +1,4 @@
-"""What `pneunet track --preview` draws when all frames were seen: a picture, or a page."""
+"""The preview of `pneunet track`, drawn after all frames: a picture, or a page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `pneunet track` came to: the numbers, and the table of them for people."""
+"""The results of `pneunet track`: numbers, and a table for users."""
 
 from __future__ import annotations
 

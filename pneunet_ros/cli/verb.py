@@ -1,4 +1,4 @@
-"""What verbs share: what they print, and common options."""
+"""Common output and options of verbs."""
 
 from __future__ import annotations
 

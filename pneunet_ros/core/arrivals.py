@@ -106,12 +106,12 @@ class ArrivalOrder(Generic[Item]):
 
     @property
     def first_ns(self) -> int | None:
-        """When the first that waits for its turn arrived; None where none waits."""
+        """Arrival time of the first waiting message; None if none waits."""
         return self._waiting[0].at_ns if self._waiting else None
 
     @property
     def due_ns(self) -> int | None:
-        """When the message that now waits has waited long enough; None where none waits."""
+        """Deadline of the waiting message; None if none waits."""
         return self._waiting[0].at_ns + LONGEST_WAIT_NS if self._waiting else None
 
     def _next(self, until_ns: float) -> int | None:

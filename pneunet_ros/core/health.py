@@ -1,4 +1,4 @@
-"""How a node is doing: what happened to its input, and what a report is made of."""
+"""Health of a node: what happened to its input, and the content of a report."""
 
 from __future__ import annotations
 

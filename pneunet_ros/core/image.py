@@ -21,7 +21,7 @@ LARGEST_SIDE = 16_384  # px; what claims to be larger is no image of an arm
 
 
 class Layout(NamedTuple):
-    """How the bytes of an encoding become grey levels.
+    """Conversion of the bytes of an encoding to grey levels.
 
     channels: values per pixel of a row; deep: whether a value has two bytes; grey: (height, width,
     channels) to (height, width); bgr: to (height, width, 3), None where there are no colors or
@@ -158,7 +158,7 @@ class Image:
         return ENCODINGS[self.encoding].bgr is not None
 
     def grey(self) -> Bytes:
-        """How bright all pixels are, (height, width); a view where the image is grey itself."""
+        """Brightness of all pixels, (height, width); a view if the image is grey."""
         return eight_bits(ENCODINGS[self.encoding].grey(self._pixels()))
 
     def _pixels(self) -> Levels:

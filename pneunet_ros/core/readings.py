@@ -1,4 +1,4 @@
-"""What the sensors said: immutable, SI, stamped in integer nanoseconds of the message header.
+"""Sensor readings: immutable, SI, stamped in integer nanoseconds of the message header.
 
 A reading is kept as it came. What it means (gauge or absolute, sign and yaw of a force sensor,
 sensing effects of the model) is the estimator's business.
@@ -52,7 +52,7 @@ class TipPoseReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImuReading:
-    """What an accelerometer at the base reads: the specific force (m/s^2) in its `frame_id`.
+    """Reading of an accelerometer at the base: the specific force (m/s^2) in its `frame_id`.
 
     At rest that is 9.81 m/s^2 upwards. known: False where the sensor says that it measures none.
     """
@@ -67,7 +67,7 @@ class ImuReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameReading:
-    """How a frame is turned in its parent, by the unit quaternion x, y, z, w; fixed: for ever."""
+    """Rotation of a frame in its parent: unit quaternion x, y, z, w; fixed: static."""
 
     stamp_ns: int
     frame_id: str
@@ -107,7 +107,7 @@ class TargetSightings:
 
     @property
     def seen(self) -> int:
-        """How many targets were seen."""
+        """Number of targets seen."""
         return int(np.count_nonzero(np.isfinite(self.x)))
 
 

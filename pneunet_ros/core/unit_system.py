@@ -14,7 +14,7 @@ class Unit:
 
     @property
     def per_si(self) -> float:
-        """How many of it make one SI unit."""
+        """The number of these units per SI unit."""
         return 1.0 / self.size
 
 

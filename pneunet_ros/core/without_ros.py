@@ -1,4 +1,4 @@
-"""What to say where ROS 2 is needed and is not there."""
+"""The message if ROS 2 is needed and not installed."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ NO_ERROR = 1e-18  # m^2: what no camera sees, so that there is a ratio
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Confirmation:
-    """What speaks against a name, and what of it could not be tested; sentences."""
+    """Objections to a name, and requirements that could not be tested; sentences."""
 
     objections: tuple[str, ...] = ()
     untested: tuple[str, ...] = ()
@@ -109,7 +109,7 @@ class Confirmer:
         return len(self.base.run_chi_squared) > len(self.training)
 
     def held_out_fall(self, record: Record) -> float:
-        """Return by how much chi squared of held-out recordings falls with a set."""
+        """Return the reduction of chi squared of held-out recordings by a set."""
         before, after = (
             sum(item.run_chi_squared[len(self.training) :]) for item in (self.base, record)
         )

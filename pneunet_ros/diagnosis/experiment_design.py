@@ -26,7 +26,7 @@ class Experiment:
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Its duration."""
         return float(self.corners[-1][0])
 
     @property
@@ -210,7 +210,7 @@ def effect_information(
 
 
 def prior_end_factor(candidate: Candidate, prior_range: float) -> float:
-    """Return by how much chi squared is larger at the end of the prior range than as tried."""
+    """Return the increase of chi squared from the value tried to the end of the prior range."""
     coordinate = candidate.hypothesis.coordinates[candidate.which]
     tried = max(abs(float(candidate.tried[candidate.which])), 1e-300)
     return float((prior_range * coordinate.std / tried) ** 2)

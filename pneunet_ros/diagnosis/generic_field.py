@@ -27,7 +27,7 @@ SINGLE_REGRESSORS = ('p', 'F1', 'F2')
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Regressors:
-    """What acts on the arm in every frame of all runs, scaled to about one: names and numbers.
+    """Inputs of the arm in every frame of all runs, scaled to about one: names and numbers.
 
     arclength (targets,) and knots (k,) s / l; values: per run (frames, n); progress: per run
     (frames,) from 0 at its start to 1 at its end. Static frames have no time and no past.
@@ -120,7 +120,7 @@ def high_pass(run: RecordingData, time_constant: float) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fields:
-    """How points of a run answer to unit fields, (frames, 2 targets, n) m.
+    """Response of the points of a run to unit fields, (frames, 2 targets, n) m.
 
     generic: shapes over the arm times regressors, shared by all runs, with names. shapes:
     curvature modes and a shift of the picture; weights (frames, windows): of windows of time;
@@ -186,7 +186,7 @@ def fields_of(regressors: Regressors, which: int, knots: Array, theta: Array) ->
 
 
 def stretch_fields(arclength: Array, theta: Array, count: int) -> Array:
-    """How points answer to stretch modes, (frames, 2 targets, count) in units of the length.
+    """Response of points to stretch modes, (frames, 2 targets, count) in units of the length.
 
     arclength (targets,) s / l; theta (frames, targets) rad: the way along the tangent, integrated
     by trapezoids from target to target.

@@ -78,7 +78,7 @@ class Hypothesis:
 
     @property
     def size(self) -> int:
-        """How many free numbers it has."""
+        """Number of free parameters."""
         return len(self.coordinates)
 
     @property
@@ -130,7 +130,7 @@ class Hypothesis:
 
     @property
     def sizes(self) -> list[int]:
-        """Which numbers are sizes: zero where nothing happens."""
+        """Which numbers are magnitudes, zero at the neutral value."""
         return [i for i, item in enumerate(self.coordinates) if not item.shape]
 
     def starts(self) -> list[tuple[int, Array]]:

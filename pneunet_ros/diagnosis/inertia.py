@@ -29,7 +29,7 @@ NAME = Inertia.name
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Swings:
-    """How far targets are beside an arm in recordings, per run (frames, 2, targets) m.
+    """Distance of targets from an arm in recordings, per run (frames, 2, targets) m.
 
     still: beside its equilibrium; left: beside the moving arm; swung: how far this is beside its
     equilibrium; rest (frames,): the frames in which it is there.

@@ -36,7 +36,7 @@ class LackOfFit:
 
     @property
     def p_value(self) -> float:
-        """How often clean data reach this much."""
+        """Probability that data without model error reach this value."""
         return float(scipy.stats.gamma.sf(self.statistic, **self.gamma_law)) if self.dof else 1.0
 
     def threshold(self, level: float) -> float:
@@ -50,7 +50,7 @@ class LackOfFit:
 
     @property
     def excess(self) -> float:
-        """By how much the statistic is above the mean of clean data."""
+        """Excess of the statistic over its mean without model error."""
         return max(self.statistic - self.mean, 0.0)
 
 

@@ -68,7 +68,7 @@ class LinearizedRun:
 
     @property
     def inputs(self) -> Inputs:
-        """What acted on the arm, as read."""
+        """The inputs of the arm, as read."""
         return self.fitted.inputs
 
     def white(self, columns: Array) -> Array:
@@ -112,7 +112,7 @@ class LinearizationPoint:
 
 
 class KnownInputs:
-    """What acted on arms in runs: once for every set of effects of sensing and actuation.
+    """Inputs of arms in runs, cached per set of sensing and actuation effects.
 
     The last `alternatives` of the runs did not follow each other: each came after all others.
     """

@@ -1,4 +1,4 @@
-"""What the noise of pressure readings does to a fit by way of the memory of its effects.
+"""Influence of pressure noise on a fit through effects with a history.
 
 The noise of a frame's own reading is in the covariance of that frame. That of earlier ones reaches
 it through the memory: where a play turned, what a line held. It is common to many frames, and is

@@ -46,7 +46,7 @@ class Refit:
 
     @property
     def gain(self) -> float:
-        """By how much a step more would lower the cost, in its own linearization."""
+        """Reduction of the cost by one more step, in the linearization."""
         gaussian = self.gaussian
         bounds = self.linearization.bounds(self.base, gaussian.position.size)
         return bounds.hold(gaussian.step, gaussian.gain, gaussian.solved)[1]
@@ -334,7 +334,7 @@ def linearize_all_runs(
 def effect_direction(
     linearization: Linearization, fit: Refit, residuals: Sequence[Array], effect: Effect
 ) -> tuple[Array, ...] | None:
-    """Return by how much whitened residuals (rows,) per run fall with one effect more.
+    """Return the reduction of whitened residuals (rows,) per run by one more effect.
 
     residuals: those without it, of the first runs of the linearization. None where the arm has no
     shape with it.

@@ -42,7 +42,7 @@ class NamedEffect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """Which share of the misfit lies in a stretch of an axis, and of all that was seen.
+    """Share of the misfit, and of the data, in an interval of an axis.
 
     start, stop in SI (s / l for arclength, Pa, N, s since the start of a recording, -1 or +1 for
     falling or rising pressure); p_value: how often noise alone puts as much there.
@@ -125,7 +125,7 @@ class Shift:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """What speaks for an effect, or for several together.
+    """Evidence for one effect or several.
 
     chi_squared: by how much the fit to the training recordings gets better, prior and volume of
     the errors counted; evidence: the gain in

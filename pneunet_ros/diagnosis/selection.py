@@ -37,7 +37,7 @@ class Added:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Record:
-    """What came of effects that were fitted jointly.
+    """Result of effects that were fitted jointly.
 
     dof: their numbers; evidence over the base, in log probability; gain in chi squared, with
     prior and volume of the errors; tests: what they leave; plausible: no size is far beyond
@@ -482,7 +482,7 @@ def predicted_probability(gaussian: GaussianModel, training: int) -> float:
 
 
 def evidence_margin(evidence: float, settings: SelectionSettings = DEFAULTS.selection) -> float:
-    """Return by how much evidence must differ to count; no law of an effect is exact."""
+    """Return the difference of evidence that counts, as no law of an effect is exact."""
     return max(settings.least_evidence, settings.law_evidence * evidence)
 
 

@@ -74,7 +74,7 @@ class ScoreTestSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawErrorSettings:
-    """What the law of an effect may miss, beside which another effect is scored and compared."""
+    """Law error of an effect, in addition to which other effects are scored and compared."""
 
     size: float = tuning(0.3, 'error of a size in every frame, each for itself', unit='of it')
     shapes: int = tuning(3, 'Legendre polynomials along the arm, each with such an error')
@@ -109,7 +109,7 @@ class RefitSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingNoiseSettings:
-    """What the noise of readings does by way of the memory of effects."""
+    """Influence of reading noise through effects with a history."""
 
     draws: int = tuning(12, 'times that noise is added once more')
 

@@ -1,4 +1,4 @@
-"""How strong a kind of cause would have been, frame by frame, and what of it a law can explain.
+"""The amplitude of a kind of cause, frame by frame, and the part that a law explains.
 
 With X all unknowns of the base fit and V = 1 + X X^T, a kind at a place has a field per frame:
 what whitened points do per unit of its amplitude, taken through the equilibrium. The score
@@ -56,12 +56,12 @@ class Evidence:
 
     @property
     def explained(self) -> float:
-        """By how much chi squared falls with the best coefficients."""
+        """Reduction of chi squared by the best coefficients."""
         return float(self.score @ np.linalg.lstsq(self.information, self.score, rcond=1e-10)[0])
 
 
 class Projection:
-    """What remains of columns once the base is refitted, in any of the runs of a fit."""
+    """Columns after projection on the refitted base, in any run of a fit."""
 
     def __init__(self, gaussian: GaussianModel) -> None:
         self.gaussian = gaussian

@@ -1,4 +1,4 @@
-"""What an amplitude may go with, frame by frame: covariates in SI, and scaled to about one.
+"""Covariates of an amplitude, frame by frame, in SI and scaled to about one.
 
 Some are known wherever a model runs (pressure and its past, the end load): an effect can follow
 them. The time since the start of a recording is known here alone: a law on it describes the
@@ -89,7 +89,7 @@ class Covariate:
 
     @property
     def meaning(self) -> Meaning:
-        """What it is."""
+        """Its description."""
         return MEANINGS[self.name]
 
     def scaled(self, which: int) -> Array:

@@ -384,14 +384,14 @@ def linear_share(suspect: Suspect, base: Trial, search: Search) -> float:
 
 
 def excess_of(base: Trial) -> float:
-    """Return by how much chi squared is above its mean, or a test above clean data."""
+    """Return the excess of chi squared over its mean, or of a test over clean data."""
     runs = base.refit.linearization.training
     squares = sum(base.record.run_chi_squared[:runs]) - sum(base.record.coordinates[:runs])
     return max(float(squares), base.record.excess)
 
 
 def suspect_explained(suspect: Suspect, search: Search) -> float:
-    """Return by how much chi squared falls with the law of a suspect."""
+    """Return the reduction of chi squared by the law of a suspect."""
     if suspect.law is not None:
         return suspect.law.explained
     assert suspect.swing is not None

@@ -55,7 +55,7 @@ class Kind:
 
     @property
     def follows(self) -> frozenset[Group]:
-        """What an effect of this kind can follow when it runs."""
+        """Covariates that an effect of this kind knows at run time."""
         groups: dict[Method, frozenset[Group]] = {
             'terms': frozenset({'constant', 'pressure', 'past', 'load'}),
             'actuate': frozenset({'past'}),

@@ -54,7 +54,7 @@ class Discovered:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CauseMap:
-    """How much of the lack of fit each kind explains with its best law, over the place.
+    """Share of the lack of fit that each kind explains with its best law, by place.
 
     share (kinds, places): NaN where a kind is not tried; of kinds without a place in all places.
     """

@@ -16,7 +16,7 @@ REFINEMENTS = 3  # halvings of the distance between places
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CovariateSettings:
-    """What an amplitude may go with."""
+    """Settings of the covariates of an amplitude."""
 
     play: float = tuning(0.02, 'full width of the usual play', unit='pressure range')
 

@@ -46,7 +46,7 @@ class Swing:
 
     @property
     def form(self) -> str:
-        """What it is, in words."""
+        """Its description in words."""
         if not self.periodic:
             return 'changes by itself, without a period'
         grows = '' if self.modulation == CONSTANT else ', times the pressure'

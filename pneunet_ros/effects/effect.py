@@ -123,7 +123,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureScale:
-    """What an effect with a history may know of its arm, in Pa.
+    """Facts about the arm for an effect with a history, in Pa.
 
     rows: pressures of the table of kappa_p0, increasing; top: upper end of the calibrated range;
     std: standard deviation of a pressure reading.
@@ -136,7 +136,7 @@ class PressureScale:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Terms:
-    """What an effect adds to the record of the rod; contributions of effects are summed.
+    """Contribution of an effect to the record of the rod; contributions are summed.
 
     Only rigidity factors multiply. Each term is a number or an array (pressures,). Units:
     moment_offset N m, cubic m^2, axial_compliance 1/N, rest_strain -, line loads N/m, curvature
@@ -243,7 +243,7 @@ class Effect(abc.ABC):
 
     @property
     def frame_delay(self) -> float:
-        """By how much (s) the stamp of a frame is later than what it shows."""
+        """Delay (s) of the stamp of a frame."""
         return 0.0
 
     def initial(self, pressure: float, scale: PressureScale) -> History:
@@ -286,5 +286,5 @@ class Effect(abc.ABC):
 
     @classmethod
     def implements(cls, method: str) -> bool:
-        """Return whether this effect does something by a method of the contract."""
+        """Return whether this effect implements a method of the contract."""
         return getattr(cls, method) is not getattr(Effect, method)

@@ -11,11 +11,11 @@ from pneunet_ros.effects.effect import Effect, Place
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inertia(Effect):
-    """What moves an arm beside its own mass: as the block `motion` of a model file."""
+    """Tip mass and damping, as in the block `motion` of a model file."""
 
     name: ClassVar[str] = 'inertia'
     place: ClassVar[Place] = 'motion'
-    meaning: ClassVar[str] = 'the arm swings: mass at its tip beside its own, damping'
+    meaning: ClassVar[str] = 'the arm swings: its own mass, a mass at its tip, damping'
     tip_mass: float = quantity(
         0.0,
         unit='kg',

@@ -57,7 +57,7 @@ class LensDistortion(Effect):
         return x + (moved_x - base_x), y + (moved_y - base_y)
 
     def moves(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """Return by how much (m) points move, or one."""
+        """Return the displacement (m) of points, or of one."""
         away_x, away_y = x - self.middle_x, y - self.middle_y
         grown = self.radial * (away_x**2 + away_y**2)
         return grown * away_x, grown * away_y

@@ -55,7 +55,7 @@ class BaseGravity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GravitySource:
-    """Who says where gravity points; settings: what readings mean; gravity: that of the arm.
+    """Source of the direction of gravity; settings: meaning of readings; gravity: of the arm.
 
     frame: a tf frame whose z points up; empty: none. Without a frame it is `base_imu`, which must
     come where the arm has no direction of its own, and which nobody asks where that is fixed.

@@ -34,7 +34,7 @@ Plays = tuple[tuple[float, ...], int]  # widths, and powers of the pressure that
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockDelaySettings:
-    """What the delay is fitted with, and when it is not known."""
+    """Settings of the delay fit, and criteria for an unknown delay."""
 
     components: int = tuning(
         2,
@@ -175,7 +175,7 @@ def estimate_delay(
     inputs: Array,
     settings: ClockDelaySettings = CLOCK_DELAY,
 ) -> ClockDelay:
-    """Return by how much the film's clock is ahead of that of the readings.
+    """Return the delay by which the clock of the film is ahead of that of the readings.
 
     The delay is where the residual of the motion over a smooth function of what drove it is
     smallest; its standard error is by leaving out blocks of the film (jackknife), which sees that

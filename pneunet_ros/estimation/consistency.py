@@ -113,7 +113,7 @@ class Disagreement:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameInnovation:
-    """How far the targets of one frame were from their estimate.
+    """Distance of the targets of one frame from their estimate.
 
     rms: of the whitened difference, 1 where it is all noise; limit: what noise rarely exceeds;
     at_tip: chi square of the tip alone, two coordinates, NaN where it is not seen; force_read:

@@ -50,7 +50,7 @@ class ShapeEstimate:
 
     @property
     def second_order(self) -> SecondOrder | None:
-        """What errors move to second order by noise alone; measured targets are held against that.
+        """Second-order effect of noise, with which measured targets are compared.
 
         It is solved when it is asked for: an estimate does not wait for it.
         """

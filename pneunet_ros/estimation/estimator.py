@@ -195,7 +195,7 @@ class Estimator:
         position: DomainPosition,
         beside: OutOfPlane,
     ) -> Refusal | None:
-        """Return why the model says nothing under a load; None where it does."""
+        """Return why there is no estimate under a load; None if there is one."""
         if beside.stops:
             return refuse(reading.stamp_ns, 'out_of_plane', beside.sentence)
         if not position.reason:

@@ -1,4 +1,4 @@
-"""How the estimator is doing: what it took, gave and refused, summed up once a second."""
+"""Health of the estimator: inputs, estimates and refusals, summed up once a second."""
 
 from __future__ import annotations
 

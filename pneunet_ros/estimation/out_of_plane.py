@@ -14,7 +14,7 @@ TINY = 1e-300  # no limit at all, of sensors without noise
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutOfPlaneSettings:
-    """When what is out of the plane is more than noise, and when it forbids an estimate."""
+    """Limits of out-of-plane loads: more than noise, and too much for an estimate."""
 
     noise: float = tuning(4.0, 'what the noise of the sensor explains', unit='sigma')
     stop: float = tuning(3.0, 'error, as a multiple of the limit of a warning', source='contract')

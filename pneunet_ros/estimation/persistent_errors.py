@@ -42,7 +42,7 @@ LARGEST_95 = -2.0 * math.log(0.05)  # chi squared of two coordinates, 95 %
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PersistenceSettings:
-    """When errors that persist are more than a model admits."""
+    """Criteria for persistent errors beyond the uncertainty of the model."""
 
     frames: int = tuning(
         200,
@@ -135,7 +135,7 @@ class KeptFrames:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PersistentErrors:
-    """What the frames of a recording say together of the errors that a model admits.
+    """Joint evidence of the frames of a recording for errors within the model's uncertainty.
 
     frames: that were used; repeated: how many of them tell as much as one that were independent,
     1 where the noise is new in each. Of the columns of the model's covariance: how far they had to

@@ -14,7 +14,7 @@ from pneunet_ros.model.arm import Arm
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TareSettings:
-    """When the mean of readings is the zero of the sensor."""
+    """Criteria for the zero of a sensor."""
 
     fewest_readings: int = tuning(5, 'readings of the vented arm')
     noise_band: float = tuning(10.0, 'largest less smallest reading, if noise', unit='sigma')

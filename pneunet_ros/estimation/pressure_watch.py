@@ -22,7 +22,7 @@ OTHER_PRESSURE = 'other_pressure'
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WatchSettings:
-    """When running readings are judged."""
+    """Settings for judging live readings."""
 
     first: float = tuning(
         10.0, 'of readings before the first verdict', unit='s', source='convention: a few breaths'
@@ -81,7 +81,7 @@ class PressureWatch:
         )
 
     def refusal(self, stamp_ns: int) -> Refusal | None:
-        """Return why the readings cannot be used; None where they can."""
+        """Return why the readings cannot be used; None if they can."""
         if self.verdict is None or not self.verdict.doubted:
             return None
         return Refusal(

@@ -1,4 +1,4 @@
-"""What an end wrench means by the settings: the end load in the base frame."""
+"""Conversion of an end wrench to the end load in the base frame, by the settings."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def base_wrench(settings: EstimatorSettings, reading: WrenchReading) -> WrenchRe
 
 
 def wrong_frame(settings: EstimatorSettings, reading: WrenchReading) -> str:
-    """Return why a wrench in its frame cannot be used, as a sentence; empty where it can."""
+    """Return why a wrench cannot be used because of its frame; empty if it can."""
     known = [frame for frame in (settings.frame_id, settings.wrench_frame) if frame]
     if reading.frame_id in known:
         return ''

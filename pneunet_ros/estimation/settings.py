@@ -21,7 +21,7 @@ from pneunet_ros.model.equilibrium import DEFAULT_STATIONS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatorSettings:
-    """What the estimator must know of sensors and stack around it; never physics of the arm."""
+    """Settings of the estimator for sensors and ROS; never physics of the arm."""
 
     frame_id: str = setting(BASE_FRAME, 'frame of all outputs, at the clamp')
     stations: int = setting(DEFAULT_STATIONS, 'number of stations along the arm', bounds=(2, 2000))
@@ -112,7 +112,7 @@ class EstimatorSettings:
 
     @property
     def wrench(self) -> WrenchConvention:
-        """What the numbers of the force sensor mean."""
+        """Meaning of the numbers of the force sensor."""
         return WrenchConvention(
             unit=self.wrench_unit,
             sign=self.wrench_sign,

@@ -1,4 +1,4 @@
-"""How far shapes of an arm are from other shapes of it: at the tip, and along the arm.
+"""Distances between shapes of an arm: at the tip, and along the arm.
 
 Points of one material arclength belong together, and frames whose stamps are nearest: of the two
 series the frames of the slower one are taken, each with the nearest of the faster one within half
@@ -93,7 +93,7 @@ class Pressures:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ShapeSeries:
-    """What one source says of the shape: centerlines, the free end, or both.
+    """Shapes of one source: centerlines, the free end, or both.
 
     frame: the frame that its coordinates are in, '' where nothing says so. exact: a truth, with
     no error of its own. pressures: in it, None where nothing tells. whole: its centerlines reach
@@ -123,7 +123,7 @@ class ErrorStatistics:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TipErrors:
-    """How far the tip is from the other, over matched frames.
+    """Tip errors over matched frames.
 
     difference (frames, 2) m; heading (frames,) rad, NaN where one side does not know it; moved
     (frames,) m: how far it moves, at its speed, in the time that the stamps are apart. at (m):
@@ -150,7 +150,7 @@ class TipErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CenterlineErrors:
-    """How far centerlines are from the others, over matched frames, at arclength (places,) m.
+    """Shape errors over matched frames, at arclength (places,) m.
 
     of, to (frames, 2, places) m. topics: of the two sides.
     """

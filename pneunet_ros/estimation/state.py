@@ -1,4 +1,4 @@
-"""What an estimator remembers from one reading to the next, and which readings it admits."""
+"""State of an estimator between readings, and the readings that it admits."""
 
 from __future__ import annotations
 

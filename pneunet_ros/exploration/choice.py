@@ -1,4 +1,4 @@
-"""Which experiment next: the one with the largest expected divergence between rivals per second.
+"""Choice of the next experiment: the largest expected divergence between rivals per second.
 
 Box and Hill (1967), with the covariance of all recordings so far.
 """

@@ -1,4 +1,4 @@
-"""What may still be missing, and how probable it is.
+"""Effects that may still be missing, and their probabilities.
 
 Rivals are the effects of the library, each on top of what is named so far, and that nothing more
 is missing.

@@ -1,4 +1,4 @@
-"""What may be done to an arm while it is explored."""
+"""Limits for an arm while it is explored."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pneunet_ros.model.arm import Arm
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafeSet:
-    """What may be done to the arm: gauge pressure (Pa) from low to high, force (N) at most."""
+    """Limits for the arm: gauge pressure (Pa) from low to high, largest force (N)."""
 
     low: float
     high: float

@@ -9,7 +9,7 @@ from pneunet_ros.core.settings import tuning
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExplorationSettings:
-    """When a search for the next recording ends, and how it chooses."""
+    """Settings of the search for the next recording."""
 
     recordings: int = tuning(8, 'recordings at most: the fixed protocol of the lab has as many')
     stays: int = tuning(2, 'rounds in a row with the same name, so that a new one tests it')

@@ -154,7 +154,7 @@ def outputs_written() -> list[str]:
 
 
 def _put_in_place(outputs: list[_Output]) -> None:
-    """Put outputs in place when none of them has anything against it."""
+    """Move outputs into place once all of them are ready."""
     for output in outputs:
         output.check()
     for output in outputs:

@@ -1,4 +1,4 @@
-"""What JSON can carry: arrays as lists, paths as text, and null for what is no number."""
+"""Conversion to JSON: arrays as lists, paths as text, and null for non-finite numbers."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class ArchiveError(PneunetError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Declared:
-    """What an array of an archive must be.
+    """Requirements for an array of an archive.
 
     axes: a name for the size of each axis, the same size wherever the name stands. Numbers are
     finite and below 1e30 in magnitude. increasing: strictly. definite: a covariance or information

@@ -192,7 +192,7 @@ def depth_of(text: str) -> int:
 
 
 def size_of(content: Any, known: dict[int, float]) -> float:
-    """How many values this is with all aliases written out; infinite where it holds itself."""
+    """Return the number of values with all aliases expanded; infinite if it contains itself."""
     if not isinstance(content, (dict, list)):
         return 1.0
     if id(content) not in known:

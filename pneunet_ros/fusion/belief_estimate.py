@@ -241,7 +241,7 @@ def said_of_bench(bench: Bench, state: FusionState) -> list[str]:
 def contact_at(
     bench: Bench, state: FusionState, arm: BelievedArm, wrench: NearWrench | None
 ) -> Contact | None:
-    """Return the contact that is seen, None without one.
+    """Return the likely contact, None without one.
 
     It is ambiguous where another hypothesis is as good, and where nobody reads the tip force,
     which looks much the same.

@@ -1,4 +1,4 @@
-"""How far to inflate the arms of a gripper: to a width, and no harder than a force."""
+"""Pressures that close a gripper to a width, limited by a force."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class GripCommand:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reach:
-    """How far inward (n,) m the surface of an unloaded arm is at pressures (n,) Pa.
+    """Inward position (n,) m of the surface of an unloaded arm at pressures (n,) Pa.
 
     It is counted from the origin of the gripper, along the direction to the object.
     """

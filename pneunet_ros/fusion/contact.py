@@ -118,7 +118,7 @@ class PushScores:
         return np.asarray(self.gain - np.log(volume * std**2 / anywhere))
 
     def step(self, fit: FrameLinearization, panel: int) -> Array:
-        """Return by how much the other unknowns (n,) in xi would follow a push on a panel."""
+        """Return the response of the other unknowns (n,) in xi to a push on a panel."""
         left = fit.weighed - self.weighed[:, panel] * self.force[panel]
         return np.asarray(left @ fit.jacobian - fit.trial.xi)
 

@@ -37,7 +37,7 @@ class ColdRound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ColdSearch:
-    """How the search for another force that explains the frames goes, one round after the other.
+    """State of the search for another force that explains the frames, round by round.
 
     ambiguous: one does as well; found_better: one explained the last frame better, and the search
     in the next one begins everywhere; clear: frames in a row in which none was found.
@@ -64,7 +64,7 @@ class ColdSearch:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameUpdate:
-    """What became of a frame.
+    """Result of a frame.
 
     belief: after it, None where it was not used, for which `reason` is the key. nis: the least
     cost, coordinates: how many it is of, both NaN and 0 where there was no fit; left_out: targets
@@ -294,7 +294,7 @@ def laplace_cost(fit: Fit) -> float:
 
 
 def look_elsewhere(fit: Fit, round_: ColdRound) -> tuple[float, ColdRound]:
-    """Return by how much the best solution found elsewhere is better than a fit, and the round.
+    """Return the advantage of the best other solution over a fit, and the round.
 
     -inf where none is found. Of a round of cold starts it takes as much as is due in one frame.
     """
@@ -331,7 +331,7 @@ def best_rival(best: Fit, fits: list[Fit]) -> Fit | None:
 
 
 def gain_over(fit: Fit, rival: Fit) -> float:
-    """Return by how much (chi squared) a rival explains a frame better than a fit."""
+    """Return the advantage (chi squared) of a rival over a fit for a frame."""
     return laplace_cost(fit) - laplace_cost(rival)
 
 

@@ -1,4 +1,4 @@
-"""What several arms hold between them: one estimate from the fused estimates of all.
+"""Grasp of several arms: one estimate from the fused estimates of all.
 
 Each arm stands in the frame of the gripper, with the side it bends to (y of its base) towards the
 object. Seen along the mean direction of the arms, its bending plane is a line, and the surface
@@ -191,7 +191,7 @@ def normal_at(fused: FusedEstimate, arclength: float) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Grasp:
-    """What a gripper holds, in its frame; SI.
+    """A grasp, in the frame of the gripper; SI.
 
     touching: how many arms touch something; where two do, width is that of the object, else that
     of the opening between the tips (m), negative where they overlap. center (3,) m. force: the sum

@@ -80,11 +80,11 @@ class ReadFrame:
     pulls: tuple[WrenchReading, ...] = ()
 
     def without_wrench(self) -> ReadFrame:
-        """Return it as if nobody had read the force."""
+        """Return it without the force reading."""
         return replace(self, wrench=None, pulls=())
 
     def with_pressure_std(self, std: float) -> ReadFrame:
-        """Return it as if the pressure had been read with this noise (Pa)."""
+        """Return it with this pressure noise (Pa)."""
         return replace(self, instant=replace(self.instant, std=std))
 
     def mirrored(self) -> ReadFrame:
@@ -92,7 +92,7 @@ class ReadFrame:
         return replace(self, sightings=replace(self.sightings, y=-self.sightings.y))
 
     def without_pressure(self, instant: PressureInstant) -> ReadFrame:
-        """Return it as if nobody had read the pressure; instant: what stands for it."""
+        """Return it without the pressure reading; instant: its substitute."""
         return replace(self, instant=instant, alone=True)
 
 

@@ -9,7 +9,7 @@ from pneunet_ros.core.settings import tuning
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionSettings:
-    """How what is unknown moves in time, which frames are believed, and what is published."""
+    """Settings of the random walks, of gating, and of what is published."""
 
     force_gate: float = tuning(
         6.0, 'of a wrench, beyond which the last frame tells no force', unit='chi squared'
@@ -110,7 +110,7 @@ class FusionSettings:
         8.0,
         'log odds against a hypothesis beside the best, beyond which it is dropped',
         unit='nats',
-        source='convention: one in 3000; tried: with 5 a pressure that hangs is taken for a '
+        source='convention: one in 3000; tried: with 5 a frozen pressure is taken for a '
         'contact, with 20 the tests of the fusion take several times as long',
     )
     most_hypotheses: int = tuning(4, 'hypotheses that are followed side by side')

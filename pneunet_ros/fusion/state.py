@@ -1,4 +1,4 @@
-"""What a fusion remembers from one reading to the next."""
+"""State of a fusion between readings."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ class FusionState:
 
     @property
     def belief(self) -> Belief | None:
-        """What is believed by the most likely hypothesis; None before the first frame."""
+        """The belief of the most likely hypothesis; None before the first frame."""
         return self.bank[0].belief if self.bank else None
 
     @property
@@ -198,12 +198,12 @@ class FusionState:
         return replace(self, bank=bank, lasting=lasting, pressures=pressures)
 
     def compressed(self) -> FusionState:
-        """Return it with square roots of what is believed, which grow with every frame."""
+        """Return it with compacted square roots of the beliefs, which grow with every frame."""
         bank = tuple(replace(one, belief=compressed(one.belief)) for one in self.bank)
         return replace(self, bank=bank)
 
     def answered(self) -> FusionState:
-        """Return it after an estimate is out: what waited for that can be done."""
+        """Return it after publication: pending work can be done."""
         if self.pending is None:
             return self
         return replace(self, pending=replace(self.pending, answered=True))

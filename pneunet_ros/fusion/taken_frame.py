@@ -42,7 +42,7 @@ class TakenFrame:
 
     @property
     def after(self) -> Belief:
-        """What is believed after it: as before where it was not used."""
+        """The belief after it; unchanged if it was not used."""
         return self.before if self.update.belief is None else self.update.belief
 
     @property
@@ -65,7 +65,7 @@ class TakenFrame:
 
     @property
     def cost_per_coordinate(self) -> float:
-        """What is left of its targets, in chi squared per coordinate; infinite without a fit."""
+        """Residual chi squared per coordinate of its targets; infinite without a fit."""
         fit = self.update.fit
         return math.inf if fit is None else fit[1].cost / fit[1].trial.residual.size
 

@@ -1,4 +1,4 @@
-"""What the past does to the lab arm, by small steps in time."""
+"""Effects with a history in the lab arm, by small time steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an effect of the virtual lab may do to an arm, written anew beside the model's effects.
+"""The contract of effects in the virtual lab, independent of the model's effects.
 
 Names and main parameters are the model's, so that truth can be compared. `richness` says how far
 an effect goes beyond the plain law of that name: 0 is the plain law.
@@ -25,7 +25,7 @@ RICHNESS = quantity(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Course:
-    """What happens in the chamber, at fine times (n,) s.
+    """Course of the chamber at fine times (n,) s.
 
     pressure (n,) Pa at the sensor and chamber (n,) Pa behind the line, both true; weights (n,
     rows) of the arm's rows of intrinsic curvature; rigidity_factor (n,).

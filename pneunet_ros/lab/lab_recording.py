@@ -1,4 +1,4 @@
-"""What the virtual lab hands over: a recording as sensors made it, and the truth beside it."""
+"""Output of the virtual lab: a recording as sensors made it, and the truth."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Stamps = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LabMemory:
-    """What an arm remembers: when (s, lab time), at what pressure (Pa), and by which effects."""
+    """Memory of an arm: lab time (s), pressure (Pa), and states of effects."""
 
     time: float
     pressure: float

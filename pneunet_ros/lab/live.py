@@ -93,7 +93,7 @@ class Valve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """What the surroundings apply to the free end, in the base frame: force (N), moment (N m)."""
+    """End load from the surroundings, in the base frame: force (N), moment (N m)."""
 
     force_x: float = 0.0
     force_y: float = 0.0
@@ -131,7 +131,7 @@ class LiveState:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LiveReading:
-    """What pressure sensor (Pa) and force sensor (N, N m) say; a load of nothing is read as 0.
+    """Readings of pressure sensor (Pa) and force sensor (N, N m); no load reads as 0.
 
     imu (3,) m/s^2: of an accelerometer at the clamp, in the base frame; None: there is none.
     """
@@ -287,7 +287,7 @@ class LiveLab:
 
     @property
     def frame_delay(self) -> float:
-        """By how much (s) frames are stamped late."""
+        """Delay (s) of frame stamps."""
         middle = np.full(1, MIDDLE)
         return float(sum(effect.late(middle)[0] for effect in self.scenario.effects))
 

@@ -1,4 +1,4 @@
-"""What a scenario says of an arm that moves: mass, damping, gravity, a turning base, a peg.
+"""Motion block of a scenario: mass, damping, gravity, a turning base, a peg.
 
 A scenario with a block `motion` is simulated by MuJoCo; one without is a row of equilibria.
 """

@@ -34,7 +34,7 @@ Swing = tuple[Array, Array]  # positions and rates of the joints of MuJoCo
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionTruth:
-    """What an arm with mass does at every frame, in the base frame, SI.
+    """Motion of an arm with mass at every frame, in the base frame, SI.
 
     tip_velocity (frames, 3): m/s, m/s, rad/s. contact_force (frames, 2) N on the arm and
     contact_place (frames,) m along it, NaN where it does not touch the peg. base_angle (frames,)

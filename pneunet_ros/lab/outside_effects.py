@@ -1,4 +1,4 @@
-"""What may happen to an arm of the virtual lab for which the model has no effect, and its table.
+"""Effects of the virtual lab that the model does not have, and their table.
 
 A diagnosis must not put a name of its own to these. They know no richness.
 """

@@ -1,4 +1,4 @@
-"""How the arm is tried out: the protocols of a lab, each lasting exactly its duration.
+"""Protocols of the lab, each lasting exactly its duration.
 
 Steps are ramps that take their time. Nothing hangs on the arm where the force is exactly zero.
 """

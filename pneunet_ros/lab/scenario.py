@@ -24,7 +24,7 @@ Changes = Mapping[str, Mapping[str, float]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detail:
-    """How finely the truth is computed and kept; both are whole numbers."""
+    """Resolution of the truth: elements and stations, whole numbers."""
 
     elements: float = quantity(448.0, unit='-', meaning='of the chain', bounds=(8.0, 1e5))
     stations: float = quantity(113.0, unit='-', meaning='of the truth kept', bounds=(2.0, 1e5))

@@ -68,7 +68,7 @@ def noiseless() -> LabNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rates:
-    """How often every sensor speaks (Hz)."""
+    """Rates of the sensors (Hz)."""
 
     pressure: float = quantity(50.0, unit='Hz', bounds=(0.1, 1e4))
     wrench: float = quantity(50.0, unit='Hz', bounds=(0.1, 1e4))

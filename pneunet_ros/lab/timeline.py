@@ -1,4 +1,4 @@
-"""What is done to the lab arm over time: pressure and end load, joined by straight lines."""
+"""Inputs of the lab arm over time: pressure and end load, joined by straight lines."""
 
 from __future__ import annotations
 

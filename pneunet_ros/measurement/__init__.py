@@ -1,1 +1,1 @@
-"""What a reading means, what noise moves, what covariance follows: y = h(x) + e."""
+"""Measurement model y = h(x) + e: meaning of readings, noise, covariance."""

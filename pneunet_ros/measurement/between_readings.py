@@ -1,4 +1,4 @@
-"""What a sensor would have read between two of its readings, and how well that is known.
+"""Interpolation of a sensor between two readings, with its uncertainty.
 
 On the straight line between two readings a part of their white noise averages out. But nobody read
 what happened in between: a ramp that goes on through the readings beside is on the line, a value
@@ -22,7 +22,7 @@ SIGMA_OF_SECOND = math.sqrt(6.0)  # of a second difference, over that of a readi
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BetweenReadingsSettings:
-    """When a value did something between its readings that these do not tell."""
+    """Criteria for changes between readings that interpolation misses."""
 
     noise: float = tuning(2.0, 'of a second difference, that is no noise', unit='sigma')
 

@@ -20,7 +20,7 @@ from pneunet_ros.model.uncertainty import SensorNoise
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdleSensorSettings:
-    """When a force sensor that was recorded had nothing to measure."""
+    """Criteria for a recorded force sensor without a load."""
 
     reach: float = tuning(4.0, 'of an idle sensor', unit='sigma', source='convention')
     chance: float = tuning(0.01, 'that noise alone reaches further in a long recording')
@@ -28,7 +28,7 @@ class IdleSensorSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TriggerSettings:
-    """When the frames of a camera are taken together with readings."""
+    """Criteria for a camera that is triggered with the readings."""
 
     same_instant: float = tuning(0.1, 'distance of a frame from its reading', unit='period')
     share: float = tuning(0.95, 'share of the frames that are as near')
@@ -36,7 +36,7 @@ class TriggerSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureJumpSettings:
-    """When the pressure jumped between two readings: nobody knows when."""
+    """Criteria for a pressure step between two readings, at an unknown time."""
 
     noise: float = tuning(8.0, 'of the readings, that no noise is', unit='sigma')
     span: float = tuning(0.01, 'that matters', unit='of the span of the readings')
@@ -241,7 +241,7 @@ class RecordingData:
 
     @property
     def instants(self) -> Stamps:
-        """When every frame was taken by the clock of the pressure readings, (frames,) ns."""
+        """Times of all frames by the clock of the pressure readings, (frames,) ns."""
         return frame_instants(self.stamp_ns, self.reading_stamp_ns, self.reading)
 
     @property
@@ -256,7 +256,7 @@ class RecordingData:
 
     @property
     def progress(self) -> Array:
-        """How far into the run every frame is, (frames,) 0 to 1; of static frames their order."""
+        """Position of every frame in the run, (frames,) 0 to 1; of static frames their order."""
         if self.static:
             return freeze(np.linspace(0.0, 1.0, len(self.stamp_ns)))
         span = max(int(self.stamp_ns[-1] - self.stamp_ns[0]), 1)
@@ -299,7 +299,7 @@ def frame_instants(
     reading: Stamps,
     settings: TriggerSettings = TRIGGER,
 ) -> Stamps:
-    """Return when every frame was taken by the clock of the readings, (frames,) ns.
+    """Return the times of all frames by the clock of the readings, (frames,) ns.
 
     A camera that takes its frames together with readings, to which `reading` (frames,) they
     belong, has stamps with a jitter of their own; those of any other camera are what they say.
@@ -342,6 +342,6 @@ def frames_in_jumps(
 
 
 def instants_among(stamp_ns: Stamps, reading_stamp_ns: Stamps) -> Stamps:
-    """Return when every frame was taken by the clock of some readings, (frames,) ns."""
+    """Return the times of all frames by the clock of some readings, (frames,) ns."""
     nearest, _ = match_stamps(stamp_ns, reading_stamp_ns, 0.0)
     return frame_instants(stamp_ns, reading_stamp_ns, nearest)

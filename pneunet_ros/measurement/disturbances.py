@@ -1,4 +1,4 @@
-"""What is wrong in all frames alike: placement of the dots, the camera's place, a known load.
+"""Errors shared by all frames: placement of the dots, the camera's position, a known load.
 
 Placement is constant per target in the arm's own tangent and normal: dots are painted on and turn
 with it. The camera has a place of its own in every recording and drifts slowly in it. A load that
@@ -92,7 +92,7 @@ class Disturbances:
 
     @property
     def targets(self) -> int:
-        """How many targets there are."""
+        """Number of targets."""
         return self.arclength.size
 
     def of_run(self, which: int) -> Array:

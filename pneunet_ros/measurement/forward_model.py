@@ -1,4 +1,4 @@
-"""What the model says of a recording: where the targets are in every frame, and its Jacobian.
+"""Prediction of a recording: places of the targets in every frame, and the Jacobian.
 
 The Jacobian is by every input of the rod (loads, knots of the curvature's table, rigidities,
 split, ...); that by a parameter is the chain rule over them. The solver is the same as live;

@@ -21,7 +21,7 @@ Trial = TypeVar('Trial')
 
 
 class End(Enum):
-    """How a search ended."""
+    """Result of a search."""
 
     CONVERGED = 'the next step gains next to nothing'
     STUCK = 'no step lowers the cost'

@@ -1,4 +1,4 @@
-"""What acted on the arm in the frames of recordings: readings, sensing effects and history."""
+"""Inputs of the arm in the frames of recordings: readings, sensing effects and history."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pneunet_ros.solver.rod import Rods
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Inputs:
-    """What really acted on the arm at the frames of a run.
+    """True inputs of the arm at the frames of a run.
 
     pressure (frames,) Pa in the chamber; loads (frames, 3): F1, F2 (N), M (N m); histories: per
     acting effect one row per frame, None where there is no effect with a history. gravity (frames,
@@ -52,7 +52,7 @@ class Inputs:
         return replace(self, loads=loads)
 
     def row_weights(self, arm: Arm) -> Array:
-        """How much every row of the table of kappa_p0 counts in every frame, (frames, rows)."""
+        """Weights of the rows of the table of kappa_p0 in every frame, (frames, rows)."""
         rows, frames = arm.intrinsic_curvature.pressure, np.arange(self.pressure.size)
         row, above = pressure_rows(rows, self.pressure)
         weights = np.zeros((self.pressure.size, rows.size))

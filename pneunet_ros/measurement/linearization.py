@@ -28,7 +28,7 @@ from pneunet_ros.solver.columns import CURVATURE, LOADS, THETA, X, Y
 
 
 class Parametrization(Protocol):
-    """What of an arm is unknown, as one vector."""
+    """Unknown parameters of an arm as one vector."""
 
     @property
     def columns(self) -> Columns:
@@ -69,7 +69,7 @@ class FittedRun:
 
     @property
     def counted(self) -> npt.NDArray[np.bool_]:
-        """Which coordinates count, (frames, coordinates): those seen, where it is solved."""
+        """Coordinates in use, (frames, coordinates): those seen in frames with a solution."""
         parts = [self.run.seen, self.run.seen]
         if self.run.heading is not None:
             parts.append(np.isfinite(self.run.heading)[:, None])

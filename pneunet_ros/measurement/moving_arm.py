@@ -84,7 +84,7 @@ def places_along(reach: float, arclength: Array) -> Places:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionEstimate:
-    """How an arm moves, and how far it is beside its equilibrium.
+    """Motion of an arm about its equilibrium.
 
     velocity (3,): of the tip, m/s and rad/s. settled: the tip is, and would stay, at its
     equilibrium as far as is known. swing, at_nodes, at_joints: see `solver.swing.follow_swing`;

@@ -16,7 +16,7 @@ Complex = npt.NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PaintedTargets:
-    """How far targets are seen beside their places, x + i y (.., targets) m in the base frame.
+    """Offsets of targets from their nominal places, x + i y (.., targets) m in the base frame.
 
     by_theta (m), by_curvature (m^2): how `beside` moves per rad and per 1/m of the arm at a place;
     by_along, by_across (-): per painted meter along and across the arm.

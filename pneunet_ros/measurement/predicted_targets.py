@@ -66,7 +66,7 @@ class PredictedTargets:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Innovation:
-    """How far the targets seen in one frame are from where they must be, in units of the noise.
+    """Whitened distance of the targets of one frame from their prediction.
 
     chi_square is that of all `coordinates` together; at_targets (targets,) that of each target by
     itself, per coordinate, NaN where one was not seen; at_tip that of both coordinates of the tip,

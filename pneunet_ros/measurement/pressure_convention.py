@@ -31,7 +31,7 @@ class PressureConvention:
 
     @property
     def size(self) -> float:
-        """How many Pa one unit is."""
+        """The unit in Pa."""
         return PRESSURE_UNITS[self.unit]
 
     def gauge(self, reading: float) -> float:

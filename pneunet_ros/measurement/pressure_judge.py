@@ -1,4 +1,4 @@
-"""Which meaning of pressure readings is the most likely: unit x reference x sign x zero.
+"""Most likely meaning of pressure readings: unit x reference x sign x zero.
 
 Each meaning is a hypothesis with a prior. Its likelihood is that of three features of the
 readings: the reading at rest, the furthest from it, and the noise. The first two are compared
@@ -212,7 +212,7 @@ def record_of(stamp_ns: Iterable[int], readings: Iterable[float]) -> PressureRec
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExpectedPressure:
-    """What gauge pressures (Pa) an arm is known at.
+    """Calibrated gauge pressures (Pa) of an arm.
 
     std (Pa): noise of its sensor, 0 where it is not known; share: prior of this arm among others.
     """
@@ -266,7 +266,7 @@ Fit = Callable[[PressureConvention], tuple[float, int]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureVerdict(ReadingVerdict[PressureConvention]):
-    """What the readings of a pressure sensor most likely mean.
+    """Most likely meaning of the readings of a pressure sensor.
 
     alike: further meanings that are hardly less likely than the other one. low, high: of the
     readings, in the unit of the sensor; name: of what they were compared with; strange: they are

@@ -28,7 +28,7 @@ DIRECTIONS = 8  # of the force, around the circle, in which an equilibrium is lo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProbableLoadSettings:
-    """How the most probable load is searched, and from when on it is no error of a reading."""
+    """Settings of the search for the most probable load, and the limit of reading errors."""
 
     furthest: float = tuning(
         3.0,
@@ -59,7 +59,7 @@ def probable_load_errors(
     noise: SensorNoise,
     settings: ProbableLoadSettings = PROBABLE_LOAD,
 ) -> Array:
-    """Return by how much the load differs from its reading, (frames, 3) N, N m.
+    """Return the difference between load and reading, (frames, 3) N, N m.
 
     Zero where nothing was read, where no noise of the reading would explain it, and in a frame
     that has no shape there. A known load is taken as it is: its error is the same in all frames.

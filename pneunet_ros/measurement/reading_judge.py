@@ -1,4 +1,4 @@
-"""What the judges of pressure and wrench share: meanings are weighed, and one may be another."""
+"""Common parts of the judges of pressure and wrench: weighing of meanings."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class ReadingVerdict(Generic[Meaning]):
 
     @property
     def changes(self) -> dict[str, str]:
-        """What must be set to take the readings by the other meaning."""
+        """Settings that select the other meaning of the readings."""
         return self.other.changes_from(self.declared)
 
     @property

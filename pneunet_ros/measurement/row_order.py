@@ -15,7 +15,7 @@ from pneunet_ros.core.settings import tuning
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowOrderSettings:
-    """When targets are numbered from the wrong end, and when a clamp moves."""
+    """Criteria for targets numbered from the wrong end, and for a moving clamp."""
 
     fewest_frames: int = tuning(5, 'in which a target was seen, to know how it moves')
     chord: float = tuning(0.1, 'from an end to the target that shows its direction', unit='length')

@@ -59,7 +59,7 @@ class Passed(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reference:
-    """What the places of the shapes are counted from, and the equilibrium at some unknowns.
+    """Reference of the shape coordinates, and the equilibrium at some unknowns.
 
     heading (links,) rad: of the reference; projection (shapes, links): S, and turns
     (shapes, links) of each shape. links: of the equilibrium at the

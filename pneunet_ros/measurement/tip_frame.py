@@ -30,7 +30,7 @@ Places = npt.NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipFrameSettings:
-    """When the clamp is looked for, and when it counts as found."""
+    """Settings of the search for the clamp."""
 
     out_of_reach: float = tuning(
         1.1,
@@ -40,7 +40,7 @@ class TipFrameSettings:
     )
     largest_std: float = tuning(
         0.05,
-        'standard error of the place of the clamp, by noise alone',
+        'largest standard error of the clamp position from noise alone',
         unit='reach',
         source='convention: more is half the motion that is to be explained',
     )
@@ -206,7 +206,7 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
 
 
 def departures(turns: Array, arm: Arm, settings: TipFrameSettings) -> Places:
-    """Return by how much the tip leaves its arc, x + i y (m), for one sigma of what no arc has.
+    """Return the displacement of the tip, x + i y (m), by one sigma of departure from an arc.
 
     turns (frames,) rad: the heading of the tip over that of the clamp. Returned (frames, modes):
     of the curvature along the arm, and last of an arm that lengthens as it turns.

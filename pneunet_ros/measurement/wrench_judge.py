@@ -1,4 +1,4 @@
-"""Which meaning of end wrench readings is the most likely: unit x sign x yaw x tare.
+"""Most likely meaning of end wrench readings: unit x sign x yaw x tare.
 
 The reading of a force sensor as a complex number, f = F1 + i F2, is u e^(i yaw) f + tare in the
 base frame. Where targets were measured, they show the true force, and the meanings are compared
@@ -85,7 +85,7 @@ class WrenchConvention:
 
     @property
     def size(self) -> float:
-        """How many N one unit is."""
+        """The unit in N."""
         return SI_PER_UNIT['force'][self.unit.lower()]
 
     @property

@@ -1,4 +1,4 @@
-"""What says where gravity points: messages of an accelerometer on the base, and of frames."""
+"""Direction of gravity from messages: an accelerometer on the base, or tf frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What messages of all topics are made of: a topic, a header, a path, points, an array.
+"""Building blocks of messages: a topic, a header, a path, points, an array.
 
 Nothing of ROS is imported: the classes come through `MessageTypes`. A live node (rclpy classes)
 and a recording (classes of rosbags) run the same lines, so what is published and what is written
@@ -35,7 +35,7 @@ _POINT_FIELD_DATATYPE = {'<i4': 5, '<f4': 7, '<f8': 8}
 
 
 class Stamped(Protocol):
-    """What belongs to one moment: a result, stamped as the reading that it comes from."""
+    """A result with the stamp of its reading."""
 
     @property
     def stamp_ns(self) -> int:

@@ -144,7 +144,7 @@ def _stderr_into(file: int) -> Iterator[None]:
 
 
 def _of_decoders(complaints: bytes) -> bytes:
-    """Return the lines of the decoders; what others said in the meantime is passed on."""
+    """Return the messages of the decoders; output of other code is passed on."""
     others = _BY_DECODERS.sub(b'', complaints)
     if others:
         os.write(2, others)

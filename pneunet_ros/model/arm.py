@@ -289,7 +289,7 @@ class Arm:
         return cut_rotation(rotation, knots, self.curved_ends)
 
     def beyond_range(self, pressure: float) -> float:
-        """How far a pressure is outside the calibrated range, as a share of it; 0 inside.
+        """Distance of a pressure from the calibrated range, as a share of it; 0 inside.
 
         What the noise of its sensor explains is inside.
         """
@@ -338,7 +338,7 @@ class Arm:
 
     @property
     def frame_delay(self) -> float:
-        """By how much (s) the stamp of a frame is later than what it shows."""
+        """Delay (s) of the stamp of a frame."""
         return sum(effect.frame_delay for effect in self.effects)
 
     def initial_history(self, pressure: float) -> tuple[History, ...]:

@@ -67,7 +67,7 @@ CONVERGED = {  # what is said of an equilibrium, by whether it is stable
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sensitivity:
-    """How a solved rod answers to unit changes of F1, F2, M and of further causes, in that order.
+    """Response of a solved rod to unit changes of F1, F2, M and of further causes, in that order.
 
     tip (causes, 3): x, y, theta of the free end. stable: see Shape; None where it is not defined.
     The others are what `stations` needs: the solution with its changes per single cause (causes,

@@ -75,7 +75,7 @@ class IntrinsicCurvature:
         return over_meters(mixed, length)
 
     def slope(self, pressure: Array) -> Array:
-        """How kappa_p0 at the knots changes with pressure (n,) Pa, (n, columns) 1/m per Pa."""
+        """Slope of kappa_p0 at the knots with pressure (n,) Pa, (n, columns) 1/m per Pa."""
         if self.pressure.size == 1:
             return np.zeros((pressure.size, self.arclength.size))
         row, _ = pressure_rows(self.pressure, pressure)

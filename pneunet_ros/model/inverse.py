@@ -42,7 +42,7 @@ MOST_TRIALS = 150
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipSearchSettings:
-    """How the end force is searched that brings the tip to a place."""
+    """Settings of the search for the end force that brings the tip to a place."""
 
     determined: float = tuning(1e-4, 'least singular value of d tip / d force', unit='m/N')
     near: float = tuning(1e-3, 'tip error that blames the force', unit='of the length')

@@ -1,4 +1,4 @@
-"""How the bending moment answers to a change of curvature: M = M_O + B (kappa - kappa0).
+"""Moment law: M = M_O + B (kappa - kappa0).
 
 The paper's law (Eq 10) has two sections whose border moves with pressure; the plain law M = EI
 (kappa - kappa0) and the law of Majidi et al. (Eq 11) have one.

@@ -1,4 +1,4 @@
-"""What makes an arm move: mass at the tip and damping, beside the weight of the arm itself."""
+"""Motion of an arm: mass at the tip and damping; the arm's own mass is its weight / g."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the record of a rod changes with pressure and along the columns of a model's covariance."""
+"""Derivatives of a rod's record by pressure and the columns of a model's covariance."""
 
 from __future__ import annotations
 

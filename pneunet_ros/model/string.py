@@ -152,7 +152,7 @@ def settle(
 
 
 def follows_tip(string: String, tip: Array, jacobian: Array) -> Array:
-    """Return by what changes of the tip (x, y, theta) grow as the string turns after it, (3, 3).
+    """Return the amplification of tip changes (x, y, theta) as the string turns, (3, 3).
 
     jacobian (3, 4): of the tip under a constant force. What it or a covariance says of that is
     multiplied by this from the left.

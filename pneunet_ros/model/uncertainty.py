@@ -1,4 +1,4 @@
-"""How uncertain sensors and model are: a sigma per sensor, a low-rank covariance of the model."""
+"""Uncertainty of sensors and model: a sigma per sensor, a low-rank covariance of the model."""
 
 from __future__ import annotations
 

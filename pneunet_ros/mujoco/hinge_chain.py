@@ -25,7 +25,7 @@ TABLES = 'pressure', 'stiffness', 'rest', 'cubic', 'damping_time'
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HingeChain:
-    """What MuJoCo needs to know of a finger, SI, in the base frame.
+    """Description of a finger for MuJoCo, SI, in the base frame.
 
     hinge (hinges,) m: where the hinges are, the first one at 0 if the clamp gives; stiffness
     (rows, hinges) N m/rad and rest (rows, hinges) rad at every pressure (rows,) Pa, linear

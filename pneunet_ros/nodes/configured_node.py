@@ -210,7 +210,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
 
     @property
     def sensors(self) -> dict[str, Any] | None:
-        """What the node takes its sensors for, by parameter; None where it has none."""
+        """Sensor settings of the node, by parameter; None if it has none."""
         return getattr(self.configuration, 'sensors', None)
 
     def take_info(self, message: String) -> None:

@@ -1,4 +1,4 @@
-"""Who else is on the topics of a node: rivals, and those who cannot meet it."""
+"""Other nodes on the topics of a node: duplicates, and incompatible peers."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def mismatch_sentences(node: Any) -> Iterator[str]:
 
 
 def why_not(published: Any, subscribed: Any) -> str:
-    """Return why a publisher and a subscription cannot meet; empty where they can.
+    """Return why a publisher and a subscription are incompatible; empty if they match.
 
     By reliability and durability: of other policies the graph does not tell "unset" from a value.
     """

@@ -1,4 +1,4 @@
-"""What launch files have in common: arguments, and the nodes of this package by what is given.
+"""Common parts of launch files: arguments, and the nodes of this package.
 
 All that a node would refuse is refused before the first process starts: `launch` ends at an error,
 and leaves running what it has started.

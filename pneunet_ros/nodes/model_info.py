@@ -1,4 +1,4 @@
-"""What the latched topic `model_info` says: which model is in use, as one JSON object."""
+"""Content of the latched topic `model_info`: the model in use, as one JSON object."""
 
 from __future__ import annotations
 

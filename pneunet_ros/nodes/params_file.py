@@ -1,4 +1,4 @@
-"""Which nodes a file of parameters names, as ROS 2 compares its keys with their full names."""
+"""Nodes that a parameter file names: ROS 2 compares its keys with their full names."""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ class Queue:
 
     @property
     def turn_ns(self) -> int:
-        """When the next message is to have its turn, among the messages of other nodes."""
+        """Turn of the next message among the messages of other nodes."""
         first_ns = self.order.first_ns
         return NEVER if first_ns is None else first_ns + self.patience_ns
 

@@ -37,7 +37,7 @@ def all_latched_qos() -> QoSProfile:
 
 
 class OtherDescriptions:
-    """What the other nodes of an arm say of its sensors, by their names."""
+    """Sensor settings of the other nodes of an arm, by node name."""
 
     def __init__(self) -> None:
         self._said: dict[str, Mapping[str, Any]] = {}

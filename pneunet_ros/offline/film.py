@@ -45,7 +45,7 @@ class FilmedRun:
 
     @property
     def covered(self) -> int:
-        """How many frames lie within the table."""
+        """Number of frames within the table."""
         stamps = np.array([frame.sightings.stamp_ns for frame in self.trackings])
         first, last = self.table.stamp_ns[[0, -1]]
         return int(np.count_nonzero((stamps >= first) & (stamps <= last)))

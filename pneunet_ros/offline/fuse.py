@@ -72,7 +72,7 @@ def fusion_steps(
 
 
 class FusionDiagnostics:
-    """What the node `fusion` would report of the steps of a replay."""
+    """Diagnostics of a replay, as the node `fusion` would report them."""
 
     def __init__(
         self, writer: RecordingWriter, fusion: Fusion, topics: Mapping[str, Input[Any]]

@@ -48,7 +48,7 @@ LEVELS = 8  # pressures at which the model is compared with targets
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TargetFit:
-    """How well a model reproduces measured points by a meaning of the pressure readings.
+    """Agreement of a model with measured points for a meaning of the pressure readings.
 
     reading (frames,): in the unit of the sensor; load (frames, 3) N, N, N m on the free end;
     points (frames, 2, targets) m, NaN where not seen; places (targets,) m along the arm.
@@ -90,7 +90,7 @@ Verdict = PressureVerdict | WrenchVerdict
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdicts:
-    """What the pressure and the end wrench of a recording most likely mean."""
+    """Most likely meaning of the pressure and the end wrench of a recording."""
 
     pressure: PressureVerdict | None = None
     wrench: WrenchVerdict | None = None

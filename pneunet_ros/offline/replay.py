@@ -144,7 +144,7 @@ def estimate_topic(pressure_topic: str, name: str) -> str:
 
 
 class EstimatorDiagnostics:
-    """What the node `estimator` would report of the steps of a replay."""
+    """Diagnostics of a replay, as the node `estimator` would report them."""
 
     def __init__(
         self, writer: RecordingWriter, estimator: Estimator, topics: Mapping[str, Input[Any]]

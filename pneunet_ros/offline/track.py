@@ -154,7 +154,7 @@ def record_tracking(
 
 @dataclass(slots=True)
 class TrackTally:
-    """What tracking came to, counted step by step; a frame counts once, under one reason or none.
+    """Counts of tracking; a frame counts once, under one reason or none.
 
     `seen` (targets,) counts the explained frames in which a target was seen; `sentences` holds the
     last sentence of each reason; `causes` counts why (a key of CAUSES) a target was not seen.
@@ -224,7 +224,7 @@ class TrackTally:
 
     @property
     def main_sentence(self) -> str:
-        """What most of the frames say that were not tracked, of one cause alone."""
+        """The most frequent sentence of untracked frames of one cause."""
         others = Counter({it: many for it, many in self.reasons.items() if it != RESTING})
         counted = others or (Counter() if self.explained else self.reasons)
         return self.sentences[counted.most_common(1)[0][0]] if counted else ''

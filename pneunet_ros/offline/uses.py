@@ -1,4 +1,4 @@
-"""Which verbs can use a recording, and what to type where one cannot: verbs and `check` agree."""
+"""Uses of a recording by verbs, and what to type if one is impossible; as in `check`."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ SOLVES_TRIED = 20  # readings without an equilibrium, after which no other is tr
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class UseRequest:
-    """What recordings are checked against: the arm, how readings are meant, names of topics.
+    """Request of a check: the arm, the meaning of readings, names of topics.
 
     own_model: the arm is that of the recordings; otherwise the shipped one, for want of a model.
     """

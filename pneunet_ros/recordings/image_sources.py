@@ -34,7 +34,7 @@ DECODERS = {item.type: item.decode for item in TRACKER_INPUTS}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceRequest:
-    """How a source is to be read.
+    """Options for reading a source.
 
     camera_info: file with the lens, 'none' for images without distortion, None for what the source
     says itself. rate: frames per second of a video or a folder. topics: full name of a topic by

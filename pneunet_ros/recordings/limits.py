@@ -1,4 +1,4 @@
-"""How large recordings may be: what a file of a few bytes says of itself is not believed."""
+"""Size limits of recordings: sizes that a small file declares are not trusted."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class RecordedGravity:
         return match_stamps(stamp_ns, self.stamp_ns, self.reach * NANOSECONDS_PER_SECOND)[1]
 
     def at(self, stamp_ns: Stamps) -> Array:
-        """Return it at stamps (n,) ns, (n, 2): on straight lines between readings."""
+        """Interpolate it linearly at stamps (n,) ns; returns (n, 2)."""
         columns = self.direction.T
         return np.column_stack([interpolate(stamp_ns, self.stamp_ns, one) for one in columns])
 

@@ -9,7 +9,7 @@ from pneunet_ros.core.settings import tuning
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportSettings:
-    """What figures and tables call significant, certain enough to show, or a turn of pressure."""
+    """Settings of figures and tables: what is significant, certain, or a turn of pressure."""
 
     as_noise: float = tuning(
         1.2, 'up to it a residual over its noise is called as good as the noise', source='invented'
@@ -26,8 +26,10 @@ class ReportSettings:
     tracked_share: float = tuning(
         0.99, 'share of frames from which on the tracker is said to follow', source='invented'
     )
-    share_p_value: float = tuning(0.01, 'below it a share of the misfit stands out')
-    linearity_sigmas: float = tuning(3.0, 'a larger departure from a straight line is no chance')
+    share_p_value: float = tuning(0.01, 'p-value below which a share of the misfit is significant')
+    linearity_sigmas: float = tuning(
+        3.0, 'departure from a straight line that counts as significant'
+    )
 
 
 REPORT_SETTINGS = ReportSettings()

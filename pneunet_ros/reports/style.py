@@ -1,4 +1,4 @@
-"""What all figures have in common: size, axes, one color per pressure, dots, bands and bars."""
+"""Common style of figures: size, axes, one color per pressure, dots, bands and bars."""
 
 from __future__ import annotations
 

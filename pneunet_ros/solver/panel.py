@@ -216,7 +216,7 @@ def panel_residual(
     theta: Four,
     moment_a: float,
 ) -> tuple[Four, float, float, Four, Four]:
-    """How far a panel is from equilibrium (Eq 4 at the Gauss points), and the slopes Newton needs.
+    """Residual of a panel (Eq 4 at the Gauss points), and its slopes for Newton.
 
     Returns the residual at the Gauss points, theta and moment at the end, and at the Gauss points
     h dM'/d theta and h d kappa/dM.

@@ -1,4 +1,4 @@
-"""How the solved rod answers to small changes: one linear solve for any number of causes.
+"""Response of the solved rod to small changes: one linear solve for any number of causes.
 
 The first three causes are the loads F1, F2 and M. Every further cause is a change of the panels
 and of the ends, such as a change of pressure or of a model parameter makes.

@@ -28,7 +28,7 @@ BATCH_TOLERANCE = 1e-11  # rad; sum of residuals that a batch aims at, beyond ro
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolverSettings:
-    """How the rod is meshed and brought to equilibrium."""
+    """Settings of mesh and Newton search for the rod."""
 
     tolerance: float = tuning(
         1e-13,

@@ -31,7 +31,7 @@ BETWEEN = 1.0 / 12.0
 
 
 class Swing(NamedTuple):
-    """How far a chain is beside its equilibrium, and how sure that is.
+    """State of a chain relative to its equilibrium, with covariance.
 
     state (2, shapes): q in units of the moments, then momenta p. covariance (2 shapes, 2 shapes)
     of q and p as one vector, by what goes on between readings; columns (2, 2 shapes): its change
@@ -44,7 +44,7 @@ class Swing(NamedTuple):
 
 
 class Room(NamedTuple):
-    """What the kernels write into: see `slopes`; rates (2, shapes) of q and p, at the end."""
+    """Output arrays of the kernels: see `slopes`; rates (2, shapes) of q and p, at the end."""
 
     turns: Array
     way: Array

@@ -92,7 +92,7 @@ def _clock_seconds(match: re.Match[str]) -> Decimal | None:
 
 
 def _zone(text: str | None) -> int:
-    """Return by how many seconds a clock with this offset, as in +01:00, is ahead of UTC."""
+    """Return the seconds by which a clock with this offset, such as +01:00, is ahead of UTC."""
     if not text:
         return 0
     digits = text[1:].replace(':', '').ljust(4, '0')

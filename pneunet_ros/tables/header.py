@@ -39,7 +39,7 @@ _QUOTED = re.compile(r'"[^"]*"')
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableRequest:
-    """How a table is to be read.
+    """Options for reading a table.
 
     select: keep only rows that hold these texts in these columns (names as in the file). rename:
     new name by the one in the file. ignore: columns (by either name) to be left out.

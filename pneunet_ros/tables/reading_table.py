@@ -17,7 +17,7 @@ from pneunet_ros.messages.readings import Component, SENSORS, TARGETS
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReadingTable:
-    """What was read at each stamp: stamp_ns (rows,), which increases, and values by sensor.
+    """Readings by stamp: stamp_ns (rows,), increasing, and values by sensor.
 
     values: for every sensor of SENSORS (rows, *row_shape), SI in the base frame, NaN where there
     is no reading: pressure (rows, 1), end_wrench (rows, 3), targets (rows, 2, targets). A row

@@ -46,7 +46,7 @@ FIRST_STAMP = NANOSECONDS_PER_SECOND  # of a table without stamps: 0 means "no s
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportRequest(TableRequest):
-    """How a table becomes readings: what to read of it, and what to add.
+    """Request of an import: what to read of a table, and what to add.
 
     offsets: number to be added to a column (by its new name, in its unit). missing: numbers that
     stand for "no reading", of a target or the tip in both coordinates; None: refuse a table that

@@ -34,7 +34,7 @@ from pneunet_ros.vision.row_ends import continues_beyond, truncate_row
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AssociationSettings:
-    """When blobs are a row of targets."""
+    """Criteria for blobs that are a row of targets."""
 
     least_targets: int = tuning(3, 'of an arm, for which a row can be told from other areas')
     least_followed: int = tuning(4, 'must be seen for a row to be one; all of an arm with fewer')
@@ -54,7 +54,7 @@ class TargetRow(NamedTuple):
 
     @property
     def seen(self) -> int:
-        """How many targets are seen."""
+        """Number of targets seen."""
         return int(np.count_nonzero(self.chosen >= 0))
 
 

@@ -50,7 +50,7 @@ class BeamSearchSettings:
         source='measured: 6.2 between two pins of a public photograph of a pneu-net',
     )  # fmt: skip
     gap_misfit: float = tuning(0.35, 'length of a gap against its targets', unit='spacing')
-    longest_gap: int = tuning(7, 'from one target that is seen to the next')
+    longest_gap: int = tuning(7, 'largest step between two targets seen, in targets')
     first_gap: int = tuning(2, 'the same, where the scale is not known')
     kept: int = tuning(12, 'rows kept at each step')
     neighbors: int = tuning(24, 'of a blob, one of which is the next target')

@@ -23,7 +23,7 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GatingSettings:
-    """Which blobs are believed to be targets of a row."""
+    """Gating of blobs as targets of a row."""
 
     off_curve: float = tuning(0.09, 'off the curve through its neighbors', unit='spacing')
     beyond: float = tuning(
@@ -171,7 +171,7 @@ def _off_the_curve(
     scratch: Indices,
     gating: GatingSettings,
 ) -> float:
-    """How far a target is off the curve through its neighbors; above 1 it is too far."""
+    """Distance of a target from the curve through its neighbors; above 1 it is rejected."""
     target, others = places[here], scratch[: places.size - 1]
     if others.size < 2:
         return 2.0

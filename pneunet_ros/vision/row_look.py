@@ -1,4 +1,4 @@
-"""How a target looks by its neighbors in the row: size, shape and blur change little along it.
+"""Appearance of a target from its neighbors: size, shape and blur change little along the row.
 
 A target of which only a part is seen (cut off by the end of the arm, behind a finger, before a
 background of its own grey) is where an outline like those of its neighbors fits that part.

@@ -20,7 +20,7 @@ from pneunet_ros.vision.smoother import SMOOTHER, SmootherSettings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowTrackerSettings:
-    """How a row is followed from frame to frame."""
+    """Settings for following a row from frame to frame."""
 
     area_gain: float = tuning(
         0.1,
@@ -62,7 +62,7 @@ class RowTrackerSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RestPlaneSettings:
-    """When an arm is at rest."""
+    """Criteria for an arm at rest."""
 
     still: float = tuning(0.1, 'off the average so far, at most', unit='spacing')
     near_clamp: float = tuning(1.5, 'from clamp_pixel to the first target', unit='spacing')

@@ -93,7 +93,7 @@ class MeasuredCurve:
 
 
 class SmoothingOperator(NamedTuple):
-    """What smoothing needs to know for one set of seen targets; see `smooth_targets`.
+    """Precomputed smoothing for one set of seen targets; see `smooth_targets`.
 
     seen (n,) indices of targets; distances (n - 1,) m along the arm between them; slope (n,) of
     the straight line through the straightened arm. For each prior: modes (priors, n, n - 2) of

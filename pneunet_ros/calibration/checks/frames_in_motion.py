@@ -71,7 +71,7 @@ class Vibration:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FramesInMotion:
-    """Which frames of which recordings show the arm in motion, and how it swings.
+    """Frames of recordings that show the arm in motion, and its vibration.
 
     moving: per recording (frames,).
     """
@@ -81,17 +81,17 @@ class FramesInMotion:
 
     @property
     def count(self) -> int:
-        """How many frames show the arm in motion."""
+        """Number of frames that show the arm in motion."""
         return sum(int(np.count_nonzero(flags)) for flags in self.moving)
 
     @property
     def frames(self) -> int:
-        """How many frames there are."""
+        """Number of frames."""
         return sum(len(flags) for flags in self.moving)
 
     @property
     def hertz(self) -> float:
-        """How often (Hz) the arm swings."""
+        """Frequency (Hz) of the arm."""
         return 1.0 / self.vibration.period
 
     @property
@@ -101,7 +101,7 @@ class FramesInMotion:
 
     @property
     def sentence(self) -> str:
-        """What was found, in words."""
+        """The finding in words."""
         return (
             f'{self.count} of {self.frames} frames show the arm in motion '
             f'({self.hertz:.2g} Hz, decays in {self.decay_time:.2g} s)'
@@ -316,7 +316,7 @@ def refined(courses: Sequence[Course], first: Vibration) -> Vibration:
 def gains_of(
     courses: Sequence[Course], vibrations: Sequence[Vibration], seconds: float
 ) -> list[tuple[float, int]]:
-    """Return by how much each vibration explains courses better than all else does.
+    """Return the advantage of each vibration over all other explanations of the courses.
 
     vibrations: of one frequency. The gain is that of the log likelihood in all windows, each so
     many seconds long and with noise of its own, in which pressure and load follow straight lines;

@@ -1,4 +1,4 @@
-"""How well a model says a recording that it has not seen, registration removed."""
+"""How well a model predicts a held-out recording, with registration removed."""
 
 from __future__ import annotations
 

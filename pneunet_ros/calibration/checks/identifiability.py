@@ -1,4 +1,4 @@
-"""What recordings could not determine, in sentences: kept at its prior, or one with another."""
+"""Sentences about what recordings did not determine: kept at its prior, or correlated."""
 
 from __future__ import annotations
 

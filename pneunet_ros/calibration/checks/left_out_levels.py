@@ -46,7 +46,9 @@ class LeftOutSettings:
     fewest: int = tuning(4, 'parts', source='convention: the first, the last and two between')
     frames: int = tuning(300, 'of all runs', source='convention: seconds of CPU')
     as_well: float = tuning(
-        1.1, 'error over that of a baseline', source='convention: a tenth is no difference'
+        1.1,
+        'ratio of the error to that of a baseline',
+        source='convention: a tenth is no difference',
     )
 
 

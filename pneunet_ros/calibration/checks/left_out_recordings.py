@@ -24,7 +24,7 @@ from pneunet_ros.measurement.forward_model import ForwardModel
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LeftOutRecordings:
-    """What leaving out each of some recordings changes of a fit.
+    """Changes of a fit when each of some recordings is left out.
 
     changed: by how much the tip moves in the recording left out, over what errors say; excess
     (parameters, recordings): columns of the covariance that this adds, where it is more.

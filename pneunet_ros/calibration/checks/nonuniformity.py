@@ -1,4 +1,4 @@
-"""How unevenly an arm may bend where no target shows it, put into the covariance of a fit.
+"""Uneven bending that no target shows, added to the covariance of a fit.
 
 A curvature that is constant between the clamp and the tip, or a curve through a few numbers, is
 an estimate and no knowledge. What such a curve leaves out is no parameter of the fit; it is

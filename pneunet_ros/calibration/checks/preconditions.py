@@ -1,4 +1,4 @@
-"""What recordings must hold to calibrate from; the sentence says what to do where they do not."""
+"""Preconditions of a calibration; the sentence says what to do if one fails."""
 
 from __future__ import annotations
 

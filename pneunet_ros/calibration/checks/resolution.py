@@ -1,4 +1,4 @@
-"""What targets and pressures can resolve: how many numbers describe kappa_p0 and the moment law.
+"""Resolution of targets and pressures: the number of parameters of kappa_p0 and the moment law.
 
 What the recordings cannot show is not fitted. Along the arm the rule is plain: one number for
 every target beyond the clamp that stands apart from the one before. What such a curve leaves out

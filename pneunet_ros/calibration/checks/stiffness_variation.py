@@ -56,7 +56,7 @@ class TipErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StiffnessVariation:
-    """How much better the loaded frames would be explained if EI varied along the arm.
+    """The gain in explaining loaded frames if EI varied along the arm.
 
     statistic: by how much chi squared falls, of dof numbers; coefficients (dof,): of ln EI in
     Legendre polynomials along the arm, from the first degree on; tips: what that moves.

@@ -110,7 +110,7 @@ def sync_lines(sync: dict[str, Any]) -> list[str]:
 
 
 def later(time: float, unit: str) -> str:
-    """Return by how much something is later, or earlier."""
+    """Return a time difference in words."""
     return f'{abs(time):.3g} {unit} {"earlier" if time < 0.0 else "later"}'
 
 

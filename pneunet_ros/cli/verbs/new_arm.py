@@ -26,7 +26,7 @@ STEP = 0.0005  # m, to which places of targets are rounded, to be found on a rul
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """What has to be known: option, kind of unit, what it means, and what is usual."""
+    """The questions: option, kind of unit, meaning, and a usual value."""
 
     name: str
     kind: str

@@ -143,7 +143,7 @@ def compile_first(on_wait: Callable[[], None] = lambda: None) -> None:
 
 
 def wait_for_kernels(on_wait: Callable[[], None] = lambda: None) -> None:
-    """Wait for the process that compiles the kernels; start it unless one is at it already.
+    """Wait for the process that compiles the kernels; start it unless one is running.
 
     It goes on when this one ends. One that another has started, and that failed, is started again.
     """

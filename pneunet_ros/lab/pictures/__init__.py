@@ -1,1 +1,1 @@
-"""What the camera of the virtual lab sees: scene, light, lens, dots, pixels."""
+"""Camera of the virtual lab: scene, light, lens, dots, pixels."""

@@ -1,4 +1,4 @@
-"""How a disc of the working plane covers the pixels of an image, and where its image truly lies.
+"""Coverage of image pixels by a disc of the working plane, and its true image position.
 
 Around its center, the map from the disc to the image is taken to second order, which is exact to
 some 1e-4 px for discs of a few px. The share of a pixel that is covered is computed, not sampled:

@@ -43,7 +43,7 @@ BEYOND = 99.0  # px outside the image, where nothing is drawn any more
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Truth:
-    """What is true of every drawn target, (n,) each, in the order of the dots.
+    """Truth of every drawn target, (n,) each, in the order of the dots.
 
     x, y m in base and u, v px in the image: the center of the disc, in the middle of the exposure;
     centroid_u, centroid_v px: the centroid of the image of the whole disc, which lens and

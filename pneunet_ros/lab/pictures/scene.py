@@ -1,4 +1,4 @@
-"""What the camera of the virtual lab sees: what stays (Scene) and what moves (FrameState).
+"""Image content of the virtual lab: static (Scene) and moving (FrameState).
 
 Targets live in the working plane (m, base frame), all that distracts from them in the image (px).
 Grey levels are those under even light, from 0 to 255.
@@ -127,7 +127,7 @@ class Glint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """How the light falls: 1 in the middle of the image.
+    """Illumination: 1 in the middle of the image.
 
     gradient_u, gradient_v: change over the whole width or height; vignette: loss in the corners.
     """
@@ -140,7 +140,7 @@ class Light:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
-    """What does not move, and how the camera sees.
+    """Static scene and camera.
 
     decoys: dots like the targets that are none. blur: sigma of the optics in px; noise: sigma in
     grey levels; texture: sigma of the unevenness of the background, its `seed` its own.
@@ -161,7 +161,7 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameState:
-    """What moves, as it is in the middle of an exposure: targets, arm, and what hides them."""
+    """Moving objects in the middle of an exposure: targets, arm, and occluders."""
 
     dots: Dots
     body: Body | None = None

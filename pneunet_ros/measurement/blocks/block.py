@@ -38,7 +38,7 @@ CAMERA_CAUSES = 3  # x, y (m) and turn (rad)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameInputs:
-    """What acted on the arm at a frame, as read.
+    """Inputs of the arm at a frame, as read.
 
     chamber, chamber_std: pressure in it, and of its white noise (Pa); history: of the effects;
     moment, moment_std (N m): at the tip; by_column (columns,): what one sigma of each column of
@@ -59,7 +59,7 @@ class FrameInputs:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrenchSeen:
-    """What a wrench reading is compared with.
+    """The prediction for a wrench reading.
 
     force (2,) N: the mean of the tip force; by_column (columns, 2): what one sigma of each column
     of the law changes of the force that was read, by effects of sensing.
@@ -71,7 +71,7 @@ class WrenchSeen:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Passage:
-    """What has passed between two stamps.
+    """The interval between two stamps.
 
     seconds of time; pressed (Pa): by how much the pressure has moved; size: of the model error, a
     share of what the range of pressure does; walk (N/sqrt(s)): of the tip force; steady: how many
@@ -87,7 +87,7 @@ class Passage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """How the unknowns of a block move: by these factors and one sigma of noise, (moving,) each.
+    """Process model of a block: factors and one sigma of process noise, (moving,) each.
 
     held: the mean stays.
     """
@@ -99,7 +99,7 @@ class Move:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prior:
-    """What is known before any frame: mean and one sigma (k,) of the unknowns of a block.
+    """Prior of a block: mean and one sigma (k,) of its unknowns.
 
     shared: another block, and what one sigma of each of its first unknowns moves of these (k, m).
     """
@@ -127,13 +127,13 @@ class Block(abc.ABC):
 
     @property
     def prior(self) -> Prior:
-        """What is known before any frame."""
+        """The prior before any frame."""
         std = self.std
         return Prior(mean=np.zeros(std.size), std=std)
 
     @property
     def law_columns(self) -> int:
-        """How many columns of the law follow these unknowns."""
+        """Number of columns of the law after these unknowns."""
         return len(self.law_errors)
 
     @property
@@ -143,7 +143,7 @@ class Block(abc.ABC):
 
     @property
     def sized(self) -> tuple[int, ...]:
-        """Which unknowns go with the one size of the model error: std is that for a size of 1."""
+        """Unknowns that scale with the size of the model error; std is for a size of 1."""
         return ()
 
     def growth(self, seconds: float, pressed: float) -> list[float]:

@@ -1,4 +1,4 @@
-"""By how much the force sensor is off: its offset and its gain."""
+"""Errors of the force sensor: offset and gain."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ForceSensor(Block):
     scale: float
     is_there: bool = True
     offset_std: float = tuning(
-        0.0003, 'std of the offset of a force sensor in order', unit='of the force scale'
+        0.0003, 'std of the offset of a healthy force sensor', unit='of the force scale'
     )
     gain_std: float = tuning(0.0003, 'std of the error of its gain')
 
@@ -33,7 +33,7 @@ class ForceSensor(Block):
 
     @property
     def std(self) -> Array:
-        """Of a sensor in order."""
+        """Standard deviations of a healthy sensor."""
         return np.array([*[self.offset_std * self.scale] * 2, self.gain_std])
 
     @property

@@ -1,4 +1,4 @@
-"""What the model lacks: errors of its law that no calibration has found.
+"""Model error: errors of the law that no calibration has found.
 
 Soft arms remember. What a model without creep or hysteresis lacks depends on where the pressure
 has been: a part of the intrinsic curvature that follows the chamber late, and the pressure behind
@@ -35,7 +35,7 @@ from pneunet_ros.model.uncertainty import STIFFNESS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelDiscrepancy(SizedBlock):
-    """Errors of curvature and stiffness, the parts of the curvature that come late, and of a play.
+    """Model errors: curvature and stiffness, delayed curvature (creep), and hysteresis.
 
     curvature, stiffness: what a size of 1 moves of the model file, by dotted path.
     """

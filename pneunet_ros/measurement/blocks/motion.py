@@ -1,4 +1,4 @@
-"""How the arm swings beside its equilibrium, and how well its mass and its damping are known."""
+"""Swing about the equilibrium, and errors of mass and damping."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureError(SizedBlock):
-    """By how much (Pa) the pressure in the chamber is more than what was read."""
+    """Error (Pa) of the chamber pressure relative to its reading."""
 
     unread: float = tuning(0.5, 'std of a pressure that is not read any more', unit='of the range')
 

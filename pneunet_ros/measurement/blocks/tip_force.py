@@ -32,7 +32,7 @@ class Walk:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceChange:
-    """How a force has changed from frame to frame: by so much, and what its variances explain.
+    """Changes of a force from frame to frame, and the part that its variances explain.
 
     of_tip: it is a component of the tip force, which the usual walk is of.
     """

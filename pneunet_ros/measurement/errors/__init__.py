@@ -1,1 +1,1 @@
-"""What is not known of a reading and of the model, and what follows from it."""
+"""Errors of readings and model, and the covariance that follows."""

@@ -68,7 +68,7 @@ class GaussianModel:
 
     @property
     def gain(self) -> float:
-        """By how much the best step lowers the cost."""
+        """Reduction of the cost by the best step."""
         return 0.5 * float(sum(self.information_vectors, -self.position) @ self.step)
 
     def solved(self, right: Array) -> Array:

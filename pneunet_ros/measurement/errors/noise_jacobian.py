@@ -1,4 +1,4 @@
-"""What one sigma of each reading and of the model does, and the covariance that follows."""
+"""Response to one sigma of each reading and of the model, and the covariance that follows."""
 
 from __future__ import annotations
 

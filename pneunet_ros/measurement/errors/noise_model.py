@@ -1,4 +1,4 @@
-"""What one sigma of each reading moves: the common errors of y = h(x) + e, as columns of points.
+"""Displacement by one sigma of each reading: common errors of y = h(x) + e, as columns.
 
 Points are x, then y of all targets of a frame, as a camera measures them. A load of exactly zero
 is no reading and has no error: nothing is attached in that frame, or no moment is measured in
@@ -127,7 +127,7 @@ def frames_of_wrench(run: RecordingData) -> Array:
 
 
 def shown_instants(arm: Arm, run: RecordingData) -> Stamps:
-    """Return when what every frame shows was, by the clock of the pressure, (frames,) ns."""
+    """Return the times that the frames show, by the clock of the pressure, (frames,) ns."""
     return run.instants - round(arm.frame_delay * NANOSECONDS_PER_SECOND)
 
 

@@ -1,4 +1,4 @@
-"""What all errors together move: the covariance of the tip, the deviations along the arm."""
+"""Effect of all errors together: covariance of the tip, standard deviations along the arm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a sensor rounds off that reads in steps: a scale, a converter of few bits.
+"""Rounding error of a sensor that reads in steps: a scale, a converter of few bits.
 
 At rest such a sensor seems to have no noise at all, and is wrong by up to half a step. Readings
 with noise of their own soon differ by next to nothing, those in steps never by less than one. So

@@ -1,4 +1,4 @@
-"""What errors move to second order: where the linearization alone would be too sure.
+"""Second-order effects of errors, where the linearization alone is overconfident.
 
 The tip of a nearly straight arm moves along the arm only by the square of an error, so that its
 covariance to first order is singular there. One direction is enough: that in which the errors of
@@ -27,7 +27,7 @@ SECOND_MOMENT = 3.0  # E[xi^4] of a normal xi
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SecondOrderSettings:
-    """How far to either side the shape is solved."""
+    """Step to either side at which the shape is solved."""
 
     steps: tuple[float, ...] = tuning(
         (1.0, 0.5, 0.25, 0.125),

@@ -1,4 +1,4 @@
-"""How large a misfit noise alone makes: the one limit by which a frame or a model is judged."""
+"""The misfit of noise alone: the one limit by which a frame or a model is judged."""
 
 from __future__ import annotations
 

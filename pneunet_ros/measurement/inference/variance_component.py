@@ -21,7 +21,7 @@ MOST_CERTAIN = 1.0 - 1e-9  # share of an innovation that one error can be
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ErrorGrowth:
-    """How errors of unknown size may have moved since the last frame.
+    """Random walk of errors of unknown size since the last frame.
 
     size: as assumed; grown (errors,): one sigma of their moves for a size of 1; seconds: since.
     """

@@ -1,4 +1,4 @@
-"""What the parameters of the estimator ask for, made ready to be used or refused as a whole."""
+"""Configuration from the parameters of the estimator, accepted or refused as a whole."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from pneunet_ros.nodes.sensor_description import sensor_description
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeSettings:
-    """What the node must know beside the settings of the estimator."""
+    """Settings of the node, in addition to those of the estimator."""
 
     model_file: str = setting('', f'model file of the arm; empty: the shipped {SHIPPED_MODEL}')
     effects_path: str = setting('', EFFECTS_PATH)
@@ -105,12 +105,12 @@ class EstimatorConfiguration:
 
     @property
     def left_out(self) -> str:
-        """Which error of the model its standard deviations leave out; empty if there is none."""
+        """The model error that its standard deviations leave out; empty if there is none."""
         return error_left_out(self.estimator.arm.covariance, self.estimator.arm.sources)
 
     @property
     def sensors(self) -> dict[str, Any]:
-        """What the numbers of the sensors mean, by parameter."""
+        """Meaning of sensor readings, by parameter."""
         return sensor_description(self.estimator.settings)
 
     def info(self) -> str:

@@ -1,4 +1,4 @@
-"""What the parameters of the fusion ask for, made ready to be used or refused as a whole."""
+"""Configuration from the parameters of the fusion, accepted or refused as a whole."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from pneunet_ros.nodes.sensor_description import sensor_description
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeSettings:
-    """What the node must know beside what its sensors report.
+    """Settings of the node, in addition to those of its sensors.
 
     Of the numbers by which it fuses those that hang on the stack around it.
     """
@@ -110,12 +110,12 @@ class FusionConfiguration:
 
     @property
     def left_out(self) -> str:
-        """Which error of the model its standard deviations leave out; empty if there is none."""
+        """The model error that its standard deviations leave out; empty if there is none."""
         return error_left_out(self.fusion.arm.covariance, self.fusion.arm.sources)
 
     @property
     def sensors(self) -> dict[str, Any]:
-        """What the numbers of the sensors mean, by parameter."""
+        """Meaning of sensor readings, by parameter."""
         return sensor_description(self.fusion.sensors)
 
     def info(self) -> str:

@@ -1,4 +1,4 @@
-"""What the parameters of a gripper ask for: its arms, and a block of parameters for each."""
+"""Configuration from the parameters of a gripper: its arms, and a block for each."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ TOPICS, MOUNT = 'topics', 'mount'  # keys of a block
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripperSettings:
-    """Which arms there are, and which nodes each of them has beside its estimator."""
+    """The arms, and their nodes in addition to the estimator."""
 
     arms: tuple[str, ...] = setting(
         ('left', 'right'), 'names of the arms: each has a namespace, and may have a block'

@@ -1,4 +1,4 @@
-"""What the parameters of the tracker ask for, made ready to be used or refused as a whole."""
+"""Configuration from the parameters of the tracker, accepted or refused as a whole."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SHIPPED_CAMERA = 'config/camera.yaml'
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackerSettings:
-    """What the node must know beside model and camera."""
+    """Settings of the node, in addition to model and camera."""
 
     model_file: str = setting(
         '', f'model file of the arm, with its targets; empty: the shipped {SHIPPED_MODEL}'

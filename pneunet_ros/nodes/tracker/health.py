@@ -1,4 +1,4 @@
-"""How the tracker is doing: what it saw, missed and refused, summed up once a second."""
+"""Health of the tracker: frames seen, missed and refused, summed up once a second."""
 
 from __future__ import annotations
 

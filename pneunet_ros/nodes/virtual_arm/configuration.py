@@ -1,4 +1,4 @@
-"""What the parameters of the virtual arm ask for, made ready to be used or refused as a whole."""
+"""Configuration from the parameters of the virtual arm, accepted or refused as a whole."""
 
 from __future__ import annotations
 

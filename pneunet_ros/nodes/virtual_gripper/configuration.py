@@ -1,4 +1,4 @@
-"""What the parameters of the virtual gripper ask for, and those of the gripper it plays."""
+"""Configuration from the parameters of the virtual gripper and of the gripper it plays."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SHIPPED = 'config/gripper.yaml'
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VirtualGripperSettings:
-    """What stands between the arms."""
+    """The object between the arms."""
 
     object_width: float = quantity(
         0.04, unit='m', meaning='diameter of the object; 0: no object', bounds=(0.0, 1.0)
@@ -59,7 +59,7 @@ class VirtualGripperConfiguration:
 
     @property
     def model(self) -> str:
-        """Which gripper this is."""
+        """Identity of the gripper."""
         return 'virtual gripper'
 
     def info(self) -> str:

@@ -1,4 +1,4 @@
-"""What the pictures of a calibration show, worked out once: steady states, their views."""
+"""Data of the pictures of a calibration, computed once: steady states, their views."""
 
 from __future__ import annotations
 

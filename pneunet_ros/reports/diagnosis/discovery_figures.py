@@ -1,4 +1,4 @@
-"""What was discovered beyond the library: kinds of cause, amplitude over time, model errors."""
+"""Figures of a discovery: kinds of cause, amplitude over time, model errors."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ CURVES = 3  # pressures at which kappa_p0 is drawn
 
 
 def evidence(data: FigureData) -> Picture | None:
-    """How much better the recordings are explained by every effect that was scored."""
+    """Gain of every scored effect in explaining the recordings."""
     shown = rank_evidence(data.diagnosis)[::-1]
     if not shown:
         return None

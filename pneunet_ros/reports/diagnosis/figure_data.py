@@ -1,4 +1,4 @@
-"""What the figures of a diagnosis show: it, its recordings, and their errors under both models."""
+"""Data of the figures of a diagnosis: its recordings, and their errors under both models."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class FigureData:
 
     @property
     def tested_on(self) -> str:
-        """Which recordings the models are compared on: those held out, where there are any."""
+        """Recordings on which the models are compared: the held-out ones, if there are any."""
         return 'training' if self.diagnosis.before.held_out is None else 'held-out'
 
     @property

@@ -42,7 +42,7 @@ SIMILAR_COSINE = 0.5  # from it a table lists two effects as similar
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Given:
-    """What the command was given, for notes and commands of the page; capitals where unknown.
+    """Arguments of the command, for notes and commands of the page; capitals if unknown.
 
     notes: on what the recordings lack; model: file of the model in question; recordings: files of
     all recordings; folder: where the page and its files go.

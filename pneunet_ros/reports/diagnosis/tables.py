@@ -220,7 +220,7 @@ def shift_table(diagnosis: Diagnosis, most: int = MOST_SHIFTS) -> Table:
 
 
 def sigmas(item: Shift) -> float:
-    """Return by how many standard errors a quantity moved."""
+    """Return the shift of a quantity in standard errors."""
     moved = abs(item.after - item.before)
     return moved / item.std if item.std > 0.0 else 0.0
 

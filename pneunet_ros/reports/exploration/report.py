@@ -1,4 +1,4 @@
-"""What an exploration came to, round by round: numbers, a picture, a page."""
+"""Results of an exploration, round by round: numbers, a picture, a page."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class Linearity:
 
     @property
     def largest(self) -> int:
-        """Which departure is largest beside its standard error."""
+        """The departure that is largest relative to its standard error."""
         return int(np.argmax(np.abs(self.departure) / self.departure_std))
 
     @property

@@ -1,4 +1,4 @@
-"""What the predicted shape is sensitive to: F1, l1, rigidities, one at a time (Figure 10)."""
+"""Sensitivity of the predicted shape to F1, l1, rigidities, one at a time (Figure 10)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which effect each arm lacked, and the model error before and after it was added."""
+"""Missing effect of each arm, and the model error before and after it was added."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which targets were seen when, as the cells of a heat map."""
+"""Visibility of targets over time, as the cells of a heat map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What tracking looked like, as one HTML page: a verdict, and frames to scrub through.
+"""Preview of tracking as one HTML page: a verdict, and frames to scrub through.
 
 Each frame shows image, targets, measured centerline and, where the recording holds estimates, the
 predicted one; below, how far each target is from them.
@@ -196,7 +196,7 @@ class TrackingPage:
 
     @property
     def _moving(self) -> int:
-        """How many frames there are beside those in which the tracker learns the arm at rest."""
+        """Number of frames without those in which the tracker learns the arm at rest."""
         return self._count - self._reasons[RESTING]
 
     @property

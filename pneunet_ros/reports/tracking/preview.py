@@ -1,4 +1,4 @@
-"""What tracking looked like, as one picture: some frames, the curves, and what was seen when."""
+"""Preview of tracking as one picture: some frames, the curves, and visibility over time."""
 
 from __future__ import annotations
 

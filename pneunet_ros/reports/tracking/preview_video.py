@@ -1,4 +1,4 @@
-"""What tracking looked like, as a video: every frame with its overlay and its stamp."""
+"""Preview of tracking as a video: every frame with its overlay and its stamp."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tracker must know of the camera and of how targets look: the content of camera.yaml."""
+"""Camera and appearance of targets: the content of camera.yaml."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ GreyBand = FixedBand | AdaptiveBand
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AreaLimits:
-    """Which areas can be targets."""
+    """Criteria for areas that can be targets."""
 
     smallest: float = quantity(
         12.0, unit='px^2', meaning='areas below are dropped', bounds=(4.0, 1e6)
@@ -188,7 +188,7 @@ class AreaLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shutter:
-    """When each row of an image is exposed, from the stamp of the image on."""
+    """Exposure times of the rows of an image, relative to its stamp."""
 
     readout: float = quantity(
         0.0,
@@ -213,7 +213,7 @@ class Shutter:
         return self.readout == 0.0 and self.exposure == 0.0
 
     def seconds_after_stamp(self, v: Array, height: int) -> Array:
-        """Return when places at v (n,) px are seen, s after the stamp: amid their exposure."""
+        """Return the mid-exposure times of places at v (n,) px, s after the stamp."""
         after: Array = 0.5 * self.exposure + self.readout * v / max(height - 1, 1)
         return after
 

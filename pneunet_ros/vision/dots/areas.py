@@ -98,7 +98,7 @@ BLOBS = BlobSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Appearance:
-    """What counts as a blob: the camera file's part, and how that is used."""
+    """Criteria for blobs: those of the camera file, and their use."""
 
     band: GreyBand
     limits: AreaLimits
@@ -107,7 +107,7 @@ class Appearance:
 
     @property
     def look(self) -> Look:
-        """How bright and how large a blob is."""
+        """Brightness and size of a blob."""
         if isinstance(self.band, AdaptiveBand):
             return Look(limits=self.limits, brightest=math.inf, contrast=self.band.contrast)
         return Look(
@@ -135,7 +135,7 @@ class RoundAreas(NamedTuple):
 
     @property
     def areas(self) -> Array:
-        """How large they are, (n,) px^2."""
+        """Their areas, (n,) px^2."""
         uu, uv, vv = self.moments.T
         return np.asarray(4.0 * math.pi * np.sqrt(uu * vv - uv * uv))
 

@@ -57,7 +57,7 @@ COLUMNS = 16
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """How a target looks: size and shape, and grey levels of its plateau and its height."""
+    """Appearance of a target: size and shape, grey levels of its plateau and its height."""
 
     limits: AreaLimits
     brightest: float

@@ -58,7 +58,7 @@ SIGMA = 1.4826  # standard deviation over the median of what is off, of Gaussian
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EllipseSettings:
-    """How an ellipse is fitted to the edge of a blob."""
+    """Settings of the ellipse fit to the edge of a blob."""
 
     sectors: int = tuning(16, 'around a blob, each with a background and an edge of its own')
     passes: int = tuning(8, 'of the fit, at most')

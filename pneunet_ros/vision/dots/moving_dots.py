@@ -50,7 +50,7 @@ OF_DOT = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MovingDotSettings:
-    """How a dot is fitted that moves far while the shutter is open."""
+    """Fit of a dot that moves far while the shutter is open."""
 
     knot: float = tuning(1.0, 'between knots of the picture across the arm', unit='radius')
     before: float = tuning(

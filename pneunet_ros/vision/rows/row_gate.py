@@ -1,4 +1,4 @@
-"""Which blobs are believed to be targets of the row, and where the others must be."""
+"""Gating of blobs as targets of the row, and predicted places of the others."""
 
 from __future__ import annotations
 

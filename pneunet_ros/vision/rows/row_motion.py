@@ -1,4 +1,4 @@
-"""How a row moves: from one frame to the next, and while the shutter is open."""
+"""Motion of a row: from frame to frame, and while the shutter is open."""
 
 from __future__ import annotations
 

@@ -46,5 +46,5 @@ class View:
 
     @property
     def appearance(self) -> Appearance:
-        """What counts as a blob."""
+        """Criteria for a blob."""
         return self.vision.appearance(self.settings)
