@@ -60,7 +60,12 @@ from pneunet_ros.diagnosis.settings import (
     SelectionSettings,
 )
 from pneunet_ros.diagnosis.unread_frames import without_unread
-from pneunet_ros.diagnosis.verdict import describe_certainty, describe_verdict, Verdict
+from pneunet_ros.diagnosis.verdict import (
+    closest_set,
+    describe_certainty,
+    describe_verdict,
+    Verdict,
+)
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.model.arm import Arm
@@ -348,9 +353,8 @@ def decide(
 ) -> Verdict:
     """Decide on the answer by the base model, the best set of effects, and all that was tried."""
     if not best.record.adequate:
-        lower = [item for item in selection.tried.values() if item.gain >= 0.0]
-        closest = max(lower, key=lambda item: item.evidence)
-        return Verdict(answer='unknown', trial=first, notes=closest_notes(closest))
+        notes = closest_notes(closest_set(selection))
+        return Verdict(answer='unknown', trial=first, notes=notes)
     if not best.names:
         observable = any(item.observable for item in detectable.values())
         return Verdict(answer='none' if observable else 'unobservable', trial=first)

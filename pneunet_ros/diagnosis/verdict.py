@@ -106,6 +106,15 @@ def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
             for item in strongest
         )
         return f'Compared with clean data, {tested}{score}.'
+    if not record.adequate:
+        record = closest_set(selection)
+        if not record.names:
+            return f'Compared with clean data, {tested}; no set of effects explains any of it.'
+        return (
+            f'Compared with clean data, {tested}; with {" + ".join(record.names)}, which comes '
+            f'closest ({record.evidence:.0f} nats of evidence), it is '
+            f'{worst_p_value(record.tests):.2g}.'
+        )
     names = ' + '.join(best.names)
     sentence = (
         f'{names} adds {record.evidence:.0f} nats of evidence (log probability of each training '
@@ -120,4 +129,13 @@ def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
     if not others:
         return f'{sentence}; no other effect was worth a fit.'
     second = max(others, key=lambda item: item.evidence)
-    return f'{sentence}; the next best, {" + ".join(second.names)}, adds {second.evidence:.0f}.'
+    more = '' if second.adequate else ', but leaves more than noise'
+    return (
+        f'{sentence}; the next best, {" + ".join(second.names)}, adds {second.evidence:.0f}{more}.'
+    )
+
+
+def closest_set(selection: Selection) -> Record:
+    """Return the set of effects with most evidence, of those with which chi squared falls."""
+    lower = [item for item in selection.tried.values() if item.gain >= 0.0]
+    return max(lower, key=lambda item: item.evidence)

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 import numpy as np
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.discovery.result import AmplitudeSeries
-from pneunet_ros.reports.diagnosis.figure_data import AFTER, BEFORE, DISCOVERED, FigureData
+from pneunet_ros.reports.diagnosis.figure_data import DISCOVERED, FigureData
 from pneunet_ros.reports.diagnosis.localization_figures import borders
 from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.style import draw_band, draw_bars, FIRST, legend, MEASURED, panels, short
@@ -90,11 +90,9 @@ def discovered_error(data: FigureData) -> Picture | None:
     evaluation, diagnosis = data.discovery.evaluation, data.diagnosis
     if evaluation is None:
         return None
-    models = (
-        ('before', diagnosis.before, BEFORE),
-        ('after', diagnosis.after, AFTER),
-        ('discovered', evaluation, DISCOVERED),
-    )
+    known = zip(data.models, (diagnosis.before, diagnosis.after), strict=False)
+    models = [(name, model, color) for (name, color), model in known]
+    models.append(('discovered', evaluation, DISCOVERED))
     figure, (overall, each) = panels(2, height=4.0)
     for place, (name, model, color) in enumerate(models):
         draw_bars(overall, [millimeters(model.rms)], '{:.3f}', place=[place], color=color)
@@ -123,7 +121,7 @@ def discovered_error(data: FigureData) -> Picture | None:
         '12_discovered_error',
         'Model error with the discovered law',
         f'Errors on {data.tested_on} recordings: of the model that was given, of the model with '
-        'what the library names, and of the model with the proposed effect. Dashed: what noise '
-        'alone would leave.',
+        'what the library names, if anything, and of the model with the proposed effect. Dashed: '
+        'what noise alone would leave.',
         figure,
     )

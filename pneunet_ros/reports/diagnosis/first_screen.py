@@ -43,11 +43,18 @@ def missing_sentence(diagnosis: Diagnosis) -> str:
 def evidence_bars(diagnosis: Diagnosis, discovery: Discovery) -> tuple[Bar, ...]:
     """Return the causes with evidence, the strongest first; laws of a discovery among them."""
     causes = [
-        (' + '.join(item.effects), item.evidence, passes_text(item, diagnosis))
+        (
+            ' + '.join(item.effects),
+            item.evidence,
+            f'only noise left: {passes_text(item, diagnosis)}',
+        )
         for item in rank_evidence(diagnosis)
         if item.evidence > 0.0
     ]
-    causes += [(f'a law: {item.kind}', item.left_out_gain, 'proposal') for item in discovery.found]
+    causes += [
+        (f'a law: {item.kind}', item.left_out_gain, 'a proposal, not yet tested')
+        for item in discovery.found
+    ]
     shown = sorted(causes, key=lambda item: -item[1])[:MOST_BARS]
     return tuple(
         Bar(
