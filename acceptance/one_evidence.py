@@ -1,17 +1,21 @@
 """Both engines of a diagnosis on the same sealed trials: today's, and one marginal likelihood.
 
-    python acceptance/one_evidence.py FILE.jsonl [--rounds 10] [--first SEED] [--show]
+    python acceptance/one_evidence.py FILE.jsonl [--rounds 10] [--first SEED] [--block NAME ...]
+                                      [--show]
 
-A round is a single effect, one of `unnamed/causes.py`, a pair, nothing hidden (at 5 to 50 Hz), and
-a cause outside the library. Rows that stand in the file are not made again.
+A round is a single effect, one of `unnamed/causes.py`, a pair, nothing hidden (at 5 to 50 Hz), a
+cause outside the library, and two sets of few static frames (one of an arm that gets longer). Rows
+that stand in the file are not made again. The table ends with the exact test of each block: the
+chance of so uneven a split of the trials that only one engine answered rightly.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, replace
 import json
+from math import comb
 from pathlib import Path
 import time
 from typing import Any
@@ -33,18 +37,23 @@ from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
 from pneunet_ros.discovery.discovery import discover
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.files.json_text import json_text
+import static_frames
 from unnamed.causes import add_causes, CAUSES
 
 Row = dict[str, Any]
 STEP, SIZES = 4, 5  # the strongest size of an unnamed cause
-ROUND = ('rated_single', 'unnamed', 'rated_pairs', 'rated_nothing', 'outside')
+ROUND = ('rated_single', 'unnamed', 'rated_pairs', 'rated_nothing', 'outside', 'static')
 
 
-def wanted(rounds: int, first: int) -> Iterator[tuple[str, int]]:
+def wanted(rounds: int, first: int, blocks: Sequence[str]) -> Iterator[tuple[str, int]]:
     """Yield block and seed."""
     for turn in range(rounds):
-        for block in ROUND:
-            yield block, SCORING + first + turn
+        for block in blocks:
+            if block == 'static':
+                yield block, SCORING + 2 * (first + turn)
+                yield block, SCORING + 2 * (first + turn) + 1
+            else:
+                yield block, SCORING + first + turn
 
 
 def by_today(trial: Trial, settings: DiagnosisSettings, kinds: list[str]) -> Investigation:
@@ -67,8 +76,49 @@ def by_evidence(trial: Trial, settings: DiagnosisSettings, kinds: list[str]) -> 
 ENGINES: dict[str, Callable[..., Investigation]] = {'today': by_today, 'evidence': by_evidence}
 
 
+def static_trial(seed: int) -> Row:
+    """Let both engines answer one of `static_frames`."""
+    bench = static_frames.made(seed, seed)
+    training, held_out = static_frames.recorded(bench, 2 * seed)
+    trial = Trial(
+        key=f'static/{seed}',
+        frame=static_frames.model(bench),
+        training=tuple(training),
+        held_out=tuple(held_out),
+    )
+    row: Row = {'key': trial.key, 'block': 'static', 'right_kinds': []}
+    row['truth'] = {'effects': {}, 'strain': bench.strain, 'uneven': bench.uneven, 'design': ''}
+    for name, investigate in ENGINES.items():
+        row[name], found = answer_by(investigate, trial, DEFAULTS)
+        limit = getattr(found and found.diagnosis, 'detectable', {}).get(static_frames.WANTED)
+        said = static_frames.Found(
+            strain=bench.strain,
+            uneven=bench.uneven,
+            frames=len(training[0].stamp_ns),
+            held_out=bench.held_out,
+            static=bench.static,
+            answer=row[name]['answer'],
+            effects=tuple(item['name'] for item in row[name]['effects']),
+            alternatives=tuple(row[name]['alternatives']),
+            visible=limit is not None and bool(bench.strain / bench.pressure[-1] > limit.smallest),
+        )
+        row[name] |= {'score': said.score, 'said': asdict(said)}
+    return row
+
+
+def answer_by(
+    investigate: Callable[..., Investigation], trial: Trial, settings: DiagnosisSettings
+) -> tuple[Row, Investigation | None]:
+    """Return what one engine says of a trial, with its CPU time (s) and the kinds of its laws."""
+    started, kinds = time.process_time(), list[str]()
+    answer, found = answered(trial, lambda *_: investigate(trial, settings, kinds))
+    return answer | {'cpu_s': time.process_time() - started, 'kinds': kinds}, found
+
+
 def one_trial(block: str, seed: int) -> Row:
     """Make a trial, let both engines answer, and open the label."""
+    if block == 'static':
+        return static_trial(seed)
     settings, cause = DEFAULTS, None
     if block == 'unnamed':
         names = list(CAUSES)
@@ -80,14 +130,7 @@ def one_trial(block: str, seed: int) -> Row:
         sealed, trial = made(block, seed)
     row: Row = {'key': f'{block}/{seed}', 'block': block}
     for name, investigate in ENGINES.items():
-        started, kinds = time.process_time(), list[str]()
-
-        def asked(*_: object, ask=investigate, into=kinds) -> Investigation:
-            return ask(trial, settings, into)
-
-        answer, found = answered(trial, asked)
-        answer |= {'cpu_s': time.process_time() - started, 'kinds': kinds}
-        row[name] = answer
+        row[name], found = answer_by(investigate, trial, settings)
         if name == 'today':
             row['truth'] = truth_of(sealed, trial)
             hidden = list(sealed.label.effects)
@@ -100,6 +143,9 @@ def one_trial(block: str, seed: int) -> Row:
 def outcome(row: Row, name: str) -> str:
     """Return what an answer is worth, in a word."""
     truth, answer = row['truth'], row[name]
+    if row['block'] == 'static':
+        nothing = not truth['strain'] and answer['score'] == 'unobservable'
+        return 'right' if nothing else str(answer['score'])
     hidden = set(truth['effects'])
     if not hidden:
         if claims(answer):
@@ -120,6 +166,13 @@ def outcome(row: Row, name: str) -> str:
     return 'one of two' if claims(answer) else str(answer['answer'])
 
 
+def chance_of_split(one: int, other: int) -> float:
+    """Return the two-sided chance of such a split of trials that only one engine got right."""
+    both = one + other
+    tail = sum(comb(both, place) for place in range(min(one, other) + 1))
+    return min(1.0, 2.0 * tail / 2**both)
+
+
 def show(rows: list[Row]) -> None:
     """Print what both came to, block by block."""
     for block in dict.fromkeys(ROUND):
@@ -132,6 +185,10 @@ def show(rows: list[Row]) -> None:
             cpu = sorted(row[name]['cpu_s'] for row in those)
             middle = f'{cpu[len(cpu) // 2]:.0f} s' if cpu else ''
             print(f'{block:14} {name:9} {len(those):3}  {middle:6} {counts}')
+        right = [tuple(outcome(row, name) == 'right' for name in ENGINES) for row in those]
+        only = right.count((True, False)), right.count((False, True))
+        print(f'{block:14} only today {only[0]}, only evidence {only[1]}: ', end='')
+        print(f'p {chance_of_split(*only):.3f}')
     for name in ENGINES:
         sizes = [
             found[0]
@@ -152,13 +209,15 @@ def main() -> None:
     command.add_argument('file', type=Path)
     command.add_argument('--rounds', type=int, default=10)
     command.add_argument('--first', type=int, default=0)
+    command.add_argument('--block', nargs='+', choices=ROUND, default=ROUND)
     command.add_argument('--show', action='store_true', help='print the file alone')
     arguments = command.parse_args()
     add_causes()
     known = arguments.file.read_text().splitlines() if arguments.file.exists() else []
     rows = [json.loads(line) for line in known]
     done = {row['key'] for row in rows}
-    for block, seed in () if arguments.show else wanted(arguments.rounds, arguments.first):
+    asked = wanted(arguments.rounds, arguments.first, arguments.block)
+    for block, seed in () if arguments.show else asked:
         if f'{block}/{seed}' in done:
             continue
         rows.append(one_trial(block, seed))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from evidence.sparse import Dictionary, explain, log_evidence
 import numpy as np
+from one_evidence import chance_of_split, outcome
+import pytest
 
 
 def dictionary(seed: int, truth: dict[int, float], rows: int = 400, count: int = 40) -> Dictionary:
@@ -38,3 +40,17 @@ def test_evidence_is_that_of_the_columns_and_another_may_stand_in():
     without = explain(items, ('cause 0',))
     assert 'cause 0' not in without.causes
     assert without.evidence < found.evidence - 10.0
+
+
+def test_an_even_split_says_nothing_and_an_uneven_one_is_that_rare():
+    assert chance_of_split(0, 0) == chance_of_split(3, 3) == 1.0
+    assert chance_of_split(6, 0) == chance_of_split(0, 6) == pytest.approx(2.0 / 2**6)
+    assert chance_of_split(6, 1) == pytest.approx(2.0 * 8.0 / 2**7)
+
+
+def test_an_uneven_arm_in_which_nothing_is_hidden_may_be_unobservable():
+    row = {'block': 'static', 'truth': {'effects': {}, 'strain': 0.0}}
+    said = row | {'today': {'score': 'unobservable'}, 'evidence': {'score': 'false name'}}
+    assert [outcome(said, name) for name in ('today', 'evidence')] == ['right', 'false name']
+    hidden = said | {'truth': {'effects': {}, 'strain': 0.1}}
+    assert outcome(hidden, 'today') == 'unobservable'

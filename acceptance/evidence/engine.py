@@ -310,7 +310,7 @@ def left_out(engine: Engine, best: Trial, verdict: Verdict, base: Around) -> tup
     """Object where another cause is the strongest without one of the training recordings."""
     allowed = {*best.names, *verdict.alternatives}
     found = []
-    for which in engine.runs:
+    for which in engine.runs if len(engine.runs) > 1 else ():
         items = base.columns.dictionary(tuple(run for run in engine.runs if run != which))
         with_names = explain(items, {item for item in items.causes if item not in allowed})
         other = explain(items, allowed)
