@@ -68,10 +68,10 @@ REASONS: Mapping[str, str] = MappingProxyType({
     # Recordings and tables
     'absolute': 'the name of a column says that its pressure is absolute',
     'ambiguous_topic': 'several topics could be meant',
+    'between_readings': 'frames were left out: what drove them changed between two readings',
     'coincident': 'several targets of a row have the same position',
     'comments': 'comment lines among rows were skipped',
     'estimates': 'columns of estimates were left out',
-    'jump': 'frames were left out, because the pressure jumped',
     'known_load': 'a load never changes: it was not read by a sensor',
     'lost': 'messages are missing in a file',
     'midnight': 'the time of day passes midnight',

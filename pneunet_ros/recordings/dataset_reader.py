@@ -114,7 +114,11 @@ def read_run(
         shown = frame_instants(frames.stamp_ns, readings.stamp_ns, reading)
         jumped = keep & frames_in_jumps(shown, readings.stamp_ns, readings.values[:, 0])
         _say_left_out(
-            sentences, frames, jumped, 'jump', 'the pressure jumped between two readings'
+            sentences,
+            frames,
+            jumped,
+            'between_readings',
+            'the pressure jumped between two readings',
         )
         keep &= ~jumped
     load, known = np.zeros((len(frames.stamp_ns), 3)), False
