@@ -18,10 +18,12 @@ from pneunet_ros.vision.beam_search import (
     BEAM_SEARCH,
     BeamSearchSettings,
     BlobColumns,
+    FARTHEST,
     grow_rows,
     HEADING,
     Indices,
     LAST,
+    LOOKS,
     Mask,
     NOTHING,
     SCALE,
@@ -69,12 +71,14 @@ def row_from_clamp(
     arclength: Array,
     clamp_angle: float,
     search: BeamSearchSettings = BEAM_SEARCH,
+    shapes: Array | None = None,
 ) -> TargetRow:
     """Find the row that starts at the clamp; points (blobs, 2) m in the base frame.
 
-    areas (blobs,) px^2; arclength (targets,) m. A row that goes on beyond the last target is none.
+    areas (blobs,) px^2; arclength (targets,) m; shapes (blobs, 3), as `Blobs` has them, None where
+    they are not known. A row that goes on beyond the last target is none.
     """
-    blobs = _columns(points, areas)
+    blobs = _columns(points, areas, shapes)
     chosen, cost = _grown_from_clamp(blobs, arclength, clamp_angle, search)
     truncate_row(blobs.x, blobs.y, arclength, clamp_angle, chosen, search)
     if chosen[-1] >= 0 and continues_beyond(blobs, arclength, chosen, cost, search):
@@ -88,12 +92,14 @@ def near_row_from_clamp(
     arclength: Array,
     clamp_angle: float,
     search: BeamSearchSettings = BEAM_SEARCH,
+    shapes: Array | None = None,
 ) -> Indices:
     """Return which blobs are on the row that starts at the clamp, or beside it, or just beyond it.
 
     Arguments as of `row_from_clamp`; all of them where there is no row.
     """
-    chosen = _grown_from_clamp(_columns(points, areas), arclength, clamp_angle, search)[0]
+    blobs = _columns(points, areas, shapes)
+    chosen = _grown_from_clamp(blobs, arclength, clamp_angle, search)[0]
     seen = np.flatnonzero(chosen >= 0)
     if seen.size < least_seen(arclength.size):
         return np.arange(len(points))
@@ -112,7 +118,8 @@ def _near_line(points: Array, row: Array, places: Array, search: BeamSearchSetti
     way = [np.interp(at, places, row[:, axis]) for axis in range(2)]
     away = np.hypot(points[:, :1] - way[0], points[:, 1:] - way[1]).min(axis=1)
     scale = np.median(np.hypot(*np.diff(row, axis=0).T) / np.diff(places))
-    return np.asarray(away <= (search.along + search.across) * scale * spacing)
+    beside = FARTHEST * (search.along_std + search.across_std)
+    return np.asarray(away <= beside * scale * spacing)
 
 
 def _grown_from_clamp(
@@ -120,7 +127,8 @@ def _grown_from_clamp(
 ) -> tuple[Indices, float]:
     """Return the best row that starts at the clamp (targets,), and its cost."""
     starts = np.zeros((1, LAST + 1))
-    starts[0, [HEADING, SCALE, SIZE, LAST]] = clamp_angle, 1.0, math.nan, NOTHING
+    starts[0, [HEADING, SCALE, LAST]] = clamp_angle, 1.0, NOTHING
+    starts[0, SIZE:LAST] = math.nan
     nothing = np.full((1, arclength.size), NOTHING)
     (chosen,), (cost,) = grow_rows(blobs, arclength, starts, nothing, False, search)
     return chosen, float(cost)
@@ -132,16 +140,17 @@ def rows_anywhere(
     arclength: Array,
     settings: AssociationSettings = ASSOCIATION,
     search: BeamSearchSettings = BEAM_SEARCH,
+    shapes: Array | None = None,
 ) -> list[TargetRow]:
     """Find all rows whose place and scale are not known; both ends of a row must be seen.
 
-    points (blobs, 2) in any coordinates that are true to shape. A row that goes on beyond its ends
-    with more blobs alike is none. The best reading of each row comes first, and of a crowd of rows
-    the best ones; the same blobs may be read from either end.
+    points (blobs, 2) in any coordinates that are true to shape; shapes: as of `row_from_clamp`. A
+    row that goes on beyond its ends with more blobs alike is none. The best reading of each row
+    comes first, and of a crowd of rows the best ones; the same blobs may be read from either end.
     """
     if len(points) < arclength.size:
         return []
-    blobs = _columns(points, areas)
+    blobs = _columns(points, areas, shapes)
     chosen, costs = _grown_from_pairs(blobs, arclength, search)
     order = np.argsort(costs, kind='stable')
     rows: list[TargetRow] = []
@@ -173,7 +182,7 @@ def _grown_from_pairs(
     blobs: BlobColumns, arclength: Array, search: BeamSearchSettings
 ) -> tuple[Indices, Array]:
     """Grow a row from every blob and each of its neighbors; rows (seeds, targets) and costs."""
-    x, y, sizes = blobs
+    x, y, looks = blobs
     targets = arclength.size
     apart = np.hypot(x[:, None] - x, y[:, None] - y)
     np.fill_diagonal(apart, math.inf)
@@ -186,7 +195,7 @@ def _grown_from_pairs(
     starts[:, LAST], starts[:, X], starts[:, Y] = 1.0, x[second], y[second]
     starts[:, HEADING] = np.arctan2(y[second] - y[first], x[second] - x[first])
     starts[:, SCALE] = apart[first, second] / (arclength[1] - arclength[0])
-    starts[:, SIZE] = 0.5 * (sizes[first] + sizes[second])
+    starts[:, SIZE:LAST] = 0.5 * (looks[:, first] + looks[:, second]).T
     rows = np.full((len(first), targets), NOTHING)
     rows[:, 0], rows[:, 1] = first, second
     return grow_rows(blobs, arclength, starts, rows, True, search)
@@ -198,6 +207,7 @@ def near_rows_anywhere(
     arclength: Array,
     known: Indices,
     search: BeamSearchSettings = BEAM_SEARCH,
+    shapes: Array | None = None,
 ) -> Indices:
     """Return which blobs are on, beside or just beyond the ends of a row of known ones (indices).
 
@@ -208,7 +218,9 @@ def near_rows_anywhere(
     for targets in (arclength, arclength[:-1]):
         if near.any() or not 2 < targets.size <= len(known):
             continue
-        chosen, costs = _grown_from_pairs(_columns(points[known], areas[known]), targets, search)
+        looks = None if shapes is None else shapes[known]
+        blobs = _columns(points[known], areas[known], looks)
+        chosen, costs = _grown_from_pairs(blobs, targets, search)
         rows, others = chosen[np.isfinite(costs)], np.arange(len(points))
         for seed in np.unique(np.sort(rows, axis=1), axis=0, return_index=True)[1].tolist():
             seen = np.flatnonzero(rows[seed] >= 0)
@@ -258,7 +270,11 @@ def _direction(row: TargetRow, size: int) -> Array:
     return ranks
 
 
-def _columns(points: Array, areas: Array) -> BlobColumns:
-    """Return x, y and logarithmic size of blobs."""
+def _columns(points: Array, areas: Array, shapes: Array | None) -> BlobColumns:
+    """Return x, y and looks of blobs."""
     x, y = np.ascontiguousarray(points.T)
-    return BlobColumns(x, y, np.log(areas))
+    looks = np.zeros((LOOKS, len(areas)))
+    looks[0] = np.log(areas)
+    if shapes is not None:
+        looks[1:] = shapes.T
+    return BlobColumns(x, y, looks)

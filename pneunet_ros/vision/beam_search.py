@@ -21,24 +21,30 @@ Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 NOTHING = -1
+FARTHEST = 3.0  # sigma off its place, from which on a blob is no target of a row
+USUAL = 4.0  # cost of a target that is seen, of a usual row: what a few squares come to
 
-# What is known of a row while it grows.
-COST, X, Y, HEADING, BENDING, SCALE, SIZE, LAST = range(8)
+# What is known of a row while it grows. SIZE to BLUR: how its blobs look, as in the columns of
+# `BlobColumns`; NaN while that is not known.
+COST, X, Y, HEADING, BENDING, SCALE, SIZE, SHAPE_X, SHAPE_Y, BLUR, LAST = range(11)
+LOOKS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BeamSearchSettings:
     """Criteria for a row of targets, and the number of rows to try."""
 
-    along: float = tuning(0.35, 'a target off its place along the row, at most', unit='spacing')
-    across: float = tuning(0.35, 'the same, across', unit='spacing')
-    along_std: float = tuning(0.12, 'one sigma of that along the row', unit='spacing')
+    along_std: float = tuning(
+        0.12, 'a target off its place along the row, one sigma', unit='spacing'
+    )
     across_std: float = tuning(0.15, 'the same, across', unit='spacing')
     bend: float = tuning(0.08, 'further off after a gap', unit='spacing x (gap^2 - 1)')
     stretch: float = tuning(0.25, 'longest and shortest spacing of a stretched arm, off 1')
     size_std: float = tuning(0.35, 'difference of logarithmic areas in a row, one sigma')
+    shape_std: float = tuning(0.1, 'difference of logarithmic elongations in a row, one sigma')
+    blur_std: float = tuning(0.15, 'difference of the logarithmic blur of edges, one sigma')
     odd: float = tuning(
-        2.0, 'the same, beyond which it costs no more', unit='sigma',
+        2.0, 'difference of size, shape or blur, beyond which it costs no more', unit='sigma',
         source='convention: 5 % of what is normal; cheaper than a target that is missing',
     )  # fmt: skip
     memory: float = tuning(0.7, 'weight of the row so far in its spacing and its size')
@@ -72,11 +78,15 @@ def search_numbers(settings: BeamSearchSettings) -> Any:
 
 
 class BlobColumns(NamedTuple):
-    """Blobs in the working plane: x, y and logarithm of the size, (blobs,) each."""
+    """Blobs in the working plane: x, y (blobs,), and how they look, (LOOKS, blobs).
+
+    looks: logarithms of the size, of the elongation (two, along and aslant of the axes of the
+    picture) and of the blur; 0 of what is not known of any blob.
+    """
 
     x: Array
     y: Array
-    sizes: Array
+    looks: Array
 
 
 def grow_rows(
@@ -100,7 +110,7 @@ def grow_rows(
     sides = (1, 0) if len(blobs.x) and np.ptp(blobs.y) > np.ptp(blobs.x) else (0, 1)
     order = np.argsort(blobs[sides[0]], kind='stable')
     grow_all(
-        np.array([blobs[side][order] for side in (*sides, 2)]),
+        np.vstack([blobs[sides[0]], blobs[sides[1]], blobs.looks])[:, order],
         order,
         np.array(sides),
         np.array(arclength),
@@ -127,13 +137,13 @@ def grow_all(
 ) -> None:
     """Grow a row from each start; fills best (starts, targets) and costs, as `grow_rows`.
 
-    blobs (3, blobs): place along two sides, and size, in the order of the first; order (blobs,):
-    which they are; sides (2,): 0 where a side is x, and 1 where it is y.
+    blobs (2 + LOOKS, blobs): place along two sides, and looks, in the order of the first; order
+    (blobs,): which they are; sides (2,): 0 where a side is x, and 1 where it is y.
     """
     targets, kept = arclength.size, int(search.kept)
     dearest = math.inf
     if whole:
-        dearest = targets * (search.dearest * search.missing + 1.0)
+        dearest = targets * (search.dearest * search.missing + USUAL)
     known, grown = np.empty((kept, LAST + 1)), np.empty((kept, LAST + 1))
     rows, longer = np.empty((kept, targets), np.int64), np.empty((kept, targets), np.int64)
     ways, ways_cost = np.empty((kept, 2), np.int64), np.empty(kept)
@@ -189,7 +199,7 @@ def _ways_on(
     loose = 1.0
     if not whole:
         turn = search.curl * spacing / (arclength[-1] - arclength[0])
-        loose = max(1.0, 0.5 * turn / search.across)
+        loose = max(1.0, 0.5 * turn / (FARTHEST * search.across_std))
     most = math.floor((1.0 - search.seen) * targets + 1e-9)
     many = 0
     for row in range(count):
@@ -209,7 +219,7 @@ def _ways_on(
         middle = one[HEADING] + 0.5 * one[BENDING] * ahead
         length = one[SCALE] * ahead
         at_x, at_y = one[X] + length * math.cos(middle), one[Y] + length * math.sin(middle)
-        reach = unit * (search.along + loose * search.across + bend)
+        reach = unit * (FARTHEST * (search.along_std + loose * search.across_std) + bend)
         at, aside = (at_x, at_y) if sides[0] == 0 else (at_y, at_x)
         for blob in range(np.searchsorted(blobs[0], at - reach), blobs.shape[1]):
             if blobs[0, blob] > at + reach:
@@ -220,8 +230,7 @@ def _ways_on(
             along, across = off_arc(x, y, one, ahead)
             cost = misfit(along / unit, across / (loose * unit), bend, search)
             if cost < math.inf:
-                differs = size_difference(blobs[2, blob], one[SIZE], search)
-                cost += one[COST] + min(differs, search.odd) ** 2
+                cost += one[COST] + look_cost(blobs, blob, one, search)
                 many = _insert(row, blob, cost, ways, costs, many)
     return many
 
@@ -255,7 +264,7 @@ def _take(
     """Let a row (LAST + 1,) go on with a blob; first_scale: what it began with."""
     last = int(row[LAST])
     ahead = arclength[target] - (arclength[last] if last >= 0 else 0.0)
-    x, y, size = blobs[sides[0], blob], blobs[sides[1], blob], blobs[2, blob]
+    x, y = blobs[sides[0], blob], blobs[sides[1], blob]
     step_x, step_y = x - row[X], y - row[Y]
     chord = math.hypot(step_x, step_y)
     if ahead > 0.0 and chord > 0.0:
@@ -269,11 +278,15 @@ def _take(
         least, most = first_scale * (1.0 - search.stretch), first_scale * (1.0 + search.stretch)
         row[SCALE] = min(max(scale, least), most)
     row[X], row[Y], row[LAST] = x, y, target
-    # Which of two that differ is the odd one shows from there on.
-    if math.isnan(row[SIZE]) or size_difference(size, row[SIZE], search) > search.odd:
-        row[SIZE] = size
-    else:
-        row[SIZE] = search.memory * row[SIZE] + (1.0 - search.memory) * size
+    differences = look_differences(blobs, blob, row, search)
+    for look in range(LOOKS):
+        # Which of two that differ is the odd one shows from there on.
+        odd = differences[max(look - 1, 0) if look < 3 else 2] > search.odd
+        before, now = row[SIZE + look], blobs[2 + look, blob]
+        if odd or math.isnan(before):
+            row[SIZE + look] = now
+        else:
+            row[SIZE + look] = search.memory * before + (1.0 - search.memory) * now
 
 
 @inlined
@@ -314,16 +327,37 @@ def misfit(along: float, across: float, bend: float, search: BeamSearchSettings)
 
     bend: how much further across the gap it may be.
     """
-    if along > search.along or across > search.across + bend:
+    if along > FARTHEST * search.along_std or across > FARTHEST * search.across_std + bend:
         return math.inf
     off_along, off_across = along / search.along_std, across / (search.across_std + bend)
     return off_along * off_along + off_across * off_across
 
 
 @inlined
-def size_difference(size: float, usual: float, search: BeamSearchSettings) -> float:
-    """Return how far a logarithmic area is off the usual one, sigma; 0 where none is known.
+def look_differences(
+    blobs: Array, blob: int, row: Array, search: BeamSearchSettings
+) -> tuple[float, float, float]:
+    """Return how far size, shape and blur of a blob are off those of a row, sigma.
 
-    It costs no more than `odd` sigma do, as one target may be far larger (a truncated square).
+    0 where nothing is known of the row.
     """
-    return 0.0 if math.isnan(usual) else abs(size - usual) / search.size_std
+    if math.isnan(row[SIZE]):
+        return 0.0, 0.0, 0.0
+    return (
+        abs(blobs[2, blob] - row[SIZE]) / search.size_std,
+        math.hypot(blobs[3, blob] - row[SHAPE_X], blobs[4, blob] - row[SHAPE_Y])
+        / search.shape_std,
+        abs(blobs[5, blob] - row[BLUR]) / search.blur_std,
+    )
+
+
+@inlined
+def look_cost(blobs: Array, blob: int, row: Array, search: BeamSearchSettings) -> float:
+    """Cost of a blob that looks otherwise than a row.
+
+    It costs no more than `odd` sigma do, as one target may be far larger (a truncated square), cut
+    off or touched by a glint.
+    """
+    size, shape, blur = look_differences(blobs, blob, row, search)
+    odd = search.odd
+    return min(size, odd) ** 2 + min(shape, odd) ** 2 + min(blur, odd) ** 2

@@ -172,15 +172,17 @@ def row_at_rest(
     clamp_pixel: tuple[float, float] | None,
     straightness: float,
     vision: VisionSettings = VISION,
+    shapes: Array | None = None,
 ) -> TargetRow | Failure:
     """Find the row of targets at rest among blobs, first target at the clamp.
 
     points (blobs, 2) normalized; pixels (blobs, 2); areas (blobs,) px^2; arclength (targets,) m;
     clamp_pixel: (u, v) of the first target, None for the left-most end; straightness: largest
-    distance from the line between the ends, of its length; infinite for an arm that is bent.
+    distance from the line between the ends, of its length; infinite for an arm that is bent;
+    shapes (blobs, 3), as `Blobs` has them, None where they are not known.
     """
     count = arclength.size
-    rows = regular_rows(points, areas, arclength, vision)
+    rows = regular_rows(points, areas, arclength, vision, shapes)
     if not rows:
         return Failure(
             reason='no_row',
@@ -242,10 +244,14 @@ def _is_upright(
 
 
 def regular_rows(
-    points: Array, areas: Array, arclength: Array, vision: VisionSettings = VISION
+    points: Array,
+    areas: Array,
+    arclength: Array,
+    vision: VisionSettings = VISION,
+    shapes: Array | None = None,
 ) -> list[TargetRow]:
     """Find all rows of targets that lie on a smooth line; arguments as of `row_at_rest`."""
-    rows = rows_anywhere(points, areas, arclength, vision.association, vision.beam_search)
+    rows = rows_anywhere(points, areas, arclength, vision.association, vision.beam_search, shapes)
     return [row for row in rows if _is_regular(row_points(row, points), arclength, vision)]
 
 
@@ -277,23 +283,21 @@ def _is_regular(points: Array, arclength: Array, vision: VisionSettings) -> bool
 def _rivals(best: TargetRow, rows: list[TargetRow], vision: VisionSettings) -> list[TargetRow]:
     """Return the rows (the best first) that may be an arm as well: those not there by chance.
 
-    Those are there by chance whose targets fit so much worse than the best's, and all but the best
-    in a crowd of rows, as in printed text, that it stands out of. How many of a crowd cost less
-    than some cost is a power of it, which the crowd tells.
+    Those are there by chance whose targets fit so much worse than the best's; half as much is
+    enough in a crowd of rows, as in printed text, that the best stands out of. How many of a crowd
+    cost less than some cost is a power of it, which the crowd tells.
     """
     least, settings = _cost_of_seen(best, vision), vision.rest_plane
-    rivals = [row for row in rows if _cost_of_seen(row, vision) <= least + settings.chance]
-    others = [row for row in rivals if share_of_blobs(row, best) < vision.association.alike]
-    if len(others) < settings.crowd:
-        return rivals
-    costs = np.maximum([row.cost for row in others], 1e-9)
-    falling = np.log(costs.max() / costs).sum()
-    power = len(others) / falling if falling > 0.0 else math.inf
-    expected = len(others) * (np.append(best.cost, costs.min()) / costs.max()) ** power
-    if expected[0] < settings.odds <= expected[1]:
-        crowd = {id(row) for row in others}
-        return [row for row in rivals if id(row) not in crowd]
-    return rivals
+    worse = settings.chance
+    others = [row for row in rows if share_of_blobs(row, best) < vision.association.alike]
+    if len(others) >= settings.crowd:
+        costs = np.maximum([row.cost for row in others], 1e-9)
+        falling = np.log(costs.max() / costs).sum()
+        power = len(others) / falling if falling > 0.0 else math.inf
+        expected = len(others) * (np.append(best.cost, costs.min()) / costs.max()) ** power
+        if expected[0] < settings.odds <= expected[1]:
+            worse *= 0.5
+    return [row for row in rows if _cost_of_seen(row, vision) <= least + worse]
 
 
 def _cost_of_seen(row: TargetRow, vision: VisionSettings) -> float:

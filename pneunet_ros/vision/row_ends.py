@@ -13,12 +13,13 @@ from pneunet_ros.vision.beam_search import (
     HEADING,
     Indices,
     LAST,
+    look_cost,
     misfit,
     NOTHING,
     off_arc,
     SCALE,
     search_numbers,
-    size_difference,
+    SIZE,
     X,
     Y,
 )
@@ -90,7 +91,7 @@ def continues_beyond(
     cost: of the row. A blob that fits far worse than those in the row is there by chance, as many
     are in printed text.
     """
-    x, y, _ = blobs
+    x, y, looks = blobs
     seen = np.flatnonzero(chosen >= 0)
     if seen.size < 2:
         return False
@@ -98,13 +99,14 @@ def continues_beyond(
     step_x, step_y = x[b] - x[a], y[b] - y[a]
     row = np.zeros(LAST + 1)
     row[X], row[Y], row[HEADING] = x[b], y[b], math.atan2(step_y, step_x)
+    row[SIZE:LAST] = looks[:, b]
     row[SCALE] = math.hypot(step_x, step_y) / (arclength[-1] - arclength[seen[-2]])
     spacing = _spacing_at(arclength, arclength.size - 1)
     unit = float(row[SCALE]) * spacing
     of_row = (cost - search.missing * (chosen.size - seen.size)) / seen.size
     alike = min(search.alike, search.odd**2 * of_row)
     numbers = search_numbers(search)
-    return bool(_any_alike(np.array(blobs), row, b, spacing, unit, alike, numbers))
+    return bool(_any_alike(np.vstack([x, y, looks]), row, b, spacing, unit, alike, numbers))
 
 
 @kernel
@@ -119,15 +121,16 @@ def _any_alike(
 ) -> bool:
     """Whether a blob goes on a row at a cost below `alike`; last: the blob at its end.
 
-    blobs (3, blobs): x, y and size; row (LAST + 1,); spacing m; unit: the same in the picture.
+    blobs (2 + LOOKS, blobs): x, y and looks; row (LAST + 1,); spacing m; unit: the same in the
+    picture.
     """
     for blob in range(blobs.shape[1]):
         x, y = blobs[0, blob], blobs[1, blob]
         if blob == last or abs(x - row[X]) > 2.0 * unit or abs(y - row[Y]) > 2.0 * unit:
             continue
         along, across = off_arc(x, y, row, spacing)
-        differs = min(size_difference(blobs[2, blob], blobs[2, last], search), search.odd)
-        if misfit(along / unit, across / unit, 0.0, search) + differs * differs < alike:
+        cost = misfit(along / unit, across / unit, 0.0, search)
+        if cost + look_cost(blobs, blob, row, search) < alike:
             return True
     return False
 

@@ -12,7 +12,7 @@ from pneunet_ros.vision.rest_plane import (
     row_at_rest,
     row_points,
 )
-from pneunet_ros.vision.settings import RestPlaneSettings
+from pneunet_ros.vision.settings import RestPlaneSettings, VISION
 import pytest
 from support.target_rows import arc, ARCLENGTH, away_from, Mixture, SPACING
 
@@ -29,9 +29,10 @@ def view(turn=0.0, bend=0.0, others=(), shift=(-0.15, 0.02)):
     return Mixture(rng, row, TARGETS >= 0, away_from(row, spots, 0.02), noise=1e-5), row
 
 
-def found(mixture, clamp_pixel=None, straightness=0.02):
-    pixels = FOCAL * mixture.points + ORIGIN
-    return row_at_rest(mixture.points, pixels, mixture.areas, ARCLENGTH, clamp_pixel, straightness)
+def found(mixture, clamp_pixel=None, straightness=0.02, shapes=None):
+    points, areas = mixture.points, mixture.areas
+    pixels = FOCAL * points + ORIGIN
+    return row_at_rest(points, pixels, areas, ARCLENGTH, clamp_pixel, straightness, VISION, shapes)
 
 
 @pytest.mark.parametrize('turn', [0.0, 0.4, -1.2])
@@ -86,6 +87,20 @@ def test_a_second_row_whose_targets_are_not_alike_is_there_by_chance():
         mixture.areas[along] = np.where(TARGETS % 2, smaller, larger)
         result = found(mixture)
         assert isinstance(result, Failure) == (not chance)
+    assert mixture.named(result.chosen).tolist() == TARGETS.tolist()
+
+
+@pytest.mark.parametrize('column', [0, 1, 2])
+def test_a_second_row_of_other_shapes_or_blur_is_there_by_chance(column):
+    """Clutter stands in a row here and there, but dots are as round and as sharp as each other."""
+    _, row = view()
+    mixture, row = view(others=[row + np.array([0.05, 0.15])])
+    mixture.areas[mixture.who < 0] = 80.0
+    rivals = np.flatnonzero((mixture.who < 0) & (np.abs(mixture.points[:, 1] - 0.17) < 1e-9))
+    shapes = np.random.default_rng(3).normal(0.0, 0.02, (len(mixture.points), 3))
+    assert isinstance(found(mixture, shapes=shapes), Failure)
+    shapes[rivals[::2], column] += 0.4
+    result = found(mixture, shapes=shapes)
     assert mixture.named(result.chosen).tolist() == TARGETS.tolist()
 
 

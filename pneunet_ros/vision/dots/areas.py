@@ -139,6 +139,15 @@ class RoundAreas(NamedTuple):
         uu, uv, vv = self.moments.T
         return np.asarray(4.0 * math.pi * np.sqrt(uu * vv - uv * uv))
 
+    @property
+    def shapes(self) -> Array:
+        """Logarithms of elongation, as `Blobs` has them, (n, 3); 0 of blur, which is not known."""
+        uu, uv, vv = self.moments.T
+        spread = np.hypot(uu - vv, 2.0 * uv)
+        longer = 0.5 * np.log((uu + vv + spread) / np.maximum(uu + vv - spread, 1e-9))
+        share = longer / np.maximum(spread, 1e-9)
+        return np.column_stack([(uu - vv) * share, 2.0 * uv * share, np.zeros(len(uu))])
+
     def only(self, which: Integers | slice) -> RoundAreas:
         """Return some of them."""
         return RoundAreas(self.centers[which], self.moments[which], self.levels[which])

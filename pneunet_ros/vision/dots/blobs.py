@@ -17,6 +17,7 @@ from pneunet_ros.vision.dots.areas import Appearance, BlobSettings, round_areas,
 from pneunet_ros.vision.dots.centroid import (
     ANGLE,
     AREA,
+    BLUR,
     COLUMNS,
     CONTRAST,
     MAJOR,
@@ -53,6 +54,13 @@ class Blobs:
 
     def __len__(self) -> int:
         return int(self.table.shape[1])
+
+    @property
+    def shapes(self) -> Array:
+        """Logarithms of elongation, along and aslant of u, and of the blur of edges, (n, 3)."""
+        longer, twice = np.log(self.major / self.minor), 2.0 * self.angle
+        columns = longer * np.cos(twice), longer * np.sin(twice), np.log(self.table[BLUR])
+        return np.column_stack(columns)
 
     @property
     def centers(self) -> Array:

@@ -52,6 +52,7 @@ def search_row(view: View) -> ObservedRow | Failure:
             view.arclength,
             view.clamp_angle,
             view.vision.beam_search,
+            areas.shapes[usable],
         )
     ]
     if len(near) < len(areas.centers):
@@ -73,7 +74,12 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
     points = view.plane.points(view.lens.undistort(blobs.centers))
     usable = np.flatnonzero(np.isfinite(points[:, 0]))
     row = row_from_clamp(
-        points[usable], blobs.area[usable], view.arclength, view.clamp_angle, vision.beam_search
+        points[usable],
+        blobs.area[usable],
+        view.arclength,
+        view.clamp_angle,
+        vision.beam_search,
+        blobs.shapes[usable],
     )
     targets = view.arclength.size
     least = least_seen(targets, vision.association)

@@ -60,7 +60,9 @@ def _search_what_stands_out(view: View, areas: RoundAreas) -> Array | Failure:
     usable = np.isfinite(points[:, 0])
     clear = areas.stand_out(view.appearance)
     clear = clear[usable[clear]]
-    near = near_rows_anywhere(points, areas.areas, view.arclength, clear, view.vision.beam_search)
+    near = near_rows_anywhere(
+        points, areas.areas, view.arclength, clear, view.vision.beam_search, areas.shapes
+    )
     near = near[usable[near]]
     if not len(near):
         return Failure(
@@ -144,5 +146,6 @@ def _row_at_rest(view: View, blobs: Blobs, points: Array, arclength: Array) -> A
         settings.clamp_pixel,
         math.inf if isinstance(settings.plane, CurvedRestPlane) else settings.rest_straightness,
         view.vision,
+        blobs.shapes[usable],
     )
     return row if isinstance(row, Failure) else row_points(row, points[usable])
