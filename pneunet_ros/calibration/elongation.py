@@ -51,7 +51,7 @@ def is_given(arm: Arm) -> bool:
 def without_fitted(arm: Arm) -> Arm:
     """Return the arm without the elongation that a calibration has fitted; the same without one.
 
-    Its covariance goes with it: it is that of the arm which lengthens.
+    The covariance is dropped too, because it belongs to the arm that lengthens.
     """
     if arm.sources.get(KEY) != FITTED:
         return arm

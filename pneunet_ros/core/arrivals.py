@@ -39,8 +39,8 @@ class Arrival(NamedTuple, Generic[Item]):
 class Companion:
     """Knowledge about a topic whose messages may carry the stamps of pressures.
 
-    missed: for how many pressures in a row it was waited for in vain; after two nothing waits for
-    it until it carries the stamp of a pressure again.
+    missed: number of successive pressures without its message; after two, pressures no longer
+    wait until a message has the stamp of a pressure again.
     """
 
     last_ns: int = 0

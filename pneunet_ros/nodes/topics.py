@@ -108,7 +108,7 @@ def subscription(
 def group_of(
     node: Any, order: ArrivalOrder[Any], topic: str, read: Callable[[bytes], Any] | None = None
 ) -> AtOnce:
-    """Return the group of a subscription of a node; read: of a raw one."""
+    """Return the callback group of a subscription; read: decodes raw messages."""
     patience_ns = round(getattr(node, 'PATIENCE', 0.0) * NANOSECONDS_PER_SECOND)
     return AtOnce(order, topic, getattr(node, 'errors', None), patience_ns, read)
 

@@ -240,9 +240,7 @@ class SurveyFolder:
     def check(self, pages: Sequence[str]) -> None:
         """Refuse a place that holds anything else; pages: patterns of the files beside arms."""
         if self.path.exists() and not self.path.is_dir():
-            raise RecordingError(
-                f'{self.path} is a file, and a folder is to be written', reason='wrong_kind'
-            )
+            raise RecordingError(f'{self.path} is a file, not a folder', reason='wrong_kind')
         for place in sorted(self.path.iterdir()) if self.path.is_dir() else ():
             if place.name != ARMS and not any(fnmatch(place.name, name) for name in pages):
                 raise RecordingError(

@@ -47,7 +47,7 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--rate', type=float, metavar='HZ', help='rows per second of a table without time'
     )
-    add_model(parser, 'judge the readings by it (default: by any soft actuator)')
+    add_model(parser, 'model to judge the readings by (default: any soft actuator)')
     add_settings(parser, ['judge_readings'])
     add_json(parser)
 

@@ -157,7 +157,7 @@ def _overlap(first: int, size: int, limit: int) -> tuple[slice, slice]:
 
 
 class Renderer:
-    """A scene made ready: what stands still is drawn once, and noise is drawn from a stock."""
+    """A prepared scene: static objects are drawn once, and noise comes from a stock."""
 
     __slots__ = ('_canvas', '_glare', '_grain', '_light', '_unhidden', 'scene')
 

@@ -35,7 +35,7 @@ class Tilt(Block):
 
     @property
     def tilted_std(self) -> Array:
-        """Of a base that is tilted."""
+        """Standard deviations of a tilted base."""
         return np.full(2, self.any_tilt)
 
     @property

@@ -127,9 +127,9 @@ def with_prior(
 def _other_prior(
     known: Gaussian, where: Where, stds: tuple[Array, Array], center: Array | float
 ) -> tuple[Array, Array, float, tuple[Array, Array]]:
-    """Return mean, covariance and log odds with another prior, and the spectrum of before.
+    """Return mean, covariance and log odds under another prior, and the earlier spectrum.
 
-    All in sigmas of the prior that it came from.
+    All are in sigmas of the original prior.
     """
     before, after = stds
     root, mean = known.root[where] / before[:, None], (known.mean[where] - center) / before

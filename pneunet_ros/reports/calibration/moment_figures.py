@@ -231,13 +231,12 @@ def law(data: FigureData) -> Picture | None:
     return picture(
         '08b_law_over_pressure',
         'Moment law over pressure',
-        "Bands are the fitted law, its rigidities straight lines in pressure, as the paper's "
-        "regressions. Hollow points are the paper's way: slopes of the lines of Figure 8 (a), one "
-        'per load, with two standard errors; dashed, their regression. alpha2 should follow the '
-        'band. alpha1 rests on the few targets of the first section and on curvature that is '
-        'rounded off at l1, which its bars do not know of: it scatters, and tends to be too '
-        'small. The fit, which needs no curvature, does not. Slopes less certain than '
-        f'{100 * worst:.0f} % are left out.',
+        "Bands: the fitted law, with rigidities linear in pressure. Hollow points: the paper's "
+        'method, slopes of the lines of Figure 8 (a), one per load, with two standard errors; '
+        'dashed: their regression. alpha2 should follow the band. alpha1 from slopes scatters and '
+        'tends to be too small, because the first section has few targets and the smoothed '
+        'curvature rounds off the step at l1. The fit needs no curvature and has no such bias. '
+        f'Slopes less certain than {100 * worst:.0f} % are left out.',
         figure,
         number='8 (b)',
     )
