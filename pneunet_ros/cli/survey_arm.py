@@ -157,12 +157,13 @@ class SurveyWork:
                 diagnosis, folder, frame=model, provenance=provenance, given=given
             )
         else:
+            used, tested = investigation.recordings  # less frames that show no equilibrium
             content = write_diagnosis(
                 diagnosis,
                 folder,
                 frame=model,
-                training=[*unloaded, *loaded],
-                held_out=held_out,
+                training=used,
+                held_out=tested,
                 provenance=provenance,
                 discovery=discovery,
                 given=given,
