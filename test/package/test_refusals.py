@@ -1,33 +1,70 @@
-"""Every refusal carries a reason: the key by which programs and tests know it."""
+"""Every refusal and note carries a reason; all reasons are listed, and one cause has one word."""
 
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pneunet_ros
-import pytest
+from pneunet_ros.core.reasons import REASONS
 
 PACKAGE = Path(pneunet_ros.__file__).parent
 ERRORS = {'RequestError', 'ModelError', 'CameraError', 'MessageError', 'RecordingError'}
-ROOMS = sorted(path.parent.name for path in PACKAGE.glob('*/__init__.py'))
+BY_PLACE = {'complain', 'drop', 'print_error', 'refuse'}  # functions that take a reason by place
 
 
-@pytest.mark.parametrize('room', ROOMS)
-def test_what_is_refused_has_a_reason(room):
+@cache
+def trees() -> dict[str, ast.Module]:
+    """Return what every file of the package holds, but for the list itself."""
+    return {
+        str(path.relative_to(PACKAGE)): ast.parse(path.read_text(encoding='utf-8'))
+        for path in sorted(PACKAGE.rglob('*.py'))
+        if path.name != 'reasons.py'
+    }
+
+
+def calls(tree: ast.Module) -> list[ast.Call]:
+    return [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+
+
+def texts(node: ast.AST) -> set[str]:
+    constants = (part for part in ast.walk(node) if isinstance(part, ast.Constant))
+    return {part.value for part in constants if isinstance(part.value, str)}
+
+
+def is_bare(call: ast.Call) -> bool:
+    """Whether an error of the package is made from a sentence, and has no reason."""
+    if not call.args or ast.unparse(call.func).rpartition('.')[2] not in ERRORS:
+        return False
+    made = isinstance(call.args[0], ast.JoinedStr | ast.Constant | ast.BinOp)
+    return made and 'reason' not in {item.arg for item in call.keywords}
+
+
+def reasons_of(call: ast.Call) -> set[str]:
+    """Return the reasons that are written where an error, a note or a refusal is made."""
+    found = set[str]().union(
+        *(texts(item.value) for item in call.keywords if item.arg == 'reason')
+    )
+    if isinstance(call.func, ast.Name) and call.func.id in BY_PLACE:
+        words = {item.value for item in call.args if isinstance(item, ast.Constant)}
+        found |= {word for word in words if isinstance(word, str) and word.isidentifier()}
+    return found - {''}
+
+
+def test_what_is_refused_has_a_reason():
     bare = [
-        f'{path.relative_to(PACKAGE)}:{node.lineno}'
-        for path in sorted((PACKAGE / room).rglob('*.py'))
-        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
-        if isinstance(node, ast.Raise) and is_bare(node.exc)
+        f'{name}:{call.lineno}'
+        for name, tree in trees().items()
+        for call in calls(tree)
+        if is_bare(call)
     ]
     assert not bare
 
 
-def is_bare(error: ast.expr | None) -> bool:
-    """Whether an error of the package is made from a sentence, and has no reason."""
-    if not isinstance(error, ast.Call) or not error.args:
-        return False
-    name = ast.unparse(error.func).rpartition('.')[2]
-    made = isinstance(error.args[0], ast.JoinedStr | ast.Constant | ast.BinOp)
-    return name in ERRORS and made and 'reason' not in {one.arg for one in error.keywords}
+def test_every_reason_has_its_meaning_and_none_is_left_over():
+    given = {reason for tree in trees().values() for call in calls(tree)
+             for reason in reasons_of(call)}  # fmt: skip
+    assert given <= set(REASONS)
+    assert set(REASONS) <= set[str]().union(*map(texts, trees().values()))
+    assert len(set(REASONS.values())) == len(REASONS)
