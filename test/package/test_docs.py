@@ -15,6 +15,7 @@ from support.page_commands import blocks_of, DOCS, PAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = (ROOT / 'docs/model.md').read_text(encoding='utf-8')
+MOST_WORDS = 30_000  # what is added takes something else away; tables go to acceptance/
 every_page = pytest.mark.parametrize('page', PAGES, ids=lambda page: page.stem)
 
 
@@ -33,6 +34,11 @@ def test_the_index_leads_to_every_page():
     index = {link.resolve() for link in links(ROOT / 'docs/README.md')}
     assert {page for page in DOCS if page.stem != 'README'} <= index
     assert (ROOT / 'docs/README.md') in links(ROOT / 'README.md')
+
+
+def test_the_pages_are_short_enough_to_be_read():
+    read = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *DOCS]
+    assert sum(len(page.read_text(encoding='utf-8').split()) for page in read) <= MOST_WORDS
 
 
 def commands(page):
