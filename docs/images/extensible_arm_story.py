@@ -261,22 +261,19 @@ def sentences(story: Story) -> list[str]:
 
 
 def biased_parameters(story: Story) -> list[str]:
-    """Return the parameters biased by the missing effect, beside the truth: alpha2 and l1 / l."""
+    """Return the parameters biased by the missing effect, beside the truth: alpha2."""
     lab, after = story.recorded.scenario.arm, story.diagnosis.after.arm.moment_law
     assert isinstance(after, PiecewiseLinearLaw)
     out = []
     for name, shift in story.diagnosis.shift.items():
         match name.split('.'):
             case ['moment_law', 'rigidity', row, '1']:
-                quantity, table = 'alpha2', lab.rigidity[:, 1]
-            case ['moment_law', 'split', row]:
-                quantity, table = 'l1 / l', lab.split
+                pressure = float(after.pressure[int(row)])
             case _:
                 continue
-        pressure = float(after.pressure[int(row)])
-        true = float(np.interp(pressure, lab.law_pressure, table))
+        true = float(np.interp(pressure, lab.law_pressure, lab.rigidity[:, 1]))
         out.append(
-            f'{quantity} at {kilopascals(pressure):4.1f} kPa: {shift.before:.4f} before, '
+            f'alpha2 at {kilopascals(pressure):4.1f} kPa: {shift.before:.4f} before, '
             f'{shift.after:.4f} +- {shift.std:.4f} after, true {true:.4f}'
         )
     return sorted(out)
