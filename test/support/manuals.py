@@ -34,7 +34,7 @@ def table(text: str, first_column: str) -> list[list[str]]:
 
 def of_the_estimator(node: str) -> set[str]:
     """Return the names for which a page sends its readers to that of the estimator."""
-    lists = re.findall(r'^As of the \[estimator\]\([^)]*\): ([^.]*)\.$', page(node), re.MULTILINE)
+    lists = re.findall(r'^As for the \[estimator\]\([^)]*\): ([^.]*)\.$', page(node), re.MULTILINE)
     return set(re.findall(r'`([^`]+)`', ' '.join(lists)))
 
 
