@@ -281,7 +281,7 @@ def _take(
     differences = look_differences(blobs, blob, row, search)
     for look in range(LOOKS):
         # Which of two that differ is the odd one shows from there on.
-        odd = differences[max(look - 1, 0) if look < 3 else 2] > search.odd
+        odd = differences[(look + 1) // 2] > search.odd
         before, now = row[SIZE + look], blobs[2 + look, blob]
         if odd or math.isnan(before):
             row[SIZE + look] = now

@@ -152,3 +152,15 @@ def test_spacing_need_not_be_equal(seed):
     row = arc(*rng.uniform(-20.0, 20.0, 2), arclength=np.concatenate([[0.0], arclength]))[1:]
     found = row_from_clamp(row[::-1].copy(), np.full(15, 80.0), arclength, 0.0)
     assert found.chosen.tolist() == list(range(14, -1, -1))
+
+
+def test_elongated_dots_cost_the_same_whichever_way_they_point():
+    """From the middle on they are longer, which is odd of the first one of them alone."""
+    row, areas, costs = arc(10.0, 20.0), np.full(TARGETS.size, 80.0), []
+    for along, aslant in ((0.6, 0.0), (0.0, 0.6), (-0.36, 0.48)):
+        shapes = np.zeros((TARGETS.size, 3))
+        shapes[12:, :2] = along, aslant
+        found = row_from_clamp(row, areas, ARCLENGTH, 0.0, shapes=shapes)
+        assert found.chosen.tolist() == TARGETS.tolist()
+        costs.append(found.cost)
+    assert costs == pytest.approx([costs[0]] * 3)
