@@ -81,3 +81,15 @@ def test_too_little_that_was_read_is_refused():
     between = restless.subset(np.array([1, 2, 9, 10, 11, 13, 14, 15]))
     with refused(RecordingError, 'between_readings'):
         without_unread(paper_arm(), [free, between])
+
+
+def test_noise_larger_than_the_arm_file_says_is_no_change():
+    noise, random = paper_arm().sensors, np.random.default_rng(4)
+    pressure = 20e3 + 5.0 * noise.pressure_std * random.standard_normal(200)
+    force = 0.1 + 5.0 * noise.force_std * random.standard_normal(200)
+    pressure[100:] += 30e3
+    run = recording(pressure.tolist(), force.tolist())
+    (group,), _ = without_unread(paper_arm(), [run])
+    left = set(run.stamp_ns.tolist()) - set(group[0].stamp_ns.tolist())
+    assert {100 * READ + place * READ // 4 for place in (1, 2, 3)} < left
+    assert len(left) < 0.05 * len(run.stamp_ns)
