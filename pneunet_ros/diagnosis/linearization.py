@@ -63,7 +63,7 @@ class LinearizedRun:
 
     @property
     def log_volume(self) -> float:
-        """Log determinant of the errors by which a run is whitened."""
+        """Log of sqrt(det C / det D) of the errors by which a run is whitened; see `Whitening`."""
         return self.whitening.log_volume + self.path_filter.log_volume
 
     @property

@@ -75,6 +75,7 @@ def collect_frames(
         time = direction = np.full(len(run.stamp_ns), np.nan)
         if not run.static:
             time = (run.stamp_ns - run.stamp_ns[0]) / NANOSECONDS_PER_SECOND
+        if not run.static and len(time) > 1:
             speed = np.gradient(inputs.pressure, time) / span
             direction = np.where(np.abs(speed) > settings.moving, np.sign(speed), np.nan)
         axes.append((inputs.pressure, np.hypot(*inputs.loads[:, :2].T), time, direction))

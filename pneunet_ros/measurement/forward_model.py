@@ -203,7 +203,7 @@ class ForwardModel:
             self.heading[frames] = of.heading
 
     def solutions(self) -> FrameSolutions:
-        """Return empty arrays for the kernels to fill."""
+        """Return the arrays that the kernels start from and fill; not copied."""
         return FrameSolutions(
             counts=self.counts,
             arclength=self.stations,

@@ -45,7 +45,7 @@ class BeamSearchSettings:
     blur_std: float = tuning(0.15, 'difference of the logarithmic blur of edges, one sigma')
     odd: float = tuning(
         2.0, 'difference of size, shape or blur, beyond which it costs no more', unit='sigma',
-        source='convention: 5 % of what is normal; cheaper than a target that is missing',
+        source='convention: 5 % of what is normal; up to two are cheaper than a missing target',
     )  # fmt: skip
     memory: float = tuning(0.7, 'weight of the row so far in its spacing and its size')
     missing: float = tuning(9.0, 'cost of a target that is not seen')

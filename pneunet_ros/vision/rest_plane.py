@@ -81,7 +81,7 @@ class RestSearch:
     def with_frame(
         self, points: Array, spacing: float, settings: RestPlaneSettings = VISION.rest_plane
     ) -> RestSearch:
-        """Add one more frame (targets, 2); the newest comes first.
+        """Return the search with one more frame (targets, 2), whose place comes first.
 
         spacing: of neighboring targets, in the unit of the points.
         """

@@ -17,6 +17,7 @@ from pneunet_ros.diagnosis.localization import (
     rising_to_falling_ratio,
     target_means,
 )
+from pneunet_ros.diagnosis.refit import refit
 from pneunet_ros.diagnosis.result import AXES, Axis
 import pytest
 from support.lab_designs import design, fitted, FRAMES, TRAINING
@@ -185,3 +186,15 @@ def test_residuals_of_a_fit_without_what_is_missing():
     left = collect_frames(known)
     assert np.nansum(left.squares) < 0.7 * np.nansum(frames.squares)
     assert np.nanmean(left.squares) == pytest.approx(2.0, abs=0.25)
+
+
+def test_a_recording_of_one_frame_has_no_direction():
+    """As may be left of one where the others show what no sensor read."""
+    runs = [run.subset(np.arange(8)) for run in design().runs[: len(TRAINING)]]
+    runs[1] = runs[1].subset(np.array([3]))
+    found = refit(design().at(design().point, runs), (), np.zeros(0), 1)
+    assert found is not None
+    frames = collect_frames(found)
+    assert len(frames.squares) == 8 * (len(TRAINING) - 1) + 1
+    assert np.isnan(frames.axes['direction'][8])
+    assert frames.axes['time'][8] == 0.0

@@ -14,7 +14,7 @@ from pneunet_ros.measurement.inference.variance_component import ErrorGrowth, Si
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Walk:
-    """How the forces walk (N/sqrt(s)): recent, recently; usual, that of the tip force on average.
+    """Random walk of the forces (N/sqrt(s)): recent, and usual, that of the tip force on average.
 
     interval (s): after which they go on as steadily as from frame to frame. weights (walks,): log
     weights of the walks that an arm which swings may have, None before any frame.
