@@ -49,8 +49,8 @@ def without_unread(
     if not left:
         return [[*group] for group in groups], ()
     note = Note(
-        f'{left} of {sum(flags.size for flags in every)} frames were left out: pressure or load '
-        'changed there between two readings, so that their values were not measured',
+        f'{left} of {sum(flags.size for flags in every)} frames were left out: their pressure or '
+        'load was not measured, as it changed between two readings, or was not read any more',
         reason='between_readings',
     )
     kept = [
@@ -111,5 +111,6 @@ def read_frames(arm: Arm, run: RecordingData, noise: SensorNoise) -> Flags:
     known = missed_pressure(noise, arm, run) <= noise.pressure_std
     stds = np.array([noise.force_std, noise.force_std, noise.moment_std])
     known &= (missed_load(run, stds) <= stds).all(axis=1)
-    stamps = run.reading_stamp_ns
-    return np.asarray(known & (shown >= stamps[0]) & (shown <= stamps[-1]))
+    if run.pressurized:
+        known &= (shown >= run.reading_stamp_ns[0]) & (shown <= run.reading_stamp_ns[-1])
+    return np.asarray(known)

@@ -66,10 +66,11 @@ def test_frames_go_where_the_load_jumped_and_what_stays_is_said():
     assert notes[0].startswith(f'{left} of {len(run.stamp_ns)} ')
 
 
-def test_frames_taken_with_a_reading_and_steady_states_stay():
+def test_frames_taken_with_a_reading_and_steady_states_and_those_of_no_pressure_stay():
     step = recording([20e3, 20e3, 20e3, 50e3, 50e3, 50e3])
     triggered = step.subset(np.arange(0, 24, 4))
-    for run in (triggered, replace(step, static=True)):
+    without = replace(recording([0.0] * 6), pressurized=False)
+    for run in (triggered, replace(step, static=True), without):
         (group,), notes = without_unread(paper_arm(), [run])
         assert group == [run]
         assert not notes
