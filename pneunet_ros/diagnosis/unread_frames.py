@@ -48,15 +48,15 @@ def without_unread(
     left = sum(int((~flags).sum()) for flags in every)
     if not left:
         return [[*group] for group in groups], ()
+    parts = [[(run, read_part(run, flags, noise)) for run, flags in group] for group in read]
+    kept = [[part for _, part in group if part is not None] for group in parts]
+    lost = [run.name for group in parts for run, part in group if part is None]
     note = Note(
         f'{left} of {sum(flags.size for flags in every)} frames were left out: their pressure or '
-        'load was not measured, as it changed between two readings, or was not read any more',
+        'load was not measured, as it changed between two readings, or was not read any more'
+        + (f'; nothing is left of {", ".join(lost)}' if lost else ''),
         reason='between_readings',
     )
-    kept = [
-        [part for run, flags in group if (part := read_part(arm, run, flags)) is not None]
-        for group in read
-    ]
     if {run.loaded for run in kept[0]} != {run.loaded for run in groups[0]}:
         raise RecordingError(
             f'{note}. Too little is left for a diagnosis: read pressure and load more often than '
@@ -66,12 +66,12 @@ def without_unread(
     return kept, (note,)
 
 
-def read_part(arm: Arm, run: RecordingData, flags: Flags) -> RecordingData | None:
+def read_part(run: RecordingData, flags: Flags, noise: SensorNoise) -> RecordingData | None:
     """Return these frames of a run; None where none is left, or none with the load it had."""
     if not flags.any():
         return None
     part = run.subset(np.flatnonzero(flags))
-    lost = run.loaded and part.is_idle(arm.sensors) and not run.is_idle(arm.sensors)
+    lost = run.loaded and part.is_idle(noise) and not run.is_idle(noise)
     return None if lost else part
 
 

@@ -82,6 +82,9 @@ def test_too_little_that_was_read_is_refused():
     between = restless.subset(np.array([1, 2, 9, 10, 11, 13, 14, 15]))
     with refused(RecordingError, 'between_readings'):
         without_unread(paper_arm(), [free, between])
+    (_, held_out), (note,) = without_unread(paper_arm(), [free], [replace(between, name='short')])
+    assert held_out == []
+    assert 'short' in note
 
 
 def test_noise_larger_than_the_arm_file_says_is_no_change():
