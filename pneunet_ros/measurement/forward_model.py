@@ -21,30 +21,15 @@ from pneunet_ros.model.record import owners
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from pneunet_ros.solver.collocation import unloaded_nodes
 from pneunet_ros.solver.columns import (
-    CURVATURE as CURVATURE,
-)
-from pneunet_ros.solver.columns import (
-    INTRINSIC_CURVATURE as INTRINSIC_CURVATURE,
-)
-from pneunet_ros.solver.columns import (
     LOAD_X,
     LOAD_Y,
     LOADS,
     NODE_WIDTH,
     RIGIDITY,
     START,
-)
-from pneunet_ros.solver.columns import (
-    MOMENT as MOMENT,
-)
-from pneunet_ros.solver.columns import (
-    THETA as THETA,
-)
-from pneunet_ros.solver.columns import (
-    X as X,
-)
-from pneunet_ros.solver.columns import (
-    Y as Y,
+    THETA,
+    X,
+    Y,
 )
 from pneunet_ros.solver.frame_series import (
     FrameSolutions,
