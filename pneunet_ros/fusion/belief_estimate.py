@@ -174,7 +174,7 @@ def arm_at(
         pressed = pressed if math.isfinite(pressed) else 0.0
         columns = belief.root.shape[1]
         noise = (inputs.moment_std, inputs.chamber_std)
-        walk = None if bench.swinging is None else max(belief.walk.recent, belief.walk.usual)
+        walk = None if bench.swinging is None else belief.walk.largest
         belief = bench.move(belief, stamp_ns, pressed, noise, bench.size_of(belief), walk)
         unseen = belief.root[:, columns:].copy()
         unseen[bench.unknowns.white] = 0.0

@@ -26,8 +26,8 @@ from pneunet_ros.fusion.belief import (
 )
 from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.contact import differs_from_zero, find_contacts, without_contact
-from pneunet_ros.fusion.frame_update import excess, force_at, misfits, take_frame, with_fit
-from pneunet_ros.fusion.taken_frame import problem_of, TakenFrame
+from pneunet_ros.fusion.frame_update import excess, force_at, misfits, with_fit
+from pneunet_ros.fusion.taken_frame import taken_by, taken_once, TakenFrame
 from pneunet_ros.measurement.blocks.camera import Camera
 from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.placement import Placement
@@ -81,13 +81,11 @@ def retaken(
 ) -> TakenFrame:
     """Return a frame taken by another belief, near the last shape where there is one.
 
-    walk (N/sqrt(s)): of the tip force, as `problem_of` takes it.
+    walk (N/sqrt(s)): of the tip force of an arm that swings, None for as the frame was taken.
     """
-    frame, problem = taken.frame, problem_of(bench, taken.frame, before, walk)
-    cold = not before.frames
-    read = bench.used(frame, before.causes).wrench is not None
-    update = take_frame(problem, cold=cold, force_read=read, widely=cold)
-    return TakenFrame(frame=frame, before=before, problem=problem, update=update)
+    if walk is None and taken.problem.swinging is not None:
+        walk = taken.problem.prior.walk.recent
+    return taken_once(bench, taken.frame, before, walk)
 
 
 def relearned(taken: TakenFrame, after: Belief) -> TakenFrame:
@@ -112,7 +110,7 @@ class ContactCause(Cause):
         if fit is None:
             return
         if before.touched:
-            free = retaken(bench, taken, without_contact(bench.unknowns, before))
+            free = taken_by(bench, frame, without_contact(bench.unknowns, before))
             yield free, 0.0
             if free.update.fit is None or excess(fit) <= 1.0:
                 return

@@ -35,7 +35,7 @@ from pneunet_ros.measurement.inference.gaussian import innovation_factor, root_a
 from pneunet_ros.measurement.inference.variance_component import ErrorGrowth
 from pneunet_ros.measurement.painted_targets import along_the_arc
 from pneunet_ros.measurement.predicted_targets import target_jacobian
-from pneunet_ros.measurement.swinging_arm import NEXT, Reference, SwingingArm, Swung
+from pneunet_ros.measurement.swinging_arm import ERRORS, Reference, SwingingArm, Swung
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.part_load import (
     PartLoad,
@@ -215,11 +215,11 @@ class FrameProblem:
         further = [unknowns.at(Push)] if touched else []
         if self.swinging is not None and self.prior.reference is not None:
             further.append(self.swinging.part(Motion.PLACE))
-        left_out = NEXT if self.left_out is not None else 0
+        left_out = ERRORS if self.left_out is not None else 0
         cause_root = np.zeros((own + 2 * len(further) + left_out + 3, size))
         if self.left_out is not None:
-            columns = slice(self.left_out, self.left_out + NEXT)
-            cause_root[-3 - NEXT : -3, columns] = np.eye(NEXT)
+            columns = slice(self.left_out, self.left_out + ERRORS)
+            cause_root[-3 - ERRORS : -3, columns] = np.eye(ERRORS)
         np.matmul(causes, still, out=cause_root[:own])
         for which, where in enumerate(further):
             cause_root[own + 2 * which : own + 2 * which + 2] = root[where]
@@ -287,7 +287,7 @@ class FrameProblem:
             moved_x, moved_y, turned, bends = swung.beside
             curvature = curvature + bends
             if self.left_out is not None:
-                off = xi[self.left_out : self.left_out + NEXT]
+                off = xi[self.left_out : self.left_out + ERRORS]
                 off_x, off_y = np.tensordot(off, swung.left_out, axes=1)
                 moved_x, moved_y = moved_x + off_x, moved_y + off_y
             there_x, there_y, theta = there_x + moved_x, there_y + moved_y, theta + turned

@@ -55,7 +55,7 @@ from pneunet_ros.fusion.readings import (
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState, PendingFrame, RunningNis
 from pneunet_ros.fusion.taken_frame import TakenFrame
-from pneunet_ros.fusion.weighing import explains_all, is_copy, take, walk_told, weigh
+from pneunet_ros.fusion.weighing import is_copy, take, walk_told, weigh
 from pneunet_ros.measurement.between_readings import error_between
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
@@ -523,7 +523,7 @@ class Fusion:
             return state.count_unused('repeated')
         state = replace(state, seen=seen)
         taken = take(self.bench, state, frame, before)
-        if explains_all(taken):
+        if taken.explained:
             rest = state.bank[1:]
             weight = state.bank[0].log_weight if state.bank else 0.0
             bank = (Hypothesis(belief=self.learned(taken), log_weight=weight), *rest)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 import math
 
 import numpy as np
@@ -13,9 +14,11 @@ from pneunet_ros.fusion.bent_arm import bend_arm, causes_with_contact
 from pneunet_ros.fusion.frame_fit import FrameProblem
 from pneunet_ros.fusion.frame_update import (
     evidence_cost,
+    excess,
     FrameUpdate,
     left_out_cost,
     misfits,
+    take_frame,
 )
 from pneunet_ros.fusion.readings import path_of, ReadFrame
 from pneunet_ros.fusion.swinging import swung_on
@@ -24,7 +27,7 @@ from pneunet_ros.measurement.blocks.pressure_error import PressureError
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.inference.gaussian import widen, with_columns
 from pneunet_ros.measurement.inference.variance_component import ErrorGrowth
-from pneunet_ros.measurement.swinging_arm import NEXT
+from pneunet_ros.measurement.swinging_arm import ERRORS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,6 +55,13 @@ class TakenFrame:
         return fit is None or misfits(fit)
 
     @property
+    def explained(self) -> bool:
+        """Whether noise explains all of its targets."""
+        update = self.update
+        fit = None if update.belief is None or update.left_out else update.fit
+        return fit is not None and excess(fit) <= 1.0
+
+    @property
     def log_evidence(self) -> float:
         """Log of the likelihood of the frame, but for a constant; -inf where nothing fits."""
         fit, seen = self.update.fit, int(np.count_nonzero(self.problem.used))
@@ -68,6 +78,68 @@ class TakenFrame:
         """Residual chi squared per coordinate of its targets; infinite without a fit."""
         fit = self.update.fit
         return math.inf if fit is None else fit[1].cost / fit[1].trial.residual.size
+
+
+def taken_by(
+    bench: Bench,
+    frame: ReadFrame,
+    before: Belief,
+    *,
+    found_better: bool = False,
+    widely: bool | None = None,
+) -> TakenFrame:
+    """Return a frame taken by a belief.
+
+    Of an arm that swings the load may walk faster now than it did lately: where a frame is not
+    explained by that, it is taken by the walk that makes it likeliest.
+    """
+    once = partial(taken_once, bench, frame, before, found_better=found_better, widely=widely)
+    taken = once()
+    own = bench.of(before.causes)
+    if own.swinging is None or (taken.explained and not may_be_faster(taken)):
+        return taken
+    tried = [taken]
+    for size in own.unknowns.block(TipForce).walks.sizes:
+        if size > before.walk.recent:
+            tried.append(once(size))
+    return max(tried, key=lambda one: one.log_evidence)
+
+
+def may_be_faster(taken: TakenFrame) -> bool:
+    """Whether a frame alone speaks for a load that walks faster than it did lately."""
+    fit = taken.update.fit
+    told = None if fit is None else fit[0].walk_information(fit[1])
+    if told is None or not taken.before.frames:
+        return False
+    walks = taken.problem.unknowns.block(TipForce).walks
+    growth = ErrorGrowth(size=told[2], grown=np.ones(2), seconds=0.0)
+    weights = walks.after(walks.first, growth, told[:2])
+    return walks.sizes[int(weights.argmax())] > taken.before.walk.recent
+
+
+def taken_once(
+    bench: Bench,
+    frame: ReadFrame,
+    before: Belief,
+    walk: float | None = None,
+    *,
+    found_better: bool = False,
+    widely: bool | None = None,
+) -> TakenFrame:
+    """Return a frame taken by a belief, near the last shape where there is one.
+
+    walk (N/sqrt(s)): of the tip force, as `problem_of` takes it; found_better, widely: as of
+    `take_frame`, None for widely where nothing is known yet.
+    """
+    problem, cold = problem_of(bench, frame, before, walk), not before.frames
+    update = take_frame(
+        problem,
+        cold=cold,
+        found_better=found_better,
+        force_read=bench.used(frame, before.causes).wrench is not None,
+        widely=cold if widely is None else widely,
+    )
+    return TakenFrame(frame=frame, before=before, problem=problem, update=update)
 
 
 def problem_of(
@@ -116,7 +188,7 @@ def problem_of(
     left_out = None
     if prior.reference is not None:  # of this frame alone
         left_out = prior.root.shape[1]
-        prior = replace(prior, root=with_columns(prior.root, NEXT))
+        prior = replace(prior, root=with_columns(prior.root, ERRORS))
     sightings = frame.sightings
     return FrameProblem(
         table=bench.table,

@@ -16,11 +16,9 @@ from pneunet_ros.core.units import seconds_between
 from pneunet_ros.fusion.belief import Belief, CONTACT, first_belief, FORCE_SENSOR, MOTION, PRESSURE
 from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.causes import Alternative, ANEW, Cause, CAUSES, CONTACTS, retaken
-from pneunet_ros.fusion.frame_fit import FrameProblem
-from pneunet_ros.fusion.frame_update import excess, take_frame
 from pneunet_ros.fusion.readings import ReadFrame, SeenFrame
 from pneunet_ros.fusion.state import FusionState
-from pneunet_ros.fusion.taken_frame import problem_of, TakenFrame
+from pneunet_ros.fusion.taken_frame import taken_by, TakenFrame
 from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.tip_force import TipForce, Walk
 from pneunet_ros.measurement.inference.bank import Hypothesis, ranked
@@ -40,25 +38,14 @@ def take(bench: Bench, state: FusionState, frame: ReadFrame, before: Belief) -> 
     Where frames in a row were not used, the search goes everywhere in a few of them alone. Of an
     arm that swings the load may have jumped since the last one: what is likelier counts.
     """
-    read = bench.used(frame, before.causes).wrench is not None
-
-    def taken_as(problem: FrameProblem) -> TakenFrame:
-        update = take_frame(
-            problem,
-            cold=not before.frames,
-            found_better=state.search.found_better,
-            force_read=read,
-            widely=is_due(state) or not before.frames,
-        )
-        return TakenFrame(frame=frame, before=before, problem=problem, update=update)
-
-    taken = taken_as(problem_of(bench, frame, before))
-    own = bench.of(before.causes)
-    if own.swinging is None or explains_all(taken):
-        return taken
-    largest = own.unknowns.block(TipForce).walks.sizes[-1]
-    faster = taken_as(problem_of(bench, frame, before, largest))
-    return faster if faster.log_evidence > taken.log_evidence else taken
+    cold = not before.frames
+    return taken_by(
+        bench,
+        frame,
+        before,
+        found_better=state.search.found_better,
+        widely=is_due(state) or cold,
+    )
 
 
 def walk_told(taken: TakenFrame) -> Walk:
@@ -68,9 +55,9 @@ def walk_told(taken: TakenFrame) -> Walk:
     if told is None or not taken.before.frames:
         return walk
     seconds = seconds_between(taken.before.stamp_ns, taken.frame.stamp_ns)
-    return taken.problem.unknowns.block(TipForce).walk_told(
-        walk, *told, seconds, taken.before.frames
-    )
+    force = taken.problem.unknowns.block(TipForce)
+    after = force.walk_told(walk, *told, seconds, taken.before.frames)
+    return replace(after, taken=walk.recent)
 
 
 def with_walk_told(bench: Bench, taken: TakenFrame) -> Belief:
@@ -89,17 +76,6 @@ def is_due(state: FusionState) -> bool:
     return not state.counts.lost & (state.counts.lost + 1)
 
 
-def explains_all(taken: TakenFrame) -> bool:
-    """Whether noise explains every target of a frame that was taken, so that doubts can wait."""
-    fit = taken.update.fit
-    return (
-        taken.update.belief is not None
-        and fit is not None
-        and not taken.update.left_out
-        and excess(fit) <= 1.0
-    )
-
-
 def weigh(
     bench: Bench, state: FusionState, taken: TakenFrame
 ) -> tuple[tuple[Hypothesis[Belief], ...], TakenFrame]:
@@ -109,7 +85,7 @@ def weigh(
     """
     leading, *others = state.bank or (Hypothesis(belief=taken.before),)
     weighed = [(taken, leading.log_weight)]
-    weighed += [(retaken(bench, taken, one.belief), one.log_weight) for one in others]
+    weighed += [(taken_by(bench, taken.frame, one.belief), one.log_weight) for one in others]
     best = best_of(weighed)
     if best[0].update.fit is not None or is_due(state):
         touches = contacts_beside(bench, weighed, best)

@@ -43,6 +43,10 @@ from pneunet_ros.solver.swing import at_rest, P, Q, Swing
 # What is left out of a swing along each of the next shapes: at the tip, of its swing there.
 # Measured: with it steps of 50 kPa and 0.3 N leave chi squared near 1 on three rigs in MuJoCo.
 NEXT, BEYOND = 3, 0.005
+ERRORS = NEXT + 2  # of one frame alone: these, and what faster shapes have answered of a load
+# Of a time in which a load walks: places and weights that integrate over it (Gauss, Legendre).
+PLACES = 0.5 + math.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
+WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 Q_ROWS, P_ROWS = slice(0, Motion.SHAPES), slice(Motion.SHAPES, 2 * Motion.SHAPES)
 
 
@@ -65,9 +69,10 @@ class Reference:
     (shapes, links) of each shape. links: of the equilibrium at the
     unknowns (n,), and turning (links, n): how each turns them; turned (links,) rad/s: how fast
     they turned before. at_tip (shapes, 2) m: how each shape moves the tip. lag
-    (links,) rad: how far faster shapes are behind the equilibrium; left_out (next shapes, links)
-    rad: one sigma of what a swing leaves out. pull (4, shapes): what a load has done to places and
-    momenta since the last reference, per force on each shape. lost: nobody knows how it swings.
+    (links,) rad: how far faster shapes are behind the equilibrium; left_out (ERRORS, links)
+    rad: one sigma of what a swing leaves out, and of what faster shapes have answered. pull
+    (4, shapes): what a load has done to places and momenta since the last reference, per force on
+    each shape. lost: nobody knows how it swings.
     """
 
     heading: Array
@@ -110,7 +115,7 @@ class Swung:
     links: of the equilibrium. Rows: x, y (m), theta (rad), curvature (1/m). beside (4, places);
     by_link (links, 4, places): per turn of each link of the equilibrium, the place of the shapes
     held; by_shape (shapes, 4, places); moment (places,) N m beside the equilibrium. at_tip
-    (shapes, 2) m: of the tip; left_out (next shapes, 2, places) m: one sigma. along (2, links + 1,
+    (shapes, 2) m: of the tip; left_out (ERRORS, 2, places) m: one sigma. along (2, links + 1,
     links) m: how middles of links, and the tip, move per turn of each link; heading (links,) rad.
     """
 
@@ -273,7 +278,7 @@ class SwingingArm:
             turning=np.zeros((LINKS, moved.mean.size)),
             at_tip=np.zeros((Motion.SHAPES, 2)),
             lag=np.zeros(LINKS),
-            left_out=freeze(self.left_out(moving)),
+            left_out=freeze(self.left_out(moving, np.zeros((2, LINKS)))),
             pull=np.zeros((2 * Motion.SHAPES, Motion.SHAPES)),
         )
         if old is None or since is None:
@@ -281,17 +286,29 @@ class SwingingArm:
         if not np.hypot(*moving.at_nodes[:2, -1]) < 2.0 * self.moving.arm.length:
             return self.begun_anew(moved), replace(reference, lost=True), moving
         seconds = seconds_between(old_ns, stamp_ns)
-        on, pull = response_to(rates, seconds)
+        early, on = responses_to(rates, seconds)
+        pull = (np.eye(len(on)) - on)[:, Q_ROWS] @ np.linalg.inv(-rates[P_ROWS, Q_ROWS])
         pulled = old.projection @ old.turning
         pulled[:, self.tip] = np.linalg.solve(-rates[P_ROWS, Q_ROWS], old.at_tip)
         if turning is not None:
             pulled = 0.5 * (pulled + onto @ turning)
         swung = self.swung_on(moved, pulled, following.swing, on)
+        walked = root_of(moved.root[self.tip, known.root.shape[1] :])
+        loads = old.turning if turning is None else 0.5 * (old.turning + turning)
+        beyond = np.stack([reference.beyond(load) for load in loads[:, self.tip].T])
+        unanswered = self.unanswered(seconds) * walked.T @ beyond
         late = old.lag - old.beyond(since.heading - old.links.heading)
         lag = self.lag_of(late, reference.beyond(links.heading - since.heading), seconds)
         root = self.with_noise(swung.root, following.swing, moving)
+        root = self.with_walk(root, (on - early)[:, :, Q_ROWS] @ pulled[:, self.tip] @ walked)
         swung = replace(swung, root=freeze(root))
-        reference = replace(reference, unknowns=swung.mean, lag=freeze(lag), pull=pull)
+        reference = replace(
+            reference,
+            unknowns=swung.mean,
+            lag=freeze(lag),
+            pull=pull,
+            left_out=freeze(self.left_out(moving, unanswered)),
+        )
         return swung, reference, moving
 
     def pushed(self, swung: Swung, turns: Array, at: Array) -> Array:
@@ -340,10 +357,14 @@ class SwingingArm:
         tip = there.at_nodes[:2, -1]
         return math.hypot(*tip.tolist(), *(there.stopped / self.moving.modes.frequency[0]))
 
-    def left_out(self, there: Moved) -> Array:
-        """Return one sigma of turns (shapes, links) rad that are left out: of the next shapes."""
+    def left_out(self, there: Moved, unanswered: Array) -> Array:
+        """Return one sigma of turns (ERRORS, links) rad that are left out.
+
+        unanswered (2, links) rad: one sigma of what faster shapes have answered of the load.
+        """
         tips = np.abs(self.next_shapes.sum(axis=1)) * self.moving.arm.reach / LINKS
-        return np.asarray(BEYOND * self.swing_of(there) * self.next_shapes / tips[:, None])
+        swung = BEYOND * self.swing_of(there) * self.next_shapes / tips[:, None]
+        return np.concatenate([swung, unanswered])
 
     def answered(self, seconds: float) -> float:
         """Return the share to which all but the shapes have answered a load that walked so long.
@@ -357,6 +378,31 @@ class SwingingArm:
         if not time > 0.0 or not seconds > 0.0 or math.isinf(seconds):
             return float(seconds > 0.0)
         return 1.0 + time / seconds * math.expm1(-seconds / time)
+
+    def unanswered(self, seconds: float) -> float:
+        """Return one sigma of `answered`: nobody knows when in that time the load walked.
+
+        A load at any time of it leaves exp(-u / time) unanswered: the variance of that.
+        """
+        motion = self.moving.arm.motion
+        assert motion is not None
+        time = motion.damping_time
+        if not time > 0.0 or not seconds > 0.0 or math.isinf(seconds):
+            return 0.0
+        left = 1.0 - self.answered(seconds)
+        squared = -0.5 * time / seconds * math.expm1(-2.0 * seconds / time)
+        return math.sqrt(max(squared - left**2, 0.0))
+
+    def with_walk(self, root: Array, late: Array) -> Array:
+        """Return a root with what is not known of a swing, as nobody knows when its load walked.
+
+        late (places, 4, 2): by how much less places and momenta move, per sigma of the walk, if it
+        was at PLACES of the time, and not at its beginning.
+        """
+        more = np.zeros((len(root), late.shape[0] * late.shape[2]))
+        by_column = np.sqrt(WEIGHTS)[:, None, None] * late
+        more[self.part(Motion.SWING)] = by_column.transpose(1, 0, 2).reshape(late.shape[1], -1)
+        return np.hstack([root, more])
 
     def lag_of(self, before: Array, beyond: Array, seconds: float) -> Array:
         """Return how far (links,) rad faster shapes lag behind the equilibrium.
@@ -387,16 +433,20 @@ class SwingingArm:
         return np.hstack([root, more])
 
 
-def response_to(rates: Array, seconds: float) -> tuple[Array, Array]:
-    """Return how places and momenta go on in a time, (4, 4), and what forces do to them.
+def root_of(columns: Array) -> Array:
+    """Return a square root of a covariance of two, by another one (2, columns)."""
+    variances, axes = np.linalg.eigh(columns @ columns.T)
+    return np.asarray(axes * np.sqrt(np.fmax(variances, 0.0)))
 
-    The latter (4, shapes): of a steady force on each shape.
-    """
+
+def responses_to(rates: Array, seconds: float) -> tuple[Array, Array]:
+    """Return how places and momenta go on, from PLACES of a time (3, 4, 4), and in all of it."""
     from scipy.linalg import expm  # slow to import, and only moving arms need it
 
-    on = expm(rates * seconds)
-    pull = (np.eye(len(on)) - on)[:, Q_ROWS] @ np.linalg.inv(-rates[P_ROWS, Q_ROWS])
-    return on, pull
+    last, between = expm(np.multiply.outer([PLACES[0], 0.5 - PLACES[0]], rates * seconds))
+    half = last @ between
+    first = half @ between
+    return np.stack([first, half, last]), first @ last
 
 
 def between(before: Links, after: Links, share: float) -> Links:

@@ -132,6 +132,18 @@ def test_a_load_that_is_read_moves_the_arm_as_it_swings():
     assert state.causes == frozenset()
 
 
+def test_a_load_that_steps_and_that_nobody_reads_is_a_load_and_no_contact():
+    rows, estimates, state = fused(True, False)
+    assert np.mean(rows[:, 2] < IN_95) > 0.93
+    assert state.causes == frozenset()
+    assert np.mean([one.contact is not None for _, one in estimates]) < 0.02
+    recording, _ = recorded(True)
+    off = [one.force - recording.truth.force[at] for at, one in estimates]
+    known = np.array([one for one in off if np.isfinite(one).all()])
+    assert len(known) > 0.5 * len(off)
+    assert rms(known) < 0.02
+
+
 def test_a_load_that_is_read_accuses_no_force_sensor_by_a_model_without_motion():
     rows, estimates, state = fused(True, True, known=False)
     assert state.causes == {MOTION}

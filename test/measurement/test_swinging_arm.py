@@ -13,7 +13,7 @@ from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.readings import path_of, PressureInstant
 from pneunet_ros.measurement.blocks.motion import Motion as Block
 from pneunet_ros.measurement.moving_arm import go_between, MovingState, rates_about
-from pneunet_ros.measurement.swinging_arm import Reference
+from pneunet_ros.measurement.swinging_arm import ERRORS, Reference
 from pneunet_ros.model.equilibrium import linearize_shape
 from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.vibration import LINKS, links_at
@@ -48,7 +48,7 @@ def reference_at(solution, unknowns):
         turning=np.zeros((LINKS, unknowns.size)),
         at_tip=np.zeros((2, 2)),
         lag=np.zeros(LINKS),
-        left_out=np.zeros((3, LINKS)),
+        left_out=np.zeros((ERRORS, LINKS)),
         turns=np.cumsum(modes.moment * links.compliance, axis=1),
         pull=np.zeros((4, 2)),
     )
@@ -130,6 +130,15 @@ def test_faster_shapes_answer_a_ramp_late():
     assert slow == pytest.approx(-DAMPING_TIME / 30.0 * ramp, rel=1e-6)
     left = chain.lag_of(ramp, np.zeros(LINKS), DAMPING_TIME)
     assert left == pytest.approx(np.exp(-1.0) * ramp)
+
+
+@pytest.mark.parametrize('seconds', [0.003, 0.04, 2.0])
+def test_when_a_load_walked_is_unknown_and_so_is_what_faster_shapes_answered(seconds):
+    chain, _ = swinging()
+    middles = (np.arange(100_000) + 0.5) / 100_000
+    answers = 1.0 - np.exp(-seconds * middles / DAMPING_TIME)
+    assert chain.answered(seconds) == pytest.approx(answers.mean(), rel=1e-4)
+    assert chain.unanswered(seconds) == pytest.approx(answers.std(), rel=1e-3)
 
 
 def test_between_two_stamps_pressure_and_force_go_as_they_are_read():

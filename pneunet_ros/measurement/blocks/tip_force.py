@@ -17,13 +17,20 @@ class Walk:
     """Random walk of the forces (N/sqrt(s)): recent, and usual, that of the tip force on average.
 
     interval (s): after which they go on as steadily as from frame to frame. weights (walks,): log
-    weights of the walks that an arm which swings may have, None before any frame.
+    weights of the walks that an arm which swings may have, None before any frame; taken: that made
+    the last frame of such an arm likeliest.
     """
 
     recent: float
     usual: float
     interval: float = math.inf
     weights: Array | None = None
+    taken: float = 0.0
+
+    @property
+    def largest(self) -> float:
+        """The walk (N/sqrt(s)) that the load of an arm which swings may go on by."""
+        return max(self.recent, self.usual, self.taken)
 
     def steadiness(self, seconds: float) -> float:
         """Return how many times more than by a walk the variance grows: a load may swing."""
