@@ -90,31 +90,31 @@ def taken_by(
 ) -> TakenFrame:
     """Return a frame taken by a belief.
 
-    Of an arm that swings the load may walk faster now than it did lately: where a frame is not
-    explained by that, it is taken by the walk that makes it likeliest.
+    Where nobody reads the load of an arm that swings, it may walk otherwise than it did lately:
+    a frame that speaks for that is taken by the walk that makes it likeliest.
     """
     once = partial(taken_once, bench, frame, before, found_better=found_better, widely=widely)
     taken = once()
     own = bench.of(before.causes)
-    if own.swinging is None or (taken.explained and not may_be_faster(taken)):
+    if own.swinging is None or bench.used(frame, before.causes).wrench is not None:
         return taken
-    tried = [taken]
-    for size in own.unknowns.block(TipForce).walks.sizes:
-        if size > before.walk.recent:
-            tried.append(once(size))
-    return max(tried, key=lambda one: one.log_evidence)
+    if taken.explained and not tells_another_walk(taken):
+        return taken
+    others = [once(size) for size in own.unknowns.block(TipForce).walks.sizes]
+    return max([taken, *others], key=lambda one: one.log_evidence)
 
 
-def may_be_faster(taken: TakenFrame) -> bool:
-    """Whether a frame alone speaks for a load that walks faster than it did lately."""
+def tells_another_walk(taken: TakenFrame) -> bool:
+    """Whether a frame alone speaks for a load that walks otherwise than it did lately."""
     fit = taken.update.fit
     told = None if fit is None else fit[0].walk_information(fit[1])
     if told is None or not taken.before.frames:
         return False
     walks = taken.problem.unknowns.block(TipForce).walks
     growth = ErrorGrowth(size=told[2], grown=np.ones(2), seconds=0.0)
-    weights = walks.after(walks.first, growth, told[:2])
-    return walks.sizes[int(weights.argmax())] > taken.before.walk.recent
+    likeliest = int(walks.after(walks.first, growth, told[:2]).argmax())
+    lately = np.abs(np.log(walks.sizes) - math.log(taken.before.walk.recent)).argmin()
+    return likeliest != int(lately)
 
 
 def taken_once(

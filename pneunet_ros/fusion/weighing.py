@@ -35,17 +35,11 @@ def is_copy(bench: Bench, seen: SeenFrame, frame: ReadFrame) -> bool:
 def take(bench: Bench, state: FusionState, frame: ReadFrame, before: Belief) -> TakenFrame:
     """Return a frame as the hypothesis that leads takes it.
 
-    Where frames in a row were not used, the search goes everywhere in a few of them alone. Of an
-    arm that swings the load may have jumped since the last one: what is likelier counts.
+    Where frames in a row were not used, the search goes everywhere in a few of them alone.
     """
-    cold = not before.frames
-    return taken_by(
-        bench,
-        frame,
-        before,
-        found_better=state.search.found_better,
-        widely=is_due(state) or cold,
-    )
+    widely = is_due(state) or not before.frames
+    found_better = state.search.found_better
+    return taken_by(bench, frame, before, found_better=found_better, widely=widely)
 
 
 def walk_told(taken: TakenFrame) -> Walk:

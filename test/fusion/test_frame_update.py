@@ -8,7 +8,7 @@ import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.core.readings import PressureReading, TargetSightings
 from pneunet_ros.core.share import share_path
-from pneunet_ros.fusion import weighing
+from pneunet_ros.fusion import taken_frame
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem
 from pneunet_ros.fusion.frame_update import excess, leave_out, take_frame
 from pneunet_ros.fusion.fusion import Fusion
@@ -42,7 +42,7 @@ def problem() -> FrameProblem:
         return take_frame(problem, **options)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(weighing, 'take_frame', noted)
+        patch.setattr(taken_frame, 'take_frame', noted)
         state, nothing = FusionState(), np.full(targets.size, np.nan)
         for frame in range(FRAMES):
             stamp = 1_000_000_000 + 33_000_000 * frame

