@@ -14,6 +14,7 @@ from pneunet_ros.calibration import elongation
 from pneunet_ros.calibration.camera_clock import (
     camera_clocks,
     CameraClock,
+    confirms,
     MOST_ROUNDS,
     retimed,
     together,
@@ -142,9 +143,9 @@ def calibrate(
             on_progress=on_progress,
             settings=settings,
         )
-        # What is left of a swing looks like a clock that drifts, and around a fit that did not
-        # settle anything does.
-        if settled is not None and not found.joint.converged:
+        # What is left of a swing looks like a clock that drifts, around a fit that did not settle
+        # anything does, and what a model lacks may: the fit by new stamps has the last word.
+        if settled is not None and not confirms(found.joint, settled[0].joint):
             found, clocks = settled
             break
         settled = found, dict(clocks)

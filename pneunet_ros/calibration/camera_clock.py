@@ -120,6 +120,15 @@ def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
     return {one.name: one for one in clocks if one.evidence > max(0.5 * surest, 0.0)}
 
 
+def confirms(retimed_fit: Fit, before: Fit) -> bool:
+    """Whether a fit by corrected stamps is as much more probable as a wrong clock must make it.
+
+    Where the model lacks something, `camera_clocks` finds clocks that make it no better.
+    """
+    gain = retimed_fit.log_evidence - before.log_evidence * (retimed_fit.dof / before.dof)
+    return retimed_fit.converged and gain > ODDS_AGAINST
+
+
 def clock_jacobian(arm: Arm, run: RecordingData, coordinates: int) -> Array:
     """Return how what is measured moves per late and rate, (frames, coordinates, 2)."""
     velocity = velocities(arm, run)[:, :coordinates]

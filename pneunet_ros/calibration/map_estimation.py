@@ -259,6 +259,7 @@ def finalize(
         runs=runs,
         chi_squared=float(sum(run.whitened.sum() for run in runs)),
         dof=int(sum(run.dof.sum() for run in runs)),
+        log_evidence=-last.cost - 0.5 * float(np.linalg.slogdet(hessian)[1]),
         steps=steps,
         converged=converged,
         status=status,

@@ -18,7 +18,8 @@ class Fit:
     and placement together. information (n, n) is that of the data alone on the parameters
     (disturbances integrated out), information_vector (n,) the same data's linear term.
     disturbance: all unknowns of `Disturbances`, m; origin (2,) m: of the base frame, beside the
-    neutral line. `converged` and `status`: how the search ended.
+    neutral line. log_evidence: of the runs, with the normal approximation of the posterior, up to
+    a constant. `converged` and `status`: how the search ended.
     """
 
     parameters: Parameters
@@ -33,6 +34,7 @@ class Fit:
     runs: tuple[FittedRun, ...]
     chi_squared: float
     dof: int
+    log_evidence: float
     steps: int
     converged: bool
     status: str

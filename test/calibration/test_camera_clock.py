@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from pneunet_ros.calibration import calibration
 from pneunet_ros.calibration.camera_clock import (
     camera_clocks,
     CameraClock,
@@ -12,6 +13,7 @@ from pneunet_ros.calibration.camera_clock import (
     seconds_after,
     together,
 )
+from pneunet_ros.calibration.noise_estimate import NoiseEstimate
 from pneunet_ros.calibration.result import Fit
 import pytest
 from support.lab_designs import base, noise
@@ -73,3 +75,45 @@ def test_corrected_stamps_are_those_of_the_readings():
 def test_a_clock_is_wrong_where_that_of_a_crystal_would_not_be(rate, is_wrong):
     clock = CameraClock(name='film', middle_ns=0, late=0.0, rate=rate, rate_std=1e-4)
     assert (clock.evidence > 0.0) == is_wrong
+
+
+@dataclass(frozen=True)
+class Found:
+    """What `calibrate` looks at in a calibration by some stamps."""
+
+    joint: Fit
+    late: float
+    noise: NoiseEstimate
+    motion: None = None
+    notes: tuple[str, ...] = ()
+
+
+@pytest.mark.parametrize(
+    'gains, lost, corrected',
+    [((20.0, 30.0), 0, 2), ((20.0, 3.0), 0, 1), ((-50.0,), 0, 0), ((20.0,), 2000, 0)],
+)
+def test_stamps_are_corrected_where_that_makes_the_fit_more_probable(
+    monkeypatch, gains, lost, corrected
+):
+    fit, clock = drifting(0, 0.02, -3e-3)
+    runs, evidence = [item.run for item in fit.runs], fit.log_evidence
+    evidences = np.concatenate([[evidence], evidence + np.cumsum(gains)])
+    fits = [
+        replace(fit, log_evidence=float(value), dof=fit.dof - lost * (which > 0), converged=True)
+        for which, value in enumerate(evidences)
+    ]
+    monkeypatch.setattr(
+        calibration,
+        'calibrate_as_stamped',
+        lambda unloaded, loaded, frame, **_: Found(
+            joint=fits.pop(0),
+            late=float(np.mean(unloaded[0].stamp_ns - runs[0].stamp_ns)),
+            noise=NoiseEstimate(noise=noise(), sources={}),
+        ),
+    )
+    monkeypatch.setattr(
+        calibration, 'camera_clocks', lambda *_: {clock.name: clock} if fits else {}
+    )
+    found = calibration.calibrate(runs, [], fit.arm)
+    assert [note.reason for note in found.notes] == ['other_clock'] * (corrected > 0)
+    assert found.late == pytest.approx(-0.02e9 * corrected, abs=1e6)  # ns
