@@ -131,10 +131,8 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     problem.moved_too(fit.trial, sensitivity, moved)
     moved, pulled = moved[LOADS:], pulled_at(problem, fit, place)
     if pulled is not None and fit.trial.swung is not None:
-        moved = moved + np.tensordot(
-            pulled[: Motion.SHAPES].T, fit.trial.swung.by_shape[:, :2], axes=1
-        )
-    pushes = problem.whiten_at(fit.trial, moved).T
+        moved = moved + np.tensordot(pulled[: Motion.SHAPES].T, fit.trial.swung.by_shape, axes=1)
+    pushes = problem.whiten(problem.along_arm(fit.trial, moved)).T
     weighed, std = fit.solve(pushes), problem.unknowns.block(Push).scale
     information = np.sum(pushes * weighed, axis=0) + std**-2
     score = fit.innovation @ weighed

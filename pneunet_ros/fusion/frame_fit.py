@@ -33,7 +33,7 @@ from pneunet_ros.measurement.disturbances import SMALLEST_STD
 from pneunet_ros.measurement.gauss_newton import End, gauss_newton
 from pneunet_ros.measurement.inference.gaussian import innovation_factor, root_after
 from pneunet_ros.measurement.inference.variance_component import ErrorGrowth
-from pneunet_ros.measurement.painted_targets import along_the_arc
+from pneunet_ros.measurement.painted_targets import paint, PaintedTargets
 from pneunet_ros.measurement.predicted_targets import target_jacobian
 from pneunet_ros.measurement.swinging_arm import ERRORS, Reference, SwingingArm, Swung
 from pneunet_ros.model.equilibrium import Sensitivity
@@ -57,16 +57,18 @@ class Trial:
     """Unknowns that were tried: xi, the arm there, the whitened residual, and what it costs.
 
     Of targets x + i y: seen (targets,) m where they would be seen, from where the camera has the
-    clamp, and back (targets,): what turns a vector of the base frame into one along and across the
-    arm. residual (coordinates,): along and across the arm at one target after the other. solved:
-    xi of the arm; the others may be a last step further, as good as linear. swung: the targets of
-    an arm that swings, beside its equilibrium.
+    clamp; beside: their nominal places, before the camera turns; and back (targets,): what turns a
+    vector of the camera into one along and across the arm. residual (coordinates,): along and
+    across the arm at one target after the other. solved: xi of the arm; the others may be a last
+    step further, as good as linear. swung: the targets of an arm that swings, beside its
+    equilibrium.
     """
 
     xi: Array
     solved: Array
     bent: BentArm
     seen: Complex
+    beside: PaintedTargets
     back: Complex
     residual: Array
     cost: float
@@ -129,6 +131,7 @@ class FrameLinearization:
             bent=trial.bent,
             swung=trial.swung,
             seen=trial.seen,
+            beside=trial.beside,
             back=trial.back,
             residual=trial.residual - self.jacobian @ self.step,
             cost=self.cost - self.gain,
@@ -291,13 +294,12 @@ class FrameProblem:
                 off_x, off_y = np.tensordot(off, swung.left_out, axes=1)
                 moved_x, moved_y = moved_x + off_x, moved_y + off_y
             there_x, there_y, theta = there_x + moved_x, there_y + moved_y, theta + turned
-        along, across = unknowns.dots_moved(x)
-        chord, heading = along_the_arc(theta, curvature, along)
+        beside = paint(theta, curvature, unknowns.dots_moved(x))
         clamp_x, clamp_y, angle = (unknowns.camera @ x).tolist()
         clamp, turn = complex(clamp_x, clamp_y), cmath.rect(1.0, angle)
         seen_x, seen_y = arm.see(there_x, there_y)
-        seen = turn * (seen_x + 1j * seen_y + chord + 1j * heading * across)
-        back = heading.conj() / turn
+        seen = turn * (seen_x + 1j * seen_y + beside.beside)
+        back = beside.to_arm / turn
         residual = self.whiten((self.measured - clamp - seen) * back)
         cost = float(xi @ xi + residual @ residual)
         if not math.isfinite(cost):
@@ -308,6 +310,7 @@ class FrameProblem:
             bent=bent,
             swung=swung,
             seen=seen,
+            beside=beside,
             back=back,
             residual=residual,
             cost=cost,
@@ -321,7 +324,7 @@ class FrameProblem:
         return arm.swung(bent.solution, x, reference, arm.targets)
 
     def moved_too(self, trial: Trial, sensitivity: Sensitivity, moves: Array) -> Array | None:
-        """Add to moves (causes, 2, targets) what causes move beside the equilibrium, in place.
+        """Add to moves (causes, 4, targets) what causes move beside the equilibrium, in place.
 
         Returns how each cause turns the links of the equilibrium; None where the arm does not
         swing.
@@ -329,7 +332,7 @@ class FrameProblem:
         if self.swinging is None or trial.swung is None:
             return None
         turning = self.swinging.headings(sensitivity)
-        moves += trial.swung.moves(turning)[:, :2]
+        moves += trial.swung.moves(turning)
         return turning
 
     def whiten(self, moves: Complex) -> Array:
@@ -341,9 +344,24 @@ class FrameProblem:
             moves = moves.take(self.counting, axis=-1)
         return np.asarray(moves.view(np.float64) / self.std)
 
-    def whiten_at(self, trial: Trial, moves: Array) -> Array:
-        """Return whitened moves (n, coordinates) of those (n, 2, targets) m in the base frame."""
-        return self.whiten((moves[:, 0] + 1j * moves[:, 1]) * trial.back)
+    def along_arm(self, trial: Trial, moves: Array) -> Complex:
+        """Return moves (n, targets) m of targets, along + i across the arm.
+
+        moves (n, 4, targets): x, y (m) of their nominal places, before the camera turns, and how
+        the arm turns (rad) and bends (1/m) there.
+        """
+        beside = trial.beside
+        moved = moves[:, 0] + 1j * moves[:, 1]
+        moved += beside.by_theta * moves[:, 2]
+        moved += beside.by_curvature * moves[:, 3]
+        return np.asarray(moved * beside.to_arm)
+
+    def stretch(self, trial: Trial) -> Array:
+        """Return how far targets move per painted meter, (coordinates,): along and across."""
+        along = (trial.beside.by_along * trial.beside.to_arm).real
+        stretch = np.ones(self.std.size)
+        stretch[::2] = along if self.counting is None else along[self.counting]
+        return stretch
 
     def linearize(self, trial: Trial) -> FrameLinearization | None:
         """Linearize what is predicted around a trial; None at a limit point of the arm."""
@@ -352,21 +370,17 @@ class FrameProblem:
         by_cause = target_jacobian(self.table, sensitivity)
         turning = self.moved_too(trial, sensitivity, by_cause)
         if trial.swung is not None:
-            further = [trial.swung.by_shape[:, :2]]
+            further = [trial.swung.by_shape]
             if self.left_out is not None:
-                further.append(trial.swung.left_out)
+                further.append(np.pad(trial.swung.left_out, ((0, 0), (0, 2), (0, 0))))
             by_cause = np.concatenate([by_cause, *further])
         moves = np.empty((len(by_cause) + 3, by_cause.shape[2]), dtype=np.complex128)
-        of_arm, of_camera = moves[:-3], moves[-3:]
-        of_arm.real, of_arm.imag = by_cause[:, 0], by_cause[:, 1]
-        turn = self.unknowns.camera[2] @ self.mean + self.cause_root[-1] @ xi
-        of_arm *= cmath.exp(1j * float(turn))
-        of_camera[0], of_camera[1] = 1.0, 1j
-        np.multiply(trial.seen, 1j, out=of_camera[2])
-        moves *= trial.back
+        moves[:-3] = self.along_arm(trial, by_cause)
+        moves[-3], moves[-2] = trial.back, 1j * trial.back
+        np.multiply(trial.seen, moves[-2], out=moves[-1])
         whitened = self.whiten(moves)
         jacobian = whitened.T @ self.cause_root
-        jacobian += self.painted
+        jacobian += self.painted * self.stretch(trial)[:, None]
         if not max(jacobian.max(), -jacobian.min()) < LIMIT_POINT:
             return None
         factor = innovation_factor(jacobian)

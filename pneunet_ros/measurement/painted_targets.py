@@ -28,6 +28,14 @@ class PaintedTargets:
     by_along: Complex
     by_across: Complex
 
+    @property
+    def to_arm(self) -> Complex:
+        """What turns a vector of the base frame into one along + i across the arm, (.., targets).
+
+        There where the target is, and not at its nominal place.
+        """
+        return np.asarray(1j * self.by_across.conj())
+
     def jacobian(self) -> Array:
         """Return how x and y move per painted place, (.., 2, targets, 2 targets).
 

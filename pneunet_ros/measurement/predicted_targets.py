@@ -90,7 +90,7 @@ def predict_targets(
     arm, sensitivity = table.arm, curved.sensitivity
     true_x, true_y, theta, curvature = sensitivity.fields(arm.target_arclength)[:4]
     moved = curved.stations(arm.target_arclength)[:2]
-    jacobian = target_jacobian(table, sensitivity)
+    jacobian = target_jacobian(table, sensitivity)[:, :2]
     linear = np.tensordot(noise, jacobian, axes=1)
     further = np.stack(arm.see_moves(true_x, true_y, *moved))
     errors = np.concatenate([linear, further[None]])
@@ -131,10 +131,11 @@ def painted_beside(arm: Arm, theta: Array, curvature: Array) -> tuple[Array, Arr
 
 
 def target_jacobian(table: PerturbationTable, sensitivity: Sensitivity) -> Array:
-    """Return how the targets of a solved rod are measured to move, (causes, 2, targets).
+    """Return how the targets of a solved rod are measured to move, (causes, 4, targets).
 
-    causes: F1, F2, M, pressure in the chamber, columns of the model's covariance. A camera that
-    distorts distorts errors as well, and a column may be of the camera itself.
+    Of each x, y (m), and how the arm turns (rad) and bends (1/m) there. causes: F1, F2, M, the
+    pressure in the chamber, columns of the model's covariance. A camera that distorts distorts
+    errors as well, and a column may be of the camera itself.
     """
     arm = table.arm
     jacobian = measured_moves(arm, sensitivity)
@@ -144,17 +145,21 @@ def target_jacobian(table: PerturbationTable, sensitivity: Sensitivity) -> Array
     seen = [np.stack(side.see(true_x, true_y)) for side in table.neighbors]
     columns = len(seen) // 2
     for column, distance in enumerate(table.distance[1:]):
-        jacobian[PRESSURE + 1 + column] += (seen[columns + column] - seen[column]) / distance
+        jacobian[PRESSURE + 1 + column, :2] += (seen[columns + column] - seen[column]) / distance
     return jacobian
 
 
 def measured_moves(arm: Arm, sensitivity: Sensitivity) -> Array:
-    """Return how targets are measured to move by each change of the rod, (changes, 2, targets)."""
-    moved = sensitivity.stations(arm.target_arclength)[:, :2]
-    if not arm.seeing:
-        return moved
-    true_x, true_y = sensitivity.fields(arm.target_arclength)[:2]
-    return np.stack(arm.see_moves(true_x, true_y, moved[:, 0], moved[:, 1]), axis=1)
+    """Return how targets are measured to move by each change of the rod, (changes, 4, targets).
+
+    Of each x, y (m), and how the arm turns (rad) and bends (1/m) there.
+    """
+    moved = sensitivity.stations(arm.target_arclength)[:, :4]
+    if arm.seeing:
+        true_x, true_y = sensitivity.fields(arm.target_arclength)[:2]
+        seen = arm.see_moves(true_x, true_y, moved[:, 0], moved[:, 1])
+        moved[:, 0], moved[:, 1] = seen
+    return moved
 
 
 def innovation(
