@@ -76,8 +76,9 @@ def test_the_diagnosis_answers_the_question_of_the_paper(story, checkout):
     over = told.tip.over(told.true)
     assert 8 <= known.sum() < 15  # up to 24 kPa the tip is beyond the arm
     assert np.nanmin(over) > 0.4
-    assert not told.tip.covered(told.true)[known, 0].any()
-    assert np.isfinite(told.all_targets.force[3:]).all()  # wrong as they are
+    notes = [note.reason for note in told.calibration.notes]
+    assert notes == ['misfit', 'uneven_stiffness']  # and no clock is called wrong
+    assert told.tip.covered(told.true)[known, 0].all()  # with the errors of that stiffness
     control = np.isfinite(told.control.force[:, 0])
     assert told.control.covered(told.true)[control, 0].mean() > 0.8
     assert abs(np.nanmedian(told.control.over(told.true))) < 0.1
@@ -91,7 +92,7 @@ def test_the_diagnosis_answers_the_question_of_the_paper(story, checkout):
     # Of an arm that is straight F1 is known to 6 % only.
     weak = told.after.sigma[:, 0] > 0.05 * told.true[:, 0]
     assert np.abs(after[~weak]).max() < 0.05
-    assert np.abs(after).max() < 0.06
+    assert np.abs(after).max() < 0.07
     assert np.abs(told.placed.over(told.true)).max() < 0.03
     assert told.diagnosis.closed > 0.9
     page = (checkout / 'docs/extensible_arm.md').read_text(encoding='utf-8')
