@@ -67,14 +67,13 @@ def found(monkeypatch):
         handed.update(frame=frame, training=[*training], held_out=held_out, **options)
         options['on_progress']('looking', 1, 1)
         answer, known, _ = diagnosis()
-        training[:] = known  # those of the answer, so that pictures have what they show
         before, after = (
             replace(side, held_out=None, held_out_scores=())
             for side in (answer.before, answer.after)
         )
         answer = replace(answer, before=before, after=after, closed=None)
         answer = replace(answer, answer=handed.get('answer', 'named'), seed=options['seed'])
-        return Investigation(diagnosis=answer)
+        return Investigation(diagnosis=answer, recordings=(known, ()))
 
     monkeypatch.setattr('pneunet_ros.diagnosis.diagnosis.investigate', answered)
     return handed

@@ -62,7 +62,7 @@ def test_after_a_recording_all_files_are_there_and_it_says_what_to_type(run):
     (row,) = content['rounds']
     assert row['effects'] == ['pressure_elongation']
     assert row['recorded'] == BEGINNING.words
-    assert row['rms_after_m'] < 0.5 * row['rms_before_m']
+    assert row['rms_after_m'] < 0.8 * row['rms_before_m']  # of what is left beside placement
     assert row['rms_predicted_m'] is None
     assert 'pressure_elongation' not in row['rivals']  # it is named; what is beside it?
     assert content['safe']['pressure'] == [0.0, 66000.0]
