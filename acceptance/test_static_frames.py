@@ -80,7 +80,7 @@ def test_what_an_uneven_arm_does_as_well_is_not_observable():
     answer = diagnose(model(bench), training, held_out)
     assert answer.answer == 'unobservable'
     assert 'bends unevenly' in answer.sentence
-    assert 'More targets' in answer.sentence
+    assert 'more targets' in answer.sentence
     assert not answer.effects
     assert not any(item.observable for item in answer.detectable.values())
 
