@@ -83,7 +83,7 @@ def retaken(
 
     walk (N/sqrt(s)): of the tip force of an arm that swings, None for as the frame was taken.
     """
-    if walk is None and taken.problem.swinging is not None:
+    if walk is None and before.frames and taken.problem.swinging is not None:
         walk = taken.problem.prior.walk.recent
     return taken_once(bench, taken.frame, before, walk)
 

@@ -96,7 +96,8 @@ def taken_by(
     once = partial(taken_once, bench, frame, before, found_better=found_better, widely=widely)
     taken = once()
     own = bench.of(before.causes)
-    if own.swinging is None or bench.used(frame, before.causes).wrench is not None:
+    read = bench.used(frame, before.causes).wrench is not None
+    if own.swinging is None or read or not before.frames:
         return taken
     if taken.explained and not tells_another_walk(taken):
         return taken

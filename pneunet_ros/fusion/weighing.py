@@ -47,7 +47,7 @@ def walk_told(taken: TakenFrame) -> Walk:
     walk, fit = taken.problem.prior.walk, taken.update.fit
     told = None if fit is None else fit[0].walk_information(fit[1])
     if told is None or not taken.before.frames:
-        return walk
+        return replace(walk, taken=0.0)
     seconds = seconds_between(taken.before.stamp_ns, taken.frame.stamp_ns)
     force = taken.problem.unknowns.block(TipForce)
     after = force.walk_told(walk, *told, seconds, taken.before.frames)
