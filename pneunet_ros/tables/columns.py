@@ -115,6 +115,7 @@ _OTHER_WORDS = {
 }
 # What a sensor gives before anybody has calibrated it: no unit of a quantity.
 _RAW = ('v', 'volt', 'volts', 'mv', 'adc', 'raw', 'count', 'counts', 'analog')
+_OF_SENSOR = frozenset({'pressure', 'press', 'p', 'sensor', 'adc', 'raw', 'analog'})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -267,8 +268,12 @@ def likely_name(name: str) -> str:
 
 
 def is_raw(name: str) -> bool:
-    """Whether a column holds volts or counts by its name: 'pressure_V', 'ADC', 'raw'."""
-    return _words(name)[-1] in _RAW
+    """Whether a column holds volts or counts of a sensor by its name: 'pressure_V', 'ADC', 'raw'.
+
+    Those of other things, as 'battery_V' or 'frame_count', are not.
+    """
+    *before, last = _words(name)
+    return last in _RAW and (not before or not _OF_SENSOR.isdisjoint([*before, last]))
 
 
 def known_names() -> str:
@@ -306,7 +311,9 @@ def columns_of(names: Iterable[str], where: str) -> list[Column]:
     if unknown:
         there = {column.quantity for column in columns.values()}
         raw = [name for name in unknown if is_raw(name)]
-        if raw and 'pressure' not in there:
+        others = [name for name in unknown if name not in raw]
+        named = any(_quantity(likely_name(name)) == 'pressure' for name in others)
+        if raw and not named and 'pressure' not in there:
             raise RecordingError(
                 f'{where}: {", ".join(map(repr, raw[:_NAMES_SHOWN]))} by name: a raw signal, in '
                 'no unit of pressure. Convert it by the data sheet of its sensor (pressure = '

@@ -436,6 +436,9 @@ def test_a_raw_signal_is_to_be_converted_unless_a_pressure_is_there(tmp_path):
             read(tmp_path, f'time_s,{name}\n0,512\n')
         with refused(RecordingError, 'unknown_column'):
             read(tmp_path, f'time_s,pressure_kpa,{name}\n0,1,512\n')
+    for others in ('battery_V', 'frame_count', 'Druck (bar),ADC'):
+        with refused(RecordingError, 'unknown_column'):
+            read(tmp_path, f'time_s,{others}\n' + ','.join('0' * (others.count(',') + 2)) + '\n')
 
 
 @pytest.mark.parametrize('order', ['Druck;Zeit\n{0};{1}\n', 'Zeit;Druck\n{1};{0}\n'])
