@@ -90,8 +90,9 @@ def taken_by(
 ) -> TakenFrame:
     """Return a frame taken by a belief.
 
-    Where nobody reads the load of an arm that swings, it may walk otherwise than it did lately:
-    a frame that speaks for that is taken by the walk that makes it likeliest.
+    Of an arm that swings an unread load may walk faster or slower than it did recently: a frame
+    that this does not explain, or that alone speaks for another walk, is taken by the most likely
+    of all walks. Frames that are not due for a wide search are tried with the fastest walk only.
     """
     once = partial(taken_once, bench, frame, before, found_better=found_better, widely=widely)
     taken = once()
@@ -101,12 +102,13 @@ def taken_by(
         return taken
     if taken.explained and not tells_another_walk(taken):
         return taken
-    others = [once(size) for size in own.unknowns.block(TipForce).walks.sizes]
+    walks = own.unknowns.block(TipForce).walks.sizes
+    others = [once(size) for size in (walks[-1:] if widely is False else walks)]
     return max([taken, *others], key=lambda one: one.log_evidence)
 
 
 def tells_another_walk(taken: TakenFrame) -> bool:
-    """Whether a frame alone speaks for a load that walks otherwise than it did lately."""
+    """Whether a frame alone makes another walk of the load more likely than the recent one."""
     fit = taken.update.fit
     told = None if fit is None else fit[0].walk_information(fit[1])
     if told is None or not taken.before.frames:
@@ -114,8 +116,8 @@ def tells_another_walk(taken: TakenFrame) -> bool:
     walks = taken.problem.unknowns.block(TipForce).walks
     growth = ErrorGrowth(size=told[2], grown=np.ones(2), seconds=0.0)
     likeliest = int(walks.after(walks.first, growth, told[:2]).argmax())
-    lately = np.abs(np.log(walks.sizes) - math.log(taken.before.walk.recent)).argmin()
-    return likeliest != int(lately)
+    recent = np.abs(np.log(walks.sizes) - math.log(taken.before.walk.recent)).argmin()
+    return likeliest != int(recent)
 
 
 def taken_once(
@@ -130,7 +132,7 @@ def taken_once(
     """Return a frame taken by a belief, near the last shape where there is one.
 
     walk (N/sqrt(s)): of the tip force, as `problem_of` takes it; found_better, widely: as of
-    `take_frame`, None for widely where nothing is known yet.
+    `take_frame`; widely None: only if the belief has seen no frame yet.
     """
     problem, cold = problem_of(bench, frame, before, walk), not before.frames
     update = take_frame(

@@ -18,7 +18,7 @@ from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.causes import Alternative, ANEW, Cause, CAUSES, CONTACTS, retaken
 from pneunet_ros.fusion.readings import ReadFrame, SeenFrame
 from pneunet_ros.fusion.state import FusionState
-from pneunet_ros.fusion.taken_frame import taken_by, TakenFrame
+from pneunet_ros.fusion.taken_frame import taken_by, taken_once, TakenFrame
 from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.tip_force import TipForce, Walk
 from pneunet_ros.measurement.inference.bank import Hypothesis, ranked
@@ -79,7 +79,8 @@ def weigh(
     """
     leading, *others = state.bank or (Hypothesis(belief=taken.before),)
     weighed = [(taken, leading.log_weight)]
-    weighed += [(taken_by(bench, taken.frame, one.belief), one.log_weight) for one in others]
+    by = taken_by if is_due(state) else taken_once
+    weighed += [(by(bench, taken.frame, one.belief), one.log_weight) for one in others]
     best = best_of(weighed)
     if best[0].update.fit is not None or is_due(state):
         touches = contacts_beside(bench, weighed, best)

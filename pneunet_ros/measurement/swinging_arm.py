@@ -380,9 +380,9 @@ class SwingingArm:
         return 1.0 + time / seconds * math.expm1(-seconds / time)
 
     def unanswered(self, seconds: float) -> float:
-        """Return one sigma of `answered`: nobody knows when in that time the load walked.
+        """Return one sigma of `answered`, as it is unknown when in that time the load walked.
 
-        A load at any time of it leaves exp(-u / time) unanswered: the variance of that.
+        A load that walked u ago leaves exp(-u / time) unanswered: its spread over all u.
         """
         motion = self.moving.arm.motion
         assert motion is not None
@@ -394,7 +394,7 @@ class SwingingArm:
         return math.sqrt(max(squared - left**2, 0.0))
 
     def with_walk(self, root: Array, late: Array) -> Array:
-        """Return a root with what is not known of a swing, as nobody knows when its load walked.
+        """Return a root with the error of a swing, as it is unknown when the tip force walked.
 
         late (places, 4, 2): by how much less places and momenta move, per sigma of the walk, if it
         was at PLACES of the time, and not at its beginning.
