@@ -109,8 +109,9 @@ _OTHER_WORDS = {
     'bending_angle': 'tip_heading',
     'theta': 'tip_heading',
     # of other languages
+    **dict.fromkeys(('winkel', 'ángulo', 'angulo', 'angolo', 'hoek', '角度'), 'tip_heading'),
     **dict.fromkeys(('zeit', 'temps', 'tiempo', 'tempo', 'tijd', '时间', '時間'), TIME),
-    **dict.fromkeys(('druck', 'pression', 'presión', 'pressione', 'druk'), 'pressure'),
+    **dict.fromkeys(('druck', 'pression', 'presión', 'presion', 'pressione', 'druk'), 'pressure'),
     **dict.fromkeys(('压力', '圧力'), 'pressure'),
 }
 # What a sensor gives before anybody has calibrated it: no unit of a quantity.

@@ -422,6 +422,8 @@ def test_names_may_be_written_as_people_do(written, read_as):
         ('field.wrench.force.y', 'force_y_n'),
         ('Date/Time', 'time_(s|ms|us|min|h|d)'),
         ('Zeit [s]', 'time_s'),
+        ('angulo (deg)', 'tip_heading_deg'),
+        ('Winkel', 'tip_heading_(rad|deg)'),
         ('Druck', f'pressure_({"|".join(SI_PER_UNIT["pressure"])})'),
         ('ata', 'pressure_at'),
     ],
