@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 import math
 import re
 
@@ -113,7 +114,7 @@ class EstimatorSettings:
     @property
     def wrench(self) -> WrenchConvention:
         """Meaning of the numbers of the force sensor."""
-        return WrenchConvention(
+        return wrench_convention(
             unit=self.wrench_unit,
             sign=self.wrench_sign,
             yaw=self.wrench_yaw,
@@ -125,13 +126,18 @@ class EstimatorSettings:
     @property
     def pressure(self) -> PressureConvention:
         """The meaning of a number of the pressure sensor."""
-        return PressureConvention(
+        return pressure_convention(
             unit=self.pressure_unit,
             reference=self.pressure_reference,
             sign=self.pressure_sign,
             ambient=self.ambient_pressure,
             offset=self.pressure_offset,
         )
+
+
+# Asked for at every reading, and always the same.
+wrench_convention = lru_cache(maxsize=64, typed=True)(WrenchConvention)
+pressure_convention = lru_cache(maxsize=64, typed=True)(PressureConvention)
 
 
 def turn_of(text: str) -> Quaternion | None:

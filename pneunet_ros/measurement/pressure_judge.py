@@ -341,7 +341,7 @@ def judge_pressure(
     """
     if not record.count or (record.low == record.high == 0.0):
         return None
-    features = Features(record=record, moves=moves, complete=not running or record.returned)
+    features = features_of(record, moves, not running or record.returned, settings)
 
     def by_actuator(meaning: PressureConvention) -> list[float]:
         return [
@@ -392,11 +392,33 @@ def normal(far: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Features:
-    """A record; whether the arm is known to move, and whether the record shows all it will do."""
+    """What a record says whatever the readings mean.
 
-    record: PressureRecord
+    low, high, noise: as of the record; constant: how likely the readings are those of a constant
+    pressure; moves: the arm is known to move; complete: the record shows all it will do.
+    """
+
+    low: float
+    high: float
+    noise: float
+    constant: float
     moves: bool
     complete: bool
+
+
+def features_of(
+    record: PressureRecord, moves: bool, complete: bool, settings: PressureJudgeSettings
+) -> Features:
+    """Return the features of a record."""
+    drift = math.log(max(record.whiteness / settings.white_span, 1.0))
+    return Features(
+        low=record.low,
+        high=record.high,
+        noise=record.noise,
+        constant=normal(drift),
+        moves=moves,
+        complete=complete,
+    )
 
 
 def meanings(
@@ -459,8 +481,7 @@ def log_likelihood(
     settings: PressureJudgeSettings,
 ) -> float:
     """Return the log likelihood of the features of readings by one meaning."""
-    record = features.record
-    low, high = sorted((meaning.gauge(record.low), meaning.gauge(record.high)))
+    low, high = sorted((meaning.gauge(features.low), meaning.gauge(features.high)))
     log_uniform = 1.0 / (settings.decades * math.log(10.0))
     rest = max(low, -high, 0.0)
     held = (1.0 - settings.vented) * min(rest / expected.reach, 1.0)
@@ -475,8 +496,7 @@ def log_likelihood(
     used = min(max(above, below, 0.0) / expected.reach, 1.0)
     # Of recordings that are over the largest pressures are dense towards the range: Beta(2, 1).
     active = (1.0 - settings.at_rest) * (2.0 * used**2 if features.complete else used)
-    drift = math.log(max(record.whiteness / settings.white_span, 1.0))
-    constant = normal(drift)
+    constant = features.constant
     near = normal(max(-low, high) / settings.offset) * constant
     still = 0.0 if features.moves else settings.at_rest * log_uniform * near
     least = settings.offset  # a calibration holds its zero error
@@ -498,7 +518,7 @@ def log_likelihood(
         math.log(max(extremes, LEAST))
         + math.log(vacuum)
         + math.log(inside)
-        + log_noise(record, meaning, expected, settings)
+        + log_noise(features.noise, meaning, expected, settings)
     )
 
 
@@ -513,14 +533,14 @@ def air_density(ambient: float, settings: PressureJudgeSettings) -> float:
 
 
 def log_noise(
-    record: PressureRecord,
+    noise: float,
     meaning: PressureConvention,
     expected: ExpectedPressure,
     settings: PressureJudgeSettings,
 ) -> float:
     """Return the log likelihood of the noise of readings; 0 where they show or expect none."""
-    if record.noise <= 0.0 or expected.std <= 0.0:
+    if noise <= 0.0 or expected.std <= 0.0:
         return 0.0
-    decades = abs(math.log10(record.noise * meaning.size / expected.std))
+    decades = abs(math.log10(noise * meaning.size / expected.std))
     limited = min(decades, settings.noise_decades)
     return -0.5 * (limited / math.log10(settings.noise_spread)) ** 2

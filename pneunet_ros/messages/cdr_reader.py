@@ -17,6 +17,7 @@ from pneunet_ros.messages.builders import POINTS_TYPE
 from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
 
 LITTLE_ENDIAN = b'\x00\x01'  # how the encapsulation begins
+PADDING = 3  # bytes that may follow
 BODY = 4  # bytes of encapsulation; fields are aligned from there
 TIME, LENGTH = struct.Struct('<iI'), struct.Struct('<I')
 TWO, SIX = struct.Struct('<2d'), struct.Struct('<6d')
@@ -24,33 +25,39 @@ IMU = struct.Struct('<37d')  # 4 + 9, 3 + 9, 3 + 9: each with its covariance
 LAYOUT, SHAPE = struct.Struct('<IBxxxI'), struct.Struct('<II')
 
 
-def read_pressure(raw: bytes) -> Any:
+def read_pressure(raw: bytes) -> tuple[Any, int]:
     """Read a FluidPressure."""
     header, end = read_header(raw)
-    pressure, variance = TWO.unpack_from(raw, aligned(end, 8))
-    return SimpleNamespace(header=header, fluid_pressure=pressure, variance=variance)
+    place = aligned(end, 8)
+    pressure, variance = TWO.unpack_from(raw, place)
+    message = SimpleNamespace(header=header, fluid_pressure=pressure, variance=variance)
+    return message, place + TWO.size
 
 
-def read_wrench(raw: bytes) -> Any:
+def read_wrench(raw: bytes) -> tuple[Any, int]:
     """Read a WrenchStamped."""
     header, end = read_header(raw)
-    numbers = SIX.unpack_from(raw, aligned(end, 8))
+    place = aligned(end, 8)
+    numbers = SIX.unpack_from(raw, place)
     force, torque = vector(*numbers[:3]), vector(*numbers[3:])
-    return SimpleNamespace(header=header, wrench=SimpleNamespace(force=force, torque=torque))
+    message = SimpleNamespace(header=header, wrench=SimpleNamespace(force=force, torque=torque))
+    return message, place + SIX.size
 
 
-def read_imu(raw: bytes) -> Any:
+def read_imu(raw: bytes) -> tuple[Any, int]:
     """Read the specific force of an Imu: behind orientation and angular velocity."""
     header, end = read_header(raw)
-    numbers = IMU.unpack_from(raw, aligned(end, 8))
-    return SimpleNamespace(
+    place = aligned(end, 8)
+    numbers = IMU.unpack_from(raw, place)
+    message = SimpleNamespace(
         header=header,
         linear_acceleration=vector(*numbers[25:28]),
         linear_acceleration_covariance=numbers[28:],
     )
+    return message, place + IMU.size
 
 
-def read_points(raw: bytes) -> Any:
+def read_points(raw: bytes) -> tuple[Any, int]:
     """Read a PointCloud2."""
     header, end = read_header(raw)
     place = aligned(end, 4)
@@ -69,9 +76,7 @@ def read_points(raw: bytes) -> Any:
     point_step, row_step = SHAPE.unpack_from(raw, place)
     (size,) = LENGTH.unpack_from(raw, place + 8)
     begin = place + 12
-    if begin + size > len(raw):
-        raise ValueError('the message ends before its points')
-    return SimpleNamespace(
+    message = SimpleNamespace(
         header=header,
         height=height,
         width=width,
@@ -81,9 +86,10 @@ def read_points(raw: bytes) -> Any:
         row_step=row_step,
         data=memoryview(raw)[begin : begin + size],
     )
+    return message, begin + size + 1  # whether it is dense is not read
 
 
-READERS: dict[str, Callable[[bytes], Any]] = {
+READERS: dict[str, Callable[[bytes], tuple[Any, int]]] = {
     PRESSURE_TYPE: read_pressure,
     WRENCH_TYPE: read_wrench,
     IMU_TYPE: read_imu,
@@ -97,9 +103,10 @@ def read_message(raw: bytes, type_name: str) -> Any | None:
     if reader is None or raw[:2] != LITTLE_ENDIAN:
         return None
     try:
-        return reader(raw)
+        message, end = reader(raw)
     except (ValueError, IndexError, struct.error):  # text that is none is a ValueError
         return None
+    return message if end <= len(raw) <= end + PADDING else None
 
 
 def read_header(raw: bytes) -> tuple[Any, int]:

@@ -22,6 +22,7 @@ Serialize = Callable[[Any, str], bytes]
 
 # A stamp that no message holds by chance: 1234567890 s, 987654321 ns.
 _PROBE_STAMP = 1_234_567_890_987_654_321
+_STAMP = struct.Struct('<iI')
 _BODY = 4  # bytes of encapsulation before the body; the body is aligned, not the whole
 
 
@@ -42,11 +43,18 @@ class CdrTemplate:
     def fill(self, stamp_ns: int, numbers: npt.NDArray[Any]) -> bytes:
         """Return the message with this stamp (ns) and these numbers, a row per first index."""
         raw = bytearray(self.raw)
-        if len(self.stamps):
+        if len(self.stamps) == 1:
+            place = _BODY + 4 * int(self.stamps[0, 0])
+            _STAMP.pack_into(raw, place, *divmod(stamp_ns, NANOSECONDS_PER_SECOND))
+        elif len(self.stamps):
             words = np.frombuffer(raw, np.int32, (len(raw) - _BODY) // 4, _BODY)
             words[self.stamps] = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
-        rows = np.ndarray(len(numbers), self.row, raw, self.offset, self.stride)
-        rows[:] = np.ascontiguousarray(numbers).view(self.row).ravel()
+        if self.stride == self.row.itemsize:
+            end = self.offset + len(numbers) * self.stride
+            raw[self.offset : end] = numbers.tobytes()
+        else:
+            rows = np.ndarray(len(numbers), self.row, raw, self.offset, self.stride)
+            rows[:] = np.ascontiguousarray(numbers).view(self.row).ravel()
         return bytes(raw)
 
 
@@ -100,7 +108,7 @@ class MessageSerializer:
 
 def _stamps(raw: bytes) -> Iterator[int]:
     """Yield the places of the stamp of the probe."""
-    pattern = struct.pack('<iI', *divmod(_PROBE_STAMP, NANOSECONDS_PER_SECOND))
+    pattern = _STAMP.pack(*divmod(_PROBE_STAMP, NANOSECONDS_PER_SECOND))
     place = raw.find(pattern)
     while place >= 0:
         yield place

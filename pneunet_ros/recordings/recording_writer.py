@@ -7,56 +7,84 @@ under its name when it is complete, and not before.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+import json
 import os
 from pathlib import Path
+import re
+import struct
 from typing import Any
 
+from mcap.opcode import Opcode
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.files.atomic import atomic_output
-from pneunet_ros.recordings.bag_folder import FOLDER_FILES
+from pneunet_ros.recordings.bag_folder import FOLDER_FILES, METADATA
 from pneunet_ros.recordings.checksums import write_checksums
-from pneunet_ros.recordings.mcap_file import LATEST_LOG_TIME
-from pneunet_ros.recordings.message_store import serialize, store_for
+from pneunet_ros.recordings.mcap_file import LATEST_LOG_TIME, MESSAGE_HEAD, RECORD_HEAD
+from pneunet_ros.recordings.message_store import IDL_HEAD, serialize, store_for
 from pneunet_ros.recordings.recording import RecordedTopic
 from rosbags.interfaces import (
     Connection,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
+    ConnectionExtRosbag2,
+    MessageDefinition,
+    MessageDefinitionFormat,
 )
-from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+from rosbags.rosbag2.enums import CompressionMode
+from rosbags.rosbag2.storage_mcap import McapWriter
 
 BARE = 'of-a-bare-file'  # name of the folder out of which such a file is taken
 BARE_SUFFIX = '.mcap'  # of a recording that is a single file
-_FOREVER = QosTime(9_223_372_036, 854_775_807)  # how rosbag2 writes an infinite duration
+VERSION = 9  # of the metadata
+CHUNK = 1 << 20  # bytes of messages in one, as rosbag2 has it
+MESSAGE = struct.Struct(RECORD_HEAD.format + MESSAGE_HEAD.format.lstrip('<'))
+PLAIN_TEXT = re.compile(r'[A-Za-z/_][A-Za-z0-9_./-]*')  # needs no quotes in YAML
+YAML_WORDS = frozenset({'null', 'true', 'false', 'yes', 'no', 'on', 'off', 'y', 'n'})
+_FOREVER = {'sec': 9_223_372_036, 'nsec': 854_775_807}  # how rosbag2 writes an infinite duration
 
 # What `ros2 bag play` shall offer: what the estimator offers live.
-PLAYBACK_QOS = Qos(
-    history=QosHistory.KEEP_LAST,
-    depth=10,
-    reliability=QosReliability.RELIABLE,
-    durability=QosDurability.VOLATILE,
-    deadline=_FOREVER,
-    lifespan=_FOREVER,
-    liveliness=QosLiveliness.AUTOMATIC,
-    liveliness_lease_duration=_FOREVER,
-    avoid_ros_namespace_conventions=False,
-)
+PLAYBACK_QOS = {
+    'history': 'keep_last',
+    'depth': 10,
+    'reliability': 'reliable',
+    'durability': 'volatile',
+    'deadline': _FOREVER,
+    'lifespan': _FOREVER,
+    'liveliness': 'automatic',
+    'liveliness_lease_duration': _FOREVER,
+    'avoid_ros_namespace_conventions': False,
+}
+
+
+class MessageStorage(McapWriter):
+    """The MCAP file of rosbags; a message is put into its chunk in one piece."""
+
+    def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
+        """Write a message; six times as fast as number by number."""
+        chunk = self.chunk
+        chunk.message_start_time = min(timestamp, chunk.message_start_time)
+        chunk.message_end_time = max(timestamp, chunk.message_end_time)
+        self.message_start_time = min(timestamp, self.message_start_time)
+        self.message_end_time = max(timestamp, self.message_end_time)
+        self.channel_stats[connection.id] += 1
+        chunk.msgs[connection.id].append((timestamp, chunk.bio.tell()))
+        length = MESSAGE_HEAD.size + len(data)
+        chunk.bio.write(
+            MESSAGE.pack(Opcode.MESSAGE, length, connection.id, 0, timestamp, timestamp)
+        )
+        chunk.bio.write(data)
+        if chunk.bio.tell() > CHUNK:
+            self.close_chunk()
 
 
 class RecordingWriter:
     """Takes the messages of a recording that is being written; made by `write_recording`."""
 
-    __slots__ = ('_container', '_path')
+    __slots__ = ('_connections', '_path', '_storage')
 
-    def __init__(self, path: Path, container: Writer) -> None:
-        """Write into an open container; `path` is what the user called it."""
-        self._path = path
-        self._container = container
+    def __init__(self, path: Path, storage: MessageStorage) -> None:
+        """Write into an open file; `path` is what the user called it."""
+        self._path, self._storage = path, storage
+        self._connections: list[Connection] = []
 
     def add(self, topic: str, type_name: str, definition: str = '') -> Connection:
         """Announce a topic and get the handle to write to it.
@@ -65,17 +93,28 @@ class RecordingWriter:
         RecordingError when the type is not known or the topic was added before.
         """
         store = store_for(type_name, definition)
-        if any(connection.topic == topic for connection in self._container.connections):
+        if any(connection.topic == topic for connection in self._connections):
             raise RecordingError(
                 f'{self._path}: {topic} would be written twice', reason='given_twice'
             )
-        return self._container.add_connection(
-            topic,
-            type_name,
-            msgdef=definition or store.generate_msgdef(type_name, ros_version=2)[0],
-            rihs01=store.hash_rihs01(type_name),
-            offered_qos_profiles=[PLAYBACK_QOS],
+        definition = definition or store.generate_msgdef(type_name, ros_version=2)[0]
+        in_idl = definition.startswith(IDL_HEAD)
+        form = MessageDefinitionFormat.IDL if in_idl else MessageDefinitionFormat.MSG
+        connection = Connection(
+            id=len(self._connections) + 1,
+            topic=topic,
+            msgtype=type_name,
+            msgdef=MessageDefinition(form, definition),
+            digest=store.hash_rihs01(type_name),
+            msgcount=0,
+            ext=ConnectionExtRosbag2(serialization_format='cdr', offered_qos_profiles=[]),
+            owner=self,
         )
+        if all(known.msgtype != type_name for known in self._connections):
+            self._storage.add_msgtype(connection)
+        self._storage.add_connection(connection, yaml_text([PLAYBACK_QOS]))
+        self._connections.append(connection)
+        return connection
 
     def add_copy(self, topic: RecordedTopic) -> Connection:
         """Announce a topic of another recording, whose messages will be copied by `write_raw`."""
@@ -93,7 +132,75 @@ class RecordingWriter:
                 f'ns, and only times from 0 to {LATEST_LOG_TIME} can be recorded',
                 reason='out_of_bounds',
             )
-        self._container.write(connection, log_time_ns, raw)
+        self._storage.write(connection, log_time_ns, raw)
+
+    def metadata(self) -> dict[str, Any]:
+        """Describe what was written, as rosbag2 does."""
+        storage, name = self._storage, self._storage.path.name
+        messages = sum(storage.channel_stats.values())
+        span = {
+            'starting_time': {'nanoseconds_since_epoch': storage.message_start_time},
+            'duration': {
+                'nanoseconds': max(0, storage.message_end_time - storage.message_start_time)
+            },
+            'message_count': messages,
+        }
+        return {
+            'version': VERSION,
+            'storage_identifier': 'mcap',
+            'relative_file_paths': [name],
+            **span,
+            'topics_with_message_count': [
+                {
+                    'topic_metadata': {
+                        'name': one.topic,
+                        'type': one.msgtype,
+                        'serialization_format': 'cdr',
+                        'offered_qos_profiles': [PLAYBACK_QOS],
+                        'type_description_hash': one.digest,
+                    },
+                    'message_count': storage.channel_stats[one.id],
+                }
+                for one in self._connections
+            ],
+            'compression_format': '',
+            'compression_mode': '',
+            'files': [{'path': name, **span}],
+            'custom_data': None,
+            'ros_distro': 'rosbags',
+        }
+
+
+def yaml_text(value: Any) -> str:
+    """Return YAML of nested mappings and lists, fifty times as fast as by a library."""
+    return '\n'.join(yaml_lines(value))
+
+
+def yaml_lines(value: Any) -> Iterator[str]:
+    """Yield the lines of a mapping or a list, keys in their order."""
+    is_list = isinstance(value, list)
+    for key, item in ((None, item) for item in value) if is_list else sorted(value.items()):
+        head = '- ' if is_list else f'{key}:'
+        if not (isinstance(item, (dict, list)) and item):
+            yield f'{head.rstrip()} {yaml_scalar(item)}'
+            continue
+        lines = list(yaml_lines(item))
+        if is_list:
+            yield f'- {lines[0]}'
+            yield from (f'  {line}' for line in lines[1:])
+            continue
+        yield head
+        deeper = '' if isinstance(item, list) else '  '
+        yield from (f'{deeper}{line}' for line in lines)
+
+
+def yaml_scalar(value: Any) -> str:
+    """Return a text, a number, a truth value or nothing as YAML has it."""
+    if isinstance(value, str) and PLAIN_TEXT.fullmatch(value) and value.lower() not in YAML_WORDS:
+        return value
+    if value == '':
+        return "''"
+    return json.dumps(value, ensure_ascii=not str(value).isprintable())
 
 
 def check_name(path: Path) -> None:
@@ -123,16 +230,22 @@ def write_recording(
     with atomic_output(
         path, overwrite=overwrite, inputs=inputs, replaceable=replaceable
     ) as temporary:
-        # The container names its file after its folder; a bare file is taken out of it.
+        # The storage names its file after its folder; a bare file is taken out of it.
         folder = temporary.with_name(BARE) if bare else temporary
+        folder.mkdir(mode=0o755)
+        storage = MessageStorage(folder, CompressionMode.NONE)
         try:
-            with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as container:
-                yield RecordingWriter(path, container)
-        except WriterError as error:
-            raise RecordingError(
-                f'{path} cannot be written: {error}', reason='unwritable'
-            ) from error
-        written = folder / f'{folder.name}{BARE_SUFFIX}'
-        write_checksums(written)
+            writer = RecordingWriter(path, storage)
+            yield writer
+            metadata = writer.metadata()
+            storage.close(VERSION, yaml_text(metadata))
+        except BaseException:
+            with suppress(OSError):  # a full disk, which is said already
+                storage.abort()
+            raise
+        write_checksums(storage.path)
         if bare:
-            os.rename(written, temporary)
+            os.rename(storage.path, temporary)
+            return
+        text = yaml_text({'rosbag2_bagfile_information': metadata})
+        (folder / METADATA).write_text(f'{text}\n', encoding='utf-8')

@@ -307,7 +307,7 @@ def test_a_full_disk_leaves_nothing(replay, output, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, 'No space left on device')
 
-    monkeypatch.setattr('rosbags.rosbag2.storage_mcap.McapWriter.write', full)
+    monkeypatch.setattr('pneunet_ros.recordings.recording_writer.MessageStorage.write', full)
     refused(replay(source), output, 'unwritable', 'out.mcap')
 
 

@@ -15,7 +15,7 @@ from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recording import open_recording
-from pneunet_ros.recordings.recording_writer import write_recording
+from pneunet_ros.recordings.recording_writer import MessageStorage, write_recording
 import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosReliability
@@ -235,7 +235,7 @@ def test_a_full_disk_is_a_sentence_and_leaves_nothing(tmp_path, monkeypatch, nam
         refused(RecordingError, 'unwritable'),
         write_recording(tmp_path / name) as writer,
     ):
-        monkeypatch.setattr(f'rosbags.rosbag2.storage_mcap.McapWriter.{when}', full)
+        monkeypatch.setattr(f'{MessageStorage.__module__}.MessageStorage.{when}', full)
         writer.write(writer.add(PRESSURE, PRESSURE_TYPE), 0, pressure(0))
     assert names(tmp_path) == []
 
