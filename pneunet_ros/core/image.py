@@ -5,10 +5,10 @@ Every reading's message is known beside this one, so OpenCV is imported where a 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,8 @@ from pneunet_ros.core.errors import MessageError
 
 Bytes = npt.NDArray[np.uint8]
 Levels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+
+Made = TypeVar('Made')
 
 LARGEST_SIDE = 16_384  # px; what claims to be larger is no image of an arm
 
@@ -118,6 +120,7 @@ class Image:
     encoding: str
     data: Bytes
     big_endian: bool = False
+    _made: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the layout once."""
@@ -157,8 +160,18 @@ class Image:
         """Whether the image has colors to compare."""
         return ENCODINGS[self.encoding].bgr is not None
 
+    def once(self, key: Hashable, make: Callable[[], Made]) -> Made:
+        """Return what is made of this image, the same for all who ask for it by this key."""
+        if key not in self._made:
+            self._made[key] = make()
+        made: Made = self._made[key]
+        return made
+
     def grey(self) -> Bytes:
         """Brightness of all pixels, (height, width); a view if the image is grey."""
+        return self.once('grey', self._grey)
+
+    def _grey(self) -> Bytes:
         return eight_bits(ENCODINGS[self.encoding].grey(self._pixels()))
 
     def _pixels(self) -> Levels:
@@ -182,6 +195,9 @@ class Image:
         lightness count half, as light differs along an arm. Raises MessageError for an image
         without colors.
         """
+        return self.once(color, lambda: self._closeness(color))
+
+    def _closeness(self, color: tuple[float, float, float]) -> Image:
         convert = ENCODINGS[self.encoding].bgr
         if convert is None:
             raise MessageError(
@@ -203,6 +219,9 @@ class Image:
 
     def inverted(self) -> Image:
         """Return the image in grey, with dark and bright exchanged."""
+        return self.once('inverted', self._inverted)
+
+    def _inverted(self) -> Image:
         import cv2
 
         dark = np.asarray(cv2.bitwise_not(np.ascontiguousarray(self.grey())), np.uint8)

@@ -16,7 +16,8 @@ class Place:
     namespace: full name; empty: that of the command line. parameters: take precedence over those
     of the command line. topics: the names that topics of the node are remapped to. like: the
     configuration of another node, whose model is shared where the files are the same. meant: names
-    of parameters on the command line that are those of other nodes.
+    of parameters on the command line that are those of other nodes. cameras: those of the trackers
+    of this process, by their topics.
     """
 
     namespace: str = ''
@@ -24,6 +25,7 @@ class Place:
     topics: Mapping[str, str] = field(default_factory=dict)
     like: Any = None
     meant: Collection[str] = ()
+    cameras: dict[tuple[str, str], Any] = field(default_factory=dict)
 
     def arguments(self, name: str) -> dict[str, Any]:
         """Return the rclpy arguments for a node of this name here."""

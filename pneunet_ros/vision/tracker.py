@@ -43,7 +43,7 @@ from pneunet_ros.vision.rows.row_gate import is_at_clamp
 from pneunet_ros.vision.rows.row_motion import at_stamp, start_row
 from pneunet_ros.vision.rows.row_search import search_around, search_row
 from pneunet_ros.vision.rows.row_search_at_rest import search_at_rest
-from pneunet_ros.vision.rows.view import View
+from pneunet_ros.vision.rows.view import NONE_TAKEN, View
 from pneunet_ros.vision.settings import VISION, VisionSettings
 from pneunet_ros.vision.smoother import FEWEST_TARGETS, MeasuredCurve, smoother_for
 
@@ -178,10 +178,11 @@ class Tracker:
         )
 
     def step(
-        self, state: TrackerState, reading: Image | Lens
+        self, state: TrackerState, reading: Image | Lens, taken: Array | None = None
     ) -> tuple[TrackerState, Tracking | Refusal | None]:
         """Take an image, or a lens from a camera_info; the given state is not changed.
 
+        taken (n, COLUMNS): blobs that are targets of other rows in the image (`several_rows`).
         Returns the state for the next reading, and what came of this one: a `Tracking` of an
         image that was looked at, a `Refusal` of one that was not (no lens yet, wrong size, stamp
         not after the last), None of a lens. A stamp that jumps back by more than a second starts
@@ -193,13 +194,16 @@ class Tracker:
         if refusal is not None:
             return state.count_rejected(refusal.reason), refusal
         if self.settings.dot_color is not None:
-            return self._look(state, reading.closeness(self.settings.dot_color), BRIGHT)
+            image = reading.closeness(self.settings.dot_color)
+            return self._look(state, image, BRIGHT, taken=taken)
         if self.settings.polarity == AUTO and state.polarity is None:
-            return self._look_both_ways(state, reading)
+            return self._look_both_ways(state, reading, taken)
         name = self.settings.polarity if state.polarity is None else state.polarity.name
-        return self._look(state, reading, name)
+        return self._look(state, reading, name, taken=taken)
 
-    def _look_both_ways(self, state: TrackerState, image: Image) -> tuple[TrackerState, Tracking]:
+    def _look_both_ways(
+        self, state: TrackerState, image: Image, taken: Array | None
+    ) -> tuple[TrackerState, Tracking]:
         """Look for bright and for dark targets; what shows a row alone decides, once it is whole.
 
         A row of either kind in one image is no answer. Until it is whole, the one that has shown a
@@ -211,7 +215,7 @@ class Tracker:
         looks: dict[str, tuple[TrackerState, Tracking]] = {}
         for shallow in (True, False):
             for name in sorted((BRIGHT, DARK), key=lambda name: name != state.leading):
-                looks[name] = self._look(state, image, name, areas[name], shallow)
+                looks[name] = self._look(state, image, name, areas[name], shallow, taken)
                 if name == state.leading and looks[name][1].reason == RESTING:
                     return looks[name]
             if any(it.reason in ('', RESTING) for _, it in looks.values()):
@@ -247,7 +251,11 @@ class Tracker:
 
     def _bright_and_dark(self, image: Image) -> tuple[RoundAreas, RoundAreas] | None:
         """Return the areas of an image for either polarity, where both are found at once."""
-        return bright_and_dark_areas(image.grey(), self.vision.appearance(self.settings))
+        appearance = self.vision.appearance(self.settings)
+        return image.once(
+            ('bright and dark', appearance),
+            lambda: bright_and_dark_areas(image.grey(), appearance),
+        )
 
     def _look(
         self,
@@ -256,8 +264,9 @@ class Tracker:
         polarity: str,
         areas: RoundAreas | None = None,
         shallow: bool = False,
+        taken: Array | None = None,
     ) -> tuple[TrackerState, Tracking]:
-        """Look for targets of a polarity; areas and shallow: as of `View`."""
+        """Look for targets of a polarity; areas, shallow and taken: as of `View`."""
         assert state.lens is not None
         settings = self.settings
         if polarity == DARK:
@@ -273,6 +282,7 @@ class Tracker:
             vision=self.vision,
             areas=areas,
             shallow=shallow,
+            taken=NONE_TAKEN if taken is None else taken,
         )
         if state.plane is None:
             state, failure = self._at_rest(state, view)

@@ -49,6 +49,7 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 from pneunet_ros.core.health import Level  # noqa: E402
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES  # noqa: E402
 from pneunet_ros.nodes.ros_types import serialize as to_bytes  # noqa: E402
+from pneunet_ros.nodes.tracker.camera import Camera  # noqa: E402
 from pneunet_ros.nodes.tracker.node import TrackerNode  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
@@ -371,21 +372,22 @@ def test_what_nobody_wants_is_not_drawn(subscribers):
         ),
         serializer=MessageSerializer(types=RCLPY_TYPES, serialize=to_bytes, frame_id='base'),
         state=TrackerState(),
-        decode=decode_compressed_image,
         outputs={name: out(name) for name in ('targets', *CURVES)},
         annotated=out('image_annotated'),
         health=SimpleNamespace(
             published=lambda latency: None, took_image=lambda outcome, now: None
         ),
-        inputs=(None, SimpleNamespace(topic='/image_raw')),
         note_message=lambda topic, info: None,
     )
-    for name in ('publish', 'annotate'):
+    for name in ('publish', 'annotate', 'take_step'):
         setattr(node, name, getattr(TrackerNode, name).__get__(node))
-    TrackerNode.take_camera_info(node, filmed.info_message(1))
+    camera = SimpleNamespace(
+        nodes={'/tracker': node}, topic='/image_raw', decode=decode_compressed_image
+    )
+    Camera.take_camera_info(camera, filmed.info_message(1))
     for index, picture in enumerate(FILM):
         message = filmed.compressed_message(filmed.stamp_of(index), filmed.encoded(picture))
-        TrackerNode.take_image(node, message, {'received_timestamp': 0})
+        Camera.take_image(camera, message, {'received_timestamp': 0})
     assert published.count('targets') == len(FILM)
     curves = len(FILM) - REST + 1
     assert published.count('image_annotated') == subscribers * len(FILM)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros import load_model, solve
 from pneunet_ros.core.share import share_path
-from pneunet_ros.lab.pictures.lens import looking_down
+from pneunet_ros.lab.pictures.lens import Camera, looking_down
 from pneunet_ros.lab.pictures.renderer import Renderer
 from pneunet_ros.lab.pictures.scene import Dots, FrameState, Scene
 from pneunet_ros.messages.builders import IMAGE_TYPE
@@ -101,12 +101,14 @@ def compressed_message(stamp_ns: int, data: bytes) -> Any:
     )
 
 
-def info_message(stamp_ns: int, width: int = WIDTH, height: int = HEIGHT) -> Any:
-    """Return the CameraInfo of CAMERA."""
+def info_message(
+    stamp_ns: int, width: int = WIDTH, height: int = HEIGHT, camera: Camera = CAMERA
+) -> Any:
+    """Return the CameraInfo of a camera."""
     region = ROSBAGS_TYPES('sensor_msgs/msg/RegionOfInterest')(
         x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
     )
-    matrix = np.asarray(CAMERA.matrix).reshape(9)
+    matrix = np.asarray(camera.matrix).reshape(9)
     return ROSBAGS_TYPES(CAMERA_INFO_TYPE)(
         header=header(stamp_ns, 'camera'),
         height=height,

@@ -1,4 +1,4 @@
-"""One camera, two arms in its images: a tracker follows the row that begins at its clamp."""
+"""One camera, several arms in its images: each tracker follows the row at its clamp."""
 
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ from pneunet_ros.core.image import Image
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.vision.camera.camera_model import Lens
+from pneunet_ros.vision.camera.camera_settings import PosePlane
+from pneunet_ros.vision.several_rows import check_rows, step_rows
 from pneunet_ros.vision.tracker import Tracker, TrackerState
 import pytest
+from support import films, rows_film
 from support.refusals import refused
 
 WIDTH, HEIGHT, SCALE = 1280, 720, 6000.0  # px, px, px/m
@@ -79,6 +82,98 @@ def test_a_tracker_follows_the_row_at_its_clamp(film, name):
         assert found.sightings.seen == ARM.target_arclength.size, found.sentence
         # The image has y down: what bends up in it is positive.
         assert np.hypot(found.sightings.x - x, found.sightings.y + side * y).max() < 2e-4
+
+
+CAMERA = load_camera(share_path('config/camera.yaml'))
+FILM_LENS = Lens(
+    width=rows_film.WIDTH,
+    height=rows_film.HEIGHT,
+    model='plumb_bob',
+    matrix=np.asarray(rows_film.CAMERA.matrix),
+    distortion=np.zeros(5),
+)
+
+
+def tracker_at(clamp, **changes):
+    return Tracker(films.ARM, replace(CAMERA, clamp_pixel=clamp, **changes))
+
+
+def stolen(arm, index, sightings):
+    """Return how many targets are reported that are hidden, or are not where they are reported."""
+    x, y = rows_film.place_of(arm, index)
+    off = np.hypot(sightings.x - x, sightings.y - rows_film.POSES[arm].side * y)
+    return np.count_nonzero((off > 1e-4) | (np.isfinite(off) & rows_film.covered(arm, index)))
+
+
+def follow(step):
+    """Follow the film of three arms; returns dots taken from others, and targets not found.
+
+    step: of trackers, states and a reading to states and outcomes.
+    """
+    trackers = {arm: tracker_at(rows_film.clamp_pixel(arm)) for arm in rows_film.POSES}
+    states = [state for state, _ in step(trackers.values(), [TrackerState()] * 3, FILM_LENS)]
+    wrong = missed = 0
+    for index, picture in enumerate(rows_film.pictures()):
+        image = rows_film.image_of(picture, index)
+        states, outcomes = zip(*step(trackers.values(), states, image), strict=True)
+        for arm, outcome in zip(trackers, outcomes, strict=True):
+            if index < CAMERA.rest_frames:
+                continue
+            wrong += stolen(arm, index, outcome.sightings)
+            shown = np.count_nonzero(~rows_film.covered(arm, index))
+            missed += max(shown - outcome.sightings.seen, 0)
+    return wrong, missed
+
+
+def each_alone(trackers, states, reading):
+    return [one.step(state, reading) for one, state in zip(trackers, states, strict=True)]
+
+
+def test_no_arm_takes_the_dot_of_another_that_hides_its_own():
+    together = follow(lambda trackers, *more: step_rows(list(trackers), *more))
+    assert together == (0, 0)
+    assert follow(each_alone)[0] > 0  # so the film would show it
+
+
+def test_the_image_is_searched_once_for_all_rows(monkeypatch):
+    from pneunet_ros.vision.dots import blobs
+
+    made = []
+    monkeypatch.setattr(
+        blobs,
+        'round_areas',
+        lambda *arguments, find=blobs.round_areas: made.append(1) or find(*arguments),
+    )
+    trackers = [
+        tracker_at(rows_film.clamp_pixel(arm), polarity='bright') for arm in rows_film.POSES
+    ]
+    states = [state for state, _ in step_rows(trackers, [TrackerState()] * 3, FILM_LENS)]
+    step_rows(trackers, states, rows_film.image_of(rows_film.pictures()[0], 0))
+    assert len(made) == 1
+
+
+def test_of_two_trackers_of_one_row_the_second_finds_none():
+    clamp = rows_film.clamp_pixel('upper')
+    trackers = [tracker_at(clamp), tracker_at((clamp[0] + 1.0, clamp[1]))]
+    states = [state for state, _ in step_rows(trackers, [TrackerState()] * 2, FILM_LENS)]
+    for index, picture in enumerate(rows_film.pictures()[: CAMERA.rest_frames + 1]):
+        image = rows_film.image_of(picture, index)
+        states, (first, second) = zip(*step_rows(trackers, states, image), strict=True)
+    assert first.sightings.seen == films.ARM.target_arclength.size
+    assert (second.reason, second.sightings.seen) == ('no_row', 0)
+
+
+def test_a_shared_camera_needs_the_row_of_each_arm():
+    here, there = tracker_at((10.0, 20.0)), tracker_at((10.0, 90.0))
+    pose = PosePlane(position=(0.0, 0.0, 0.2), quaternion=(1.0, 0.0, 0.0, 0.0))
+    check_rows({'left': tracker_at(None)})
+    check_rows({'left': here, 'right': there})
+    check_rows({'left': here, 'right': tracker_at(None, plane=pose)})
+    for other in (tracker_at(None), tracker_at((10.0, 20.0))):
+        with refused(CameraError, 'missing'):
+            check_rows({'left': here, 'right': other})
+    with refused(CameraError, 'missing'):
+        check_rows({'left': tracker_at(None, plane=pose), 'right': tracker_at(None, plane=pose)})
 
 
 @pytest.mark.ros

@@ -20,6 +20,8 @@ from pneunet_ros.nodes.fusion.configuration import PARAMETERS as OF_FUSION
 from pneunet_ros.nodes.parameters import ParameterTable, SHIPPED_MODEL
 from pneunet_ros.nodes.tracker.configuration import configured_tracker
 from pneunet_ros.nodes.tracker.configuration import PARAMETERS as OF_TRACKER
+from pneunet_ros.vision.several_rows import check_rows
+from pneunet_ros.vision.tracker import Tracker
 
 TABLES = {'estimator': OF_ESTIMATOR, 'fusion': OF_FUSION, 'tracker': OF_TRACKER}
 CONFIGURED: dict[str, Callable[[Mapping[str, Any], Any], Any]] = {
@@ -149,10 +151,16 @@ def check_blocks(given: Mapping[str, Any]) -> None:
     flat = dict(flattened(given))
     blocks = {arm: block_of(arm, flat) for arm in settings.arms}
     gripper_of(settings, blocks)
-    for block in blocks.values():
+    trackers: dict[str, dict[str, Tracker]] = {}
+    for arm, block in blocks.items():
         for node in settings.nodes:
             completed = TABLES[node].completed(parameters_of(settings, block, node))
-            CONFIGURED[node](completed, None)
+            configuration = CONFIGURED[node](completed, None)
+            topic = block.topics.get('image_raw', '')
+            if node == 'tracker' and topic.startswith('/'):
+                trackers.setdefault(topic, {})[arm] = configuration.tracker
+    for of_camera in trackers.values():
+        check_rows(of_camera)
 
 
 def gripper_of(settings: GripperSettings, blocks: Mapping[str, ArmBlock]) -> Gripper | None:

@@ -121,6 +121,7 @@ def gripper_nodes() -> Iterator[Any]:
     mounted = gripper_of(settings, blocks)
     yield gripper
     fusions: dict[str, Any] = {}
+    cameras: dict[tuple[str, str], Any] = {}
     for kind in settings.nodes:
         models: dict[Any, Any] = {}
         for arm, block in blocks.items():
@@ -131,6 +132,7 @@ def gripper_nodes() -> Iterator[Any]:
                 topics=block.topics,
                 like=models.get(parameters['model_file']),
                 meant=given,
+                cameras=cameras,
             )
             member = CLASSES[kind](place)
             models.setdefault(parameters['model_file'], member.configuration)

@@ -6,31 +6,21 @@ services, diagnostics and the log.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import time
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from pneunet_ros.core.errors import CameraError, MessageError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.messages import builders
-from pneunet_ros.messages.builders import header, IMAGE_TYPE, UNREADABLE
-from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
+from pneunet_ros.messages.builders import header, IMAGE_TYPE
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.messages.targets import TARGETS_OUTPUT
-from pneunet_ros.messages.tracker import (
-    CAMERA_INFO_TYPE,
-    decode_camera_info,
-    decode_compressed_image,
-    decode_image,
-    outputs_of,
-    TRACKER_OUTPUTS,
-)
+from pneunet_ros.messages.tracker import outputs_of, TRACKER_OUTPUTS
 from pneunet_ros.nodes.configured_node import ConfiguredNode
-from pneunet_ros.nodes.following import FollowingSubscription
 from pneunet_ros.nodes.place import ALONE, Place
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
 from pneunet_ros.nodes.topics import output_qos, publisher
+from pneunet_ros.nodes.tracker.camera import camera_of, WRONG_CAMERA_INFO
 from pneunet_ros.nodes.tracker.configuration import (
     configured_tracker,
     PARAMETERS,
@@ -49,8 +39,6 @@ are ROS parameters, as in
   pneunet-tracker --ros-args -p camera_file:=/path/to/camera.yaml -p image_transport:=compressed
   pneunet-tracker --ros-args --params-file config/tracker.yaml
 """
-FOLLOW_PERIOD = 0.5  # s; how soon another quality of service of the camera is noticed
-WRONG_CAMERA_INFO = 'wrong_camera_info'  # reason of a refusal, beside those of the tracker
 
 
 class TrackerNode(ConfiguredNode[TrackerConfiguration]):
@@ -75,47 +63,20 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         }
         self.annotated = publisher(self, IMAGE_TYPE, 'image_annotated', output_qos())
         self.open_services()
-        self.decode: Callable[[Any], Image]
-        # Renaming the image renames what is made of it, as everywhere in ROS.
-        topic, kind, self.decode = self.resolve_topic_name('image_raw'), IMAGE_TYPE, decode_image
-        if self.configuration.node.image_transport == 'compressed':
-            topic, kind = f'{topic}/compressed', COMPRESSED_TYPE
-            self.decode = self.decode_compressed
-        self.inputs = (
-            FollowingSubscription(self, CAMERA_INFO_TYPE, 'camera_info', self.take_camera_info),
-            FollowingSubscription(self, kind, topic, self.take_image),
-        )
-        self.health = TrackerHealth(self.inputs[1].topic, time.monotonic())
-        self.every(FOLLOW_PERIOD, self.follow)
+        self.camera = camera_of(self)
+        self.health = TrackerHealth(self.camera.topic, time.monotonic())
         self.tell_ready()
 
-    def take_camera_info(self, message: Any) -> None:
-        """Take a camera_info message, which holds from now on."""
-        try:
-            lens = decode_camera_info(message)
-        except MessageError as error:
-            self.refuse(UNREADABLE, error)
-        except CameraError as error:
-            self.refuse(WRONG_CAMERA_INFO, error)
-        else:
-            self.state, _ = self.configuration.tracker.step(self.state, lens)
-
-    def decode_compressed(self, message: Any) -> Image:
-        """Decode a compressed image, with its colors where targets are known by theirs."""
-        colored = self.configuration.tracker.settings.dot_color is not None
-        return decode_compressed_image(message, colored=colored)
-
-    def take_image(self, message: Any, info: dict[str, int]) -> None:
-        """Take an image message and publish the targets in it."""
-        self.note_message(self.inputs[1].topic, info)
-        try:
-            image = self.decode(message)
-        except MessageError as error:
-            self.refuse(UNREADABLE, error)
-            return
-        resets = self.state.resets
-        self.state, outcome = self.configuration.tracker.step(self.state, image)
-        if self.state.resets > resets:
+    def take_step(
+        self,
+        image: Image,
+        state: TrackerState,
+        outcome: Tracking | Refusal | None,
+        info: dict[str, int],
+    ) -> None:
+        """Take what became of an image, and publish the targets in it; info: of the message."""
+        has_reset, self.state = state.resets > self.state.resets, state
+        if has_reset:
             sentence = 'time jumped back: the tracker was reset'
             self.log.warn('reset', sentence, time.monotonic())
         assert outcome is not None
@@ -152,11 +113,6 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         self.state = self.state.count_rejected(reason)
         self.health.note_refusal(refusal)
         self.log_refusal(refusal)
-
-    def follow(self) -> None:
-        """Subscribe as the publishers of now offer it."""
-        for subscription in self.inputs:
-            subscription.follow()
 
     def diagnose(self) -> None:
         """Publish how the tracker is doing."""

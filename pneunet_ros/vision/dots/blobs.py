@@ -21,6 +21,7 @@ from pneunet_ros.vision.dots.centroid import (
     COLUMNS,
     CONTRAST,
     MAJOR,
+    Mask,
     measure_outlines,
     MINOR,
     SEEN,
@@ -75,7 +76,8 @@ def find_blobs(image: Image, appearance: Appearance) -> Blobs:
 
 def find_areas(image: Image, appearance: Appearance) -> RoundAreas:
     """Return the areas of an image that may be blobs, those that stand out most first."""
-    return round_areas(image.grey(), appearance).only(slice(appearance.blobs.most))
+    areas = image.once(('areas', appearance), lambda: round_areas(image.grey(), appearance))
+    return areas.only(slice(appearance.blobs.most))
 
 
 def measure_areas(image: Image, areas: RoundAreas, appearance: Appearance) -> Blobs:
@@ -149,7 +151,11 @@ def _distinct(rows: Array, settings: BlobSettings) -> Array:
     """Return the rows that are blobs, each once: of two in one place the more exact one."""
     rows = rows[np.isfinite(rows[:, U])]
     rows = rows[np.argsort(rows[:, STD], kind='stable')]
-    apart = np.hypot(*(rows[:, None, [U, V]] - rows[None, :, [U, V]]).transpose(2, 0, 1))
-    radius = np.sqrt(rows[:, AREA] / math.pi)
-    same = apart < settings.twice * np.maximum(radius[:, None], radius)
-    return np.asarray(rows[~np.tril(same, -1).any(axis=1)])
+    return np.asarray(rows[~np.tril(same_blobs(rows, rows, settings), -1).any(axis=1)])
+
+
+def same_blobs(rows: Array, others: Array, settings: BlobSettings) -> Mask:
+    """Whether rows (n, COLUMNS) are at the place of others (m, COLUMNS), (n, m)."""
+    apart = np.hypot(*(rows[:, None, [U, V]] - others[None, :, [U, V]]).transpose(2, 0, 1))
+    radius, other = (np.sqrt(table[:, AREA] / math.pi) for table in (rows, others))
+    return np.asarray(apart < settings.twice * np.maximum(radius[:, None], other))

@@ -36,6 +36,7 @@ CAUSES = {
     'motion': 'the area at its place does not move like its neighbors: it is partly covered, '
     'or a glint is beside it',
     'place': ('the area near its place is off the row: is its entry in target_arclength right?'),
+    'other': 'the dot at its place is a target of another arm',
     'part': 'too little of its edge is visible to locate its center',
 }
 

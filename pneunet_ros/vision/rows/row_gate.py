@@ -35,9 +35,10 @@ def gate_row(
     ends of the row must be near the other targets.
     """
     table, gating = table.copy(), view.vision.gating
-    there = np.isfinite(table[:, U])
+    there, taken = np.isfinite(table[:, U]), view.is_taken(table)
     why = np.array(causes or ('',) * len(table), dtype='U8')
     why[there] = ''
+    table[taken], why[taken] = np.nan, 'other'
     why[~there & (why == '')] = 'no_dot'
     farthest = gating.farthest
     if last is not None:

@@ -72,7 +72,8 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
     """Find the row that starts at the clamp among these blobs."""
     vision = view.vision
     points = view.plane.points(view.lens.undistort(blobs.centers))
-    usable = np.flatnonzero(np.isfinite(points[:, 0]))
+    taken = view.is_taken(blobs.table.T)
+    usable = np.flatnonzero(np.isfinite(points[:, 0]) & ~taken)
     row = row_from_clamp(
         points[usable],
         blobs.area[usable],
@@ -90,11 +91,12 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
     sized = has_whole_edge(table, vision.row_look)
     found = with_partial(view, gate_row(view, table, usual), usual, sized)
     if found.seen < least or not is_at_clamp(view, found.points):
+        others = f', {taken.sum()} of which belong to other arms' if taken.any() else ''
         return Failure(
             reason='no_row',
             seen=found.seen,
             sentence=f'only {found.seen} of {targets} targets form a row from the clamp, among '
-            f'{len(blobs)} areas; {least} are needed: is the arm covered, or has the camera '
-            'moved?',
+            f'{len(blobs)} areas{others}; {least} are needed: is the arm covered, or has the '
+            'camera moved?',
         )
     return found

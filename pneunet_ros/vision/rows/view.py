@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from pneunet_ros.core.arrays import Array
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.image import Image
 from pneunet_ros.vision.camera.camera_model import Lens
 from pneunet_ros.vision.camera.camera_settings import CameraSettings
 from pneunet_ros.vision.camera.working_plane import Plane
 from pneunet_ros.vision.dots.areas import Appearance, RoundAreas
-from pneunet_ros.vision.dots.blobs import find_areas
+from pneunet_ros.vision.dots.blobs import find_areas, same_blobs
+from pneunet_ros.vision.dots.centroid import COLUMNS, Mask
 from pneunet_ros.vision.rest_plane import Failure
 from pneunet_ros.vision.settings import VisionSettings
 
+NONE_TAKEN = freeze(np.empty((0, COLUMNS)))
 NO_AREAS = Failure(
     reason='no_areas',
     sentence='no area looks like a target: check light, exposure, focus, grey_band and area',
@@ -25,7 +28,8 @@ class View:
     """A frame with all that is needed to look at it.
 
     areas: what may be a blob, where that has been found already; shallow: whether to look only at
-    what stands out, as long as another look can follow.
+    what stands out, as long as another look can follow; taken (n, COLUMNS): blobs that are targets
+    of other rows.
     """
 
     image: Image
@@ -37,6 +41,11 @@ class View:
     vision: VisionSettings
     areas: RoundAreas | None = None
     shallow: bool = False
+    taken: Array = field(default_factory=lambda: NONE_TAKEN)
+
+    def is_taken(self, table: Array) -> Mask:
+        """Whether blobs (n, COLUMNS) are targets of other rows (n,)."""
+        return np.asarray(same_blobs(table, self.taken, self.appearance.blobs).any(axis=1))
 
     def round_areas(self) -> RoundAreas:
         """Return the areas that may be blobs, those that stand out most first."""

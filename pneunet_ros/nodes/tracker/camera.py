@@ -1,0 +1,114 @@
+"""The topics of a camera, and the trackers of this process that look at its images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from pneunet_ros.core.errors import CameraError, MessageError
+from pneunet_ros.core.image import Image
+from pneunet_ros.messages.builders import IMAGE_TYPE, UNREADABLE
+from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
+from pneunet_ros.messages.tracker import (
+    CAMERA_INFO_TYPE,
+    decode_camera_info,
+    decode_compressed_image,
+    decode_image,
+)
+from pneunet_ros.nodes.following import FollowingSubscription
+from pneunet_ros.vision.several_rows import check_rows, step_rows
+
+FOLLOW_PERIOD = 0.5  # s; how soon another quality of service of the camera is noticed
+WRONG_CAMERA_INFO = 'wrong_camera_info'  # reason of a refusal, beside those of the tracker
+COMPRESSED = 'compressed'
+
+
+class Camera:
+    """Subscribes for the first of its trackers, and gives each image to all of them.
+
+    Each image is received, decoded and searched once. nodes: tracker nodes, by their full names.
+    """
+
+    def __init__(self, node: Any) -> None:
+        """Open the topics of a tracker node."""
+        self.nodes: dict[str, Any] = {}
+        self.add(node)
+        topic, kind, is_compressed = image_topic_of(node)
+        self.decode: Callable[[Any], Image] = self.decode_compressed
+        if not is_compressed:
+            self.decode = decode_image
+        self.inputs = (
+            FollowingSubscription(node, CAMERA_INFO_TYPE, 'camera_info', self.take_camera_info),
+            FollowingSubscription(node, kind, topic, self.take_image),
+        )
+        self.topic = self.inputs[1].topic
+        node.every(FOLLOW_PERIOD, self.follow)
+
+    def add(self, node: Any) -> None:
+        """Give images to a node from now on; CameraError where its row is that of another one."""
+        nodes = self.nodes | {node.get_fully_qualified_name(): node}
+        check_rows({name: one.configuration.tracker for name, one in nodes.items()})
+        self.nodes = nodes
+
+    def take_camera_info(self, message: Any) -> None:
+        """Take a camera_info message, which holds from now on."""
+        try:
+            lens = decode_camera_info(message)
+        except (MessageError, CameraError) as error:
+            unreadable = isinstance(error, MessageError)
+            self.refuse(UNREADABLE if unreadable else WRONG_CAMERA_INFO, error)
+        else:
+            for node in self.nodes.values():
+                node.state, _ = node.configuration.tracker.step(node.state, lens)
+
+    def take_image(self, message: Any, info: dict[str, int]) -> None:
+        """Take an image message, and give the trackers what it shows of their rows."""
+        nodes = list(self.nodes.values())
+        for node in nodes:
+            node.note_message(self.topic, info)
+        try:
+            image = self.decode(message)
+        except MessageError as error:
+            self.refuse(UNREADABLE, error)
+            return
+        trackers = [node.configuration.tracker for node in nodes]
+        steps = step_rows(trackers, [node.state for node in nodes], image)
+        for node, (state, outcome) in zip(nodes, steps, strict=True):
+            node.take_step(image, state, outcome, info)
+
+    def decode_compressed(self, message: Any) -> Image:
+        """Decode a compressed image, with its colors where targets are known by theirs."""
+        trackers = [node.configuration.tracker for node in self.nodes.values()]
+        colored = any(tracker.settings.dot_color is not None for tracker in trackers)
+        return decode_compressed_image(message, colored=colored)
+
+    def refuse(self, reason: str, error: Exception) -> None:
+        """Let all trackers count a message that could not be decoded."""
+        for node in self.nodes.values():
+            node.refuse(reason, error)
+
+    def follow(self) -> None:
+        """Subscribe as the publishers of now offer it."""
+        for subscription in self.inputs:
+            subscription.follow()
+
+
+def camera_of(node: Any) -> Camera:
+    """Return the camera of a tracker node: that of other nodes of its process with its topics."""
+    cameras = node.place.cameras if node.place.namespace else {}
+    key = image_topic_of(node)[0], node.resolve_topic_name('camera_info')
+    if key in cameras:
+        cameras[key].add(node)
+    else:
+        cameras[key] = Camera(node)
+    camera: Camera = cameras[key]
+    return camera
+
+
+def image_topic_of(node: Any) -> tuple[str, str, bool]:
+    """Return the topic of the images of a tracker node, its type, and whether it is compressed."""
+    # Renaming the image renames what is made of it, as everywhere in ROS.
+    topic = node.resolve_topic_name('image_raw')
+    if node.configuration.node.image_transport == COMPRESSED:
+        return f'{topic}/{COMPRESSED}', COMPRESSED_TYPE, True
+    return topic, IMAGE_TYPE, False

@@ -1,0 +1,103 @@
+"""Several rows of targets in the images of one camera: a tracker for each, no target in two rows.
+
+The trackers share what is made of an image. Where two rows claim one blob, the row that expected
+it nearer keeps it, and the tracker of the other looks at the image again without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import CameraError
+from pneunet_ros.core.image import Image
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.pauses import pause
+from pneunet_ros.vision.camera.camera_model import Lens
+from pneunet_ros.vision.camera.camera_settings import HomographyPlane, PosePlane
+from pneunet_ros.vision.dots.blobs import same_blobs
+from pneunet_ros.vision.rows.view import NONE_TAKEN
+from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
+
+Step = tuple[TrackerState, Tracking | Refusal | None]
+
+
+def step_rows(
+    trackers: Sequence[Tracker], states: Sequence[TrackerState], reading: Image | Lens
+) -> list[Step]:
+    """Take an image, or a lens, into the states of all trackers, as `Tracker.step` does for one.
+
+    Each tracker that loses blobs to another looks again; that may claim blobs of a third one, so
+    this is repeated as often as there are trackers.
+    """
+    steps: list[Step] = []
+    for tracker, state in zip(trackers, states, strict=True):
+        pause()
+        steps.append(tracker.step(state, reading))
+    if isinstance(reading, Lens):
+        return steps
+    taken = [NONE_TAKEN] * len(trackers)
+    for _ in trackers[1:]:
+        lost = list(_lost_blobs(trackers, states, steps))
+        for place, blobs in lost:
+            taken[place] = np.concatenate([taken[place], blobs])
+        for place in {place for place, _ in lost}:
+            pause()
+            steps[place] = trackers[place].step(states[place], reading, taken[place])
+        if not lost:
+            break
+    return steps
+
+
+def check_rows(trackers: Mapping[str, Tracker]) -> None:
+    """Raise CameraError where trackers of one camera do not have a row each.
+
+    A row is known by its plane, or by its clamp_pixel.
+    """
+    if len(trackers) < 2:
+        return
+    rows: dict[object, str] = {}
+    for name, tracker in trackers.items():
+        plane = tracker.settings.plane
+        is_known = isinstance(plane, HomographyPlane | PosePlane)
+        row = plane if is_known else tracker.settings.clamp_pixel
+        other = rows.setdefault(row, name)
+        if row is None or other != name:
+            who = name if row is None else f'{other} and {name}'
+            raise CameraError(
+                f'the row of {who} in the images of the shared camera is not known: set a '
+                'clamp_pixel of its own for each arm',
+                reason='missing',
+            )
+
+
+def _lost_blobs(
+    trackers: Sequence[Tracker], states: Sequence[TrackerState], steps: Sequence[Step]
+) -> Iterator[tuple[int, Array]]:
+    """Yield which tracker loses which blobs (n, COLUMNS) to another."""
+    claims = [_claims(*one) for one in zip(trackers, states, steps, strict=True)]
+    for second, (blobs, off) in enumerate(claims):
+        for first, (others, others_off) in enumerate(claims[:second]):
+            mine, theirs = np.nonzero(same_blobs(blobs, others, trackers[second].vision.blobs))
+            loses = others_off[theirs] <= off[mine]
+            if loses.any():
+                yield second, others[theirs[loses]]
+            if not loses.all():
+                yield first, blobs[mine[~loses]]
+
+
+def _claims(tracker: Tracker, state: TrackerState, step: Step) -> tuple[Array, Array]:
+    """Return the blobs that a row claims (n, COLUMNS), and how far off it expected them, px.
+
+    state: before the image. A row that was not followed from the last image expected nothing.
+    """
+    row = step[0].row
+    if row is None or not (isinstance(step[1], Tracking) and not step[1].reason):
+        return NONE_TAKEN, np.empty(0)
+    blobs = row.table[row.seen]
+    if state.row is None:
+        return blobs, np.full(len(blobs), np.inf)
+    longest = tracker.vision.row_tracker.longest_prediction
+    expected = state.row.predict(row.stamp_ns, longest)[row.seen]
+    return blobs, np.hypot(*(blobs[:, :2] - expected).T)
