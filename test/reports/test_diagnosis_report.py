@@ -13,7 +13,11 @@ from pneunet_ros.diagnosis.result import Adequacy, Estimated
 from pneunet_ros.diagnosis.settings import SelectionSettings
 from pneunet_ros.discovery.result import NOTHING_SEARCHED
 from pneunet_ros.reports import figure as report_figure
-from pneunet_ros.reports.diagnosis.error_figures import model_error, shapes, worst_frames
+from pneunet_ros.reports.diagnosis.error_figures import (
+    errors_along_arm,
+    model_error,
+    worst_frames,
+)
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.diagnosis.figures import FIGURES
 from pneunet_ros.reports.diagnosis.files import (
@@ -257,7 +261,7 @@ def test_without_held_out_recordings_it_is_said(coarse):
     found = replace(found, before=before, after=after, closed=None)
     assert diagnosis_content(found, PROVENANCE)['gap']['heldout'] is None
     data = FigureData(diagnosis=found, training=training, held_out=())
-    drawn = [model_error(data), shapes(data)]
+    drawn = [errors_along_arm(data), model_error(data)]
     assert None not in drawn
     pictures = dict.fromkeys(FIGURES, ()) | {'error': drawn}
     report_page(found, pictures, PROVENANCE)
@@ -275,10 +279,10 @@ def test_when_nothing_is_missing_there_is_less_to_show(coarse, monkeypatch):
     data = FigureData(diagnosis=nothing, training=training, held_out=held_out)
     pictures = draw_figures(FIGURES, data, lambda *_: None)
     names = [item.name for of_part in pictures.values() for item in of_part]
-    assert names == ['01_errors', '02_model_error', '03_shapes', '05_shares']
+    assert names == ['01_errors', '02_model_error', '05_shares']
     text = report_page(nothing, pictures, PROVENANCE)
     assert 'model_discovered' not in text
-    assert Page(text).tags.count('img') == 4
+    assert Page(text).tags.count('img') == 3
 
 
 def test_commands_have_the_names_that_were_given():
@@ -324,7 +328,7 @@ def test_a_single_target_and_frames_without_a_shape_are_drawn(coarse):
     )  # fmt: skip
     alone = replace(found, before=tip(found.before), after=tip(found.after), heat_maps=some)
     data = FigureData(diagnosis=alone, training=(), held_out=runs)
-    assert shapes(data) is not None
+    assert errors_along_arm(data) is not None
     assert maps(data).png
     assert loops(data) is None
     empty = tuple(
@@ -333,7 +337,7 @@ def test_a_single_target_and_frames_without_a_shape_are_drawn(coarse):
     )
     lost = replace(found, before=replace(found.before, held_out_scores=empty))
     data = FigureData(diagnosis=lost, training=(), held_out=held_out)
-    assert shapes(data) is None
+    assert errors_along_arm(data) is None
     assert model_error(data).png
 
 

@@ -1,4 +1,4 @@
-"""Figures of a discovery: kinds of cause, amplitude over time, model errors."""
+"""Figures of a discovery: kinds of cause, amplitude over time."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ import math
 
 from matplotlib.axes import Axes
 import numpy as np
-from pneunet_ros.core.units import millimeters
 from pneunet_ros.discovery.result import AmplitudeSeries
-from pneunet_ros.reports.diagnosis.figure_data import DISCOVERED, FigureData
+from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.diagnosis.localization_figures import borders
 from pneunet_ros.reports.figure import Picture, picture
-from pneunet_ros.reports.style import draw_band, draw_bars, FIRST, legend, MEASURED, panels, short
+from pneunet_ros.reports.style import draw_band, FIRST, legend, MEASURED, panels, short
 
 MOST_SERIES = 6  # recordings whose amplitude is shown
 
@@ -83,45 +82,3 @@ def draw_amplitude(axes: Axes, series: AmplitudeSeries) -> None:
     axes.plot(seconds, series.value[order], '.', color=MEASURED, markersize=3.5, label='by frame')
     axes.plot(seconds, series.law[order], color=FIRST, linewidth=1.4, label='law')
     axes.set(title=short(series.recording), xlabel='time (s)')
-
-
-def discovered_error(data: FigureData) -> Picture | None:
-    """Draw the model error before, with library effects, and with the discovered law."""
-    evaluation, diagnosis = data.discovery.evaluation, data.diagnosis
-    if evaluation is None:
-        return None
-    known = zip(data.models, (diagnosis.before, diagnosis.after), strict=False)
-    models = [(name, model, color) for (name, color), model in known]
-    models.append(('discovered', evaluation, DISCOVERED))
-    figure, (overall, each) = panels(2, height=4.0)
-    for place, (name, model, color) in enumerate(models):
-        draw_bars(overall, [millimeters(model.rms)], '{:.3f}', place=[place], color=color)
-        scores = model.training_scores if model.held_out is None else model.held_out_scores
-        where = np.arange(len(scores)) + 0.27 * (place - 1)
-        draw_bars(
-            each,
-            [millimeters(score.rms) for score in scores],
-            '{:.2f}',
-            place=where,
-            width=0.25,
-            color=color,
-            label=name,
-        )
-        each.set_xticks(np.arange(len(scores)), [short(score.name) for score in scores])
-    overall.set_xticks(range(len(models)), [name for name, _, _ in models])
-    floor = millimeters(diagnosis.noise_floor)
-    for axes in (overall, each):
-        axes.axhline(floor, color=MEASURED, linestyle='--', linewidth=1.1, label='noise alone')
-        axes.set_ylabel('rms per coordinate (mm)')
-        axes.margins(y=0.25)
-    overall.set_title(f'(a) {data.tested_on} recordings')
-    each.set_title('(b) one by one')
-    legend(each, loc='upper right')
-    return picture(
-        '12_discovered_error',
-        'Model error with the discovered law',
-        f'Errors on {data.tested_on} recordings: of the model that was given, of the model with '
-        'what the library names, if anything, and of the model with the proposed effect. Dashed: '
-        'what noise alone would leave.',
-        figure,
-    )

@@ -1,4 +1,4 @@
-"""The model error before and after: as numbers, and as shapes."""
+"""The model error before and after: along the arm, and as numbers."""
 
 from __future__ import annotations
 
@@ -7,28 +7,25 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.units import kilopascals, millimeters, seconds_since
+from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.discovery.result import Discovery
-from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.reports.diagnosis.figure_data import FigureData, RecordingErrors
+from pneunet_ros.reports.diagnosis.figure_data import DISCOVERED, FigureData, RecordingErrors
 from pneunet_ros.reports.diagnosis.first_screen import error_sentence
 from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.style import (
     as_shapes,
-    BAND_SIGMAS,
     draw_bars,
     draw_dots,
     GREY,
     legend,
     MEASURED,
     panels,
-    same_height,
     short,
 )
 
 SHAPES_SHOWN = 4
-WIDTH = 0.38  # of a bar
+WIDTH = 0.76  # of the bars of a recording, in all
 ARROW = 0.15  # of the length, about the longest error as it is drawn
 MAGNIFICATIONS = (1, 2, 5, 10, 25, 50, 100, 250)
 MOST_RECORDINGS = 8  # in a picture
@@ -110,9 +107,10 @@ def draw_arrows(
 def model_error(data: FigureData) -> Picture:
     """Root mean square errors before and after, in all and per recording."""
     diagnosis = data.diagnosis
-    before, after = diagnosis.before, diagnosis.after
     figure, (overall, per_recording) = panels(2, height=4.2)
-    sides = (before, after)[: len(data.models)]
+    models, sides = data.models, [diagnosis.before, diagnosis.after][: len(data.models)]
+    if data.discovery.evaluation is not None:
+        models, sides = (*models, DISCOVERED), [*sides, data.discovery.evaluation]
     misfits = [
         [side.training, *([] if side.held_out is None else [side.held_out])] for side in sides
     ]
@@ -120,7 +118,7 @@ def model_error(data: FigureData) -> Picture:
         overall,
         ['training', 'held out'][: len(misfits[0])],
         [[millimeters(item.rms) for item in group] for group in misfits],
-        data.models,
+        models,
     )
     scores = [
         side.training_scores if side.held_out is None else side.held_out_scores for side in sides
@@ -129,7 +127,7 @@ def model_error(data: FigureData) -> Picture:
         per_recording,
         [short(score.name) for score in scores[0][:MOST_RECORDINGS]],
         [[millimeters(score.rms) for score in group[:MOST_RECORDINGS]] for group in scores],
-        data.models,
+        models,
     )
     per_recording.tick_params(axis='x', rotation=20)
     floor = millimeters(diagnosis.noise_floor)
@@ -176,6 +174,7 @@ def draw_pairs(
 ) -> None:
     """Draw bars of the errors of models, side by side, with their values."""
     place = np.arange(len(names))
+    width = WIDTH / len(models)
     for which, (values, (label, color)) in enumerate(zip(errors, models, strict=True)):
         shift = which - 0.5 * (len(models) - 1)
         box = {'facecolor': 'white', 'alpha': 0.85, 'edgecolor': 'none', 'pad': 0.6}
@@ -183,48 +182,14 @@ def draw_pairs(
             axes,
             values,
             '{:.3f}',
-            place=place + shift * WIDTH,
-            width=WIDTH,
+            place=place + shift * width,
+            width=width,
             label_style={'fontsize': 8, 'zorder': 5, 'bbox': box},
             color=color,
             label=label,
         )
     axes.set_xticks(place, names)
     axes.margins(y=0.2)
-
-
-def shapes(data: FigureData) -> Picture | None:
-    """Measured, before and after, in a few frames in which the model is far off."""
-    frames, diagnosis = worst_frames(data.errors()), data.diagnosis
-    if not frames:
-        return None
-    figure, axes = panels(len(frames), rows=2, height=6.6)
-    share = diagnosis.before.arm.target_arclength / diagnosis.before.arm.length
-    for column, (item, frame) in enumerate(frames):
-        top, below = axes[column], axes[len(frames) + column]
-        draw_shapes(top, item, frame, data.models)
-        as_shapes(top, frame_label(item.run, frame))
-        for (model, color), marker in zip(data.models, 'so', strict=False):
-            distance = millimeters(1.0) * np.hypot(*item.of(model)[frame])
-            below.plot(share, distance, color=color, marker=marker, markersize=3.2, linewidth=1.2)
-        band = BAND_SIGMAS * millimeters(1.0) * item.noise_distance[frame]
-        below.fill_between(share, 0.0, band, color=GREY, alpha=0.15, linewidth=0)
-        below.set(xlabel='arclength $s / l$', xlim=(-0.02, 1.02))
-    same_height(axes[len(frames) :], low=0.0)
-    axes[len(frames)].set_ylabel('distance from measured (mm)')
-    for panel in axes[1 : len(frames)]:
-        panel.set_ylabel('')
-    legend(axes[0], loc='best')
-    return picture(
-        '03_shapes',
-        'Measured shapes and both models',
-        f'Frames of {data.tested_on} recordings that noise explains least before, spread over '
-        'them. Dots are measured targets, lines go through the predicted ones. Below, how '
-        'far each target is from its prediction; grey: two sigma of what noise of targets, force '
-        'and pressure moves in that frame. A model that lacks nothing passes through the dots and '
-        'stays in the grey.',
-        figure,
-    )
 
 
 def worst_frames(items: Sequence[RecordingErrors]) -> list[tuple[RecordingErrors, int]]:
@@ -244,27 +209,3 @@ def worst_frames(items: Sequence[RecordingErrors]) -> list[tuple[RecordingErrors
         of_turn.sort(key=lambda candidate: -candidate[0])
         frames += [(item, frame) for _, item, frame in of_turn]
     return frames[:SHAPES_SHOWN]
-
-
-def draw_shapes(
-    axes: Axes, item: RecordingErrors, frame: int, models: Sequence[tuple[str, str]]
-) -> None:
-    """Draw measured targets as dots and predicted ones as lines, mm."""
-    measured = millimeters(1.0) * item.run.points[frame]
-    for label, color in models:
-        line = measured - millimeters(1.0) * item.of(label)[frame]
-        known = np.isfinite(line[0])
-        marker = 'x' if np.count_nonzero(known) == 1 else ''
-        axes.plot(
-            line[0, known], line[1, known], color=color, linewidth=1.4, marker=marker, label=label
-        )
-    draw_dots(axes, measured[0], measured[1], 3.4, color=MEASURED, label='measured', zorder=4)
-
-
-def frame_label(run: RecordingData, frame: int) -> str:
-    """Name a frame: recording, time, pressure and end force."""
-    seconds = seconds_since(int(run.stamp_ns[0]), int(run.stamp_ns[frame]))
-    f1, f2 = (round(1000.0 * value) for value in run.force[frame].tolist())
-    pressure = f'{kilopascals(float(run.frame_pressure[frame])):z.1f} kPa'
-    load = f', F = ({f1}, {f2}) mN' if run.loaded else ', no load'
-    return f'{short(run.name)}, {seconds:.1f} s\n{pressure}{load}'

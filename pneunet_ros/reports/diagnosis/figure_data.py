@@ -16,7 +16,8 @@ from pneunet_ros.reports.diagnosis.tables import added_effects
 from pneunet_ros.reports.settings import REPORT_SETTINGS, ReportSettings
 from pneunet_ros.reports.style import FIRST, SECOND, THIRD
 
-BEFORE, AFTER, DISCOVERED = SECOND, FIRST, THIRD  # colors
+BEFORE, AFTER = SECOND, FIRST  # colors
+DISCOVERED = 'discovered', THIRD  # name and color of the model with a discovered law
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,11 +46,6 @@ class RecordingErrors:
             for values in (self.before, self.noise)
         )
         return np.asarray(error / np.where(noise > 0.0, noise, 1.0))
-
-    @property
-    def noise_distance(self) -> Array:
-        """One sigma of the distance of each target from its prediction, (frames, targets) m."""
-        return np.hypot(self.noise[:, 0], self.noise[:, 1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
