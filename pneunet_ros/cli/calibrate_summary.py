@@ -12,7 +12,7 @@ from pneunet_ros.calibration.checks.left_out_levels import LeftOutLevels
 from pneunet_ros.calibration.checks.stiffness_variation import StiffnessVariation
 from pneunet_ros.calibration.target_row import target_row
 from pneunet_ros.cli.fitted_table import print_table
-from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.arrays import root_mean_square
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.reports.calibration import tables
@@ -50,7 +50,7 @@ def numbers_of(calibration: Calibration, files: Files) -> dict[str, Any]:
                 'loaded': fitted.run.loaded,
                 'frames': len(fitted.solved),
                 'unsolved': int(np.count_nonzero(~fitted.solved)),
-                'rms': known_rms(fitted.residual),
+                'rms': root_mean_square(fitted.residual),
                 'tip_rms': last_target_rms([fitted]),
                 'chi_squared_per_coordinate': float(
                     fitted.whitened.sum() / max(int(fitted.dof.sum()), 1)
@@ -75,12 +75,6 @@ def numbers_of(calibration: Calibration, files: Files) -> dict[str, Any]:
         'covariance_share': calibration.explained_variance,
         'notes': list(calibration.notes),
     }
-
-
-def known_rms(residual: Array) -> float:
-    """Return the rms (m) of coordinates that were seen; NaN where none was."""
-    known = residual[np.isfinite(residual)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float('nan')
 
 
 def left_out_numbers(left_out: LeftOutLevels | None) -> dict[str, Any] | None:

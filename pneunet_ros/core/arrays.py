@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+import math
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,12 @@ def median(values: Array) -> float:
     """Return the median of finite values; that of numpy takes ten times as long for a few."""
     ordered = np.sort(values, axis=None)
     return 0.5 * float(ordered[(ordered.size - 1) // 2] + ordered[ordered.size // 2])
+
+
+def root_mean_square(values: Array) -> float:
+    """Return the root mean square of the finite values; NaN where there is none."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
 
 
 def same_values(left: Any, right: Any) -> bool:

@@ -10,14 +10,12 @@ from pneunet_ros.reports.calibration.force_figures import end_forces
 from pneunet_ros.reports.calibration.moment_figures import law, moments, one_moment
 from pneunet_ros.reports.calibration.residual_figures import (
     draw_residuals_by_frame,
-    draw_residuals_by_run,
     draw_residuals_by_target,
     law_comparison,
 )
 from pneunet_ros.reports.calibration.shape_figures import (
     free_shapes,
     loaded_shapes,
-    predicted_shapes,
 )
 from pneunet_ros.reports.calibration.trend_figures import linearity, sensitivity
 from pneunet_ros.reports.figure import draw_figures, Figures, Pictures
@@ -29,7 +27,6 @@ FIGURES: Figures[FigureData] = {
         moments,
         one_moment,
         law,
-        predicted_shapes,
         end_forces,
         sensitivity,
         linearity,
@@ -37,7 +34,6 @@ FIGURES: Figures[FigureData] = {
     'residuals': (
         draw_residuals_by_frame,
         draw_residuals_by_target,
-        draw_residuals_by_run,
         law_comparison,
     ),
 }

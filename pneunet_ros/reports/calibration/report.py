@@ -18,7 +18,6 @@ from pneunet_ros.reports.calibration.tables import (
     curvature_table,
     flat,
     law_rows,
-    linearity_rows,
     noise_rows,
     number_rows,
     Row,
@@ -84,7 +83,6 @@ def report_page(
         law=law_rows(rows),
         curvature=curvature_table(calibration, rows),
         noise=noise_rows(calibration),
-        linearity=linearity_rows(calibration),
         provenance=flat(provenance),
         units_note=units_note(units),
     )

@@ -1,12 +1,11 @@
-"""Residuals of a calibration: over frames, targets and recordings, by law."""
+"""Residuals of a calibration: over frames and targets, by law."""
 
 from __future__ import annotations
 
-from matplotlib.axes import Axes
 import numpy as np
 from pneunet_ros.calibration.experiments import LawScore
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.arrays import Array, root_mean_square
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.measurement.linearization import FittedRun
 from pneunet_ros.reports.calibration.figure_data import FigureData
@@ -37,15 +36,16 @@ def draw_residuals_by_frame(data: FigureData) -> Picture:
         x = start + np.arange(size.size)
         axes.plot(x, size, linestyle='', marker='.', markersize=2.5, color=FIRST, alpha=0.45)
         axes.plot(x, running_mean(size), color=SECOND, linewidth=1.5)
-        edges.append((start, start + size.size, item.run))
+        edges.append((start, start + size.size, item))
         start += size.size
-    for place, (left, right, run) in enumerate(edges):
+    for place, (left, right, item) in enumerate(edges):
         axes.axvspan(left, right, color=GREY, alpha=0.07 * (place % 2), linewidth=0)
-        kind = 'loaded' if run.loaded else 'unloaded'
+        kind = 'loaded' if item.run.loaded else 'unloaded'
+        rms = MICRO * root_mean_square(item.residual[item.solved])
         axes.text(
             0.5 * (left + right),
             0.97,
-            f'{short(run.name)}\n{kind}',
+            f'{short(item.run.name)}\n{kind}, {rms:.0f} um rms',
             transform=axes.get_xaxis_transform(),
             ha='center',
             va='top',
@@ -62,7 +62,8 @@ def draw_residuals_by_frame(data: FigureData) -> Picture:
         'Root mean square residual of every frame beside what noise, placement, camera and '
         'readings explain (dots; line: running mean). It should scatter about 1 without a trend: '
         'a hump means that something in the arm is missing in the model, a constant level '
-        'other than 1 that the noise is another. Over all frames chi squared per coordinate is '
+        'other than 1 that the stated noise is wrong, and one recording above the others that it '
+        'is odd, or has another role. Over all frames chi squared per coordinate is '
         f'{fit.chi_squared / fit.dof:.3f}.',
         figure,
     )
@@ -137,43 +138,6 @@ def mean_residuals(fit: Fit) -> Array:
     return np.asarray(total / np.where(count > 0, count, np.nan))
 
 
-def draw_residuals_by_run(data: FigureData) -> Picture:
-    """Root mean square residual of every recording beside the noise."""
-    runs = data.calibration.joint.runs
-    figure, (sizes, whitened) = panels(2, height=3.8)
-    names = [short(item.run.name) for item in runs]
-    rms = [MICRO * root_mean_square(item.residual[item.solved]) for item in runs]
-    whitened_rms = [
-        float(np.sqrt(item.whitened[item.solved].sum() / max(item.dof[item.solved].sum(), 1)))
-        for item in runs
-    ]
-    colors = [SECOND if item.run.loaded else FIRST for item in runs]
-    labeled_bars(sizes, names, rms, colors, '{:.0f}')
-    target = MICRO * data.calibration.noise.noise.target_std
-    sizes.axhline(target, color=MEASURED, linestyle='--', linewidth=1.0)
-    sizes.set(
-        title=f'(a) rms per coordinate; dashed: noise of targets, {target:.0f} um', ylabel='um'
-    )
-    labeled_bars(whitened, names, whitened_rms, colors, '{:.2f}')
-    whitened.axhline(1.0, color=MEASURED, linestyle='--', linewidth=1.0)
-    whitened.set(title='(b) beside what is expected of it', ylabel='residual / expected')
-    return picture(
-        '14_residuals_over_recordings',
-        'Residuals over recordings',
-        'Blue: unloaded, red: loaded. (a) may lie above the noise of targets, since errors of the '
-        'pressure and force readings move the whole arm; (b) counts them. One bar that stands '
-        'out: look at that recording, or its role; all well below 1: the stated noise is too '
-        'large.',
-        figure,
-    )
-
-
-def root_mean_square(values: Array) -> float:
-    """Return the root mean square of what is not NaN."""
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float('nan')
-
-
 def law_comparison(data: FigureData) -> Picture | None:
     """Moment laws on recordings left out of their fit."""
     if not data.calibration.laws:
@@ -197,7 +161,7 @@ def law_comparison(data: FigureData) -> Picture | None:
     axes.margins(y=0.35)
     legend(axes, loc='upper center', ncols=len(laws))
     return picture(
-        '15_laws',
+        '14_laws',
         'Moment laws on recordings left out',
         f'Each law was fitted without one loaded recording and then predicted it: rms per '
         f'coordinate, registration removed. {best_sentence(laws)}',
@@ -213,12 +177,3 @@ def best_sentence(laws: tuple[LawScore, ...]) -> str:
         f'The smaller the better: {first.kind} is best, the next one ({second.kind}) is '
         f'{second.rms / first.rms:.2f} times as far off.'
     )
-
-
-def labeled_bars(
-    axes: Axes, names: list[str], values: list[float], colors: list[str], form: str
-) -> None:
-    """Draw a bar per name, with its value on top."""
-    draw_bars(axes, values, form, color=colors)
-    axes.set_xticks(np.arange(len(names)), names, rotation=20, ha='right')
-    axes.margins(y=0.15)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 import numpy as np
@@ -23,7 +25,7 @@ from pneunet_ros.reports.style import (
 )
 from pneunet_ros.solver.columns import CURVATURE, X, Y
 
-COMPARED = 4  # loads whose predicted curvature is drawn beside the measured one
+COMPARED = 4  # loads whose curvature is drawn
 STYLES = [
     Line2D([], [], color='0.3', marker='o', linestyle='', markersize=4, label='measured'),
     Line2D([], [], color='0.3', label='model'),
@@ -66,74 +68,43 @@ def free_shapes(data: FigureData) -> Picture:
 
 
 def loaded_shapes(data: FigureData) -> Picture | None:
-    """Figure 6: shapes and curvature under load."""
+    """Figures 6 and 9 (a), (b): shapes and curvature under load, measured and predicted."""
     if not data.main:
         return None
     arm = data.calibration.arm
     figure, (shapes, curvatures) = panels(2)
-    fields = predict_states(arm, data.main, stations_of(arm.length))
+    stations = stations_of(arm.length)
+    fields = predict_states(arm, data.main, stations)
     for steady_state, field in zip(data.main, fields, strict=True):
         color = data.colors(steady_state.pressure)
         draw_shape(shapes, steady_state, field, color)
         tip = millimeters(1.0) * field[[X, Y], -1]
         draw_force(shapes, tip, steady_state.force, color)
-    for view in data.main_views:
-        color = data.colors(view.steady_state.pressure)
-        share = view.arclength / arm.length
-        curvatures.plot(share, view.curvature, color=color, linewidth=1.4)
+    views = data.main_views[:: math.ceil(len(data.main_views) / COMPARED) or 1]
+    fields = predict_states(arm, [view.steady_state for view in views], stations)
+    for view, field in zip(views, fields, strict=True):
+        color, share = data.colors(view.steady_state.pressure), view.arclength / arm.length
+        label = load_label(view.steady_state)
+        draw_band(curvatures, share, view.curvature, view.std, color, alpha=0.2)
+        draw_measured(curvatures, view, arm.length, color)
+        curvatures.plot(
+            stations / arm.length, field[CURVATURE], color=color, linewidth=1.6, label=label
+        )
     as_shapes(shapes, '(a) shapes under load, with the end force')
     legend(shapes, handles=STYLES, loc='upper left')
-    as_curvatures(curvatures, '(b) measured curvature')
+    as_curvatures(curvatures, '(b) curvature; band: 2 sigma of the measured one')
+    if views:
+        legend(curvatures, loc='best')
     data.colors.bar(figure, curvatures)
     return picture(
         '06_loaded',
         'Loaded arm: shapes and curvature',
         f'{run_label(data)}: the same under an end force (arrows, {FORCE_SCALE:g} mm per N). '
-        'Lines of the model should pass through the dots. The curvature in (b) is measured alone; '
-        'where the moment law has two sections it should step near l1.',
-        figure,
-        number='6',
-    )
-
-
-def predicted_shapes(data: FigureData) -> Picture | None:
-    """Figure 9 (a), (b): shape and curvature from pressure and load."""
-    if not data.main_views:
-        return None
-    arm = data.calibration.arm
-    figure, (shapes, curvatures) = panels(2)
-    places = np.unique(np.linspace(0, len(data.main_views) - 1, COMPARED).round().astype(int))
-    views = [data.main_views[place] for place in places.tolist()]
-    stations = stations_of(arm.length)
-    share = stations / arm.length
-    fields = predict_states(arm, [view.steady_state for view in views], stations)
-    for view, field in zip(views, fields, strict=True):
-        steady_state, color = view.steady_state, data.colors(view.steady_state.pressure)
-        draw_shape(shapes, steady_state, field, color)
-        curvatures.plot(share, field[CURVATURE], color=color, linewidth=1.6)
-        measured = view.arclength / arm.length
-        draw_band(curvatures, measured, view.curvature, view.std, color, alpha=0.2)
-        draw_measured(curvatures, view, arm.length, color)
-    as_shapes(shapes, '(a) shapes, load known')
-    labels = [
-        Line2D(
-            [],
-            [],
-            color=data.colors(view.steady_state.pressure),
-            label=load_label(view.steady_state),
-        )
-        for view in views
-    ]
-    legend(shapes, handles=[*STYLES, *labels], loc='best')
-    as_curvatures(curvatures, '(b) curvature; band: 2 sigma of the measured one')
-    return picture(
-        '09ab_predicted',
-        'Predicted from pressure and load: shape and curvature',
-        'Dots are measured, lines predicted by the model from pressure and end force alone. '
-        'Predicted curvature should stay within the band, except right at the step at l1, which '
+        'Lines are predicted from pressure and end force alone; they should pass through the '
+        'measured dots, and in (b) stay within the band, except right at the step at l1, which '
         'the smoothing of the measured curve rounds off.',
         figure,
-        number='9 (a), (b)',
+        number='6 and 9 (a), (b)',
     )
 
 

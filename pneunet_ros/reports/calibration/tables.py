@@ -1,4 +1,4 @@
-"""The tables of a calibration's report: numbers with their standard errors, noise, linearity."""
+"""The tables of a calibration's report: numbers with their standard errors, noise."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.settings import IDENTIFIABILITY
 from pneunet_ros.core.units import kilopascals, quantities
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.reports.paper_views.linearity import intrinsic_linearity
 
 CURVATURE, RIGIDITY = 'intrinsic_curvature.curvature', 'moment_law.rigidity'
 # What the noise is shown in: SI unit -> unit for people, how many of it.
@@ -132,20 +131,6 @@ def noise_rows(calibration: Calibration) -> list[dict[str, str]]:
             }
         )
     return rows
-
-
-def linearity_rows(calibration: Calibration) -> list[dict[str, str]]:
-    """Return how far kappa_p0 is from a straight line in pressure, a row per place."""
-    return [
-        {
-            'place': f'{item.place:g}',
-            'slope': f'{1000.0 * item.slope:.4f} ± {1000.0 * item.slope_std:.2g}',
-            'departure': f'{item.departure[item.largest]:+.3g}',
-            'pressure': f'{kilopascals(float(item.pressure[item.largest])):z.1f}',
-            'sigmas': f'{item.sigmas:.1f}',
-        }
-        for item in intrinsic_linearity(calibration.joint)
-    ]
 
 
 def flat(provenance: Mapping[str, Any], above: str = '') -> list[tuple[str, str]]:

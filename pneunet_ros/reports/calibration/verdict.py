@@ -10,6 +10,7 @@ import shlex
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.result import Fit
+from pneunet_ros.core.arrays import root_mean_square
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.measurement.linearization import FittedRun
@@ -141,17 +142,13 @@ def heading_rms(runs: Sequence[FittedRun]) -> float:
         for item in runs
         if item.run.heading is not None
     ]
-    known = np.concatenate([*left, np.zeros(0)])
-    known = known[np.isfinite(known)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
+    return root_mean_square(np.concatenate([*left, np.zeros(0)]))
 
 
 def last_target_rms(runs: Sequence[FittedRun]) -> float:
     """Return the rms distance (m) of the last target in these runs; NaN where it is not seen."""
-    squares = [np.sum(item.residual[item.solved][:, :, -1] ** 2, axis=1) for item in runs]
-    values = np.concatenate(squares)
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known))) if known.size else math.nan
+    away = [np.hypot(*item.residual[item.solved][:, :, -1].T) for item in runs]
+    return root_mean_square(np.concatenate(away))
 
 
 def varies(calibration: Calibration) -> bool:
@@ -172,9 +169,9 @@ def larger_under_load(fit: Fit) -> float:
 
 def residual_rms(fit: Fit) -> float:
     """Return the rms (m) per coordinate that the fit leaves, NaN where no frame was solved."""
-    values = np.concatenate([item.residual[item.solved].ravel() for item in fit.runs])
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
+    return root_mean_square(
+        np.concatenate([item.residual[item.solved].ravel() for item in fit.runs])
+    )
 
 
 def noise_ratio(fit: Fit) -> float:
