@@ -9,7 +9,7 @@ import numpy as np
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.equilibrium import check_finite, DEFAULT_STATIONS, solve
+from pneunet_ros.model.equilibrium import check_finite, solve
 from pneunet_ros.model.inverse import solve_tip
 from pneunet_ros.model.shape import Shape
 
@@ -22,7 +22,6 @@ def pressure_for_tip(
     tip: tuple[float, float],
     force: tuple[float, float] = (0.0, 0.0),
     moment: float = 0.0,
-    stations: int = DEFAULT_STATIONS,
 ) -> tuple[float, Shape]:
     """Find the pressure that brings the tip nearest to a place, under a known load.
 
@@ -31,7 +30,6 @@ def pressure_for_tip(
         tip: x, y of the wanted place of the free end, m, in the base frame.
         force: F1, F2 on the free end, N, in the base frame.
         moment: on the free end, N m.
-        stations: how many equally spaced places along the arm the shape has.
 
     Returns:
         What the sensor reads at that pressure, Pa gauge, and the shape. Pressure alone leads the
@@ -45,7 +43,7 @@ def pressure_for_tip(
     start: list[Shape | None] = [None]
 
     def at(pressure: float) -> Shape:
-        shape = solve(arm, pressure, force, moment, start=start[0], stations=stations)
+        shape = solve(arm, pressure, force, moment, start=start[0])
         start[0] = shape if shape.converged else None
         return shape
 
@@ -57,7 +55,6 @@ def pressure_for_force(
     force: float,
     tip: tuple[float, float],
     moment: float = 0.0,
-    stations: int = DEFAULT_STATIONS,
 ) -> tuple[float, Shape]:
     """Find the pressure at which an arm whose tip is held presses with a wanted force.
 
@@ -66,7 +63,6 @@ def pressure_for_force(
         force: its magnitude, N.
         tip: x, y where the free end is held, m, in the base frame.
         moment: on the free end, N m.
-        stations: how many equally spaced places along the arm the shape has.
 
     Returns:
         What the sensor reads at that pressure, Pa gauge, and the shape; its `force` is what the
@@ -81,7 +77,7 @@ def pressure_for_force(
     start: list[Shape | None] = [None]
 
     def at(pressure: float) -> Shape:
-        shape = solve_tip(arm, pressure, tip, moment, start=start[0], stations=stations)
+        shape = solve_tip(arm, pressure, tip, moment, start=start[0])
         start[0] = shape if shape.converged else None
         return shape
 

@@ -10,7 +10,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.equilibrium import DEFAULT_STATIONS, solve, tip_jacobian
+from pneunet_ros.model.equilibrium import solve, tip_jacobian
 from pneunet_ros.model.shape import Shape
 
 MOST_STEPS = 30  # of Newton, in all
@@ -78,7 +78,6 @@ def solve_string(
     string: String,
     force: tuple[float, float] = (0.0, 0.0),
     moment: float = 0.0,
-    stations: int = DEFAULT_STATIONS,
 ) -> Shape:
     """Return the equilibrium of an arm whose tip a string pulls; its `force` is that of all loads.
 
@@ -88,7 +87,6 @@ def solve_string(
         string: the thread.
         force: F1, F2 on the free end beside that of the string, N.
         moment: on the free end, N m.
-        stations: how many places along the arm the shape has.
 
     Returns:
         The shape; where none was found its arrays are NaN and `status` says why.
@@ -100,11 +98,11 @@ def solve_string(
     grows by smaller steps where it does not settle.
     """
     beside = np.array(force)
-    shape = solve(arm, pressure, force, moment, stations=stations)
+    shape = solve(arm, pressure, force, moment)
     share, step, steps = 0.0, 1.0, 0
     while shape.converged and share < 1.0 and steps < MOST_STEPS:
         pulled = String(tension=min(share + step, 1.0) * string.tension, x=string.x, y=string.y)
-        found, used = settle(arm, pressure, pulled, beside, moment, shape, stations)
+        found, used = settle(arm, pressure, pulled, beside, moment, shape)
         steps += used
         if found is not None:
             shape, share = found, share + step
@@ -133,13 +131,12 @@ def settle(
     beside: Array,
     moment: float,
     start: Shape,
-    stations: int,
 ) -> tuple[Shape | None, int]:
     """Return the shape near another one in which the force is that of the string, and steps."""
     shape = start
     force = beside + string.pull(np.array(shape.tip[:2]))
     for step in range(1, 1 + MOST_STEPS // 3):
-        shape = solve(arm, pressure, (force[0], force[1]), moment, shape, stations)
+        shape = solve(arm, pressure, (force[0], force[1]), moment, shape)
         if not shape.converged:
             return None, step
         tip = np.array(shape.tip[:2])

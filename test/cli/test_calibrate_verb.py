@@ -140,7 +140,7 @@ def test_people_are_shown_a_summary(run, lab, monkeypatch):
     written = 'pneunet_ros.reports.calibration.report.write_report'
     monkeypatch.setattr(written, lambda *args, **_: reported.append(args[1]))
     code, out, err = run(
-        '--unloaded', *files(lab, FREE), '--output', 'free.yaml', '--name', 'my arm',
+        '--unloaded', *files(lab, FREE), '--output', 'free.yaml',
         '--report', 'report',
     )  # fmt: skip
     assert code == 0, err
@@ -148,7 +148,7 @@ def test_people_are_shown_a_summary(run, lab, monkeypatch):
     assert all(name in out for name in ('free.yaml', 'free.knowledge.npz', 'report/index.html'))
     assert reported == [Path('report')]
     arm = load_model('free.yaml')
-    assert arm.name == 'my arm'
+    assert arm.name == 'free'
 
 
 @pytest.mark.slow

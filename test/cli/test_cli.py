@@ -153,7 +153,6 @@ def test_help_of_predict_has_units_and_defaults(run):
         (['replay'], 'REC is missing; '),
         (['replay', 'x.mcap', '--wrench-sign', '2'], '--wrench-sign: invalid choice'),
         (['track'], 'REC_OR_IMAGES is missing; '),
-        (['track', 'x.mcap', '--lengths', 'mm'], '--lengths: invalid choice'),
         (['effects', 'all'], 'all belongs to no option; a whole command is: pneunet effects'),
         (['calibrate', 'u.mcap'], 'u.mcap belongs to no option, and --output is missing; '),
         (['calibrate', 'u', 'l', '--output', 'm.yaml'], 'u l belong to no option; a whole'),
@@ -181,8 +180,6 @@ def test_the_example_of_a_verb_is_a_whole_command(verb):
 @pytest.mark.parametrize(
     ('arguments', 'reason'),
     [
-        (['predict', '--pressure', '1', '--stations', '1'], 'too_few'),
-        (['predict', '--pressure', '1', '--stations', '3000'], 'out_of_bounds'),
         ([*LOADED, '--tip', '0.1', '0'], 'exclusive'),
         ([*LOADED, '--tip-std', '1e-4'], 'missing'),
         (['predict', '--pressure', '1', '--tip', '0.1', '0', '--tip-std', '-1'], 'out_of_bounds'),
@@ -292,9 +289,8 @@ def test_dimensionless_is_said_and_divided_as_in_the_paper(run_json, run):
 
 
 def test_predict_without_a_force_is_the_unloaded_arm(run_json):
-    _, answer = run_json('predict', '--pressure', '31e3', '--stations', '5')
+    _, answer = run_json('predict', '--pressure', '31e3')
     assert answer['force'] == [0.0, 0.0]
-    assert len(answer['x']) == 5
     np.testing.assert_allclose(answer['curvature'], answer['intrinsic_curvature'], atol=1e-9)
 
 
@@ -535,19 +531,6 @@ def test_track_sums_up_what_stands_in_its_output(run_json, camera, tmp_path):
     assert written.topic(PRESSURE).count == 12
     assert len(table.read_text().splitlines()) == 1 + summary['seen']
     assert names(tmp_path) == ['areas.csv', 'out.mcap']
-
-
-def test_track_tells_lengths_in_units_of_the_arm(run_json, run, camera, tmp_path):
-    table = tmp_path / 'areas.csv'
-    _, meters = run_json('track', camera)
-    code, scaled = run_json('track', camera, '--lengths', 'l', '--table', table)
-    assert (code, meters['lengths'], scaled['lengths']) == (0, 'm', 'l')
-    for name in ('scale', 'smoothing_rms', 'worst_smoothing_rms'):
-        assert scaled[name] == pytest.approx(meters[name] / ARM.length, rel=1e-12)
-    assert table.read_text().splitlines()[0].endswith('x_l,y_l,std_l')
-    out = run('track', camera, '--lengths', 'l')[1]
-    assert ' l/px' in out
-    assert 'mm' not in out
 
 
 def test_track_for_people(run, camera, tmp_path, monkeypatch):

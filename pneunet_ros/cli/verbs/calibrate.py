@@ -101,7 +101,6 @@ def options(parser: ArgumentParser) -> None:
         metavar='MODEL.yaml',
         help='go on from this calibration; its .knowledge.npz must stand beside it',
     )
-    parser.add_argument('--name', help='of the model (default: the name of the output file)')
     parser.add_argument(
         '--no-compare',
         action='store_true',
@@ -153,8 +152,7 @@ def run(arguments: Namespace) -> int:
         motion, motion_note = None, ''
         provenance = provenance_of(arguments, calibration, roles)
         if calibration.joint.converged:
-            name = arguments.name or arguments.output.stem
-            arm = described_arm(calibration, name, frame, provenance)
+            arm = described_arm(calibration, arguments.output.stem, frame, provenance)
             if swinging:
                 on_progress('motion', 0, 0)
                 motion, motion_note = fitted_motion(arm, swinging)

@@ -12,9 +12,6 @@ from pneunet_ros.core.kernels.cache import alone, cache_folder, kernels_kept, no
 
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument(
-        '--again', action='store_true', help='call every kernel also where all are on the disk'
-    )
     add_json(parser)
 
 
@@ -22,7 +19,7 @@ def run(arguments: Namespace) -> int:
     """Compile what is not on the disk."""
     begun = time.process_time()
     with alone(), progress_bar(shown=not arguments.json) as bar:
-        there = kernels_kept() and not arguments.again
+        there = kernels_kept()
         if not there:
             # What waits for its turn need not have imported all that has kernels.
             from pneunet_ros.offline.kernels import call_kernels

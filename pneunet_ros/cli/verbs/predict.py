@@ -32,7 +32,6 @@ from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.measured_tip import with_measured_tip
-from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.errors.noise_jacobian import true_load
 from pneunet_ros.measurement.errors.noise_model import measured_tip_std
@@ -41,7 +40,6 @@ from pneunet_ros.measurement.pressure_judge import expected_of, judge_pressure, 
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load
 from pneunet_ros.model.equilibrium import (
-    DEFAULT_STATIONS,
     failed_shape,
     solve,
     steady_pressure,
@@ -116,13 +114,6 @@ def options(parser: ArgumentParser) -> None:
         help='standard deviation of X, and of Y, of --tip (default: that of a target in the '
         "model's `sensors`)",
     )
-    parser.add_argument(
-        '--stations',
-        type=int,
-        default=DEFAULT_STATIONS,
-        metavar='N',
-        help=f'stations along the arm (default: {DEFAULT_STATIONS})',
-    )
     add_dimensionless(parser, 'print')
     add_json(parser)
 
@@ -160,35 +151,35 @@ def run(arguments: Namespace) -> int:
 
 def solved(arm: Arm, arguments: Namespace) -> Shape:
     """Return the shape under the load, or that with its tip where it must be."""
-    moment, stations = arguments.moment, arguments.stations
+    moment = arguments.moment
     if arguments.pressure_for is not None:
         arguments.pressure, shape = solved_for_pressure(arm, arguments)
         return shape
     pressure = arguments.pressure
     if arguments.tip:
         tip = arguments.tip[0], arguments.tip[1]
-        return solve_tip(arm, pressure, tip, moment, stations=stations)
+        return solve_tip(arm, pressure, tip, moment)
     force = tuple(arguments.force or (0.0, 0.0))
     if arguments.string:
         thread = string_of('--string', arguments.string)
-        return solve_string(arm, pressure, thread, (force[0], force[1]), moment, stations)
-    return solve(arm, pressure, (force[0], force[1]), moment, stations=stations)
+        return solve_string(arm, pressure, thread, (force[0], force[1]), moment)
+    return solve(arm, pressure, (force[0], force[1]), moment)
 
 
 def solved_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
     """Return the pressure that was asked for, as it is read, and its shape."""
     what, *numbers = arguments.pressure_for
-    moment, stations = arguments.moment, arguments.stations
+    moment = arguments.moment
     force = tuple(arguments.force or (0.0, 0.0))
     if what == 'tip' and len(numbers) == 2 and not arguments.tip:
         x, y = (quantity_of('--pressure-for tip', text, 'length') for text in numbers)
-        pressure, shape = pressure_for_tip(arm, (x, y), (force[0], force[1]), moment, stations)
+        pressure, shape = pressure_for_tip(arm, (x, y), (force[0], force[1]), moment)
         missed = millimeters(math.dist(shape.tip[:2], (x, y)))
         status = f'{shape.status}; the tip comes within {missed:.3g} mm of the wanted place'
         return pressure, replace(shape, status=status)
     if what == 'force' and len(numbers) == 1 and arguments.tip:
         wanted = quantity_of('--pressure-for force', numbers[0], 'force')
-        return pressure_for_force(arm, wanted, tuple(arguments.tip), moment, stations)
+        return pressure_for_force(arm, wanted, tuple(arguments.tip), moment)
     raise RequestError(
         'write --pressure-for tip X Y, as 95mm 40mm; or --pressure-for force F --tip X Y, as 50mN',
         reason='wrong_form',
@@ -209,8 +200,7 @@ def predict(arm: Arm, shape: Shape, arguments: Namespace) -> Prediction:
     if position.reason:
         failed = failed_shape(arm, load, shape.arclength, position.sentence, math.nan, 0)
         return Prediction(shape=replace(failed, extrapolated=True))
-    settings = EstimatorSettings(stations=shape.arclength.size)
-    estimator = Estimator(arm=arm, settings=settings)
+    estimator = Estimator(arm=arm)
     estimate = estimate_uncertainty(estimator, shape, arguments.pressure)
     if arguments.string and estimate is not None:
         thread = string_of('--string', arguments.string)
