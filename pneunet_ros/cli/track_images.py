@@ -46,7 +46,6 @@ from pneunet_ros.recordings.recording_writer import (
     RecordingWriter,
     write_recording,
 )
-from pneunet_ros.tables.length_unit import length_unit, LengthUnit
 from pneunet_ros.tables.target_table import write_table
 from pneunet_ros.vision.camera.camera_settings import CameraSettings, PosePlane
 from pneunet_ros.vision.tracker import Tracker, Tracking
@@ -76,15 +75,14 @@ def track(arguments: Namespace) -> int:
     if readings is not None:
         doubts, hints = reading_doubts(readings.table, arguments, arm)
     tracker = Tracker(arm=arm, settings=settings)
-    unit = length_unit(arguments.lengths, arm.length)
     tally = TrackTally(targets=arm.target_arclength.size)
     sentences = stream.recording.sentences if stream.recording is not None else ()
     film: dict[str, Any] = {}
     with ExitStack() as stack:
         # The preview is written also where nothing else is, as it shows why.
-        looks = preview_followers(arguments, stack, stream, arm, unit, film)
+        looks = preview_followers(arguments, stack, stream, arm, film)
         stack.enter_context(written_together())
-        tabulate = table_writer(arguments, stack, unit)
+        tabulate = table_writer(arguments, stack)
         trackings: list[Tracking] = []
         on_tracking = [trackings.append] if readings is not None else tabulate
         followers = [tally.count, *looks]
@@ -140,7 +138,7 @@ def track(arguments: Namespace) -> int:
                     for take in tabulate:
                         take(tracking)
         seconds = time.perf_counter() - times[0]
-    summary = summary_of(arguments, arm, stream, tally, unit) | film
+    summary = summary_of(arguments, arm, stream, tally) | film
     # The median leaves out the first frames, in which kernels may have to be compiled.
     rate = 1.0 / float(np.median(np.diff(times))) if tally.frames else 0.0
     summary |= {'seconds': seconds, 'frames_per_second': rate, 'sentences': list(sentences)}
@@ -149,7 +147,7 @@ def track(arguments: Namespace) -> int:
     if arguments.json:
         print_json(summary)
     else:
-        show(summary, unit)
+        show(summary)
     done = tally.explained and film.get('frames_covered', 1) and not doubts
     return DONE if done else NEGATIVE
 
@@ -201,14 +199,12 @@ def inputs(arguments: Namespace) -> list[Path]:
     return [file for file in files if file is not None]
 
 
-def table_writer(
-    arguments: Namespace, stack: ExitStack, unit: LengthUnit
-) -> list[Callable[[Tracking], None]]:
+def table_writer(arguments: Namespace, stack: ExitStack) -> list[Callable[[Tracking], None]]:
     """Open the table that was asked for: what takes a frame, or nothing."""
     if arguments.table is None:
         return []
     table = stack.enter_context(
-        write_table(arguments.table, unit, overwrite=arguments.overwrite, inputs=inputs(arguments))
+        write_table(arguments.table, overwrite=arguments.overwrite, inputs=inputs(arguments))
     )
     return [lambda tracking: table.write(tracking.sightings)]
 
@@ -218,7 +214,6 @@ def preview_followers(
     stack: ExitStack,
     stream: ImageStream,
     arm: Arm,
-    unit: LengthUnit,
     film: Mapping[str, Any],
 ) -> list[Follower]:
     """Open the preview that was asked for: what sees every step, or nothing.
@@ -240,7 +235,7 @@ def preview_followers(
         return [shot]
     from pneunet_ros.cli.track_preview import open_preview
 
-    preview = stack.enter_context(open_preview(arguments, stream, arm, unit, film, **options))
+    preview = stack.enter_context(open_preview(arguments, stream, arm, film, **options))
 
     def collect(step: TrackStep) -> None:
         if step.frame:

@@ -13,9 +13,8 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.recordings.image_stream import ImageStream
 from pneunet_ros.recordings.recorded_shapes import read_estimates, SHAPE
 from pneunet_ros.recordings.recording import open_recording
-from pneunet_ros.reports.tracking.page import TrackingPage, write_page
-from pneunet_ros.reports.tracking.preview import Preview, write_preview
-from pneunet_ros.tables.length_unit import LengthUnit
+from pneunet_ros.reports.tracking.page import TrackingPage
+from pneunet_ros.reports.tracking.preview import Preview, write_at_end
 
 PAGE = '.html'
 IMAGE_OPTIONS = ('camera_info', 'clamp_pixel', 'rate')
@@ -25,7 +24,6 @@ def open_preview(
     arguments: Namespace,
     stream: ImageStream,
     arm: Arm,
-    unit: LengthUnit,
     film: Mapping[str, Any],
     **options: Any,
 ) -> AbstractContextManager[Preview | TrackingPage]:
@@ -33,15 +31,17 @@ def open_preview(
 
     film: the numbers of the delay, which are known by then.
     """
-    targets = arm.target_arclength.size
+    preview = Preview(frames=stream.frames, targets=arm.target_arclength.size)
     if arguments.preview.suffix.lower() != PAGE:
         title = f'{arguments.source} through {arm.name}'
-        return write_preview(arguments.preview, stream.frames, targets, title, unit, **options)
+        return write_at_end(
+            arguments.preview, preview, lambda path: preview.draw(path, title), **options
+        )
     page = TrackingPage(
         source=str(arguments.source),
         model=arm.name,
         target_arclength=arm.target_arclength,
-        preview=Preview(frames=stream.frames, targets=targets),
+        preview=preview,
         estimated=recorded_estimates(arguments, stream),
         film=film,
         arm_options=typed(arguments, 'model', 'effects_path'),
@@ -51,7 +51,12 @@ def open_preview(
         ],
     )
     output = '' if arguments.output is None else str(arguments.output)
-    return write_page(arguments.preview, page, unit, output=output, **options)
+    return write_at_end(
+        arguments.preview,
+        page,
+        lambda path: path.write_text(page.html(output), 'utf-8'),
+        **options,
+    )
 
 
 def typed(arguments: Namespace, *names: str) -> list[str]:

@@ -7,18 +7,18 @@ from typing import Any
 
 from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.verb import output_console
+from pneunet_ros.core.units import millimeters
 from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.track import TrackTally
 from pneunet_ros.recordings.image_stream import ImageStream
-from pneunet_ros.tables.length_unit import LengthUnit
 from rich.table import Table
 
 
 def summary_of(
-    arguments: Namespace, arm: Arm, stream: ImageStream, tally: TrackTally, unit: LengthUnit
+    arguments: Namespace, arm: Arm, stream: ImageStream, tally: TrackTally
 ) -> dict[str, Any]:
-    """Return the numbers of the summary, lengths in `unit`."""
+    """Return the numbers of the summary, SI."""
     return {
         'source': arguments.source,
         'kind': stream.kind,
@@ -29,7 +29,6 @@ def summary_of(
         'model': arm.name,
         'model_hash': model_hash(arm),
         'topics': {'image_raw': stream.image_topic, 'camera_info': stream.lens_source},
-        'lengths': unit.name,
         'frames': tally.frames,
         'explained': tally.explained,
         'reasons': dict(tally.reasons),
@@ -40,15 +39,15 @@ def summary_of(
         'seen_per_target': tally.seen.astype(int),
         'missing_per_target': tally.missing.astype(int),
         'curves': tally.curves,
-        'smoothing_rms': unit.per_meter * tally.rms,
-        'worst_smoothing_rms': unit.per_meter * tally.worst_rms,
-        'scale': unit.per_meter * tally.scale,
+        'smoothing_rms': tally.rms,
+        'worst_smoothing_rms': tally.worst_rms,
+        'scale': tally.scale,
         'last_sentences': tally.sentences,
         'main_sentence': tally.main_sentence,
     }
 
 
-def show(summary: dict[str, Any], unit: LengthUnit) -> None:
+def show(summary: dict[str, Any]) -> None:
     """Print the summary for people."""
     console = output_console()
     table = Table(title=f'{summary["source"]} through {summary["model"]}', show_header=False)
@@ -66,14 +65,13 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
     missing = summary['missing_per_target']
     often = ', '.join(f'{id_}: {missing[id_]}' for id_ in missing.nonzero()[0].tolist())
     table.add_row('frames missing, by target', often or 'none')
-    shown = unit.shown_per_meter / unit.per_meter
     if explained:
-        table.add_row('scale', f'{shown * summary["scale"]:.4g} {unit.shown}/px')
+        table.add_row('scale', f'{millimeters(summary["scale"]):.4g} mm/px')
     if summary['curves']:
         table.add_row(
             'rms of smoothing',
-            f'{shown * summary["smoothing_rms"]:.3g} {unit.shown} '
-            f'(worst frame {shown * summary["worst_smoothing_rms"]:.3g} {unit.shown})',
+            f'{millimeters(summary["smoothing_rms"]):.3g} mm '
+            f'(worst frame {millimeters(summary["worst_smoothing_rms"]):.3g} mm)',
         )
     if 'delay_sentence' in summary:
         table.add_row('delay', summary['delay_sentence'])

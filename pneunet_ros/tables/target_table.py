@@ -11,35 +11,33 @@ from typing import TextIO
 import numpy as np
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.files.atomic import atomic_output
-from pneunet_ros.tables.length_unit import LengthUnit
 
-IN_IMAGE = {
+COLUMNS = {
     'u': 'u_px',
     'v': 'v_px',
     'area': 'area_px2',
     'major': 'major_px',
     'minor': 'minor_px',
     'angle': 'angle_rad',
+    'x': 'x_m',
+    'y': 'y_m',
+    'std': 'std_m',
 }
-IN_PLANE = ('x', 'y', 'std')
 
 
 class TargetTable:
     """Takes sightings, a line per target that was seen; made by `write_table`."""
 
-    __slots__ = ('_lines', '_unit')
+    __slots__ = ('_lines',)
 
-    def __init__(self, stream: TextIO, unit: LengthUnit) -> None:
+    def __init__(self, stream: TextIO) -> None:
         """Write the names of the columns, with their units."""
-        self._unit = unit
         self._lines = csv.writer(stream, lineterminator='\n')
-        in_plane = [f'{name}_{unit.name}' for name in IN_PLANE]
-        self._lines.writerow(['stamp_ns', 'id', *IN_IMAGE.values(), *in_plane])
+        self._lines.writerow(['stamp_ns', 'id', *COLUMNS.values()])
 
     def write(self, sightings: TargetSightings) -> None:
         """Write the targets that were seen, to the last digit."""
-        columns = [getattr(sightings, name) for name in IN_IMAGE]
-        columns += [self._unit.per_meter * getattr(sightings, name) for name in IN_PLANE]
+        columns = [getattr(sightings, name) for name in COLUMNS]
         for target in np.flatnonzero(np.isfinite(sightings.x)).tolist():
             values = [repr(float(column[target])) for column in columns]
             self._lines.writerow([sightings.stamp_ns, target, *values])
@@ -47,11 +45,11 @@ class TargetTable:
 
 @contextmanager
 def write_table(
-    path: Path, unit: LengthUnit, *, overwrite: bool = False, inputs: Iterable[Path] = ()
+    path: Path, *, overwrite: bool = False, inputs: Iterable[Path] = ()
 ) -> Iterator[TargetTable]:
     """Write a table that stands under its name when it is complete; errors of `atomic_output`."""
     with (
         atomic_output(path, overwrite=overwrite, inputs=inputs) as temporary,
         temporary.open('w', encoding='utf-8', newline='') as stream,
     ):
-        yield TargetTable(stream, unit)
+        yield TargetTable(stream)

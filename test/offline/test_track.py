@@ -19,7 +19,6 @@ from pneunet_ros.recordings.image_sources import open_images, SourceRequest
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
-from pneunet_ros.tables.length_unit import length_unit
 from pneunet_ros.tables.target_table import write_table
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 import pytest
@@ -316,27 +315,24 @@ def test_a_tally_counts_a_frame_once_and_camera_info_never(tmp_path):
 # The table
 
 
-@pytest.mark.parametrize('unit', ['m', 'l'])
-def test_the_table_has_a_line_per_target_that_was_seen(track, tmp_path, unit):
-    scaled = length_unit(unit, ARM.length)
-    with write_table(tmp_path / 'table.csv', scaled) as table:
+def test_the_table_has_a_line_per_target_that_was_seen(track, tmp_path):
+    with write_table(tmp_path / 'table.csv') as table:
         for outcome in outcomes(track[1]):
             table.write(outcome.sightings)
     with (tmp_path / 'table.csv').open(newline='') as stream:
         lines = list(csv.DictReader(stream))
     assert list(lines[0]) == [
         'stamp_ns', 'id', 'u_px', 'v_px', 'area_px2', 'major_px', 'minor_px', 'angle_rad',
-        f'x_{unit}', f'y_{unit}', f'std_{unit}',
+        'x_m', 'y_m', 'std_m',
     ]  # fmt: skip
     assert len(lines) == EXPLAINED * TARGETS - 1
-    factor = 1.0 if unit == 'm' else 1.0 / ARM.length
     place = iter(lines)
     for outcome in outcomes(track[1]):
         found = outcome.sightings
         for target in np.flatnonzero(np.isfinite(found.x)):
             line = next(place)
             assert (line['stamp_ns'], line['id']) == (str(found.stamp_ns), str(target))
-            assert float(line[f'x_{unit}']) == factor * found.x[target]
-            assert float(line[f'std_{unit}']) == factor * found.std[target]
+            assert float(line['x_m']) == found.x[target]
+            assert float(line['std_m']) == found.std[target]
             assert float(line['u_px']) == found.u[target]
             assert float(line['area_px2']) == found.area[target]

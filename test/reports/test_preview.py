@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 import resource
 
 import cv2
@@ -12,10 +13,9 @@ from pneunet_ros.core.image import Image
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.reports.tracking.heat_map import heat
-from pneunet_ros.reports.tracking.preview import CURVES, PICTURES, Preview, thin, write_preview
+from pneunet_ros.reports.tracking.preview import CURVES, PICTURES, Preview, thin, write_at_end
 import pneunet_ros.reports.tracking.preview_video
 from pneunet_ros.reports.tracking.preview_video import overlay_of, write_text, write_video
-from pneunet_ros.tables.length_unit import length_unit
 from pneunet_ros.vision.tracker import Tracker, Tracking
 import pytest
 from support.films import ARM, FRAMES, PERIOD_NS, RATE, tracked_steps
@@ -23,7 +23,6 @@ from support.refusals import refused
 
 TRACKER = Tracker(ARM, load_camera(share_path('config/camera.yaml')))
 TARGETS = ARM.target_arclength.size
-METERS = length_unit('m', ARM.length)
 
 
 @pytest.fixture(scope='module')
@@ -39,8 +38,9 @@ def fill(preview, steps, *, period_ns: int = PERIOD_NS, readable: bool = True) -
         preview.add(1 + index * period_ns, image, tracking, step.state)
 
 
-def drawn(path, steps, unit=METERS, **options):
-    with write_preview(path, len(steps), TARGETS, 'a title', unit) as preview:
+def drawn(path, steps, **options):
+    preview = Preview(frames=len(steps), targets=TARGETS)
+    with write_at_end(path, preview, lambda place: preview.draw(place, 'a title')):
         fill(preview, steps, **options)
     return imread(path)[..., :3]
 
@@ -66,7 +66,7 @@ def test_little_is_drawn_too(steps, tmp_path, count, options):
 def test_after_an_exception_there_is_no_picture(tmp_path):
     with (
         pytest.raises(KeyboardInterrupt),
-        write_preview(tmp_path / 'p.png', 1, TARGETS, '', METERS),
+        write_at_end(tmp_path / 'p.png', None, Path.touch),
     ):
         raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []

@@ -15,16 +15,14 @@ from pneunet_ros.cli.track_preview import typed
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.shape_error import Centerlines
 from pneunet_ros.files.camera_file import load_camera
-from pneunet_ros.reports.tracking.page import SHOWN, TrackingPage, write_page
+from pneunet_ros.reports.tracking.page import SHOWN, TrackingPage
 from pneunet_ros.reports.tracking.preview import Preview
-from pneunet_ros.tables.length_unit import length_unit
 from pneunet_ros.vision.tracker import Tracker
 import pytest
 from support.films import ARM, FRAMES, PERIOD_NS, place_of, stamp_of, tracked_steps
 from support.html_pages import browser, opened, Page, widest
 
 TRACKER = Tracker(ARM, load_camera(share_path('config/camera.yaml')))
-METERS = length_unit('m', ARM.length)
 RESTING, DARK = 4, 6  # frames that are averaged; the one that is dark
 
 
@@ -62,12 +60,12 @@ def frames_of(html):
 
 
 def test_the_verdict_says_how_many_frames_and_what_next(steps):
-    html = collected(steps).html(METERS, '')
+    html = collected(steps).html('')
     assert f'{FRAMES - RESTING - 1} of {FRAMES - RESTING} ' in html
     assert '--camera' in html
-    followed = collected([step for step in steps if not step.outcome.reason]).html(METERS, '')
+    followed = collected([step for step in steps if not step.outcome.reason]).html('')
     assert '--output' in followed
-    done = collected([step for step in steps if not step.outcome.reason]).html(METERS, 'o.mcap')
+    done = collected([step for step in steps if not step.outcome.reason]).html('o.mcap')
     assert 'o.mcap' in done
 
 
@@ -76,13 +74,13 @@ def test_the_command_that_is_next_names_the_arm_and_the_lens(steps):
     given = Namespace(model=Path('my arm.yaml'), camera_info='none', clamp_pixel=None)
     page.arm_options = typed(given, 'model')
     page.image_options = typed(given, 'camera_info', 'clamp_pixel')
-    assert '--model &#39;my arm.yaml&#39;' in page.html(METERS, 'o.mcap')
+    assert '--model &#39;my arm.yaml&#39;' in page.html('o.mcap')
     track = '--model &#39;my arm.yaml&#39; --camera-info none --output TRACKED.mcap'
-    assert track in page.html(METERS, '')
+    assert track in page.html('')
 
 
 def test_every_frame_is_an_image_with_its_targets_where_they_were_found(steps):
-    frames = frames_of(collected(steps).html(METERS, ''))
+    frames = frames_of(collected(steps).html(''))
     assert len(frames) == FRAMES
     assert 'measured' not in frames[DARK]
     for frame, step in zip(frames, steps, strict=True):
@@ -98,7 +96,7 @@ def test_every_frame_is_an_image_with_its_targets_where_they_were_found(steps):
 
 
 def test_estimates_are_drawn_with_the_distance_of_each_target(steps):
-    right, beside = (frames_of(collected(steps, truth(s)).html(METERS, ''))[-1] for s in (0, 1e-3))
+    right, beside = (frames_of(collected(steps, truth(s)).html(''))[-1] for s in (0, 1e-3))
     assert np.abs(right['from_predicted']).max() < 200  # um
     moved = np.subtract(beside['from_predicted'], right['from_predicted'])
     assert moved == pytest.approx(-1000.0, abs=80.0)  # the arm is nearly straight
@@ -108,14 +106,14 @@ def test_estimates_are_drawn_with_the_distance_of_each_target(steps):
 
 
 def test_many_frames_are_thinned_evenly(steps):
-    frames = frames_of(collected(10 * steps[-5:] + 10 * steps[-5:]).html(METERS, ''))
+    frames = frames_of(collected(10 * steps[-5:] + 10 * steps[-5:]).html(''))
     assert SHOWN // 2 <= len(frames) <= SHOWN
     times = [float(re.match(r't = ([\d.]+)', frame['text'])[1]) for frame in frames]
     assert np.ptp(np.diff(times)) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_only_the_script_of_the_package_may_run(steps):
-    html = collected(steps).html(METERS, '')
+    html = collected(steps).html('')
     scripts = re.findall(r'<script>(.*?)</script>', html, re.DOTALL)
     assert len(scripts) == 1
     digest = base64.b64encode(hashlib.sha256(scripts[0].encode()).digest()).decode()
@@ -130,16 +128,16 @@ def test_the_delay_of_a_film_stands_on_the_first_screen(steps):
     followed = [step for step in steps if not step.outcome.reason]
     film = {'readings': 'a.csv', 'delay_sentence': '1.35 s ahead', 'frames_covered': 3}
     page = collected(followed)
-    assert 'Delay' not in page.html(METERS, 'o.mcap')
+    assert 'Delay' not in page.html('o.mcap')
     page.film = film
-    html = page.html(METERS, 'o.mcap')
+    html = page.html('o.mcap')
     assert f'1.35 s ahead; 3 of {len(followed)} ' in html
     page.film = film | {'frames_covered': 0}
-    assert '--readings a.csv --delay S --output o.mcap' in page.html(METERS, 'o.mcap')
+    assert '--readings a.csv --delay S --output o.mcap' in page.html('o.mcap')
 
 
 def test_without_a_script_a_frame_with_its_targets_is_there(steps):
-    html = collected(steps).html(METERS, '')
+    html = collected(steps).html('')
     (still,) = re.findall('<div id="still">(.*?)</div>', html, re.DOTALL)
     assert still.count('<circle') == ARM.target_arclength.size
     assert 'href="data:image/jpeg' in still
@@ -147,7 +145,7 @@ def test_without_a_script_a_frame_with_its_targets_is_there(steps):
 
 
 def test_nothing_tracked_and_nothing_seen_are_said(steps):
-    pages = [collected(kept).html(METERS, '') for kept in ([steps[DARK]], [], steps)]
+    pages = [collected(kept).html('') for kept in ([steps[DARK]], [], steps)]
     answers = {re.search(r'id="answer"[^>]*>(.*?)</', page, re.DOTALL)[1] for page in pages}
     assert len(answers) == 3
 
@@ -156,8 +154,7 @@ def test_nothing_tracked_and_nothing_seen_are_said(steps):
 @pytest.mark.skipif(browser() is None, reason='no Chromium here: apt-get install chromium')
 def test_the_page_works_in_a_browser(steps, tmp_path):
     file = tmp_path / 'page.html'
-    with write_page(file, collected(steps, truth()), METERS):
-        pass
+    file.write_text(collected(steps, truth()).html(''), encoding='utf-8')
     assert opened(file, tmp_path) == ([], [])
     for width in (390, 1280):
         assert widest(file, tmp_path, width) == (width, [])

@@ -8,7 +8,6 @@ from pathlib import Path
 from pneunet_ros.cli.table_options import add_table_options, AUTO
 from pneunet_ros.cli.verb import add_json, add_model, add_overwrite, add_settings, add_topics
 from pneunet_ros.recordings.file_kinds import FOLDER_RATE, NO_LENS
-from pneunet_ros.tables.length_unit import LENGTHS
 
 
 def options(parser: ArgumentParser) -> None:
@@ -66,13 +65,6 @@ def options(parser: ArgumentParser) -> None:
     )
     parser.add_argument(
         '--table', type=Path, metavar='FILE.csv', help='write a line per target and frame'
-    )
-    parser.add_argument(
-        '--lengths',
-        choices=LENGTHS,
-        default='m',
-        help='unit of lengths in summary, table and plots: meters, or l, the length of the arm; '
-        'topics are always in SI (default: m)',
     )
     parser.add_argument(
         '--rate',

@@ -8,29 +8,24 @@ from __future__ import annotations
 
 import base64
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 import hashlib
 import importlib.resources
 import math
-from pathlib import Path
 import shlex
 from typing import Any
 
 import cv2
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.errors import CameraError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.stamps import match_stamps
-from pneunet_ros.core.units import seconds_since
+from pneunet_ros.core.units import millimeters, seconds_since
 from pneunet_ros.estimation.shape_error import Centerlines, median_period
-from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.reports.page import render_page
 from pneunet_ros.reports.settings import REPORT_SETTINGS
 from pneunet_ros.reports.tracking.preview import Preview
-from pneunet_ros.tables.length_unit import LengthUnit
 from pneunet_ros.vision.overlay import curve_in_image, headline
 from pneunet_ros.vision.rest_plane import RESTING
 from pneunet_ros.vision.smoother import MeasuredCurve
@@ -159,7 +154,7 @@ class TrackingPage:
         )
         return self.estimated.points[found[0]] if near[0] else None
 
-    def html(self, unit: LengthUnit, output: str) -> str:
+    def html(self, output: str) -> str:
         """Return the page; output: the recording that was written, '' without."""
         script = importlib.resources.files('pneunet_ros.reports.templates').joinpath(SCRIPT)
         text = script.read_text(encoding='utf-8')
@@ -170,7 +165,7 @@ class TrackingPage:
             source=self.source,
             model=self.model,
             verdict=self._verdict(),
-            certainty=self._certainty(unit),
+            certainty=self._certainty(),
             delay=self._delay(),
             next_step=next_step,
             command=command,
@@ -183,7 +178,7 @@ class TrackingPage:
             first=self._first_tracked(),
             length=float(self.target_arclength[-1]),
             arclength=self.target_arclength.tolist(),
-            summary=self.preview.summary(unit).inline,
+            summary=self.preview.summary().inline,
             script=text,
             script_digest=digest,
             provenance=[('source', self.source), ('model', self.model), ('output', output)],
@@ -217,17 +212,16 @@ class TrackingPage:
             return f'The tracker follows the arm: {frames}, {seen}.'
         return f'The tracker loses the arm: {frames}, {seen}.'
 
-    def _certainty(self, unit: LengthUnit) -> str:
+    def _certainty(self) -> str:
         if not self._stds:
             return 'No target was found, so there is nothing to be sure of.'
-        scale = unit.shown_per_meter
         text = (
-            f'One sigma of a target is {scale * float(np.median(self._stds)):.2g} {unit.shown} '
+            f'One sigma of a target is {millimeters(float(np.median(self._stds))):.2g} mm '
             'per coordinate, as the tracker estimates it from the image'
         )
         if self._rms:
-            rms = scale * float(np.median(self._rms))
-            text += f'; targets are {rms:.2g} {unit.shown} rms from the smooth curve'
+            rms = millimeters(float(np.median(self._rms)))
+            text += f'; targets are {rms:.2g} mm rms from the smooth curve'
         return f'{text}. That the row is the right one, you see below.'
 
     def _delay(self) -> str:
@@ -282,28 +276,3 @@ def pixels(points: Array, scale: float) -> list[list[float] | None]:
         [round(scale * u, 1), round(scale * v, 1)] if math.isfinite(u + v) else None
         for u, v in points.tolist()
     ]
-
-
-@contextmanager
-def write_page(
-    path: Path,
-    page: TrackingPage,
-    unit: LengthUnit,
-    *,
-    output: str = '',
-    overwrite: bool = False,
-    inputs: Iterable[Path] = (),
-) -> Iterator[TrackingPage]:
-    """Write the page of what was collected when all is, also where a CameraError ends it.
-
-    Errors of `atomic_output`.
-    """
-    error: CameraError | None = None
-    with atomic_output(path, overwrite=overwrite, inputs=inputs) as temporary:
-        try:
-            yield page
-        except CameraError as refused:
-            error = refused
-        temporary.write_text(page.html(unit, output), encoding='utf-8')
-    if error is not None:
-        raise error

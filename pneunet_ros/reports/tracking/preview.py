@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from matplotlib import colormaps
 from matplotlib.axes import Axes
@@ -19,13 +19,12 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.errors import CameraError, shortened
 from pneunet_ros.core.image import Image
-from pneunet_ros.core.units import seconds_since
+from pneunet_ros.core.units import millimeters, seconds_since
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.reports.figure import Picture, picture
-from pneunet_ros.reports.style import figure_text
+from pneunet_ros.reports.style import BAND_SIGMAS, draw_band, figure_text
 from pneunet_ros.reports.tracking.heat_map import heat
 from pneunet_ros.reports.tracking.preview_video import overlay_of
-from pneunet_ros.tables.length_unit import LengthUnit
 from pneunet_ros.vision.smoother import MeasuredCurve
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 
@@ -38,8 +37,8 @@ WIDTH = 20.0  # inches
 PICTURES = 5
 LONGEST_TITLE = 150  # letters
 CURVES = 60  # at most, of centerlines; half as many are always there when there were more
+Collector = TypeVar('Collector')
 BANDS = 8  # curvatures with their uncertainty
-SIGMAS = 2.0
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -129,24 +128,24 @@ class Preview:
         """List the curves that are shown, with their log times."""
         return self._curves
 
-    def draw(self, path: Path, title: str, unit: LengthUnit) -> None:
+    def draw(self, path: Path, title: str) -> None:
         """Draw all of it as a picture."""
         slopes = [seen.image.height / seen.image.width for seen in self._pictures.values()]
         heights = WIDTH / PICTURES * max(slopes, default=0.5) + 0.6, 5.6, 4.4
         figure = Figure(figsize=(WIDTH, sum(heights) + 0.5), layout='constrained')
         parts: Any = figure.subfigures(3, 1, height_ratios=heights)
         self._draw_pictures(parts[0])
-        self._draw_curves(parts[1], unit)
-        self._draw_history(parts[2], unit)
+        self._draw_curves(parts[1])
+        self._draw_history(parts[2])
         figure.suptitle(figure_text(shortened(title, LONGEST_TITLE)), fontsize=17)
         figure.savefig(path, dpi=110, format='png')
 
-    def summary(self, unit: LengthUnit) -> Picture:
+    def summary(self) -> Picture:
         """Return curves and history of all frames as a picture, without the images."""
         figure = Figure(figsize=(0.7 * WIDTH, 8.0), layout='constrained')
         parts: Any = figure.subfigures(2, 1, height_ratios=(4.5, 3.5))
-        self._draw_curves(parts[0], unit)
-        self._draw_history(parts[1], unit)
+        self._draw_curves(parts[0])
+        self._draw_history(parts[1])
         return picture('tracking', 'All frames', 'Curves, and targets over time.', figure)
 
     def _seconds(self, log_time_ns: int) -> float:
@@ -164,33 +163,29 @@ class Preview:
             axes.imshow(picture[:, :, ::-1], interpolation='antialiased')
             axes.set_title(f't = {self._seconds(seen.log_time_ns):.3f} s', fontsize=12)
 
-    def _draw_curves(self, part: Any, unit: LengthUnit) -> None:
+    def _draw_curves(self, part: Any) -> None:
         centerlines, curvatures = part.subplots(1, 2)
         times = [self._seconds(time_ns) for time_ns, _ in self._curves]
         last = self._seconds(self._times_ns[-1]) if self._times_ns else 1.0
         scale = Normalize(0.0, last or 1.0)
-        shown, banded = unit.shown_per_meter, set(thin(len(times), BANDS))
+        shown, banded = millimeters(1.0), set(thin(len(times), BANDS))
         for index, (time, (_, curve)) in enumerate(zip(times, self._curves, strict=True)):
             color = COLORS(scale(time))
             centerlines.plot(shown * curve.x, shown * curve.y, color=color, linewidth=1.2)
             if index in banded:
                 s = shown * curve.arclength
-                kappa = unit.curvature_per_reciprocal * curve.curvature
-                band = SIGMAS * unit.curvature_per_reciprocal * curve.std_curvature
-                curvatures.plot(s, kappa, color=color, linewidth=1.8)
-                curvatures.fill_between(
-                    s, kappa - band, kappa + band, color=color, alpha=0.2, linewidth=0.0
-                )
+                curvatures.plot(s, curve.curvature, color=color, linewidth=1.8)
+                draw_band(curvatures, s, curve.curvature, curve.std_curvature, color, alpha=0.2)
         centerlines.set(
             title=f'Smoothed centerlines ({len(times)} frames)',
-            xlabel=f'x ({unit.shown})',
-            ylabel=f'y ({unit.shown})',
+            xlabel='x (mm)',
+            ylabel='y (mm)',
         )
         centerlines.set_aspect('equal', adjustable='datalim')
         curvatures.set(
-            title=f'Measured curvature with {SIGMAS:.0f} sigma ({len(banded)} frames)',
-            xlabel=f'arclength ({unit.shown})',
-            ylabel=f'curvature ({unit.curvature})',
+            title=f'Measured curvature with {BAND_SIGMAS:.0f} sigma ({len(banded)} frames)',
+            xlabel='arclength (mm)',
+            ylabel='curvature (1/m)',
         )
         for axes in (centerlines, curvatures):
             _plain(axes)
@@ -202,7 +197,7 @@ class Preview:
             pad=0.02,
         )
 
-    def _draw_history(self, part: Any, unit: LengthUnit) -> None:
+    def _draw_history(self, part: Any) -> None:
         targets, smoothing = part.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
         if self._times_ns:
             times = np.array([self._seconds(time_ns) for time_ns in self._times_ns])
@@ -212,7 +207,7 @@ class Preview:
             targets.set_xlim(edges[0], edges[-1])
             smoothing.plot(
                 times,
-                unit.shown_per_meter * np.array(self._rms),
+                millimeters(1.0) * np.array(self._rms),
                 color=SEEN,
                 linewidth=1.0,
                 marker='.',
@@ -229,34 +224,31 @@ class Preview:
             bbox_to_anchor=(1.0, 1.0),
             frameon=False,
         )
-        smoothing.set(xlabel='time (s)', ylabel=f'smoothing rms ({unit.shown})')
+        smoothing.set(xlabel='time (s)', ylabel='smoothing rms (mm)')
         smoothing.set_ylim(bottom=0.0)
         _plain(smoothing)
 
 
 @contextmanager
-def write_preview(
+def write_at_end(
     path: Path,
-    frames: int,
-    targets: int,
-    title: str,
-    unit: LengthUnit,
+    preview: Collector,
+    write: Callable[[Path], object],
     *,
     overwrite: bool = False,
     inputs: Iterable[Path] = (),
-) -> Iterator[Preview]:
-    """Draw what was collected when all is, also where a CameraError ends it: it shows why.
+) -> Iterator[Collector]:
+    """Write what a preview collects when its context ends, also by a CameraError: it shows why.
 
     Errors of `atomic_output`.
     """
     error: CameraError | None = None
     with atomic_output(path, overwrite=overwrite, inputs=inputs) as temporary:
-        preview = Preview(frames=frames, targets=targets)
         try:
             yield preview
         except CameraError as refused:
             error = refused
-        preview.draw(temporary, title, unit)
+        write(temporary)
     if error is not None:
         raise error
 
