@@ -7,10 +7,8 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 import numpy as np
-from pneunet_ros.core.unit_system import SI, UnitSystem
 from pneunet_ros.core.units import millimeters, NANOSECONDS_PER_SECOND
 from pneunet_ros.estimation.shape_error import CenterlineErrors, Comparison, TipErrors
-from pneunet_ros.reports.axis_units import use_units
 from pneunet_ros.reports.style import (
     as_shapes,
     draw_dots,
@@ -29,10 +27,8 @@ WIDTH = 15.0  # inches
 MM = millimeters(1.0)
 
 
-def draw_comparisons(
-    comparisons: Sequence[Comparison], path: Path, form: str, units: UnitSystem = SI
-) -> None:
-    """Draw every comparison as a row of panels; form: png, svg or pdf; units: of the axes."""
+def draw_comparisons(comparisons: Sequence[Comparison], path: Path, form: str) -> None:
+    """Draw every comparison as a row of panels; form: png, svg or pdf."""
     rows = len(comparisons)
     figure, axes = panels(3, rows, height=HEIGHT * rows, width=WIDTH)
     for row, comparison in enumerate(comparisons):
@@ -46,7 +42,6 @@ def draw_comparisons(
             draw_along(along, comparison.shape)
         if comparison.tip is not None:
             draw_over_time(over_time, comparison.tip)
-    use_units(figure, units)
     figure.savefig(path, dpi=120, format=form, metadata={'Date': None} if form == 'svg' else None)
 
 

@@ -16,8 +16,6 @@ from typing import Any, TypeVar
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from pneunet_ros.core.progress import OnProgress
-from pneunet_ros.core.unit_system import SI, UnitSystem
-from pneunet_ros.reports.axis_units import use_units
 
 DOTS_PER_INCH = 120
 LARGEST_SVG = 400_000  # bytes; a figure with more to draw stands in the page as PNG
@@ -69,24 +67,8 @@ def picture(name: str, title: str, caption: str, figure: Figure, number: str = '
     return Picture(name=name, number=number, title=title, caption=caption, figure=figure)
 
 
-def units_note(units: UnitSystem) -> str:
-    """Describe what the axes of figures were divided by; '' where they are in SI."""
-    if units is SI:
-        return ''
-    length, force = units.length, units.force
-    return (
-        f'Axes are dimensionless: lengths by l = {1000.0 * length.size:g} mm, forces by mg = '
-        f'{force.size:g} N, moments by mg l, curvature by 1/l.'
-    )
-
-
-def draw_figures(
-    figures: Figures[Data], data: Data, on_progress: OnProgress, units: UnitSystem = SI
-) -> Pictures:
-    """Draw all figures of a table that there is something for, by part of the page.
-
-    units: of the axes; in SI they are as the figures have them, in mm and mN m.
-    """
+def draw_figures(figures: Figures[Data], data: Data, on_progress: OnProgress) -> Pictures:
+    """Draw all figures of a table that there is something for, by part of the page."""
     total, done = sum(map(len, figures.values())), 0
     pictures: dict[str, list[Picture]] = {part: [] for part in figures}
     for part, draws in figures.items():
@@ -94,7 +76,6 @@ def draw_figures(
             on_progress('pictures', done, total)
             drawn = draw(data)
             if drawn is not None:
-                use_units(drawn.figure, units)
                 pictures[part].append(drawn)
             done += 1
     on_progress('pictures', total, total)

@@ -232,18 +232,6 @@ def test_targets_against_a_truth(tmp_path, stamps, truth, run_json):
     assert plot.read_bytes().startswith(b'\x89PNG')
 
 
-def test_the_plot_can_have_the_scales_of_the_arm(tmp_path, stamps, truth, run):
-    file = write_targets(tmp_path / 'a.mcap', arcs(TARGETS_AT, shift=(0.0, 2e-4)), stamps)
-    drawn = []
-    for name, options in (('si.svg', ()), ('scaled.svg', ('--dimensionless',))):
-        plot = tmp_path / name
-        assert run('compare', file, truth, '--plot', plot, *options)[0] == 0
-        drawn.append(plot.read_text())
-    assert drawn[0] != drawn[1]
-    assert '<!-- x (mm) -->' in drawn[0]
-    assert '<!-- x (l) -->' in drawn[1]
-
-
 def test_both_against_a_truth_and_one_another(tmp_path, stamps, truth, run_json, run):
     a = write_targets(tmp_path / 'a.mcap', arcs(TARGETS_AT, shift=(0.0, 2e-4)), stamps)
     b = write_targets(tmp_path / 'b.mcap', arcs(TARGETS_AT, shift=(0.0, -1e-4)), stamps)

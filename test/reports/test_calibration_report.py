@@ -8,7 +8,6 @@ import re
 import numpy as np
 from pneunet_ros.calibration.tip_force import EndForces
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.core.unit_system import dimensionless
 from pneunet_ros.reports import figure as report_figure
 from pneunet_ros.reports.calibration import report as calibration_report
 from pneunet_ros.reports.calibration.figures import calibration_figures
@@ -150,7 +149,7 @@ def test_an_earlier_report_is_replaced_only_when_asked(monkeypatch, tmp_path):
 
 
 def test_nothing_is_left_of_a_report_that_fails(monkeypatch, tmp_path):
-    def failing(found, on_progress, units):
+    def failing(found, on_progress):
         raise RecordingError('no picture', reason='failed')
 
     monkeypatch.setattr(calibration_report, 'calibration_figures', failing)
@@ -185,11 +184,3 @@ def test_tables_have_captions_and_heads_and_long_ones_are_folded(report):
     assert text.count('<main>') == 1
     assert 'class="skip" href="#answer"' in text
     assert 'id="answer"' in text
-
-
-def test_dimensionless_axes_are_said(tmp_path):
-    scaled = dimensionless(0.112, 0.17)
-    pictures = {'paper': (), 'residuals': ()}
-    page = calibration_report.report_page(calibration(), pictures, {}, scaled)
-    assert '0.17 N' in page
-    assert '0.17 N' not in calibration_report.report_page(calibration(), pictures, {})

@@ -6,10 +6,8 @@ import base64
 
 from matplotlib.figure import Figure
 import numpy as np
-from pneunet_ros.core.unit_system import dimensionless
 from pneunet_ros.reports import figure as report_figure
 from pneunet_ros.reports.figure import draw_figures, Picture, picture
-import pytest
 
 
 def drawn(name: str = '01_dots') -> Picture:
@@ -47,13 +45,11 @@ def test_the_file_beside_the_page_is_a_png_of_its_name():
     assert item.png == drawn('07_moments').png
 
 
-@pytest.mark.parametrize('units', [None, dimensionless(0.112, 0.17)], ids=['SI', 'scaled'])
-def test_figures_of_a_table_are_drawn_in_the_units_asked_for(units):
+def test_figures_of_a_table_are_drawn_where_there_is_something_to_show():
     table = {'part': (lambda data: drawn(), lambda data: None)}
     told = []
-    options = {} if units is None else {'units': units}
-    found = draw_figures(table, None, lambda *news: told.append(news), **options)
+    found = draw_figures(table, None, lambda *news: told.append(news))
     (item,) = found['part']
     (axes,) = item.figure.get_axes()
-    assert axes.get_xlabel() == ('x (mm)' if units is None else 'x (l)')
+    assert axes.get_xlabel() == 'x (mm)'
     assert told[-1] == ('pictures', 2, 2)

@@ -20,7 +20,6 @@ from pneunet_ros.cli.experiments import (
 )
 from pneunet_ros.cli.provenance import provenance_of
 from pneunet_ros.cli.verb import (
-    add_dimensionless,
     add_effects_path,
     add_gravity,
     add_json,
@@ -32,7 +31,6 @@ from pneunet_ros.cli.verb import (
     print_json,
     progress_bar,
     progress_of,
-    units_of,
     with_gravity,
 )
 from pneunet_ros.core.errors import RecordingError, RequestError
@@ -107,7 +105,6 @@ def options(parser: ArgumentParser) -> None:
         help='do not fit without each loaded recording, nor the other moment laws (about half '
         'the time); the errors then do not hold what leaving out a recording changes',
     )
-    add_dimensionless(parser, 'draw the figures of the report')
     add_overwrite(parser)
     add_experiments(parser)
     add_effects_path(parser)
@@ -169,7 +166,6 @@ def run(arguments: Namespace) -> int:
                 files=files,
                 overwrite=arguments.overwrite,
                 on_progress=on_progress,
-                units=units_of(arguments, calibration.arm),
             )
     summary = (
         numbers_of(calibration, files)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.verb import (
-    add_dimensionless,
     add_json,
     add_model,
     add_overwrite,
@@ -21,7 +20,6 @@ from pneunet_ros.cli.verb import (
     print_json,
     reading_bar,
     topics_of,
-    units_of,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import millimeters
@@ -70,7 +68,6 @@ def options(parser: ArgumentParser) -> None:
         'what was measured in a recording that also holds estimates; may be repeated; NAME is '
         f'{", ".join(SHAPE_TOPICS[:-1])} or {SHAPE_TOPICS[-1]}',
     )
-    add_dimensionless(parser, 'draw the plot')
     add_overwrite(parser)
     add_json(parser)
 
@@ -102,7 +99,7 @@ def run(arguments: Namespace) -> int:
         inputs = [path for path in (arguments.a, arguments.b, arguments.truth) if path]
         with atomic_output(plot, overwrite=arguments.overwrite, inputs=inputs) as temporary:
             form = plot.suffix.lower().lstrip('.')
-            draw_comparisons(found, temporary, form, units_of(arguments, arm))
+            draw_comparisons(found, temporary, form)
     contents = [comparison_content(item) for item in comparisons]
     if arguments.model is None:
         for item, content in zip(comparisons, contents, strict=True):

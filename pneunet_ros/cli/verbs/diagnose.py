@@ -18,7 +18,6 @@ from pneunet_ros.cli.experiments import (
 )
 from pneunet_ros.cli.quantity_option import seed
 from pneunet_ros.cli.verb import (
-    add_dimensionless,
     add_effects_path,
     add_gravity,
     add_json,
@@ -29,7 +28,6 @@ from pneunet_ros.cli.verb import (
     print_json,
     progress_bar,
     progress_of,
-    units_of,
     with_gravity,
 )
 from pneunet_ros.core.errors import RequestError
@@ -112,7 +110,6 @@ def options(parser: ArgumentParser) -> None:
         metavar='ADDRESS',
         help='simulate on the Dask cluster of this scheduler (default: here)',
     )
-    add_dimensionless(parser, 'draw the figures of the report')
     add_overwrite(parser)
     add_experiments(parser)
     add_effects_path(parser)
@@ -193,7 +190,6 @@ def run(arguments: Namespace) -> int:
                 discovery=discovery,
                 given=given,
                 on_progress=part_of(on_progress, 5, PARTS),
-                units=units_of(arguments, frame),
             )
     if arguments.json:
         seconds = time.perf_counter() - started

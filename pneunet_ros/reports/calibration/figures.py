@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.core.progress import OnProgress
-from pneunet_ros.core.unit_system import SI, UnitSystem
 from pneunet_ros.reports.calibration.figure_data import figure_data, FigureData
 from pneunet_ros.reports.calibration.force_figures import end_forces
 from pneunet_ros.reports.calibration.moment_figures import law, moments, one_moment
@@ -39,8 +38,6 @@ FIGURES: Figures[FigureData] = {
 }
 
 
-def calibration_figures(
-    calibration: Calibration, on_progress: OnProgress, units: UnitSystem = SI
-) -> Pictures:
+def calibration_figures(calibration: Calibration, on_progress: OnProgress) -> Pictures:
     """Draw all figures that these recordings allow; `on_progress` is called with how far it is."""
-    return draw_figures(FIGURES, figure_data(calibration, on_progress), on_progress, units)
+    return draw_figures(FIGURES, figure_data(calibration, on_progress), on_progress)

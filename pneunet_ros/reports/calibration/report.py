@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.core.progress import OnProgress, say_nothing
-from pneunet_ros.core.unit_system import SI, UnitSystem
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.reports.calibration.figures import calibration_figures
@@ -28,7 +27,7 @@ from pneunet_ros.reports.calibration.verdict import (
     UNKNOWN_FILES,
     verdict_of,
 )
-from pneunet_ros.reports.figure import Pictures, units_note
+from pneunet_ros.reports.figure import Pictures
 from pneunet_ros.reports.page import render_page
 
 PAGE = 'index.html'
@@ -44,22 +43,20 @@ def write_report(
     overwrite: bool = False,
     files: Files = UNKNOWN_FILES,
     on_progress: OnProgress = say_nothing,
-    units: UnitSystem = SI,
 ) -> Path:
     """Write the report of a calibration into a folder, and return the path of its page.
 
     The folder appears whole or not at all. provenance: what is known of the inputs, nested as it
-    pleases, shown as it is; files: for the command that comes next; units: of the axes of figures.
-    Raises RecordingError when the folder
-    exists (without `overwrite`), or holds something other than an earlier report, or cannot be
-    written.
+    pleases, shown as it is; files: for the command that comes next. Raises
+    RecordingError when the folder exists (without `overwrite`), or holds something other than an
+    earlier report, or cannot be written.
     """
     with atomic_output(directory, overwrite=overwrite, replaceable=REPLACEABLE) as folder:
         folder.mkdir()
-        pictures = calibration_figures(calibration, on_progress, units)
+        pictures = calibration_figures(calibration, on_progress)
         for item in itertools.chain(*pictures.values()):
             (folder / item.file).write_bytes(item.png)
-        page = report_page(calibration, pictures, provenance, units, files)
+        page = report_page(calibration, pictures, provenance, files)
         (folder / PAGE).write_text(page, encoding='utf-8')
     return Path(directory) / PAGE
 
@@ -68,7 +65,6 @@ def report_page(
     calibration: Calibration,
     pictures: Pictures,
     provenance: Mapping[str, Any],
-    units: UnitSystem = SI,
     files: Files = UNKNOWN_FILES,
 ) -> str:
     """Return the page, pictures inside."""
@@ -84,7 +80,6 @@ def report_page(
         curvature=curvature_table(calibration, rows),
         noise=noise_rows(calibration),
         provenance=flat(provenance),
-        units_note=units_note(units),
     )
 
 

@@ -15,7 +15,6 @@ import numpy as np
 from pneunet_ros.calibration.calibration import domain_of
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.settings import settings_changed, settings_used
-from pneunet_ros.core.unit_system import SI, UnitSystem
 from pneunet_ros.core.units import quantities
 from pneunet_ros.diagnosis.result import (
     Diagnosis,
@@ -66,25 +65,23 @@ def write_diagnosis(
     discovery: Discovery = NOTHING_SEARCHED,
     given: Given = NOTHING_GIVEN,
     on_progress: OnProgress = say_nothing,
-    units: UnitSystem = SI,
 ) -> dict[str, Any]:
     """Write all files of a diagnosis into a new folder; return the content of its JSON.
 
     frame: the model that was given; training, held_out: the runs as given to the diagnosis;
     provenance: `inputs` (file, sha256 and role of each) and `versions`; discovery: what was found
-    beyond the library; given: notes and names for the page; units: of the axes of figures. The
-    folder must not exist;
-    `files.atomic.atomic_output` makes it appear as a whole.
+    beyond the library; given: notes and names for the page. The folder must not
+    exist; `files.atomic.atomic_output` makes it appear as a whole.
     """
     folder.mkdir()
     data = FigureData(
         diagnosis=diagnosis, training=training, held_out=held_out, discovery=discovery
     )
-    pictures = draw_figures(FIGURES, data, on_progress, units)
+    pictures = draw_figures(FIGURES, data, on_progress)
     for item in itertools.chain(*pictures.values()):
         (folder / item.file).write_bytes(item.png)
     origin = {**provenance, 'seed': diagnosis.seed}
-    page = report_page(diagnosis, pictures, origin, units, discovery, given)
+    page = report_page(diagnosis, pictures, origin, discovery, given)
     (folder / PAGE).write_text(page, encoding='utf-8')
     save_model(diagnosed_arm(diagnosis, diagnosis.after, frame, origin), folder / MODEL)
     if discovery.evaluation is not None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import shlex
 from typing import Any
 
-from pneunet_ros.core.unit_system import SI, UnitSystem
 from pneunet_ros.diagnosis.result import CLEAR, Diagnosis, UnsettledDiagnosis
 from pneunet_ros.discovery.result import Discovery, NOTHING_SEARCHED
 from pneunet_ros.reports.calibration.tables import flat
@@ -32,7 +31,7 @@ from pneunet_ros.reports.diagnosis.tables import (
     where_table,
     where_text,
 )
-from pneunet_ros.reports.figure import Pictures, units_note
+from pneunet_ros.reports.figure import Pictures
 from pneunet_ros.reports.page import render_page
 
 TEMPLATE = 'diagnosis_report.html.jinja'
@@ -61,7 +60,6 @@ def report_page(
     diagnosis: Diagnosis,
     pictures: Pictures,
     provenance: Mapping[str, Any],
-    units: UnitSystem = SI,
     discovery: Discovery = NOTHING_SEARCHED,
     given: Given = NOTHING_GIVEN,
 ) -> str:
@@ -96,7 +94,6 @@ def report_page(
         similar=similarity_table(diagnosis, SIMILAR_COSINE),
         shift=shift_table(diagnosis),
         detectable=detectable_table(diagnosis),
-        units_note=units_note(units),
         provenance=flat(provenance),
     )
 
