@@ -24,7 +24,6 @@ from pneunet_ros.recordings.recording import open_recording
 
 DRAWING = (
     'pneunet_ros.reports.tracking.preview',
-    'pneunet_ros.reports.tracking.preview_video',
     'matplotlib.backends.backend_agg',
 )
 CAMERA_DEMO = share_path('bags/camera_demo')

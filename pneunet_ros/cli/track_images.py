@@ -51,7 +51,7 @@ from pneunet_ros.vision.camera.camera_settings import CameraSettings, PosePlane
 from pneunet_ros.vision.tracker import Tracker, Tracking
 
 CAMERA = 'config/camera.yaml'
-PREVIEWS = ('.png', '.mp4', '.html')
+PREVIEWS = ('.png', '.html')
 Follower = Callable[[TrackStep], None]
 
 
@@ -163,7 +163,7 @@ def check_request(arguments: Namespace, settings: CameraSettings) -> None:
     """Refuse, before any work is done, what cannot go together."""
     if arguments.preview is not None and arguments.preview.suffix.lower() not in PREVIEWS:
         raise RequestError(
-            f'--preview {arguments.preview} must end in .png, .mp4 or .html', reason='wrong_suffix'
+            f'--preview {arguments.preview} must end in .png or .html', reason='wrong_suffix'
         )
     page = arguments.preview is not None and arguments.preview.suffix.lower() == '.html'
     if arguments.estimates is not None and not page:
@@ -223,16 +223,6 @@ def preview_followers(
     if arguments.preview is None:
         return []
     options: dict[str, Any] = {'overwrite': arguments.overwrite, 'inputs': inputs(arguments)}
-    if arguments.preview.suffix.lower() == '.mp4':
-        from pneunet_ros.reports.tracking.preview_video import write_video
-
-        video = stack.enter_context(write_video(arguments.preview, stream.rate, **options))
-
-        def shot(step: TrackStep) -> None:
-            if isinstance(step.outcome, Tracking) and isinstance(step.item.reading, Image):
-                video.add(step.item.reading, step.outcome, step.state)
-
-        return [shot]
     from pneunet_ros.cli.track_preview import open_preview
 
     preview = stack.enter_context(open_preview(arguments, stream, arm, film, **options))

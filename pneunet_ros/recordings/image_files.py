@@ -103,9 +103,7 @@ def folder_images(
             stamp_ns = stamp_at(index, used)
             yield StreamItem(stamp_ns, IMAGE_TOPIC, _picture(file, stamp_ns, colored), b'')
 
-    return _stream(
-        'folder of images', folder, items, camera_info, len(files), used, _counted(used)
-    )
+    return _stream('folder of images', folder, items, camera_info, len(files), _counted(used))
 
 
 def _picture(file: Path, stamp_ns: int, colored: bool) -> Image | MessageError:
@@ -186,7 +184,7 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
             yield StreamItem(stamp_at(index, used), IMAGE_TOPIC, error, b'')
 
     clock = 'presentation times in the file' if timed else _counted(used)
-    return _stream('video', path, items, camera_info, frames, used, clock)
+    return _stream('video', path, items, camera_info, frames, clock)
 
 
 def _breaks_off(path: Path, read: int, last: float, frames: int) -> str:
@@ -247,7 +245,6 @@ def _stream(
     items: Callable[[], Iterator[StreamItem]],
     camera_info: str | None,
     frames: int,
-    rate: float,
     clock: str,
 ) -> ImageStream:
     if camera_info is None:
@@ -267,7 +264,6 @@ def _stream(
         image_topic=IMAGE_TOPIC,
         lens_source=camera_info,
         frames=frames,
-        rate=rate,
         clock=clock,
         read=read,
     )

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from pneunet_ros.core.errors import CameraError, MessageError, RecordingError, RequestError
 from pneunet_ros.core.image import Image
-from pneunet_ros.core.units import seconds_between
 from pneunet_ros.files.camera_file import load_camera_info
 from pneunet_ros.messages.builders import IMAGE_TYPE
 from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
@@ -19,7 +18,7 @@ from pneunet_ros.messages.tracker import (
     TRACKER_INPUTS,
 )
 from pneunet_ros.recordings.bag_folder import is_recording, METADATA
-from pneunet_ros.recordings.file_kinds import FOLDER_RATE, NO_LENS, VIDEOS
+from pneunet_ros.recordings.file_kinds import NO_LENS, VIDEOS
 from pneunet_ros.recordings.image_files import folder_images, video_images
 from pneunet_ros.recordings.image_stream import ImageStream, StreamItem, with_lens
 from pneunet_ros.recordings.message_store import deserialize, store_for
@@ -114,14 +113,11 @@ def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
         items = _recorded_items(recording, image_topic, info_topic, others, request.colored)
         return items if info_topic is not None else with_lens(items, lens)
 
-    frames = recording.topic(image_topic).count
-    seconds = seconds_between(recording.start_ns, recording.end_ns)
     return ImageStream(
         kind='recording',
         image_topic=image_topic,
         lens_source=info_topic or str(request.camera_info),
-        frames=frames,
-        rate=(frames - 1) / seconds if frames > 1 and seconds > 0.0 else FOLDER_RATE,
+        frames=recording.topic(image_topic).count,
         clock='headers of the images',
         read=read,
         recording=recording,

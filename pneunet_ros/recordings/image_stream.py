@@ -33,15 +33,13 @@ class ImageStream:
     `read(others)` yields image and camera_info, and of a recording also the topics named in
     `others`, in log time order; of equal log times camera_info comes first. `image_topic` is the
     name of the images' topic, or what it would be; `lens_source` tells where the lens comes from.
-    `frames` is how many images to expect and `rate` (Hz) about how many there are in a second;
-    `clock` tells where their stamps come from.
+    `frames` is how many images to expect; `clock` says where their stamps come from.
     """
 
     kind: str
     image_topic: str
     lens_source: str
     frames: int
-    rate: float
     clock: str
     read: Callable[[Collection[str]], Iterator[StreamItem]]
     recording: Recording | None = None

@@ -542,12 +542,10 @@ def test_track_for_people(run, camera, tmp_path, monkeypatch):
     assert names(tmp_path) == []
 
 
-def test_track_draws_a_picture_and_a_video(run, camera, tmp_path):
-    for name in ('preview.png', 'preview.mp4'):
-        assert run('track', camera, '--preview', tmp_path / name)[0] == 0
+def test_track_draws_a_picture(run, camera, tmp_path):
+    assert run('track', camera, '--preview', tmp_path / 'preview.png')[0] == 0
     assert imread(tmp_path / 'preview.png').shape[1] > 1500
-    assert (tmp_path / 'preview.mp4').stat().st_size > 10_000
-    assert names(tmp_path) == ['preview.mp4', 'preview.png']
+    assert names(tmp_path) == ['preview.png']
 
 
 def test_track_without_one_explained_frame_exits_1(run_json, run, tmp_path):
@@ -655,8 +653,8 @@ TRAIN = ('--train', DAY / 'unloaded.mcap', DAY / 'loaded.mcap', '--heldout', DAY
         (('replay', share_path('bags/table1')), {'--output': 'out.mcap'}, '.*/*/*.mcap'),
         (
             ('track', share_path('bags/camera_demo')),
-            {'--output': 'out.mcap', '--table': 't.csv', '--preview': 'p.mp4'},
-            '.*/p.mp4',
+            {'--output': 'out.mcap', '--table': 't.csv', '--preview': 'p.png'},
+            '.*/*/*.mcap',
         ),
         (('calibrate', *TWO), {'--output': 'm.yaml', '--report': 'report'}, ''),
         (

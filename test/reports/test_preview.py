@@ -1,25 +1,25 @@
-"""Pictures and videos of tracking: drawn whatever came, without a warning, and not in vain."""
+"""Pictures of tracking: drawn whatever came, without a warning, and not in vain."""
 
 from __future__ import annotations
 
 from pathlib import Path
-import resource
 
-import cv2
 from matplotlib.image import imread
 import numpy as np
-from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.core.image import Image
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.reports.tracking.heat_map import heat
-from pneunet_ros.reports.tracking.preview import CURVES, PICTURES, Preview, thin, write_at_end
-import pneunet_ros.reports.tracking.preview_video
-from pneunet_ros.reports.tracking.preview_video import overlay_of, write_text, write_video
+from pneunet_ros.reports.tracking.preview import (
+    CURVES,
+    overlay_of,
+    PICTURES,
+    Preview,
+    thin,
+    write_at_end,
+)
 from pneunet_ros.vision.tracker import Tracker, Tracking
 import pytest
-from support.films import ARM, FRAMES, PERIOD_NS, RATE, tracked_steps
-from support.refusals import refused
+from support.films import ARM, FRAMES, PERIOD_NS, tracked_steps
 
 TRACKER = Tracker(ARM, load_camera(share_path('config/camera.yaml')))
 TARGETS = ARM.target_arclength.size
@@ -123,31 +123,6 @@ def test_things_are_spread_from_first_to_last():
     assert thin(100, 3) == [0, 50, 99]
 
 
-# The video
-
-
-def frames_of(path) -> list:
-    video = cv2.VideoCapture(str(path))
-    frames = []
-    while (found := video.read())[0]:
-        frames.append(found[1])
-    return frames
-
-
-def test_the_video_has_every_frame_with_its_overlay_and_stamp(steps, tmp_path):
-    with write_video(tmp_path / 'v.mp4', RATE) as video:
-        for step in steps:
-            video.add(step.item.reading, step.outcome, step.state)
-    frames = frames_of(tmp_path / 'v.mp4')
-    assert len(frames) == len(steps)
-    for frame, step in zip(frames, steps, strict=True):
-        expected = overlay_of(step.item.reading, step.outcome, step.state)
-        difference = np.abs(frame.astype(int) - expected)
-        assert np.median(difference) < 8  # it is that frame ...
-        assert difference[-20:, :40].max() > 100  # ... with something written on it
-    assert cv2.VideoCapture(str(tmp_path / 'v.mp4')).get(cv2.CAP_PROP_FPS) == RATE
-
-
 def test_the_curve_is_in_the_overlay(steps):
     step = steps[-1]
     with_curve = overlay_of(step.item.reading, step.outcome, step.state)
@@ -159,57 +134,3 @@ def test_the_curve_is_in_the_overlay(steps):
     low, high = changed.min(axis=0), changed.max(axis=0)
     assert np.abs(low - [v.min(), u.min()]).max() < 6
     assert np.abs(high - [v.max(), u.max()]).max() < 6
-
-
-def test_images_of_odd_or_other_size_are_frames_too(steps, tmp_path):
-    def image(width, height):
-        data = np.full(width * height, 100, np.uint8)
-        return Image(stamp_ns=1, frame_id='', width=width, height=height, step=width,
-                     encoding='mono8', data=data)  # fmt: skip
-
-    with write_video(tmp_path / 'v.mp4', 1e6) as video:
-        for size in ((641, 479), (641, 479), (320, 240)):
-            video.add(image(*size), steps[0].outcome, steps[0].state)
-    assert [frame.shape for frame in frames_of(tmp_path / 'v.mp4')] == 3 * [(478, 640, 3)]
-
-
-@pytest.mark.parametrize('room', [100, 3000, 20_000])
-def test_a_film_that_finds_no_room_is_an_error_and_is_not_there(steps, tmp_path, room):
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    with (
-        refused(RecordingError, 'unwritable'),
-        write_video(tmp_path / 'v.mp4', RATE) as video,
-    ):
-        resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))
-        try:
-            for step in steps:
-                video.add(step.item.reading, step.outcome, step.state)
-            video.close()
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_video_of_nothing_says_so(tmp_path):
-    with write_video(tmp_path / 'v.mp4', RATE):
-        pass
-    (frame,) = frames_of(tmp_path / 'v.mp4')
-    assert frame.max() > 200
-
-
-def test_a_codec_that_is_missing_is_a_sentence(steps, tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr(pneunet_ros.reports.tracking.preview_video, 'CODEC', 'zzzz')
-    with (
-        refused(RecordingError, 'unwritable'),
-        write_video(tmp_path / 'v.mp4', RATE) as video,
-    ):
-        video.add(steps[0].item.reading, steps[0].outcome, steps[0].state)
-    assert list(tmp_path.iterdir()) == []
-    capfd.readouterr()
-
-
-def test_text_stands_in_the_corner_of_any_picture():
-    for height, width in ((2000, 3000), (480, 640), (8, 8)):
-        picture = np.full((height, width, 3), 90, np.uint8)
-        write_text(picture, '1.000000000 s')
-        assert (picture[-1, 0] == 0).all()

@@ -45,8 +45,8 @@ def options(parser: ArgumentParser) -> None:
         '--preview',
         type=Path,
         metavar='FILE',
-        help='draw the overlay: some frames and plots (.png), all frames as a video (.mp4), or a '
-        'page to scrub through, with a verdict (.html)',
+        help='draw the overlay: some frames and plots (.png), or a page to scrub through, with a '
+        'verdict (.html)',
     )
     parser.add_argument(
         '--clamp-pixel',

@@ -18,13 +18,13 @@ from matplotlib.patches import Patch
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.errors import CameraError, shortened
-from pneunet_ros.core.image import Image
+from pneunet_ros.core.image import Bytes, Image
 from pneunet_ros.core.units import millimeters, seconds_since
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.style import BAND_SIGMAS, draw_band, figure_text
 from pneunet_ros.reports.tracking.heat_map import heat
-from pneunet_ros.reports.tracking.preview_video import overlay_of
+from pneunet_ros.vision.overlay import curve_in_image, draw
 from pneunet_ros.vision.smoother import MeasuredCurve
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 
@@ -261,3 +261,11 @@ def _plain(axes: Axes) -> None:
 def thin(count: int, wanted: int) -> list[int]:
     """Return indices of at most `wanted` of `count` things, from the first to the last."""
     return sorted(set(np.linspace(0, count - 1, min(count, wanted)).round().astype(int).tolist()))
+
+
+def overlay_of(image: Image, tracking: Tracking, state: TrackerState) -> Bytes:
+    """Return the image with what was made of it; `state` is that after it."""
+    curve = None
+    if tracking.curve is not None and state.plane is not None and state.lens is not None:
+        curve = curve_in_image(tracking.curve, state.plane, state.lens)
+    return draw(image, tracking, curve)
