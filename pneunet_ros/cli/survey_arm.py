@@ -30,7 +30,7 @@ from pneunet_ros.offline.calibration_files import described_arm, save_knowledge
 from pneunet_ros.offline.check import check_recording
 from pneunet_ros.offline.survey import Files, FleetArm
 from pneunet_ros.offline.uses import UseRequest
-from pneunet_ros.reports.diagnosis.files import MODEL, write_diagnosis, write_unsettled
+from pneunet_ros.reports.diagnosis.files import MODEL, write_diagnosis
 from pneunet_ros.reports.diagnosis.report import Given
 
 CALIBRATED, FOUND = 'calibrated.yaml', 'found.json'
@@ -152,22 +152,17 @@ class SurveyWork:
             'inputs': inputs,
             'versions': versions(),
         }
-        if isinstance(diagnosis, UnsettledDiagnosis):
-            content = write_unsettled(
-                diagnosis, folder, frame=model, provenance=provenance, given=given
-            )
-        else:
-            used, tested = investigation.recordings  # less frames that show no equilibrium
-            content = write_diagnosis(
-                diagnosis,
-                folder,
-                frame=model,
-                training=used,
-                held_out=tested,
-                provenance=provenance,
-                discovery=discovery,
-                given=given,
-            )
+        used, tested = investigation.recordings  # less frames that show no equilibrium
+        content = write_diagnosis(
+            diagnosis,
+            folder,
+            frame=model,
+            training=used,
+            held_out=tested,
+            provenance=provenance,
+            discovery=discovery,
+            given=given,
+        )
         save_model(model, folder / CALIBRATED)
         save_knowledge(calibration.posterior, folder / CALIBRATED, overwrite=False)
         wanted = ('answer', 'sentence', 'effects', 'alternatives', 'gap', 'detectable')

@@ -10,20 +10,16 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.frames import BASE_FRAME
-from pneunet_ros.core.stamps import match_stamps, Stamps
+from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.shape_error import (
     Centerlines,
-    median_period,
     Pressures,
     ShapeSeries,
     Tips,
 )
 from pneunet_ros.messages.builders import (
-    ARRAY_TYPE,
-    CURVATURE_ROWS,
     nanoseconds,
-    PATH_TYPE,
     POINTS_TYPE,
     POSE_TYPE,
     UNFIT,
@@ -34,18 +30,16 @@ from pneunet_ros.recordings.recorded_series import find_series, read_series
 from pneunet_ros.recordings.recording import open_recording, Recording
 
 TIP, SHAPE = 'tip', 'shape'
-MEASURED_LINE, MEASURED_CURVATURE = 'measured_centerline', 'measured_curvature'
 ESTIMATES = {TIP: POSE_TYPE, SHAPE: POINTS_TYPE}
-SHAPE_TOPICS = (*ESTIMATES, TARGETS.name, MEASURED_LINE, MEASURED_CURVATURE, TIP_POSE.name)
+SHAPE_TOPICS = (*ESTIMATES, TARGETS.name, TIP_POSE.name)
 PLACES = [0, 1, 6, 7]  # of x and y among the 36 covariances of a pose
 
 
 class StampedRows(NamedTuple):
-    """Rows of numbers of a topic: its frame, increasing stamps, log times, what was left out."""
+    """Rows of numbers of a topic: its frame, increasing stamps, what was left out."""
 
     frame: str
     stamp_ns: Stamps
-    log_ns: Stamps
     rows: list[Array]
     sentences: tuple[str, ...]
 
@@ -128,9 +122,8 @@ def read_tips(recording: Recording, topic: str) -> tuple[Tips, StampedRows]:
 def read_measured(
     recording: Recording, overrides: Mapping[str, str], target_arclength: Array
 ) -> ShapeSeries:
-    """Return the targets, or the smoothed centerline where there are none, and the tip's pose."""
-    smoothed = {MEASURED_LINE, MEASURED_CURVATURE} & set(overrides)
-    sensors: tuple[Sensor[Any], ...] = (TIP_POSE,) if smoothed else (TARGETS, TIP_POSE)
+    """Return the targets and the pose of the tip."""
+    sensors: tuple[Sensor[Any], ...] = (TARGETS, TIP_POSE)
     there = {}
     for sensor in sensors:
         topic = find_series(recording, sensor, overrides, required=False)
@@ -149,8 +142,6 @@ def read_measured(
             arclength=target_arclength,
             points=targets.values.reshape(-1, 2, target_arclength.size),
         )
-    elif smoothed or recording.candidates(MEASURED_LINE, PATH_TYPE):
-        centerlines = read_smoothed(recording, overrides)
     if TIP_POSE.name in series:
         poses = series[TIP_POSE.name]
         tips = Tips(
@@ -187,54 +178,18 @@ def read_pressures(recording: Recording) -> Pressures | None:
     return Pressures(stamp_ns=series.stamp_ns, values=series.values[:, 0])
 
 
-def read_smoothed(recording: Recording, overrides: Mapping[str, str]) -> Centerlines:
-    """Return the smoothed centerlines on all stations that occur; each reaches as far as targets.
-
-    The arclength is that of the curvature which was written with each: it has no stamp of its own.
-    """
-    names = ((MEASURED_LINE, PATH_TYPE), (MEASURED_CURVATURE, ARRAY_TYPE))
-    topics = [recording.find(name, kind, overrides.get(name)) for name, kind in names]
-    lines = read_rows(recording, topics[0], path_row)
-    stations = read_rows(recording, topics[1], arclength_row, stamped=False)
-    found, near = match_stamps(lines.log_ns, stations.log_ns, 0.5 * median_period(lines.log_ns))
-    belong = [
-        (stamp_ns, stations.rows[place], row)
-        for stamp_ns, row, place, close in zip(
-            lines.stamp_ns.tolist(), lines.rows, found.tolist(), near.tolist(), strict=True
-        )
-        if close and stations.rows[place].size == row.shape[1]
-    ]
-    if not belong:
-        raise RecordingError(
-            f'{recording.path}: no message of {topics[1]} belongs to one of {topics[0]}',
-            reason='nothing_in_common',
-        )
-    arclength = np.unique(np.concatenate([places for _, places, _ in belong]))
-    points = np.full((len(belong), 2, arclength.size), np.nan)
-    for frame, (_, places, row) in enumerate(belong):
-        points[frame][:, np.searchsorted(arclength, places)] = row
-    stamp_ns = np.array([stamp for stamp, _, _ in belong], dtype=np.int64)
-    return Centerlines(topic=topics[0], stamp_ns=stamp_ns, arclength=arclength, points=points)
-
-
-def read_rows(
-    recording: Recording, topic: str, row_of: Callable[[Any], Array], *, stamped: bool = True
-) -> StampedRows:
+def read_rows(recording: Recording, topic: str, row_of: Callable[[Any], Array]) -> StampedRows:
     """Return the numbers of every message of a topic, in the order of their header stamps.
 
-    stamped: the messages have a header; otherwise the log time stands for the stamp. Of messages
-    of one stamp the first counts. Raises RecordingError where a message is not usable.
+    Of messages of one stamp the first counts. Raises RecordingError where a message is not usable.
     """
     stamps: list[int] = []
-    logged: list[int] = []
     rows: list[Array] = []
     frames: set[str] = set()
     for message in recording.messages([topic]):
-        stamp_ns = message.log_time_ns
         try:
-            if stamped:
-                stamp_ns = nanoseconds(message.message.header.stamp)
-                frames.add(str(message.message.header.frame_id))
+            stamp_ns = nanoseconds(message.message.header.stamp)
+            frames.add(str(message.message.header.frame_id))
             rows.append(row_of(message.message))
         except (*UNFIT, MessageError) as error:
             raise RecordingError(
@@ -243,7 +198,6 @@ def read_rows(
                 reason='unreadable',
             ) from error
         stamps.append(stamp_ns)
-        logged.append(message.log_time_ns)
     if not rows:
         raise RecordingError(f'{recording.path}: {topic} is empty', reason='empty')
     if len(frames) > 1:
@@ -255,7 +209,6 @@ def read_rows(
     return StampedRows(
         frame=''.join(frames),
         stamp_ns=increasing_ns,
-        log_ns=np.array(logged, dtype=np.int64)[kept],
         rows=[rows[place] for place in kept.tolist()],
         sentences=(f'{topic}: {twice} messages left out: a stamp came twice',) if twice else (),
     )
@@ -273,16 +226,3 @@ def shape_row(message: Any) -> Array:
     """Return arclength, x, y (m) and heading (rad) of all stations of a shape, (4, stations)."""
     points = cloud_points(message)
     return np.stack([points[name].astype(np.float64) for name in ('s', 'x', 'y', 'theta')])
-
-
-def path_row(message: Any) -> Array:
-    """Return x, y (m) of all poses of a path, (2, poses)."""
-    places = [(item.pose.position.x, item.pose.position.y) for item in message.poses]
-    return np.array(places, dtype=np.float64).reshape(-1, 2).T
-
-
-def arclength_row(message: Any) -> Array:
-    """Return the arclength (stations,) m of a curvature."""
-    values = np.asarray(message.data, dtype=np.float64)
-    arclength: Array = values.reshape(len(CURVATURE_ROWS), -1)[0]
-    return arclength

@@ -21,15 +21,15 @@ DOTS_PER_INCH = 120
 LARGEST_SVG = 400_000  # bytes; a figure with more to draw stands in the page as PNG
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """A drawn figure: `number` as in the paper or '', a title, and what one should see."""
+    """A drawn figure: a title, what one should see, and its `number` as in the paper or ''."""
 
     name: str
-    number: str
     title: str
     caption: str
     figure: Figure
+    number: str = ''
 
     @property
     def file(self) -> str:
@@ -60,11 +60,6 @@ class Picture:
 Data = TypeVar('Data')
 Figures = Mapping[str, Sequence[Callable[[Data], Picture | None]]]  # by part of the page
 Pictures = Mapping[str, Sequence[Picture]]
-
-
-def picture(name: str, title: str, caption: str, figure: Figure, number: str = '') -> Picture:
-    """Return a drawn figure as a picture."""
-    return Picture(name=name, number=number, title=title, caption=caption, figure=figure)
 
 
 def draw_figures(figures: Figures[Data], data: Data, on_progress: OnProgress) -> Pictures:

@@ -133,7 +133,6 @@ def test_help_of_predict_has_units_and_defaults(run):
         '(default: 0 0)',
         'end: N m, or with a unit, as 0.2mNm (default: 0)',
         'of the tip: m,',
-        '57)',
     ):
         assert words in out
 

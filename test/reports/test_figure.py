@@ -7,7 +7,7 @@ import base64
 from matplotlib.figure import Figure
 import numpy as np
 from pneunet_ros.reports import figure as report_figure
-from pneunet_ros.reports.figure import draw_figures, Picture, picture
+from pneunet_ros.reports.figure import draw_figures, Picture
 
 
 def drawn(name: str = '01_dots') -> Picture:
@@ -15,7 +15,7 @@ def drawn(name: str = '01_dots') -> Picture:
     axes = figure.subplots()
     axes.plot(*np.random.default_rng(1).normal(size=(2, 50)), 'o')
     axes.set(xlabel='x (mm)', ylabel=r'$\kappa$ (1/m)')
-    return picture(name, 'Dots', 'See the dots.', figure)
+    return Picture(name, 'Dots', 'See the dots.', figure)
 
 
 def content(item: Picture, kind: str) -> bytes:

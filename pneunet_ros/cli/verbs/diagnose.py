@@ -125,7 +125,7 @@ def run(arguments: Namespace) -> int:
     from pneunet_ros.diagnosis.result import CLEAR, UnsettledDiagnosis
     from pneunet_ros.discovery.discovery import discover
     from pneunet_ros.offline.calibration_files import check_recordings, inputs_of
-    from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis, write_unsettled
+    from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis
     from pneunet_ros.reports.diagnosis.report import Given
 
     started = time.perf_counter()
@@ -174,23 +174,18 @@ def run(arguments: Namespace) -> int:
             recordings=tuple(map(str, recordings)),
             folder=str(arguments.output),
         )
-        if isinstance(found, UnsettledDiagnosis):
-            content = write_unsettled(
-                found, folder, frame=frame, provenance=provenance, given=given
-            )
-        else:
-            used, tested = investigation.recordings  # less frames that show no equilibrium
-            content = write_diagnosis(
-                found,
-                folder,
-                frame=frame,
-                training=used,
-                held_out=tested,
-                provenance=provenance,
-                discovery=discovery,
-                given=given,
-                on_progress=part_of(on_progress, 5, PARTS),
-            )
+        used, tested = investigation.recordings  # less frames that show no equilibrium
+        content = write_diagnosis(
+            found,
+            folder,
+            frame=frame,
+            training=used,
+            held_out=tested,
+            provenance=provenance,
+            discovery=discovery,
+            given=given,
+            on_progress=part_of(on_progress, 5, PARTS),
+        )
     if arguments.json:
         seconds = time.perf_counter() - started
         print_json(content | {'output': arguments.output, 'seconds': seconds} | read.summary)

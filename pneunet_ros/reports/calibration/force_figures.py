@@ -11,7 +11,7 @@ from pneunet_ros.calibration.tip_force import EndForces
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.reports.calibration.figure_data import FigureData
-from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.style import BAND_SIGMAS, draw_errors, FIRST, legend, panels, SECOND
 
 FRAMES = 60  # in all, of all loaded runs
@@ -86,7 +86,7 @@ def end_forces(data: FigureData) -> Picture | None:
         limit = limit_of(found, component)
         axes[2 + component].set_ylim(-limit, limit)
     legend(axes[1], loc='upper left')
-    return picture(
+    return Picture(
         '09c_end_forces',
         'End force found from targets',
         f'Pressure known, force not: {" ".join(sentences(found))} Bars are 2 sigma; they should '

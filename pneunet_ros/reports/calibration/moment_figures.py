@@ -12,7 +12,7 @@ from pneunet_ros.core.units import kilopascals
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.reports.calibration.figure_data import FigureData, nearest_view
 from pneunet_ros.reports.calibration.shape_figures import load_label, run_label
-from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.paper_views.moment_curvature import law_view, LawView, Line, MomentView
 from pneunet_ros.reports.style import (
     BAND_SIGMAS,
@@ -57,7 +57,7 @@ def moments(data: FigureData) -> Picture | None:
         ylabel=r'moment $M_\mathrm{est}$ (mN m)',
     )
     data.colors.bar(figure, against)
-    return picture(
+    return Picture(
         '07_moments',
         'Moment from measured shape and load',
         f'{run_label(data)}. M_est is Eq 9: from measured targets and the end force, without any '
@@ -143,7 +143,7 @@ def one_moment(data: FigureData) -> Picture | None:
         xlim=(0.0, 1.0),
     )
     legend(along, loc='best')
-    return picture(
+    return Picture(
         '08a_moment_law',
         'The moment law at one pressure (Eq 10)',
         f'Recording {view.steady_state.run}. {line_sentence(view, data)} Points scatter about the '
@@ -228,7 +228,7 @@ def law(data: FigureData) -> Picture | None:
         )
         axes[1].set_ylim(bottom=0.0)
         legend(axes[1], loc='lower right')
-    return picture(
+    return Picture(
         '08b_law_over_pressure',
         'Moment law over pressure',
         "Bands: the fitted law, with rigidities linear in pressure. Hollow points: the paper's "

@@ -9,7 +9,7 @@ from pneunet_ros.core.arrays import Array, root_mean_square
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.measurement.linearization import FittedRun
 from pneunet_ros.reports.calibration.figure_data import FigureData
-from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.style import (
     draw_bars,
     FIRST,
@@ -56,7 +56,7 @@ def draw_residuals_by_frame(data: FigureData) -> Picture:
     axes.set(xlabel='frame, recording after recording', ylabel='residual / expected')
     axes.set(xlim=(0, start), ylim=(min(low, 0.0), max(1.25 * high, 2.0)))
     fit = data.calibration.joint
-    return picture(
+    return Picture(
         '12_residuals_over_frames',
         'Residuals over frames',
         'Root mean square residual of every frame beside what noise, placement, camera and '
@@ -113,7 +113,7 @@ def draw_residuals_by_target(data: FigureData) -> Picture:
         )
         panel.set(title=name, xlabel='target, arclength $s / l$', ylabel='um', xlim=(-0.02, 1.02))
     legend(axes[0], loc='best')
-    return picture(
+    return Picture(
         '13_residuals_over_targets',
         'Residuals over targets',
         'How far each target was found beside the place that the arm file gives it, in the '
@@ -160,7 +160,7 @@ def law_comparison(data: FigureData) -> Picture | None:
     axes.set(ylabel='rms on the recording left out (mm)')
     axes.margins(y=0.35)
     legend(axes, loc='upper center', ncols=len(laws))
-    return picture(
+    return Picture(
         '14_laws',
         'Moment laws on recordings left out',
         f'Each law was fitted without one loaded recording and then predicted it: rms per '

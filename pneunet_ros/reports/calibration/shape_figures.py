@@ -10,7 +10,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.reports.calibration.figure_data import FigureData, stations_of
-from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.paper_views.moment_curvature import curvature_std, MomentView
 from pneunet_ros.reports.paper_views.steady_states import predict_states, SteadyState
 from pneunet_ros.reports.style import (
@@ -54,7 +54,7 @@ def free_shapes(data: FigureData) -> Picture:
     legend(shapes, handles=STYLES, loc='best')
     as_curvatures(curvatures, r'(b) intrinsic curvature $\kappa_{p0}$ with 2-sigma band')
     data.colors.bar(figure, curvatures)
-    return picture(
+    return Picture(
         '05_unloaded',
         'Unloaded arm: shapes and intrinsic curvature',
         'Dots are measured: mean targets of stretches of constant pressure, and the curvature of '
@@ -96,7 +96,7 @@ def loaded_shapes(data: FigureData) -> Picture | None:
     if views:
         legend(curvatures, loc='best')
     data.colors.bar(figure, curvatures)
-    return picture(
+    return Picture(
         '06_loaded',
         'Loaded arm: shapes and curvature',
         f'{run_label(data)}: the same under an end force (arrows, {FORCE_SCALE:g} mm per N). '

@@ -11,7 +11,7 @@ from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.reports.calibration.figure_data import FigureData, nearest_view
 from pneunet_ros.reports.calibration.shape_figures import load_label, run_label
-from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.paper_views.linearity import (
     change_linearity,
     intrinsic_linearity,
@@ -56,7 +56,7 @@ def sensitivity(data: FigureData) -> Picture | None:
             xlim=(0.0, 1.0),
         )
     same_height(moved, low=0.0)
-    return picture(
+    return Picture(
         '10_sensitivity',
         'Sensitivity of the shape',
         f'Predicted shapes at {load_label(steady_state)}, with one quantity changed at a time; '
@@ -125,7 +125,7 @@ def linearity(data: FigureData) -> Picture | None:
             f' kappa - kappa0 ({run_label(data)}): {verdict(loaded, data.settings)} The load '
             'changes with pressure as it did in the recording, so this need not be straight.'
         )
-    return picture('11_linearity', 'Linear in pressure?', caption, figure, number='11')
+    return Picture('11_linearity', 'Linear in pressure?', caption, figure, number='11')
 
 
 def draw_lines(axes: Axes, lines: Sequence[Linearity]) -> None:

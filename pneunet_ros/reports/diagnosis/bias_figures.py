@@ -9,7 +9,7 @@ from pneunet_ros.diagnosis.result import Evaluation
 from pneunet_ros.reports.calibration.moment_figures import add_stiffness_axis, draw_rigidity
 from pneunet_ros.reports.diagnosis.figure_data import AFTER, BEFORE, FigureData
 from pneunet_ros.reports.diagnosis.tables import added_effects
-from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.paper_views.moment_curvature import law_view
 from pneunet_ros.reports.style import legend, panels, PressureColors
 
@@ -50,7 +50,7 @@ def biased_parameters(data: FigureData) -> Picture | None:
     add_stiffness_axis(rigidities, after.arm)
     legend(curvatures, loc='best')
     legend(rigidities, loc='best')
-    return picture(
+    return Picture(
         '08_biased_parameters',
         'Intrinsic curvature and rigidity, before and after',
         'Parameters of the model fitted without the missing effect, and with it. Calibration '

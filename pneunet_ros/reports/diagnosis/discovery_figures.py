@@ -9,7 +9,7 @@ import numpy as np
 from pneunet_ros.discovery.result import AmplitudeSeries
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.diagnosis.localization_figures import borders
-from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.style import draw_band, FIRST, legend, MEASURED, panels, short
 
 MOST_SERIES = 6  # recordings whose amplitude is shown
@@ -36,7 +36,7 @@ def causes(data: FigureData) -> Picture | None:
     axes.grid(visible=False)
     axes.set(xlabel='where it acts, s / l (all along: of the whole arm, or of the picture)')
     figure.colorbar(mesh, ax=axes, label='explains (%)', fraction=0.03, pad=0.01)
-    return picture(
+    return Picture(
         '10_causes',
         'Which kind of cause, and where',
         'How much of what is left each kind of cause explains with the best law of its amplitude, '
@@ -63,7 +63,7 @@ def amplitude(data: FigureData) -> Picture | None:
         unit = '' if series[0].unit == '-' else f' ({series[0].unit})'
         axes[place].set_ylabel(f'amplitude{unit}')
     legend(axes[0], loc='best')
-    return picture(
+    return Picture(
         '11_amplitude',
         'How strong it is over time',
         'The amplitude of the closest kind of cause in every frame of the training recordings, '

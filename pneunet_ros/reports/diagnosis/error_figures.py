@@ -12,7 +12,7 @@ from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.reports.diagnosis.figure_data import DISCOVERED, FigureData, RecordingErrors
 from pneunet_ros.reports.diagnosis.first_screen import error_sentence
-from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.style import (
     as_shapes,
     draw_bars,
@@ -59,7 +59,7 @@ def errors_along_arm(data: FigureData) -> Picture | None:
     right.set_ylim(bottom=0.0)
     for axes in (left, right):
         legend(axes, loc='best')
-    return picture(
+    return Picture(
         '01_errors',
         'Where the model is off',
         '(a) From each measured target (dots) to where a model has it, in the frames that noise '
@@ -139,7 +139,7 @@ def model_error(data: FigureData) -> Picture:
     per_recording.set_title(f'(b) {data.tested_on} recordings, one by one')
     overall.margins(y=0.45)
     legend(overall, loc='upper right')
-    return picture(
+    return Picture(
         '02_model_error',
         'Model error before and after',
         'How far measured targets are from predicted ones, registration of each recording '

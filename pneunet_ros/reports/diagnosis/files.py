@@ -55,7 +55,7 @@ REPLACEABLE = (
 
 
 def write_diagnosis(
-    diagnosis: Diagnosis,
+    diagnosis: Diagnosis | UnsettledDiagnosis,
     folder: Path,
     *,
     frame: Arm,
@@ -74,13 +74,15 @@ def write_diagnosis(
     exist; `files.atomic.atomic_output` makes it appear as a whole.
     """
     folder.mkdir()
+    origin = {**provenance, 'seed': diagnosis.seed}
+    if isinstance(diagnosis, UnsettledDiagnosis):
+        return write_unsettled(diagnosis, folder, frame, origin, given)
     data = FigureData(
         diagnosis=diagnosis, training=training, held_out=held_out, discovery=discovery
     )
     pictures = draw_figures(FIGURES, data, on_progress)
     for item in itertools.chain(*pictures.values()):
         (folder / item.file).write_bytes(item.png)
-    origin = {**provenance, 'seed': diagnosis.seed}
     page = report_page(diagnosis, pictures, origin, discovery, given)
     (folder / PAGE).write_text(page, encoding='utf-8')
     save_model(diagnosed_arm(diagnosis, diagnosis.after, frame, origin), folder / MODEL)
@@ -111,15 +113,12 @@ def write_discovered(
 def write_unsettled(
     diagnosis: UnsettledDiagnosis,
     folder: Path,
-    *,
     frame: Arm,
     provenance: Mapping[str, Any],
-    given: Given = NOTHING_GIVEN,
+    given: Given,
 ) -> dict[str, Any]:
     """Write the page and the JSON of a diagnosis without numbers; there is no model to write."""
-    folder.mkdir()
-    origin = {**provenance, 'seed': diagnosis.seed}
-    page = unsettled_page(diagnosis, frame.name, origin, given)
+    page = unsettled_page(diagnosis, frame.name, provenance, given)
     (folder / PAGE).write_text(page, encoding='utf-8')
     content: dict[str, Any] = plain(
         {

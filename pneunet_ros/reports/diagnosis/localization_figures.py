@@ -12,7 +12,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.diagnosis.result import AXES, Axis, HeatMap, Share
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
-from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.style import FIRST, legend, panels, same_height
 
 ALONE = 0.1  # s / l, width of the cell of a single target
@@ -51,7 +51,7 @@ def maps(data: FigureData) -> Picture | None:
                 axes[column].set_title(f'({"ab"[column]}) {when}')
     mesh = axes[0].collections[0]
     figure.colorbar(mesh, ax=axes, label='residual / noise', fraction=0.03, pad=0.01)
-    return picture(
+    return Picture(
         '04_where',
         'Residuals along the arm, over what acted on it',
         'Root mean square residual of training recordings in units of the noise, along the arm '
@@ -104,7 +104,7 @@ def shares(data: FigureData) -> Picture | None:
     axes[0].set_ylabel('share of the misfit (%)')
     legend(axes[0], loc='best')
     same_height(axes, low=0.0)
-    return picture(
+    return Picture(
         '05_shares',
         'Which share of the misfit lies where',
         'What the model before leaves over, split along each axis. Blue bars hold more than '

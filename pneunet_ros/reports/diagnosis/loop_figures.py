@@ -11,7 +11,7 @@ from pneunet_ros.core.units import kilopascals
 from pneunet_ros.diagnosis.result import Evaluation
 from pneunet_ros.reports.calibration.figure_data import smoother_of
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
-from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.paper_views.moment_curvature import moment_view
 from pneunet_ros.reports.paper_views.steady_states import arm_points, average
 from pneunet_ros.reports.style import (
@@ -84,7 +84,7 @@ def loops(data: FigureData) -> Picture | None:
     for pair in (axes[:wide], axes[wide:]):
         same_height(pair)
     legend(axes[0], loc='best')
-    return picture(
+    return Picture(
         '06_loops',
         'Moment and curvature, by direction of pressure',
         f'Means over the middle of the arm (s / l from {LOOP_START:g} to '

@@ -12,7 +12,7 @@ from pneunet_ros.exploration.rivals import named_effects, NOTHING
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.files.json_text import plain
 from pneunet_ros.reports.calibration.tables import flat
-from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.page import render_page
 from pneunet_ros.reports.style import FIRST, GREY, legend, panels, SECOND, THIRD
 
@@ -114,7 +114,7 @@ def gap_picture(rounds: Sequence[Round]) -> Picture:
     for panel in (gap, chance):
         panel.set_xticks(number)
         legend(panel, loc='best')
-    return picture(
+    return Picture(
         'gap',
         'How the model error shrinks, recording by recording',
         '(a) Red: the best fit of the given model; blue: with the effect named so far; diamonds: '

@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.ticker import LogLocator, NullFormatter
 import numpy as np
 from pneunet_ros.core.units import millimeters
-from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.style import FIRST, GREY, legend, panels, SECOND, short, THIRD
 from pneunet_ros.reports.survey.number_figures import ROW_HEIGHT
 from pneunet_ros.reports.survey.survey_data import SurveyData
@@ -51,7 +51,7 @@ def effects(data: SurveyData) -> Picture | None:
     for label, item in zip(matrix.get_yticklabels(), arms, strict=True):
         label.set_color(SECOND if item.name in data.odd else GREY)
     where = 'held-out' if all(item.held_out for item in arms) else 'held-out or else training'
-    return picture(
+    return Picture(
         '02_effects',
         'What was missing, and what it was worth',
         '(a) Filled: named. Empty: one of several that the recordings cannot tell apart. A dot: '

@@ -7,7 +7,7 @@ import textwrap
 from matplotlib.ticker import MaxNLocator
 import numpy as np
 from pneunet_ros.calibration.fleet import ArmNumber
-from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.style import BAND_SIGMAS, FIRST, GREY, panels, SECOND, short
 from pneunet_ros.reports.survey.survey_data import SurveyData
 
@@ -55,7 +55,7 @@ def numbers(data: SurveyData) -> Picture | None:
                 label.set_color(SECOND)
     for panel in axes[len(fleet.numbers) :]:
         panel.set_visible(False)
-    return picture(
+    return Picture(
         '01_numbers',
         'The same numbers of every arm',
         'Bars are two standard errors. Line and band: center of the fleet, and two standard '

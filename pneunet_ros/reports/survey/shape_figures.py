@@ -7,7 +7,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve
-from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.style import GREY, panels, PressureColors, SECOND, short
 from pneunet_ros.reports.survey.survey_data import SurveyData
 
@@ -51,7 +51,7 @@ def shapes(data: SurveyData) -> Picture | None:
     for panel in axes[len(arms) :]:
         panel.set_visible(False)
     colors.bar(figure, axes[min(columns, len(axes)) - 1])
-    return picture(
+    return Picture(
         '03_shapes',
         'Every arm under the same pressures',
         'Centerlines without a load, as the models with what was missing predict them, all to the '

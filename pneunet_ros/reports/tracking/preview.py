@@ -21,7 +21,7 @@ from pneunet_ros.core.errors import CameraError, shortened
 from pneunet_ros.core.image import Bytes, Image
 from pneunet_ros.core.units import millimeters, seconds_since
 from pneunet_ros.files.atomic import atomic_output
-from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.style import BAND_SIGMAS, draw_band, figure_text
 from pneunet_ros.reports.tracking.heat_map import heat
 from pneunet_ros.vision.overlay import curve_in_image, draw
@@ -146,7 +146,7 @@ class Preview:
         parts: Any = figure.subfigures(2, 1, height_ratios=(4.5, 3.5))
         self._draw_curves(parts[0])
         self._draw_history(parts[1])
-        return picture('tracking', 'All frames', 'Curves, and targets over time.', figure)
+        return Picture('tracking', 'All frames', 'Curves, and targets over time.', figure)
 
     def _seconds(self, log_time_ns: int) -> float:
         return seconds_since(self._times_ns[0], log_time_ns)
