@@ -286,7 +286,7 @@ def calibrate_as_stamped(
 
 
 def fits_ahead(resolution: Resolution, loaded: int, compare: bool) -> int:
-    """Return how many fits of the model a calibration with so many loaded runs has ahead."""
+    """Return how many model fits a calibration with this many loaded runs needs."""
     if resolution.constant_pressure:
         return 2
     if not loaded:
@@ -309,7 +309,7 @@ def with_larger_errors(fit: Fit, excess: Array) -> Fit:
 def describe_thinning(
     fitted: Sequence[RecordingData], every: Sequence[RecordingData]
 ) -> tuple[Note, ...]:
-    """Describe how many frames were fitted, of how many, where it was not all of them."""
+    """Describe how many of the frames were fitted; empty if all were."""
     frames, all_frames = (sum(len(run.stamp_ns) for run in runs) for runs in (fitted, every))
     if frames == all_frames:
         return ()
@@ -323,7 +323,7 @@ def describe_thinning(
 
 
 def describe_structure(fit: Fit, resolution: Resolution) -> list[Note]:
-    """Describe what the evidence has chosen: numbers along the arm, and an elongation."""
+    """Describe the selected structure: numbers along the arm, and the elongation."""
     notes, parameters = [], fit.parameters
     if parameters.shapes is not None and parameters.shapes < resolution.shapes:
         notes.append(

@@ -1,4 +1,4 @@
-"""The clock of a camera beside that of the readings: two unknowns of every recording.
+"""The camera clock relative to the clock of the readings: two unknowns per recording.
 
 A film whose lost frames nobody counts is stamped k / fps, and goes slow by as much as was lost. To
 first order an error of the time of its frames moves the targets by their velocity: late (s) in
@@ -75,7 +75,7 @@ class CameraClock:
 
 
 def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
-    """Return the clocks whose rate the frames of a fit show, by the names of their recordings.
+    """Return the clocks whose rate is observable from the frames of a fit, by recording.
 
     noise: of the fit. All clocks are found together: one that is wrong pulls at the parameters of
     the arm, and those at the frames of the others. As this is so to first order, the surest are
@@ -121,7 +121,7 @@ def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
 
 
 def confirms(retimed_fit: Fit, before: Fit) -> bool:
-    """Whether a fit by corrected stamps is as much more probable as a wrong clock must make it.
+    """Whether correcting the stamps makes the fit as much more probable as a wrong clock predicts.
 
     Where the model lacks something, `camera_clocks` finds clocks that make it no better.
     """
@@ -130,7 +130,7 @@ def confirms(retimed_fit: Fit, before: Fit) -> bool:
 
 
 def clock_jacobian(arm: Arm, run: RecordingData, coordinates: int) -> Array:
-    """Return how what is measured moves per late and rate, (frames, coordinates, 2)."""
+    """Return the derivatives of the measurements by delay and rate, (frames, coordinates, 2)."""
     velocity = velocities(arm, run)[:, :coordinates]
     time = seconds_after(run, middle_of(run))
     return -velocity[:, :, None] * np.column_stack([np.ones(time.size), time])[:, None]
@@ -183,7 +183,7 @@ def retimed(run: RecordingData, clock: CameraClock | None) -> RecordingData:
 
 
 def together(one: CameraClock | None, more: CameraClock) -> CameraClock:
-    """Return a clock that was corrected, with what is found beside the correction."""
+    """Combine a corrected clock with a further correction."""
     if one is None:
         return more
     apart = (one.middle_ns - more.middle_ns) / NANOSECONDS_PER_SECOND

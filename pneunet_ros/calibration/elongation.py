@@ -1,4 +1,4 @@
-"""Elongation under pressure, fitted together with kappa_p0: the library's effect as numbers."""
+"""Elongation under pressure, fitted together with kappa_p0."""
 
 from __future__ import annotations
 

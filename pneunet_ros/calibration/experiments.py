@@ -107,7 +107,7 @@ class FitSequence:
         return (self.low, self.high) if earlier is None else (earlier.low, earlier.high)
 
     def check_law(self, loaded: Sequence[RecordingData]) -> None:
-        """Take a law that holds at all pressures where that of the arm does not.
+        """Replace a moment law that does not cover all pressures by a linear one.
 
         Without a load it does not matter; what is not measured is not made up: RequestError.
         """
@@ -166,7 +166,7 @@ class FitSequence:
         most: int | None = None,
         earlier: PosteriorState | None = None,
     ) -> Fit:
-        """Fit, and say how far it is; most: so many frames of every run."""
+        """Fit, reporting progress; most: at most this many frames of every run."""
         parameters = Parameters(
             frame=self.frame,
             pressure=self.rows if earlier is None else earlier.pressure,
@@ -246,7 +246,7 @@ class FitSequence:
         return float(self.first_stiffness * 10.0**best)
 
     def at_one_pressure(self, runs: Sequence[RecordingData], kind: str) -> Fit:
-        """Fit the curvature at rest and the moment law together: different loads separate them.
+        """Fit the curvature at rest and the moment law jointly; different loads separate them.
 
         Raises RecordingError where no recording has a load.
         """
@@ -338,7 +338,7 @@ class FitSequence:
         kind: str | None,
         loaded: bool,
     ) -> Fit:
-        """Fit new recordings with what was known as the prior, on the tables there were."""
+        """Fit new recordings with the earlier posterior as the prior, on the earlier tables."""
         beyond = EXTRAPOLATION * (earlier.high - earlier.low)
         if self.low < earlier.low - beyond or self.high > earlier.high + beyond:
             raise RequestError(
@@ -381,7 +381,7 @@ class FitSequence:
 
 
 def squared_errors(arm: Arm, run: RecordingData, placement: Array | None = None) -> Array:
-    """Return the mean square (m^2) of what targets are beside an arm in every frame, (frames,).
+    """Return the mean square error (m^2) of the targets in every frame, (frames,).
 
     placement (2, targets) m, along and across the arm, from a fit; with it, what all frames have
     in common is the place of the camera. A frame without equilibrium counts as if the arm were a

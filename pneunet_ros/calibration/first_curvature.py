@@ -1,4 +1,4 @@
-"""The curvature with which the search for kappa_p0 begins: that of the arcs which frames show.
+"""Initial guess of kappa_p0: circular arcs through the targets of each frame.
 
 A search that begins with a straight arm comes by shapes that are nowhere near, and there a table
 that jumps from row to row explains any misfit by the noise of the pressure: with a noisy sensor
@@ -45,7 +45,7 @@ def first_curvature(runs: Sequence[RecordingData], arm: Arm, pressure: Array) ->
 
 
 def tip_turns(runs: Sequence[RecordingData], arm: Arm) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Return the turn (frames,) rad of the tip beyond the clamp, and in which frames it is known.
+    """Return the tip angle (frames,) rad from the clamp, and the frames that show it.
 
     From frame to frame of rising pressure it turns by less than half a turn.
     """

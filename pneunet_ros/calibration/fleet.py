@@ -52,7 +52,7 @@ FLEET = FleetSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmNumber:
-    """A number by which arms are compared: dotted name, meaning with its pressure, and unit."""
+    """A quantity that is compared between arms: dotted name, meaning with its pressure, unit."""
 
     name: str
     meaning: str
@@ -97,13 +97,13 @@ class Fleet:
 
     @property
     def odd(self) -> tuple[int, ...]:
-        """Places of the arms that are not like the others, the furthest first."""
+        """Indices of the outliers, the largest first."""
         order = np.argsort(self.log_chance, kind='stable').tolist()
         return tuple(place for place in order if self.p_values[place] <= self.settings.level)
 
     @property
     def deviations(self) -> Array:
-        """Deviation of each number in standard deviations of scatter and error bar together."""
+        """Deviation of each number in standard deviations (scatter and error bar combined)."""
         return np.asarray((self.values - self.center) / np.hypot(self.scatter, self.stds))
 
     @property
@@ -125,7 +125,7 @@ class Fleet:
         return f'{count}: {"; ".join(map(self.describe, self.odd))}.'
 
     def describe(self, arm: int) -> str:
-        """Name the number in which an arm differs most from the others."""
+        """Name the quantity in which an arm differs most from the others."""
         which = int(np.nanargmax(np.abs(self.deviations[arm])))
         number = self.numbers[which]
         unit = '' if number.unit == '-' else f' {number.unit}'
@@ -148,7 +148,7 @@ def compared_pressure(arms: Sequence[Arm], settings: FleetSettings = FLEET) -> f
 def arm_numbers(
     arm: Arm, pressure: float, *, loaded: bool, settings: FleetSettings = FLEET
 ) -> ArmNumbers:
-    """Return the numbers by which a calibrated arm is compared, with the errors of its model file.
+    """Return the compared quantities of a calibrated arm, with the covariance of its model file.
 
     Args:
         arm: the arm, with the covariance of its model.
@@ -322,7 +322,7 @@ def distances(
 
 
 def log_chance(values: Array, covariance: Array, center: Array, scatter: Array) -> Array:
-    """Return the log probability (fleets, arms) that an alike arm is as far from the center."""
+    """Return the log probability (fleets, arms) of a deviation at least this large."""
     deviation, precision = deviations_and_precision(values, covariance, center, scatter)
     squares = np.einsum('dai,daij,daj->da', deviation, precision, deviation)
     freedom = np.isfinite(values).sum(axis=2)
@@ -454,7 +454,7 @@ def simulate_furthest(
     seed: int,
     settings: FleetSettings = FLEET,
 ) -> Array:
-    """Return the log probability of the furthest arm in each of many fleets of alike arms.
+    """Return the smallest log probability in each of many simulated fleets of equal arms.
 
     The fleets have the arms, error bars and missing numbers of this one, and go through the same
     estimate of center and scatter: of few arms one is further off than chi squared says.

@@ -26,7 +26,7 @@ def most_likely_parameters(
     tried: Iterable[Parameters],
     settings: CalibrationSettings = CALIBRATION,
 ) -> Parameters:
-    """Return those of the tried parameters, as smooth, that make the data of a fit most probable.
+    """Return the tried parameters with the largest evidence, as smooth ones.
 
     The data enter through the fit's information and its vector, so nothing is solved again. An arm
     of which few targets show the shape may bend unevenly, which looks much like an elongation:
@@ -81,7 +81,7 @@ def structures(most: Parameters) -> Iterator[Parameters]:
 
 
 def log_evidence(prior: Array, information: Array, information_vector: Array) -> float:
-    """Return log of the evidence of linear Gaussian data, up to what the prior does not change."""
+    """Return the log evidence of linear Gaussian data, up to a constant."""
     root = np.linalg.cholesky(prior)
     normal = root.T @ information @ root + np.eye(len(prior))
     along = root.T @ information_vector

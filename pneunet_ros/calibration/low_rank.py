@@ -1,4 +1,4 @@
-"""The covariance of a fitted model in few columns: those that move the shape most."""
+"""Low-rank covariance of a fitted model: the directions that move the shape most."""
 
 from __future__ import annotations
 
@@ -84,13 +84,13 @@ def placement_with(
 
 
 def rounded(values: Array) -> Array:
-    """Return values with as many digits as a model file has."""
+    """Round values to the digits of a model file."""
     flat = [float(f'{value:.{DIGITS}g}') for value in values.ravel().tolist()]
     return np.reshape(flat, values.shape)
 
 
 def shape_jacobian(fit: Fit, count: int, places: Array | None = None) -> Array:
-    """Return how the arm moves per parameter in so many frames of every run, (points, parameters).
+    """Return the derivative of the shape in some frames of every run, (points, parameters).
 
     places (m) of the arm: its targets; where these are few, its knots too, and then also unloaded
     at the pressures of the table. Points are x, then y of all places, frame by frame.
@@ -108,7 +108,7 @@ def shape_jacobian(fit: Fit, count: int, places: Array | None = None) -> Array:
 
 
 def run_inputs(fitted: FittedRun, count: int) -> Inputs:
-    """Return the inputs of so many frames of a run, evenly spread."""
+    """Return the inputs of this many evenly spaced frames of a run."""
     frames = np.unique(np.linspace(0, len(fitted.solved) - 1, count).astype(int))
     return fitted.inputs.subset(frames[fitted.solved[frames]])
 

@@ -96,7 +96,7 @@ class LinearizedPosterior:
 
 
 class Posterior:
-    """Half the squared norm of all that is whitened, over all runs, and its linearization.
+    """Negative log posterior over all runs, and its linearization.
 
     The forward models keep where equilibria were found, to start from. A trial starts where the
     linearization was: an arm that has snapped to another equilibrium in a trial that went too far
@@ -116,7 +116,7 @@ class Posterior:
         self.linearized: list[ForwardModel] = []
 
     def cost(self, scaled: Array, around: LinearizedPosterior) -> float:
-        """Return the cost whitened as `around` is; ModelError where there is no such arm."""
+        """Return the cost with the whitening of `around`; ModelError for invalid parameters."""
         values, disturbance = self.prior.unscale(scaled)
         arm = self.parameters.arm(values)
         cost = 0.5 * float(scaled @ scaled)
@@ -129,7 +129,7 @@ class Posterior:
         return cost
 
     def linearize(self, scaled: Array, *, whole: bool = False) -> LinearizedPosterior:
-        """Return all runs linearized at scaled unknowns, put together.
+        """Return the joint linearization of all runs at scaled unknowns.
 
         whole: keep the Jacobian of each frame too, which an hour of film has no memory for.
         """
@@ -232,7 +232,7 @@ def fit(
 def finalize(
     posterior: Posterior, last: LinearizedPosterior, steps: int, converged: bool, status: str
 ) -> Fit:
-    """Put the result together: covariance and information of the model's parameters."""
+    """Assemble the result: covariance and information of the model parameters."""
     prior, size = posterior.prior, posterior.prior.size
     hessian = last.normal + np.eye(last.scaled.size)
     covariance = np.linalg.inv(hessian)

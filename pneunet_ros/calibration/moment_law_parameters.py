@@ -41,7 +41,7 @@ class MomentLawParameters(abc.ABC):
 
     @abc.abstractmethod
     def law(self, values: Array) -> MomentLaw:
-        """Return the law with these constants; ModelError where they are none."""
+        """Return the law with these constants; ModelError if they are invalid."""
 
     def slopes(self, pressure: Array) -> Array:
         """Return how the moved columns of sections change per parameter, (n, columns, parameters).

@@ -72,7 +72,7 @@ class SwingingRun:
 
     @property
     def beside(self) -> Array:
-        """Measured targets beside their equilibrium (frames, 2, targets) m, NaN where not seen."""
+        """Measured targets relative to equilibrium (frames, 2, targets) m, NaN where not seen."""
         return self.points - self.still[self.reading]
 
 
@@ -216,7 +216,7 @@ class MotionProblem:
         return self.share * float(numbers[0]), math.exp(float(numbers[1]))
 
     def masses(self, mass: float) -> Masses:
-        """Return the masses with so much at the tip; the whole arm is lighter where it is less."""
+        """Return the masses with this much at the tip; less than zero lightens the whole arm."""
         own = masses_of(self.arm)
         if mass >= 0.0:
             return own._replace(tip=self.share * mass)
@@ -229,7 +229,7 @@ class MotionProblem:
         return np.array([mass, math.log(2.0 * ratio / frequency), *starts])
 
     def first_start(self, run: SwingingRun) -> list[float]:
-        """Return q that puts the targets nearest to where a run begins, and no momentum."""
+        """Return the initial q closest to the first frame of a run, at zero velocity."""
         masses = masses_of(self.arm)
         first = follow_reading(None, 0, run.solved[0], masses, 0.0, self.modes)[1]
         along = (first.at_nodes[3:] @ self.places.nodes).reshape(SHAPES, 3, -1)[:, :2]
@@ -239,7 +239,7 @@ class MotionProblem:
         return [*q.tolist(), *[0.0] * SHAPES]
 
     def follow(self, numbers: Array) -> tuple[list[Array], list[Flags]]:
-        """Return, per run, targets beside the equilibrium (frames, 2, targets) m, and at rest."""
+        """Return, per run, the deviation of targets (frames, 2, targets) m, and frames at rest."""
         _, damping_time = self.motion(numbers)
         masses = self.masses(float(numbers[0]))
         starts = iter(numbers[2:].reshape(-1, 2, SHAPES))
@@ -281,7 +281,7 @@ class MotionProblem:
         return np.nan_to_num(np.concatenate([item.ravel() for item in left]) / self.std)
 
     def shortened(self, most: int) -> MotionProblem:
-        """Return the problem with so many readings of each run."""
+        """Return the problem with this many readings of each run."""
         return replace(
             self,
             runs=tuple(
@@ -379,7 +379,7 @@ def fit_motion(arm: Arm, runs: Sequence[RecordingData]) -> MotionFit:
 def predicted_motion(
     arm: Arm, motion: Motion, runs: Sequence[RecordingData]
 ) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...], tuple[Flags, ...]]:
-    """Return how recordings look beside an arm of known mass and damping; nothing else is fitted.
+    """Predict recordings for a given mass and damping; nothing is fitted.
 
     But how an arm moves where it was plucked. Returns, per run, targets beside the equilibrium and
     beside the moving arm, each less its mean, how far that is beside its equilibrium (frames, 2,
@@ -404,7 +404,7 @@ def predicted_motion(
 
 
 def motion_problem(arm: Arm, runs: Sequence[RecordingData]) -> MotionProblem:
-    """Return recordings with what is fitted to them; RequestError: the arm cannot swing."""
+    """Set up the fit of motion to recordings; RequestError if the arm cannot swing."""
     still = replace(arm, motion=Motion())
     modes = unloaded_modes(still)
     if modes is None:

@@ -34,7 +34,7 @@ SMALLEST = 1e-9  # of a standard deviation that was found
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseEstimate:
-    """The noise found, and per standard deviation a sentence where it comes from.
+    """The estimated noise, with the source of each standard deviation.
 
     notes: sentences on noise that is not what sensors usually have.
     """
@@ -174,7 +174,7 @@ def differing_noise(
     sources: Mapping[str, str],
     settings: NoiseEstimateSettings,
 ) -> list[Note]:
-    """Report where the noise that was found is not what was assumed, and which is used."""
+    """Report estimated noise that differs from the assumed one, and which is used."""
     said = []
     for name, unit in STATED:
         found, stated = getattr(noise, name), getattr(assumed, name)
@@ -196,7 +196,7 @@ def differing_noise(
 def resolution_of(
     series: Sequence[Array], settings: NoiseEstimateSettings = NOISE_ESTIMATE
 ) -> float:
-    """Return the step in which a sensor reads, 0 where its readings (values,) lie on no grid.
+    """Return the resolution of a sensor from its readings (values,); 0 if they lie on no grid.
 
     Readings of a sensor that is coarser than its noise repeat, and all lie whole steps apart.
     """
@@ -205,7 +205,7 @@ def resolution_of(
 
 
 def grid_step(values: Array, settings: NoiseEstimateSettings) -> float:
-    """Return the step of the grid on which values (values,) lie; 0 where they lie on none."""
+    """Return the grid spacing of values (values,); 0 if there is none."""
     levels = np.unique(values)
     if levels.size < settings.fewest_levels or not np.any(values[1:] == values[:-1]):
         return 0.0
@@ -220,7 +220,7 @@ def grid_step(values: Array, settings: NoiseEstimateSettings) -> float:
 def with_step(
     white: float | None, assumed: float, step: float, unit: str
 ) -> tuple[float | None, str]:
-    """Return a standard deviation with the error of rounding to steps, and where it comes from.
+    """Return a standard deviation including quantization, and its source.
 
     white: of what was read, None where nothing tells; assumed: what is thought then. Noise beyond
     a step shows the rounding, too, and then nothing is added: the sentence is empty.
@@ -234,7 +234,7 @@ def with_step(
 
 
 def load_readings(run: RecordingData) -> Array:
-    """Return F1, F2 (N) and M (N m) of the frames in which something was attached, (n, 3).
+    """Return F1, F2 (N) and M (N m) of all loaded frames, (n, 3).
 
     Of frames that have the same reading the first: a repeated value says nothing of noise.
     """

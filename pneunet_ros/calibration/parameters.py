@@ -69,7 +69,7 @@ class Parameters:
     prior: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Put the prior together."""
+        """Assemble the prior."""
         field_prior = np.kron(self.over_pressure, self.along_arm)
         field_prior += NUGGET * self.hyperparameters.amplitude**2 * np.eye(field_prior.shape[0])
         prior = scipy.linalg.block_diag(field_prior, np.diag(self.over_elongation))
@@ -105,7 +105,7 @@ class Parameters:
 
     @property
     def over_elongation(self) -> Array:
-        """Prior variances of the numbers of the elongation; none where there are none."""
+        """Prior variances of the elongation parameters; empty without them."""
         if self.elongates is None:
             return np.zeros(0)
         return elongation.prior_std() ** 2 * (1.0 if self.elongates else NUGGET)
@@ -117,7 +117,7 @@ class Parameters:
 
     @property
     def before_law(self) -> int:
-        """Number of parameters before those of the law."""
+        """Number of parameters that precede those of the law."""
         return self.cells + (0 if self.elongates is None else elongation.SIZE)
 
     @property
@@ -132,7 +132,7 @@ class Parameters:
         return np.append(low, self.law.limits[0]), np.append(high, self.law.limits[1])
 
     def nearest(self, values: Array) -> Array:
-        """Return the numbers before the law that the prior allows, nearest to these (n,)."""
+        """Return the admissible curvature parameters nearest to these (n,)."""
         if self.shapes is None:
             return values
         _, basis = shape_basis(self.arclength, self.shapes)
@@ -142,7 +142,7 @@ class Parameters:
         return np.append(table.ravel(), lengthening)
 
     def arm(self, values: Array) -> Arm:
-        """Return the arm with these values; ModelError where there is none."""
+        """Return the arm with these values; ModelError if they give none."""
         table = self.nearest(values)[: self.cells]  # the prior allows others by its nugget
         table = table.reshape(self.pressure.size, self.arclength.size)
         curvature = IntrinsicCurvature(
@@ -215,13 +215,13 @@ class Parameters:
 
 
 def correlation(places: Array, length_scale: float) -> Array:
-    """Return the correlation of what is smooth over so much, (n, n)."""
+    """Return the correlation matrix (n, n) of a smooth process with this length scale."""
     distance = np.subtract.outer(places, places) / length_scale
     return np.asarray(np.exp(-0.5 * distance**2))
 
 
 def shape_basis(knots: Array, shapes: int) -> tuple[Array, Array]:
-    """Return so many places s / l (n,) and the curve through values there, (knots, n)."""
+    """Return positions s / l (n,) of shapes and their interpolation to the knots, (knots, n)."""
     if shapes == 1:
         return np.array([0.5]), np.ones((knots.size, 1))
     places = np.linspace(0.0, 1.0, shapes)

@@ -31,7 +31,7 @@ class PosteriorState(PriorState):
     elongates: bool | None = None
 
     def __post_init__(self) -> None:
-        """Check that the arrays belong together."""
+        """Check that the shapes of the arrays agree."""
         for name in ('pressure', 'arclength', 'values', 'placement'):
             values = getattr(self, name)
             object.__setattr__(self, name, frozen_array(values, (np.size(values),)))
@@ -41,12 +41,12 @@ class PosteriorState(PriorState):
         object.__setattr__(self, 'covariance', frozen_array(self.covariance, (size, size)))
 
     def has_tip(self, painted: int) -> bool:
-        """Whether the tip's pose was one target more than so many."""
+        """Whether the last target is the measured tip, in addition to this many."""
         return self.placement.size == 2 * (painted + 1)
 
 
 def all_information(fit: Fit) -> Array:
-    """Return that of the recordings of a fit, and of those before it that it goes on from."""
+    """Return the information of the recordings of a fit and of those it continues."""
     total, earlier = np.array(fit.information), fit.parameters.earlier
     if isinstance(earlier, PosteriorState):
         size = earlier.values.size

@@ -12,7 +12,7 @@ from pneunet_ros.model.arm import Arm
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fit:
-    """A fitted model: values (n,) of the parameters, their covariance, and every run beside it.
+    """A fitted model: values (n,) of the parameters, their covariance, and all runs.
 
     placement (2, targets) m, along tangent and normal, and shared_covariance that of parameters
     and placement together. information (n, n) is that of the data alone on the parameters

@@ -1,4 +1,4 @@
-"""The numbers by which a calibration decides, each with its meaning and source."""
+"""Tuning constants of a calibration, each with its meaning and source."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class NoiseEstimateSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResolutionSettings:
-    """Resolution of recordings, and the prior of what they do not resolve."""
+    """Resolution of recordings, and the prior for what they do not resolve."""
 
     knots: int = tuning(11, 'of kappa_p0 along the arm, at most')
     apart: float = tuning(0.05, 'between targets that show two things', unit='length')
@@ -162,7 +162,7 @@ class ResolutionSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExperimentSettings:
-    """The table of kappa_p0, what is believed of it, and how many frames a fit begins with."""
+    """The table of kappa_p0, its prior, and the number of frames of the first fits."""
 
     rows: int = tuning(9, 'of kappa_p0, over the span of the pressure')
     amplitude: float = tuning(5.0, 'kappa_p0 at the highest pressure', unit='1/length')
@@ -276,7 +276,7 @@ STEADY_STATES, TIP_FORCE = SteadyStateSettings(), TipForceSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationSettings:
-    """All numbers by which `calibrate` decides."""
+    """All tuning constants of `calibrate`."""
 
     preconditions: PreconditionSettings = PRECONDITIONS
     consistency: SameArmSettings = CONSISTENCY

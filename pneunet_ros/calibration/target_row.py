@@ -37,7 +37,7 @@ class TargetRow:
 
 
 def target_row(fit: Fit) -> TargetRow:
-    """Return the estimated place of the row of targets, given that of each target.
+    """Estimate the common offset of the row of targets from the placement of each target.
 
     The row and the targets by themselves make up the placement; both are normal before the fit.
     """

@@ -114,7 +114,7 @@ def end_forces(
 
 
 def relaxation(step: Array, before: Array, taken: Array) -> Array:
-    """Return the share of each step (frames, 2) after which the next one should be nothing.
+    """Return the relaxation factor of each step (frames, 2).
 
     before: the steps before, of which the shares `taken` were taken. Where a model misses the
     targets by much more than noise, full steps swing around the best force, or away from it.

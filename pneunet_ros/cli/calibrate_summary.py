@@ -153,7 +153,7 @@ def show(
 
 
 def law_table(calibration: Calibration, law: tuple[Row, ...]) -> Table:
-    """Return the constants of the moment law: over pressure where it has rows, else by name."""
+    """Return the constants of the moment law, by pressure if it has rows, else by name."""
     fitted = calibration.arm.moment_law
     texts = {row.name: f'{row.value:.4g} ± {row.std:.1g}' for row in law}
     table = Table(title=f'Moment law, {fitted.kind}')

@@ -34,7 +34,7 @@ def show(
     directory: Path,
     console: Console,
 ) -> None:
-    """Print the answer first, then what it rests on."""
+    """Print the answer, then the evidence."""
     console.print(Text(diagnosis.sentence, style='bold'))
     console.print(f'({ANSWERS[diagnosis.answer]})')
     for law in discovery.found:
@@ -75,7 +75,7 @@ def show(
 def show_unsettled(
     diagnosis: UnsettledDiagnosis, left_out: Sequence[str], directory: Path, console: Console
 ) -> None:
-    """Print what happened; there is no number to print."""
+    """Print why there is no diagnosis."""
     console.print(Text(diagnosis.sentence, style='bold'))
     for sentence in (*left_out, *diagnosis.notes):
         console.print(Text(f'note: {sentence}'))

@@ -47,7 +47,7 @@ CONSTANT = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiments:
-    """Recordings, group by group as they were given, and what there is to say of them.
+    """Recordings in their groups, with the notes on them.
 
     left_out: sentences on what could not be used, or how it was taken; unloaded: which recordings
     are without a load, and by which rule.
@@ -60,7 +60,7 @@ class Experiments:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """All there is to say of the recordings."""
+        """All notes on the recordings."""
         return (*self.left_out, self.unloaded, *((STATIC,) if self.static else ()))
 
     @property
@@ -70,7 +70,7 @@ class Experiments:
 
 
 def add_experiments(parser: ArgumentParser) -> None:
-    """Add the options that say what recordings hold and what their readings mean."""
+    """Add the options that describe recordings and their readings."""
     parser.add_argument(
         '--static',
         action='store_true',
@@ -101,7 +101,7 @@ def add_experiments(parser: ArgumentParser) -> None:
 
 
 def calibration_settings(arguments: Namespace) -> CalibrationSettings:
-    """Return the settings of a calibration, with what was asked for of the readings."""
+    """Return the settings of a calibration, as the options ask."""
     settings = settings_of(arguments)
     return judging(settings.pressure if settings.judge_readings else None)
 
@@ -176,7 +176,7 @@ def read_experiments(
 
 
 def as_measured(frame: Arm, runs: Sequence[RecordingData]) -> Arm:
-    """Return an arm with gravity where it pointed on average, if that was measured."""
+    """Return an arm with the mean measured direction of gravity, if any was measured."""
     measured = [run.gravity for run in runs if run.gravity is not None]
     if not measured:
         return frame

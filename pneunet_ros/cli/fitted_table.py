@@ -14,7 +14,7 @@ FRAME, EDGE = 3, 1  # letters beside the text: of each column, and of the table
 
 
 def print_table(console: Console, table: Table, empty: str = 'none') -> None:
-    """Print a table; where it is too wide, texts break, and then columns stand below each other.
+    """Print a table; if it is too wide, wrap its text, then split it by columns.
 
     Texts break between words, and a word that no width holds after a slash, where it has one.
     Each part of a table begins with its first column. empty: what a table without rows says.
@@ -40,12 +40,12 @@ def print_table(console: Console, table: Table, empty: str = 'none') -> None:
 
 
 def broken_at_slashes(text: object, width: int) -> str:
-    """Return a text whose words that are too long break after a slash: names of topics, files."""
+    """Break words longer than `width` after a slash, as in topic and file names."""
     return re.sub(rf'(?=\S{{{width + 1}}})\S{{,{width - 1}}}/', r'\g<0>\n', str(text))
 
 
 def need(console: Console, column: Column) -> Measurement:
-    """Return how wide a column is where texts break between words, and where they do not.
+    """Return the widths of a column with and without wrapping.
 
     Numbers, which stand at the right, do not break from their errors.
     """
@@ -65,7 +65,7 @@ def width_of(widths: Sequence[int]) -> int:
 
 
 def parts(needs: Sequence[Measurement], room: int, *, together: bool) -> Iterator[list[int]]:
-    """Divide columns, by their places, so that no word must break; or keep all together."""
+    """Split columns, by index, so that no word must break, or keep all together."""
     shown = [0]
     for place in range(1, len(needs)):
         wider = [needs[other].minimum for other in (*shown, place)]

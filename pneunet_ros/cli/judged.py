@@ -1,4 +1,4 @@
-"""Output of verbs whose readings almost surely mean something else than declared."""
+"""Output of verbs whose readings contradict the declared unit, sign or frame."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pneunet_ros.offline.judge import Verdicts
 
 
 def refuse_readings(arguments: Namespace, path: Path, verdicts: Verdicts) -> int:
-    """Print what the readings of a recording most likely are, and what to type; return the code.
+    """Print the likely meaning of the readings and the command to use; return the exit code.
 
     Nothing is estimated and nothing is written then.
     """

@@ -30,7 +30,7 @@ class WrongUsageError(SystemExit):
 
 
 class CommandParser(ArgumentParser):
-    """A parser that says in one sentence what is wrong, and shows a whole command."""
+    """A parser that reports an error in one sentence with an example command."""
 
     def __init__(self, *arguments: Any, example: str = '', **options: Any) -> None:
         """Make a parser with a whole command as an example, with which one may begin."""
@@ -47,7 +47,7 @@ class CommandParser(ArgumentParser):
         return given, stray
 
     def error(self, message: str) -> NoReturn:
-        """Print what was wrong, and exit."""
+        """Print a usage error and exit."""
         missing = MISSING.fullmatch(message)
         if missing is None:
             self.refuse(message.removeprefix('argument '), example=False)
@@ -62,7 +62,7 @@ class CommandParser(ArgumentParser):
         self.refuse(f'{self._about_stray(stray)}, and {about}' if stray else about)
 
     def refuse(self, sentence: str, *, example: bool = True) -> NoReturn:
-        """Print what was wrong, an example of what to type where it helps, and exit."""
+        """Print a usage error, with an example command where it helps, and exit."""
         line = printable(shortened(sentence))
         if example:
             line += f'; a whole command is: {self._example} ({self.prog} --help says all)'
@@ -95,10 +95,10 @@ def likely(word: str, known: Sequence[str]) -> str:
 
 
 class CommandHelp(RawDescriptionHelpFormatter):
-    """The help of the command, whose description lists the verbs in groups."""
+    """Help formatter: the description already lists the verbs in groups."""
 
     def add_argument(self, action: Action) -> None:
-        """Add an option; the verbs stand in the description already."""
+        """Add an option; verbs are already in the description."""
         if action.dest != 'verb':
             super().add_argument(action)
 
@@ -258,7 +258,7 @@ NEGATIVE_WITH_UNIT = re.compile(rf'({NEGATIVE_NUMBER.pattern})([A-Za-z_]+)')
 
 
 def parser(words: Sequence[str], *, ends: bool = False) -> CommandParser:
-    """Build the command line of all verbs, with the options of the one among the words.
+    """Build the command line of all verbs, with the options of the requested one.
 
     ends: the process does, with the help that is asked for.
     """
@@ -293,7 +293,7 @@ def parser(words: Sequence[str], *, ends: bool = False) -> CommandParser:
 
 
 def verbs_in_groups() -> str:
-    """Return the verbs by what one wants, each with its line of help."""
+    """Return the verbs by group, each with its line of help."""
     helps = {verb.name: verb.help for verb in VERBS}
     width = max(map(len, helps)) + 4
     lines = []
@@ -359,7 +359,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def see_to_kernels(given: Namespace) -> None:
-    """Have the kernels compiled where they are not, before or while the verb works."""
+    """Compile missing kernels, before or while the verb works."""
     if given.kernels == 'none' or not jit.is_waiting():
         return
     if given.kernels == 'meanwhile':
@@ -381,7 +381,7 @@ def say(given: Namespace, sentence: str) -> None:
 
 
 def complain(given: Namespace, sentence: str, reason: str) -> int:
-    """Print what was wrong in one line: on stderr, with --json also as JSON; return the code."""
+    """Print an error in one line on stderr, with --json also as JSON; return the exit code."""
     line = ' '.join(printable(shortened(sentence)).split())
     print(f'pneunet {given.verb}: {line}', file=sys.stderr)
     if given.json:
@@ -390,7 +390,7 @@ def complain(given: Namespace, sentence: str, reason: str) -> int:
 
 
 def print_error(sentence: str, reason: str) -> None:
-    """Print what was wrong as one JSON object on stdout."""
+    """Print an error as one JSON object on stdout."""
     from pneunet_ros.files.json_text import json_text
 
     sys.stdout.write(json_text({'error': sentence, 'reason': reason}))

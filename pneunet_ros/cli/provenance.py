@@ -1,4 +1,4 @@
-"""Where what a verb writes comes from: recordings, settings, and versions."""
+"""Provenance of outputs: recordings, settings, and versions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ import scipy
 def provenance_of(
     arguments: Namespace, calibration: Calibration, roles: Mapping[str, Sequence[RecordingData]]
 ) -> dict[str, object]:
-    """Return from what and how the model was made; nothing in it is random, so no seed."""
+    """Return the provenance of a calibrated model; nothing in it is random, so no seed."""
     joint = calibration.joint
     paths = [(role, [Path(run.name) for run in runs]) for role, runs in roles.items()]
     return {
@@ -37,7 +37,7 @@ def provenance_of(
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of what the numbers depend on."""
+    """Return the versions of the software that determines the numbers."""
     return {
         'pneunet_ros': __version__,
         'python': platform.python_version(),

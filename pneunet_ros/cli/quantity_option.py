@@ -44,7 +44,7 @@ _SHOWN = {
 
 
 def parse_quantity(text: str, kind: str) -> float:
-    """Return a number in SI; kind: of SI_PER_UNIT. RequestError says which units are allowed."""
+    """Return a number in SI; kind: a key of SI_PER_UNIT. RequestError lists the allowed units."""
     match = _NUMBER_AND_UNIT.fullmatch(text)
     units = {_joined(name): size for name, size in SI_PER_UNIT[kind].items()}
     value = math.nan

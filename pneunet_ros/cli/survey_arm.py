@@ -65,12 +65,12 @@ class SurveyRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurveyWork:
-    """The work on an arm: an object, so that it can be sent to where it is done."""
+    """The work on one arm, picklable so that it can run elsewhere."""
 
     request: SurveyRequest
 
     def __call__(self, arm: FleetArm) -> Files:
-        """Return the files of an arm as `calibrate` and `diagnose` write them, and what was found.
+        """Return the output files of `calibrate` and `diagnose` for an arm, and a summary.
 
         Raises PneunetError where a recording, the calibration or the diagnosis fails.
         """
@@ -129,7 +129,7 @@ class SurveyWork:
     def calibrate_and_diagnose(
         self, arm: FleetArm, frame: Arm, groups: tuple[Runs, ...], folder: Path, given: Given
     ) -> dict[str, Any]:
-        """Write the files of both into a new folder; return what the survey makes use of."""
+        """Write the files of both into a new folder; return the summary for the survey."""
         unloaded, loaded, held_out = groups
         calibration = calibrate(unloaded, loaded, frame, compare=False)
         if not calibration.joint.converged:

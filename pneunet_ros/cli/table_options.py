@@ -13,7 +13,7 @@ AUTO = 'auto'  # a delay that is to be estimated
 
 
 def add_table_options(parser: ArgumentParser) -> None:
-    """Add the options that say how the columns of a table are read."""
+    """Add the options for reading the columns of a table."""
     group = parser.add_argument_group('columns of the table')
     for option, form, meaning in (
         ('--select', 'COLUMN=VALUE', 'read only the rows that hold this text in this column'),
@@ -49,7 +49,7 @@ def table_request(arguments: Namespace, rate: float | None = None) -> ImportRequ
 
 
 def missing_of(words: Sequence[str]) -> tuple[float, ...] | None:
-    """Return the numbers that stand for "no reading"; None where nothing was said."""
+    """Return the numbers that stand for "no reading"; None if the option is absent."""
     if not words:
         return None
     if list(words) == ['none']:

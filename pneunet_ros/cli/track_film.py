@@ -1,4 +1,4 @@
-"""`pneunet track FILM --readings TABLE`: what is asked for, and frames and readings made one."""
+"""`pneunet track FILM --readings TABLE`: options, and joining frames with readings."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ LARGEST_DELAY = 1e8  # s, three years: stamps have 64 bits
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilmReadings:
-    """The table beside a film; delay (s), None where it is to be estimated; string: at the tip."""
+    """The table for a film; delay (s), None: to be estimated; string: at the tip."""
 
     path: Path
     table: ReadingTable
@@ -85,7 +85,7 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
 def reading_doubts(
     table: ReadingTable, arguments: Namespace, arm: Arm
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Describe what the pressures of the table almost surely are, and what they may be.
+    """Describe a wrong or doubtful unit of the pressures in the table.
 
     Empty where they fit. Without --model they are compared with those of any soft actuator.
     """

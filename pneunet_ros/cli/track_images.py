@@ -160,7 +160,7 @@ def output_writer(arguments: Namespace) -> AbstractContextManager[RecordingWrite
 
 
 def check_request(arguments: Namespace, settings: CameraSettings) -> None:
-    """Refuse, before any work is done, what cannot go together."""
+    """Reject conflicting options before any work is done."""
     if arguments.preview is not None and arguments.preview.suffix.lower() not in PREVIEWS:
         raise RequestError(
             f'--preview {arguments.preview} must end in .png or .html', reason='wrong_suffix'
@@ -191,7 +191,7 @@ def check_request(arguments: Namespace, settings: CameraSettings) -> None:
 
 
 def inputs(arguments: Namespace) -> list[Path]:
-    """List what is read, which no output may replace."""
+    """List the input files, which no output may replace."""
     given = (arguments.model, arguments.camera, arguments.estimates, arguments.readings)
     files = [arguments.source, *given]
     if arguments.camera_info not in (None, NO_LENS):
@@ -200,7 +200,7 @@ def inputs(arguments: Namespace) -> list[Path]:
 
 
 def table_writer(arguments: Namespace, stack: ExitStack) -> list[Callable[[Tracking], None]]:
-    """Open the table that was asked for: what takes a frame, or nothing."""
+    """Open the requested table; return the consumers of frames."""
     if arguments.table is None:
         return []
     table = stack.enter_context(
@@ -216,7 +216,7 @@ def preview_followers(
     arm: Arm,
     film: Mapping[str, Any],
 ) -> list[Follower]:
-    """Open the preview that was asked for: what sees every step, or nothing.
+    """Open the requested preview; return the consumers of steps.
 
     film: the numbers of the delay, which are known when all steps were seen.
     """

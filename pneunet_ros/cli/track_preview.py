@@ -60,7 +60,7 @@ def open_preview(
 
 
 def typed(arguments: Namespace, *names: str) -> list[str]:
-    """Return the options of these names that were given, as they are typed."""
+    """Return the given options of these names as command-line words."""
     words: list[str] = []
     for name in names:
         given = getattr(arguments, name)
@@ -71,7 +71,7 @@ def typed(arguments: Namespace, *names: str) -> list[str]:
 
 
 def recorded_estimates(arguments: Namespace, stream: ImageStream) -> Centerlines | None:
-    """Return the shapes of the recording of estimates, or those beside the images, if any."""
+    """Return the estimated shapes of `--estimates`, else those recorded with the images."""
     recording = stream.recording
     if arguments.estimates is not None:
         recording = open_recording(arguments.estimates)

@@ -104,5 +104,5 @@ def show(summary: dict[str, Any]) -> None:
 
 
 def share(part: int, total: int) -> str:
-    """Tell a number and what share of a total it is."""
+    """Return a number with its percentage of a total."""
     return f'{part} of {total} ({100.0 * part / total:.1f} %)' if total else '0'

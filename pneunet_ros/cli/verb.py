@@ -63,7 +63,7 @@ def output_console() -> Console:
 
 
 class PlainConsole(Console):
-    """A console that shows every text as it is: names in files are no markup and no commands."""
+    """A console that prints text literally: no markup, no control characters."""
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Return a text that a terminal may show; all texts of lines, cells and titles pass."""
@@ -94,7 +94,7 @@ def progress_of(bar: Progress, what: str) -> OnProgress:
 
 @contextmanager
 def reading_bar(shown: bool) -> Iterator[None]:
-    """Show how far files are read and written inside, where a person waits for it."""
+    """Show the progress of reading and writing files, on a terminal."""
     with progress_bar(shown) as bar:
         stages: dict[str, TaskID] = {}
 
@@ -108,7 +108,7 @@ def reading_bar(shown: bool) -> Iterator[None]:
 
 
 def print_json(content: dict[str, Any]) -> None:
-    """Print one JSON object, numbers to the last digit; what is no number is null."""
+    """Print one JSON object with full precision; non-finite numbers become null."""
     sys.stdout.write(json_text(content))
 
 
@@ -155,7 +155,7 @@ def gravity_option(text: str) -> Gravity:
 
 
 def with_gravity(arm: Arm, arguments: Namespace) -> Arm:
-    """Return an arm with gravity as the options say, where they do."""
+    """Return an arm with the gravity of `--gravity`, if given."""
     gravity: Gravity | None = getattr(arguments, 'gravity', None)
     return arm if gravity is None else dataclasses.replace(arm, gravity=gravity)
 
@@ -200,7 +200,7 @@ def model_of(arguments: Namespace) -> Arm:
 
 
 def still_model_of(arguments: Namespace) -> Arm:
-    """Return the model that was asked for, of whose base nothing is read.
+    """Return the requested model, without readings of its base.
 
     RequestError where only a reading says where gravity points.
     """
@@ -222,7 +222,7 @@ def add_overwrite(parser: ArgumentParser) -> None:
 
 
 def add_settings(parser: ArgumentParser, names: Collection[str] | None = None) -> None:
-    """Add the settings of the estimator, or those of these names, as options."""
+    """Add the settings of the estimator, or the named ones, as options."""
     group = parser.add_argument_group('sensors and stack (as the parameters of the node)')
     for item in dataclasses.fields(EstimatorSettings):
         if names is not None and item.name not in names:
@@ -251,7 +251,7 @@ def settings_of(arguments: Namespace) -> EstimatorSettings:
 
 
 def add_topics(parser: ArgumentParser, example: str = 'pressure=/my/pressure') -> None:
-    """Topics of other names than usual."""
+    """Add the option for nonstandard topic names."""
     parser.add_argument(
         '--topic',
         action='append',

@@ -1,4 +1,4 @@
-"""The order in which messages are taken: one rule for a node and for a recording.
+"""Processing order of messages, the same for a node and for a recording.
 
 Messages are taken as they arrived, of a recording by log time. Those that arrived at one instant
 are taken in the order of ties: what an estimate uses before the pressure, which makes it.
@@ -26,7 +26,7 @@ EARLIEST = 0.75  # of the last interval of a topic: its next message is not expe
 
 
 class Arrival(NamedTuple, Generic[Item]):
-    """A message that has arrived; tie, number: its place among those of one instant."""
+    """A message that has arrived; tie, number: its rank among messages of the same instant."""
 
     at_ns: int
     tie: int
@@ -37,7 +37,7 @@ class Arrival(NamedTuple, Generic[Item]):
 
 @dataclass(slots=True)
 class Companion:
-    """Knowledge about a topic whose messages may carry the stamps of pressures.
+    """A topic whose messages may carry the stamps of pressures.
 
     missed: number of successive pressures without its message; after two, pressures no longer
     wait until a message has the stamp of a pressure again.
@@ -65,7 +65,7 @@ class Companion:
 
 @dataclass(slots=True)
 class ArrivalOrder(Generic[Item]):
-    """Puts messages in order: `add` what has arrived, then `take` those whose turn it is.
+    """Orders messages: `add` arrivals, then `take` the ones that are due.
 
     topics: their names in the order of ties; pressure: the one of them that makes estimates, from
     those before it. Without it messages are taken as they arrived.
@@ -84,13 +84,13 @@ class ArrivalOrder(Generic[Item]):
         self._companions = {tie: Companion() for tie in range(end)}
 
     def add(self, topic: str, at_ns: int, stamp_ns: int, item: Item) -> None:
-        """Add a message that arrived at `at_ns`; stamp_ns: of its header, 0 where it has none."""
+        """Add a message that arrived at `at_ns`; stamp_ns: of its header, 0 if it has none."""
         arrival = Arrival(at_ns, self.topics.index(topic), self._count, stamp_ns, item)
         self._count += 1
         insort(self._waiting, arrival, key=lambda one: one[:3])
 
     def take(self, until_ns: float) -> Iterator[Item]:
-        """Yield, in order, what is its turn; all that arrived up to `until_ns` was added."""
+        """Yield the due messages in order; all arrivals up to `until_ns` have been added."""
         while self._waiting and self._waiting[0].at_ns <= until_ns:
             place = self._next(until_ns)
             if place is None:

@@ -1,4 +1,4 @@
-"""The errors of this package; every one names what was wrong and what is allowed.
+"""The errors of this package; each names the fault and the allowed values.
 
 ::
 
@@ -19,7 +19,7 @@ LONGEST_SENTENCE = 2_000  # characters; what a file says may be quoted, and be m
 
 
 class PneunetError(Exception):
-    """Base of all errors of this package; its text is one sentence for a person.
+    """Base of all errors of this package; its text is one sentence for the user.
 
     `reason` is the key by which programs and tests know what was wrong, as that of a `Refusal`
     (meanings: `reasons.REASONS`); empty where it has none. A sentence that is too long to read
@@ -27,7 +27,7 @@ class PneunetError(Exception):
     """
 
     def __init__(self, sentence: object = '', *, reason: str = '') -> None:
-        """Take the sentence, or the error whose text is one; that error's reason is kept."""
+        """Take the sentence, or another error with its text and reason."""
         super().__init__(shortened(str(sentence)))
         self.reason = reason or getattr(sentence, 'reason', '')
 
@@ -38,7 +38,7 @@ def why_unread(error: Exception) -> str:
 
 
 def shortened(sentence: str, longest: int = LONGEST_SENTENCE) -> str:
-    """Return a text of bounded length: where it is longer, without its middle."""
+    """Return a text of bounded length, with its middle cut out if it is too long."""
     if len(sentence) <= longest:
         return sentence
     end = longest // 3
@@ -54,7 +54,7 @@ class ModelError(PneunetError):
 
 
 class CameraError(PneunetError):
-    """A camera file or what it says of camera and targets is wrong."""
+    """A camera file, or its description of camera and targets, is wrong."""
 
 
 class MessageError(PneunetError):

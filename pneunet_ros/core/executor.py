@@ -21,7 +21,7 @@ def open_executor(
     scheduler: str | None = None,
     prepare: Callable[[], Any] | None = None,
 ) -> Iterator[Executor]:
-    """Give an executor: so many processes (None: one per core), or those of a Dask scheduler.
+    """Open an executor: this many processes (None: one per core), or a Dask scheduler.
 
     prepare: a picklable function that every one of them calls first.
 
@@ -52,7 +52,7 @@ def open_executor(
 
 @contextmanager
 def cluster(address: str, prepare: Callable[[], Any] | None = None) -> Iterator[Executor]:
-    """Give the executor of the Dask cluster whose scheduler is at this address."""
+    """Connect to the Dask cluster with its scheduler at this address."""
     try:
         from distributed import Client
     except ImportError as error:

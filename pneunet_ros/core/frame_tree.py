@@ -52,7 +52,7 @@ class FrameTree:
         return one_after_another(up, turned_back(down)), min(moving, default=None)
 
     def _upwards(self, frame: str) -> list[FrameReading]:
-        """Return the readings from a frame up to the root; a circle ends where it closes."""
+        """Return the transforms from a frame to the root; stops at a cycle."""
         found: list[FrameReading] = []
         seen = {frame}
         while (reading := self.frames.get(frame)) is not None and reading.parent not in seen:

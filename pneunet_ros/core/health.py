@@ -40,7 +40,7 @@ class InputHealth:
     """
 
     def __init__(self, source: str, now: float) -> None:
-        """Begin; source: of what the input is, as in 'pressure on /pneunet/pressure'."""
+        """Initialize; source: of the input, as in 'pressure on /pneunet/pressure'."""
         self.source = source
         self._begun = self._reported = now
         self._input_at: float | None = None
@@ -50,7 +50,7 @@ class InputHealth:
         self._results = 0
 
     def take(self, outcome: object, now: float) -> None:
-        """Note a result of the input, or why there is none."""
+        """Record a result of the input, or its refusal."""
         if isinstance(outcome, Refusal):
             self.note_refusal(outcome)
             if not outcome.error:
@@ -86,7 +86,7 @@ class InputHealth:
         return self._results / seconds if seconds > 0.0 else 0.0
 
     def problems(self) -> tuple[list[str], list[str]]:
-        """Return sentences on errors, and on what was merely dropped, since the last report."""
+        """Describe errors and dropped messages since the last report."""
         problems = self._problems
         if self._stopped is not None:
             problems = {self._stopped.reason: self._stopped, **problems}
@@ -94,7 +94,7 @@ class InputHealth:
         return errors, [problem.sentence for problem in problems.values() if not problem.error]
 
     def latency(self, percent: float) -> float | None:
-        """Return a percentile of the last latencies (s); None where nothing was published."""
+        """Return a percentile of recent latencies (s); None if nothing was published."""
         return float(np.percentile(self._latencies, percent)) if self._latencies else None
 
     def begin_next(self, now: float) -> None:
@@ -108,7 +108,7 @@ def age(at: float | None, now: float) -> float | None:
 
 
 def texts(values: Mapping[str, Any]) -> dict[str, str]:
-    """Return values as texts, empty if there is none."""
+    """Return values as text; empty for None."""
     return {
         name: '' if value is None else f'{value:.4g}' if isinstance(value, float) else str(value)
         for name, value in values.items()

@@ -1,4 +1,4 @@
-"""A camera image as it came: bytes with a layout, and how bright a pixel of it is.
+"""A camera image as received: raw bytes with a layout, and its brightness.
 
 Every reading's message is known beside this one, so OpenCV is imported where a pixel is touched.
 """
@@ -56,7 +56,7 @@ def _converted(name: str) -> Callable[[Levels], Levels]:
 
 
 def _layouts() -> dict[str, Layout]:
-    """List the encodings of sensor_msgs that hold a picture, and nv12."""
+    """List the image encodings of sensor_msgs, and nv12."""
     grey, colors = _channel(0), ('RGB', 'BGR', 'RGBA', 'BGRA')
     table: dict[str, Layout] = {}
     for bits, deep in ((8, False), (16, True)):
@@ -92,7 +92,7 @@ def lab_color(color: tuple[float, float, float]) -> tuple[tuple[float, ...], flo
 
 
 def eight_bits(levels: Levels) -> Bytes:
-    """Return levels of 16 bits as 8, by as many bits as the brightest pixel needs.
+    """Reduce 16-bit levels to 8 bits by the number of bits in use.
 
     A camera of 10, 12 or 14 bits fills the lower bits and does not say how many: the range is
     the smallest even number of bits that holds the picture.
@@ -105,7 +105,7 @@ def eight_bits(levels: Levels) -> Bytes:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Image:
-    """A camera image: `height` rows of `step` bytes each, in which `width` pixels stand.
+    """A camera image: `height` rows of `step` bytes each, with `width` pixels.
 
     `data` (bytes,) is read-only; `encoding` is a key of ENCODINGS; big_endian: of values with two
     bytes, the first one is the larger. Pixel (u, v) = (0, 0) is the center of the first pixel, u

@@ -10,7 +10,7 @@ import threading
 
 @contextmanager
 def interrupted_afterwards() -> Iterator[None]:
-    """Hold an interrupt (SIGINT) back until what is done inside is done.
+    """Defer an interrupt (SIGINT) until the block has finished.
 
     Only the main thread is ever interrupted; in others nothing has to be held back.
     """

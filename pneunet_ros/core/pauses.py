@@ -22,7 +22,7 @@ IN_PAUSES = InPauses()
 
 
 def pause() -> None:
-    """Let what is more urgent go first."""
+    """Let more urgent work go first."""
     for work in IN_PAUSES.work:
         work()
 

@@ -1,4 +1,4 @@
-"""Text from elsewhere as a terminal may show it: nothing in it can move the cursor or color."""
+"""Untrusted text made safe for a terminal: no control characters."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ STEP = 1000  # messages or rows from one word to the next
 
 @contextmanager
 def heard(on_progress: OnProgress) -> Iterator[None]:
-    """Let what is read and written inside say how far it is, as long as this goes on."""
+    """Report the progress of reading and writing inside this context."""
     token = _READING.set(on_progress)
     try:
         yield
@@ -34,5 +34,5 @@ def heard(on_progress: OnProgress) -> Iterator[None]:
 
 
 def say_how_far(stage: str, done: int, total: int) -> None:
-    """Describe how far a file is read or written, to whoever hears it."""
+    """Report the progress of reading or writing a file."""
     _READING.get()(stage, done, total)

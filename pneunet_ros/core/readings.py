@@ -41,7 +41,7 @@ class WrenchReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipPoseReading:
-    """Where the tip is (m) and where it points (rad), in the frame `frame_id`; NaN: unknown."""
+    """Position (m) and heading (rad) of the tip in the frame `frame_id`; NaN: unknown."""
 
     stamp_ns: int
     x: float
@@ -112,7 +112,7 @@ class TargetSightings:
 
 
 def unseen_targets(stamp_ns: int, count: int) -> TargetSightings:
-    """Return the sightings of a frame in which none of so many targets is seen."""
+    """Return the sightings of a frame in which none of this many targets is seen."""
     nothing = freeze(np.full(count, np.nan))
     values = dict.fromkeys(('x', 'y', 'std', 'u', 'v', 'area', 'major', 'minor', 'angle'), nothing)
     return TargetSightings(stamp_ns=stamp_ns, **values)

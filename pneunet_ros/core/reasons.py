@@ -1,4 +1,4 @@
-"""What a `reason` means: of an error (`--json` prints it), a note, or what a node refused.
+"""Meaning of every `reason`: of an error (`--json` prints it), a note, or a refused message.
 
 One cause has one word. Sentences may be rewritten, reasons may not; a test keeps this list whole.
 """

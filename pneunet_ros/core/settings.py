@@ -1,4 +1,4 @@
-"""Settings: numbers that decide, each with its meaning, its source and what is allowed.
+"""Settings: tuning constants, each with its meaning, source and bounds.
 
 One frozen dataclass per algorithm holds its numbers as fields made by `tuning`; a result says by
 `settings_used` which were used, and by `settings_changed` which of them were not the default.
@@ -29,7 +29,7 @@ def setting(
 
 
 def tuning(default: Any, meaning: str, *, unit: str = '-', source: str = 'invented') -> Any:
-    """Declare a number by which an algorithm decides.
+    """Declare a tuning constant of an algorithm.
 
     unit: SI unit, '-' for none, or what it is a share or a multiple of. source: where the number
     comes from: 'measured', 'literature: ...', 'convention', or 'invented' where somebody chose it;
@@ -40,7 +40,7 @@ def tuning(default: Any, meaning: str, *, unit: str = '-', source: str = 'invent
 
 
 def numbers_type(settings: type, name: str) -> Any:
-    """Return a named tuple type with the fields of settings, as kernels take them.
+    """Return a named tuple type with the fields of settings, for kernels.
 
     name: that under which its module keeps it, where cached kernels look for it.
     """
@@ -49,7 +49,7 @@ def numbers_type(settings: type, name: str) -> Any:
 
 
 def settings_used(*owners: Any) -> dict[str, Any]:
-    """Return every number by which these settings decide, by `Class.field`.
+    """Return every tuning constant of these settings, by `Class.field`.
 
     Settings inside settings are opened: theirs is the class that declares the number. A field that
     declares nothing is no setting.

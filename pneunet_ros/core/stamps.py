@@ -39,7 +39,7 @@ def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StampGate:
-    """The stamps of messages of one kind so far, by which the next one is checked.
+    """The last stamps of one topic, to check the next one.
 
     last_ns: of the last one; before_ns: of the one before it, if more than a second lies between:
     then the next one says whether time has gone on from there or that stamp was wrong.
@@ -76,7 +76,7 @@ Stamps = npt.NDArray[np.int64]
 def match_stamps(
     wanted_ns: Stamps, stamp_ns: Stamps, reach_ns: float
 ) -> tuple[Stamps, npt.NDArray[np.bool_]]:
-    """Return which of increasing stamps, at least one, is nearest to each one wanted; and if near.
+    """Return the nearest of increasing stamps (at least one) to each one wanted, and if near.
 
     Of two as near it is the earlier one; near is what lies within reach_ns, half a period.
     """

@@ -12,7 +12,7 @@ THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 
 
 def use_one_thread() -> None:
-    """Let numpy and scipy use one thread, unless the environment says otherwise.
+    """Restrict numpy and scipy to one thread, unless the environment sets a number.
 
     Only before they are imported.
     """

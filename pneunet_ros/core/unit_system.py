@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unit:
-    """A unit: its name, and how much of the SI unit it is."""
+    """A unit: its name and its size in SI."""
 
     name: str
     size: float
@@ -20,7 +20,7 @@ class Unit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnitSystem:
-    """Units of what a rod is described by; time, pressure and angles are SI in every system."""
+    """Units of the quantities of a rod; time, pressure and angles are always in SI."""
 
     name: str
     length: Unit

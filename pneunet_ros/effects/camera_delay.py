@@ -1,4 +1,4 @@
-"""A camera whose clock is ahead of that of the sensors."""
+"""A camera whose clock is ahead of the sensor clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The arm goes on bending for a while after the pressure has come to rest."""
+"""Creep: the arm keeps bending after the pressure has settled."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class Creep(Effect):
 
 
 def row_below(rows: tuple[float, ...], pressure: float) -> int:
-    """Row of the table that begins the piece in which a pressure lies; the outer ones go on."""
+    """Row of the table at the start of the interval of a pressure; the ends extrapolate."""
     return min(max(bisect_right(rows, pressure) - 1, 0), len(rows) - 2)
 
 

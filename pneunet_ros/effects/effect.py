@@ -203,12 +203,12 @@ class Terms:
                 clamp[:, column] += term
 
     def mix_rows(self, values: Array, mixture: Array) -> Array:
-        """Replace row_share of values at pressures (n, ...) by those of the mixture of rows."""
+        """Replace row_share of values at pressures (n, ...) by the mixture of rows."""
         return (1.0 - self.row_share) * values + self.row_share * mixture
 
 
 def across(term: float | Array) -> float | Array:
-    """Return a term per pressure as a column, to stand beside the sections of a rod."""
+    """Return a term per pressure as a column that broadcasts over the sections of a rod."""
     return term[:, None] if isinstance(term, np.ndarray) else term
 
 
@@ -265,7 +265,7 @@ class Effect(abc.ABC):
         return NO_TERMS
 
     def terms(self, pressure: Array) -> Terms:
-        """Return what the effect adds to the rod at these chamber pressures (n,) Pa."""
+        """Return the contribution of the effect to the rod at these chamber pressures (n,) Pa."""
         return NO_TERMS
 
     def load_terms(self, loads: Loads) -> Terms:

@@ -11,7 +11,7 @@ from pneunet_ros.effects.effect import Effect, History, Place, PressureScale
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hysteresis(Effect):
-    """Play operator: the chamber stays where it is until the pressure is half a width away.
+    """Play operator: the chamber holds until the pressure is half a width away.
 
     Exact for readings joined by straight lines. History: the pressure before the play and the
     pressure in the chamber (Pa). Starts in the middle of the play.

@@ -1,4 +1,4 @@
-"""A lens whose distortion the camera's calibration has left out, in whole or in part."""
+"""Residual lens distortion that the camera calibration missed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The end force acts beside the centerline."""
+"""The end force acts at an offset from the centerline."""
 
 from __future__ import annotations
 

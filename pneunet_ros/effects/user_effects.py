@@ -104,14 +104,14 @@ def module_of(file: Path) -> ModuleType:
 
 
 def reason(error: Exception | SystemExit) -> str:
-    """Describe what an error of foreign code was."""
+    """Describe an error of foreign code."""
     line = getattr(error, 'lineno', None)
     where = f' (line {line})' if line else ''
     return f'{type(error).__name__}: {error}{where}'
 
 
 def add_to_table(found: Iterable[tuple[Any, str]]) -> tuple[type[Effect], ...]:
-    """Add effects, each with the words for where it is from, to the table of effects."""
+    """Add effects to the table of effects, each with its origin for messages."""
     added: dict[str, type[Effect]] = {}
     for effect, origin in found:
         wrong = breach(effect)
@@ -132,7 +132,7 @@ def add_to_table(found: Iterable[tuple[Any, str]]) -> tuple[type[Effect], ...]:
 
 
 def breach(effect: Any) -> str:
-    """Describe how a class breaks the contract of effects; empty where it does not.
+    """Describe how a class violates the contract of effects; empty if it complies.
 
     What only numbers tell, such as whether its neutral value does nothing, the property suite says
     (`test/effects/test_effects.py`).

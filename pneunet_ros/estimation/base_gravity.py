@@ -49,7 +49,7 @@ class BaseGravity:
     trouble: Refusal | None = None
 
     def fresh(self) -> BaseGravity:
-        """Forget all but frames that never move, which are said once."""
+        """Forget everything but static frames, which are sent once."""
         return BaseGravity(frames=self.frames.only_fixed())
 
 
@@ -94,7 +94,7 @@ class GravitySource:
     def take_frames(
         self, known: BaseGravity, readings: tuple[FrameReading, ...]
     ) -> tuple[BaseGravity, Refusal | None]:
-        """Take frames; those that are not turned at all are left out."""
+        """Take frames; invalid rotations are left out."""
         good = [one for one in readings if is_rotation(one.quaternion)]
         if not self.frame and not any(one.fixed for one in good):
             good = []  # what moves tells nothing of an accelerometer on the base
@@ -159,7 +159,7 @@ class GravitySource:
         return None if found is None else found[0]
 
     def at(self, known: BaseGravity, stamp_ns: int) -> tuple[Direction | None, Refusal | None]:
-        """Return gravity at a stamp, in g; None: that of the model file; or why it is unknown."""
+        """Return gravity at a stamp, in g; None: as in the model file; or why it is unknown."""
         if self.frame:
             return self.by_frame(known, stamp_ns)
         if not self.uses_imu:
@@ -185,7 +185,7 @@ class GravitySource:
     def by_frame(
         self, known: BaseGravity, stamp_ns: int
     ) -> tuple[Direction | None, Refusal | None]:
-        """Return gravity by a frame whose z points up, in g, or why there is no estimate."""
+        """Return gravity from a frame whose z points up, in g, or why there is no estimate."""
         base = self.settings.frame_id
         found = known.frames.between(self.frame, base)
         if found is None:

@@ -1,4 +1,4 @@
-"""The delay between the clock of a film and that of a table of readings, by what drove the motion.
+"""The delay between the clocks of a film and of a table of readings, from the motion.
 
 A frame stamped t shows the arm of t - delay. At the right delay the places of the targets are a
 smooth function of pressure and load; at a wrong one the same pressure is seen with many shapes.
@@ -244,7 +244,7 @@ def estimate_delay(
 def _too_little(
     scores: Array, period: float, reading_time: Array, inputs: Array, settings: ClockDelaySettings
 ) -> Note | None:
-    """Explain why there is nothing to find a delay in; None where there is."""
+    """Explain why the data are too few to estimate a delay; None if they suffice."""
     frames, fewest = len(scores), settings.fewest_frames
     if frames < fewest:
         return Note(
@@ -271,7 +271,7 @@ def _cannot_tell(
     rate: float,
     settings: ClockDelaySettings,
 ) -> Note | None:
-    """Explain why a delay that was found is none; None where it is one."""
+    """Explain why an estimated delay is unreliable; None if it is reliable."""
     if clock.explained < settings.explained:
         return Note(
             f'at no delay do pressure and load explain more than {100.0 * clock.explained:.3g} % '
@@ -429,7 +429,7 @@ class DelayFit:
         return float(result.x) if math.isfinite(result.fun) else delay
 
     def repeated(self, delay: float) -> Indices:
-        """Return the frames in which the arm stands still while what drives it goes on.
+        """Return the frames in which the arm stands still although its inputs change.
 
         The arm is where it was a frame before, to within what is left elsewhere, and by more than
         that not where pressure and load put it: the picture is the one before, or it was taken
@@ -529,7 +529,7 @@ def regressors(inputs: Array, step: float, plays: Plays, settings: ClockDelaySet
 
 
 def unit_range(values: Array) -> Array:
-    """Return values between -1 and 1; zeros where they do not change."""
+    """Scale values to -1 to 1; zeros if they are constant."""
     low, span = float(values.min()), float(np.ptp(values))
     return np.asarray(2.0 * (values - low) / span - 1.0) if span > 0.0 else np.zeros(values.size)
 

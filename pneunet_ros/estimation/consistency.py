@@ -44,7 +44,7 @@ PERIODS = 32  # last ones, of which the median is taken
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConsistencySettings:
-    """The numbers by which measured targets are compared with estimates."""
+    """Tuning constants of the comparison of measured targets with estimates."""
 
     reach: float = tuning(
         0.75,
@@ -98,7 +98,7 @@ class Disagreement:
     force_read: bool
 
     def exceeds(self, other: Disagreement) -> bool:
-        """Whether it is worse than another: first whether it is beyond noise, then how much."""
+        """Whether it is worse than another: beyond noise first, then by size."""
         return (self.beyond, self.rms / self.limit) > (other.beyond, other.rms / other.limit)
 
     @property
@@ -131,7 +131,7 @@ class FrameInnovation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """Whether a model holds on a recording: measured targets beside predicted ones, in noise.
+    """Whether a model fits a recording: measured against predicted targets, in noise units.
 
     median: of the whitened rms of a frame, 1 where it is all noise; limit: what noise rarely
     exceeds; beyond: share of frames beyond that, and most: the share up to which the model holds.
@@ -237,7 +237,7 @@ class ConsistencyState:
         return ConsistencyState(matched=self.matched, unmatched=self.unmatched)
 
     def without_frames_after(self, stamp_ns: int) -> ConsistencyState:
-        """Forget the frame whose stamp was ahead of its time, if it still waits."""
+        """Drop a waiting frame whose stamp was in the future."""
         waiting = tuple(one for one in self.waiting if one.stamp_ns <= stamp_ns)
         return replace(self, waiting=waiting).count_unmatched(AHEAD)
 
@@ -246,7 +246,7 @@ class ConsistencyState:
         return replace(self, unmatched=count_reason(self.unmatched, reason))
 
     def disagreement(self, settings: ConsistencySettings = DEFAULTS) -> Disagreement | None:
-        """Return how far measured and estimated targets have been apart; None: too few frames.
+        """Return the recent distance of measured and estimated targets; None: too few frames.
 
         Errors of registration, placement and model are the same in many frames and do not average
         out, so the limit of the mean is that of a single frame.

@@ -76,7 +76,7 @@ def estimate_of(
     motion: MotionEstimate | None = None,
     gravity: tuple[float, float] | None = None,
 ) -> ShapeEstimate:
-    """Return a solved shape with its propagated errors; notes: what is to be said beside it."""
+    """Return a solved shape with its propagated errors; notes: to be attached to it."""
     warnings = [*notes, *position.notes]
     if shape.stable is False:
         warnings.append('the equilibrium is unstable under dead load')

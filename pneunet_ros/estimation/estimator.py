@@ -222,7 +222,7 @@ class Estimator:
     def wrench_at(
         self, state: EstimatorState, stamp_ns: int
     ) -> tuple[WrenchReading, float | None, Refusal | None]:
-        """Return the end wrench to use at a stamp, its age (s), or why there is none to use."""
+        """Return the end wrench to use at a stamp and its age (s), or why there is none."""
         if state.wrench is None or not self.settings.wrench_required:
             unloaded = WrenchReading(
                 stamp_ns=stamp_ns,

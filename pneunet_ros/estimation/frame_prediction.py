@@ -110,7 +110,7 @@ def in_motion(
     shares: Sequence[float],
     nearest: ShapeEstimate,
 ) -> PredictedTargets:
-    """Return predicted targets of an arm that moves, from those of its equilibrium.
+    """Return the predicted targets of a moving arm, given those of its equilibrium.
 
     pair, shares: the estimates around the frame, and how near it is to each; nearest: whose
     motion has the errors.

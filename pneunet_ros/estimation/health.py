@@ -169,5 +169,5 @@ class EstimatorHealth(InputHealth):
 
 
 def force_judged(force_read: bool) -> str:
-    """State whether a comparison with targets can tell a wrong force."""
+    """State whether a comparison with targets can reveal a wrong force."""
     return 'yes' if force_read else f'no: {FORCE_NOT_JUDGED}'

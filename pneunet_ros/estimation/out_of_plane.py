@@ -1,4 +1,4 @@
-"""The part of an end wrench that a planar model knows nothing of."""
+"""The out-of-plane part of an end wrench, which a planar model ignores."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors that persist over a recording: one test of a model on all of its frames together.
+"""Persistent errors over a recording: one joint test of a model on all frames.
 
 What is wrong by the same in all frames hides in the noise of each. Here the errors that a model
 admits are unknowns that the frames share: the columns of its covariance, the places where targets
@@ -96,7 +96,7 @@ PERSISTENCE = PersistenceSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameEvidence:
-    """A frame beside its prediction, as `persistent_errors` takes it.
+    """A frame and its prediction, as `persistent_errors` uses them.
 
     residual (2, targets) m: measured minus predicted, NaN where not seen; std (targets,) m of the
     white noise, NaN: that of the model; tip_errors (sources, 2) m: what one sigma of each error
@@ -167,12 +167,12 @@ class PersistentErrors:
 
     @property
     def noise_left(self) -> bool:
-        """Whether what the shared unknowns leave may be noise."""
+        """Whether the remaining residual is consistent with noise."""
         return self.left <= self.left_limit
 
     @property
     def holds(self) -> bool:
-        """Whether all frames together speak for the model."""
+        """Whether the model is consistent with all frames jointly."""
         return self.within_prior and self.noise_left
 
     @property
@@ -284,7 +284,7 @@ class LinearProblem:
 def linear_problem(
     kept: Sequence[FrameEvidence], arm: Arm, settings: PersistenceSettings = PERSISTENCE
 ) -> LinearProblem:
-    """Return frames, whitened by the errors that are their own."""
+    """Return the frames whitened by their independent errors."""
     noise, count, targets = arm.sensors, len(kept), arm.target_arclength.size
     size = 2 * targets
     residual = np.array([frame.residual for frame in kept])
@@ -379,7 +379,7 @@ def chance_of(moved: float, unknowns: int) -> float:
 
 
 def tip_off(frame: FrameEvidence, step: Array, covariance: Array) -> tuple[float, float]:
-    """Return the square (m^2) of how far a step of the model's columns takes the tip of a frame.
+    """Return the squared tip displacement (m^2) in a frame by a step of the model columns.
 
     And the probability that the true tip is outside of its stated 95 % ellipse then, with the
     errors of its readings. covariance (columns, columns): how well the step is known. A sum of

@@ -1,4 +1,4 @@
-"""Whether the pressure readings so far are what the settings say, for estimator and fusion."""
+"""Check of the declared pressure unit and reference while readings arrive."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class PressureWatch:
         settings: EstimatorSettings,
         watch: WatchSettings = WATCH,
     ) -> PressureWatch:
-        """Take one more reading, and judge all so far where it is time."""
+        """Take one more reading, and judge all readings when due."""
         record = self.record.after(reading.stamp_ns, reading.pressure)
         known = self.verdict is None or self.verdict.declared == settings.pressure
         last = self.judged_ns if known else None
@@ -93,7 +93,7 @@ class PressureWatch:
         )
 
     def hint(self, reading: PressureReading, arm: Arm, settings: EstimatorSettings) -> str:
-        """Describe what a reading that no arm can have may mean instead; empty if nothing fits.
+        """Suggest the likely meaning of an impossible reading; empty if none fits.
 
         All readings so far are judged, and where these do not fit this one alone.
         """

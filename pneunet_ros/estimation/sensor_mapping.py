@@ -10,7 +10,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 
 
 def base_wrench(settings: EstimatorSettings, reading: WrenchReading) -> WrenchReading:
-    """Return the end load in the base frame behind what a sensor reports.
+    """Return the end load in the base frame from a sensor reading.
 
     Of what is out of the plane, what was not measured is taken to be zero.
     """

@@ -1,4 +1,4 @@
-"""The settings of an estimator: what it must know of sensors and stack around it."""
+"""The settings of an estimator: sensors, units, frames and timeouts."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ pressure_convention = lru_cache(maxsize=64, typed=True)(PressureConvention)
 
 
 def turn_of(text: str) -> Quaternion | None:
-    """Return the quaternion of a turn that is written as text; None where nothing is.
+    """Return the quaternion of a rotation given as text; None for an empty text.
 
     Raises RequestError for anything but three angles (rad) or a unit quaternion.
     """

@@ -39,7 +39,7 @@ class Centerlines:
     points: Array
 
     def __post_init__(self) -> None:
-        """Check that the arrays fit together."""
+        """Check that the shapes of the arrays agree."""
         frames, places = len(self.stamp_ns), len(self.arclength)
         if frames < 1 or places < 2 or not np.all(np.diff(self.arclength) > 0.0):
             raise RecordingError(
@@ -224,7 +224,7 @@ def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None
 
 
 def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
-    """Explain why two sides are not of one arm, or not of one run; nothing where they may be."""
+    """Explain why two sides are of different arms or runs; empty if they may be the same."""
     said = []
     ends = [
         float(item.centerlines.arclength[-1])
@@ -290,7 +290,7 @@ def _other_pressures(
 
 
 def contents(series: ShapeSeries) -> str:
-    """Describe what a source knows."""
+    """List the contents of a source."""
     known = [item.topic for item in (series.tips, series.centerlines) if item is not None]
     return ' and '.join(known) or 'nothing'
 
@@ -393,7 +393,7 @@ def compare_last_points(shape: CenterlineErrors | None) -> TipErrors | None:
 
 
 def match_series(of_ns: Stamps, to_ns: Stamps) -> tuple[Stamps, Stamps]:
-    """Return which frames of two series belong together, by the frames of the slower one."""
+    """Match the frames of two series, by the frames of the slower one."""
     nothing = np.zeros(0, dtype=np.int64)
     if not of_ns.size or not to_ns.size:
         return nothing, nothing
@@ -411,7 +411,7 @@ def median_period(stamp_ns: Stamps) -> float:
 
 
 def stamps_apart(of_ns: Stamps, to_ns: Stamps) -> Array:
-    """Return how far (s) matched stamps are from one another."""
+    """Return the distances (s) of matched stamps."""
     return np.asarray(np.abs(of_ns - to_ns) * 1e-9)
 
 

@@ -69,7 +69,7 @@ class EstimatorState:
         )
 
     def with_reading(self, stamp_ns: int, history: tuple[History, ...]) -> EstimatorState:
-        """After a pressure reading without an estimate: there is no branch to follow any more."""
+        """Return the state after a pressure reading without an estimate: no branch to follow."""
         return EstimatorState(
             pressure_stamp_ns=stamp_ns,
             history_ns=stamp_ns,
@@ -101,7 +101,7 @@ class EstimatorState:
         solution: SolverNodes,
         moving: MovingState | None = None,
     ) -> EstimatorState:
-        """After an estimate, whose branch the next one follows."""
+        """Return the state after an estimate, whose branch the next one follows."""
         return EstimatorState(
             pressure_stamp_ns=stamp_ns,
             history_ns=stamp_ns,

@@ -1,4 +1,4 @@
-"""The estimates of steady states: of stretches in which pressure and end load stand still."""
+"""Mean estimates of stretches with constant pressure and end load."""
 
 from __future__ import annotations
 

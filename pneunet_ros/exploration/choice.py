@@ -31,7 +31,7 @@ from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """An experiment, and what it is worth: expected divergence per second, and between whom.
+    """An experiment with its value: expected divergence per second between rivals.
 
     divergence: by pair of rivals, in log probability.
     """
@@ -65,7 +65,7 @@ def next_choice(
 
 
 def choice_in_order(recorded: int) -> Choice:
-    """Return the experiment whose turn it is after so many recordings."""
+    """Return the scheduled experiment after this many recordings."""
     items = tuple(experiments())
     item = items[(recorded - 1) % len(items)]
     return Choice(experiment=item, seconds=item.seconds, rate=0.0, divergence={})
@@ -77,7 +77,7 @@ def ranked_choices(
     safe: SafeSet,
     settings: ExplorationSettings = EXPLORATION,
 ) -> list[Choice]:
-    """Return all experiments with what they are worth, best first."""
+    """Return all experiments with their values, best first."""
     trial = trial_in_question(investigation)
     if investigation.selection is None or trial is None:
         return []
@@ -122,7 +122,7 @@ def informations(
     candidates: Sequence[Candidate],
     settings: DiagnosisSettings,
 ) -> tuple[Array, list[Array]] | None:
-    """Return the inner products of the effects' directions (n, n), all else fitted jointly.
+    """Return the information (n, n) of the effects, with all nuisance parameters fitted jointly.
 
     In the training runs, and in them with each experiment. None where the arm has no shape.
     """
@@ -156,7 +156,7 @@ def informations(
 
 
 def separations(inner: Array) -> Array:
-    """Return chi squared (n, n + 1) of each effect beside each other one, and beside none."""
+    """Return chi squared (n, n + 1) between each pair of effects, and between each and none."""
     own = np.diag(inner)
     explained = inner**2 / np.maximum(own, 1e-300)[None, :]
     separation = np.maximum(own[:, None] - explained, 0.0)

@@ -1,4 +1,4 @@
-"""Record, diagnose, choose the next recording, until there is a name."""
+"""Record, diagnose, and choose the next recording until an effect is named."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Record = Callable[[Experiment, SafeSet, int], RecordingData]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Round:
-    """One recording, and what is known after it.
+    """One recording, and the state of knowledge after it.
 
     choice: what was recorded and why; rivals: what is still possible, probability by name;
     predicted: rms (m) at which the model of the round before predicts this recording, of which it
@@ -39,13 +39,13 @@ class Round:
 
     @property
     def diagnosis(self) -> Diagnosis | None:
-        """The diagnosis of all recordings so far; None where it did not settle."""
+        """The diagnosis of all recordings so far; None if it did not converge."""
         diagnosis = self.investigation.diagnosis
         return diagnosis if isinstance(diagnosis, Diagnosis) else None
 
     @property
     def undetectable(self) -> tuple[str, ...]:
-        """The rivals that the recordings so far could not have shown at any usual size."""
+        """Rivals that the recordings so far cannot detect at any plausible size."""
         detectable = {} if self.diagnosis is None else self.diagnosis.detectable
         return tuple(
             name
@@ -69,7 +69,7 @@ def explore(
     on_progress: OnProgress = say_nothing,
     settings: ExplorationSettings = EXPLORATION,
 ) -> Iterator[Round]:
-    """Record, diagnose and choose, until there is a name or the budget is used up.
+    """Record, diagnose and choose, until an effect is named or the budget is used up.
 
     Args:
         model: the arm, with the effects that are known already.
@@ -126,14 +126,14 @@ def name_stayed(rounds: Sequence[Round], settings: ExplorationSettings = EXPLORA
 
 
 def is_clear(rounds: Sequence[Round], settings: ExplorationSettings = EXPLORATION) -> bool:
-    """Whether the last answer counts: a name that stayed, or `none` that leaves nothing hidden."""
+    """Whether the last answer is final: a confirmed name, or `none` with nothing hidden."""
     last = rounds[-1]
     nothing_missing = last.investigation.diagnosis.answer == 'none' and not last.undetectable
     return nothing_missing or name_stayed(rounds, settings)
 
 
 def diagnosis_settings(count: int) -> DiagnosisSettings:
-    """Return the settings of a diagnosis of so many recordings.
+    """Return the settings of a diagnosis of this many recordings.
 
     Of the first one alone nothing tests a name; it is asked for all the same, as the next one
     will.

@@ -26,7 +26,7 @@ def named_effects(investigation: Investigation) -> frozenset[str]:
 
 
 def trial_in_question(investigation: Investigation) -> Trial | None:
-    """Return the trial that rivals extend: the named one, otherwise the base; None without a fit.
+    """Return the trial that rivals extend: the named one, else the base; None without a fit.
 
     Where effects cannot be distinguished each is a rival of the other, on top of the base.
     """
@@ -34,7 +34,7 @@ def trial_in_question(investigation: Investigation) -> Trial | None:
 
 
 def rival_candidates(selection: Selection, trial: Trial) -> list[Candidate]:
-    """Return every effect that may be missing beside those of a trial.
+    """Return the effects that may be missing in addition to those of a trial.
 
     Those that the recordings so far could not show at all stand in the middle of where they are
     tried, with no information.
@@ -84,7 +84,7 @@ def rival_probabilities(investigation: Investigation) -> dict[str, float]:
 
 
 def size_moments(item: Candidate) -> tuple[float, float]:
-    """Return mean and variance of a size, in units of the one that was tried."""
+    """Return mean and variance of an effect size, in units of the tried one."""
     coordinate = item.hypothesis.coordinates[item.which]
     tried = abs(float(item.tried[item.which]))
     variance = 1.0 / ((tried / coordinate.std) ** 2 + item.information)

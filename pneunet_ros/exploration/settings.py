@@ -1,4 +1,4 @@
-"""The numbers by which a search for the next recording decides."""
+"""Tuning constants of the search for the next recording."""
 
 from __future__ import annotations
 

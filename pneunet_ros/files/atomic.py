@@ -39,7 +39,7 @@ def atomic_output(
     inputs: Iterable[str | Path] = (),
     replaceable: Iterable[str] = (),
 ) -> Iterator[Path]:
-    """Write a file or a folder that stands under its name only when it is complete.
+    """Write a file or folder that appears under its name only when complete.
 
     Yields a path with the same name in a hidden folder beside the final place; write a file or
     make a folder there. On a clean exit it takes the final name, on an exception it is removed.
@@ -86,7 +86,7 @@ def written_together() -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Output:
-    """An output on its way: what the user called it, where it is written, and where it will be.
+    """A pending output: the name given by the user, its scratch path, and its final path.
 
     `lock` is the open file that holds the lock of the scratch folder.
     """
@@ -99,7 +99,7 @@ class _Output:
 
     @property
     def temporary(self) -> Path:
-        """Where it is written."""
+        """The scratch path to write to."""
         return self.scratch / self.final.name
 
     def check(self) -> None:
@@ -116,7 +116,7 @@ class _Output:
             )
 
     def put_in_place(self) -> None:
-        """Take the final name; what was there before is gone only when that has worked."""
+        """Move the output to its final path; the old one is removed only after success."""
         _PUT.append((str(self.path), self.final, self.temporary.stat().st_ino))
         if not self.final.is_dir():
             os.replace(self.temporary, self.final)
@@ -131,7 +131,7 @@ class _Output:
             raise
 
     def discard(self) -> None:
-        """Remove leftovers beside the final place."""
+        """Remove leftovers next to the final path."""
         with interrupted_afterwards():
             shutil.rmtree(self.scratch, ignore_errors=True)
             os.close(self.lock)
@@ -144,7 +144,7 @@ _TOGETHER: ContextVar[list[_Output] | None] = ContextVar('written_together', def
 
 
 def outputs_written() -> list[str]:
-    """Return the outputs of this process that stand in their places, as the user called them.
+    """Return the finished outputs of this process, as the user named them.
 
     An interrupt may come between taking a name and noting it, hence a look at what is there.
     """
@@ -164,7 +164,7 @@ def _put_in_place(outputs: list[_Output]) -> None:
 
 @contextmanager
 def _no_room_said(path: str | Path) -> Iterator[None]:
-    """Turn what the system says of a full disk into a sentence."""
+    """Turn a full disk into an error message."""
     try:
         yield
     except OSError as error:
@@ -179,7 +179,7 @@ def _no_room_said(path: str | Path) -> Iterator[None]:
 def _open_output(
     path: str | Path, overwrite: bool, inputs: Iterable[str | Path], replaceable: tuple[str, ...]
 ) -> _Output:
-    """Check the place of an output and make the scratch folder beside it."""
+    """Check the path of an output and make the scratch folder next to it."""
     final = _final_place(path, overwrite, inputs, replaceable)
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
@@ -216,7 +216,7 @@ def _lock(lock: int) -> bool:
 
 
 def _remove_abandoned(parent: Path) -> None:
-    """Remove the scratch folders of killed runs: those that no process holds."""
+    """Remove the scratch folders of killed runs, which no process holds."""
     for scratch in parent.glob(f'{SCRATCH}*{PARTIAL}'):
         try:
             lock = os.open(scratch, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
@@ -233,7 +233,7 @@ def _remove_abandoned(parent: Path) -> None:
 def _final_place(
     path: str | Path, overwrite: bool, inputs: Iterable[str | Path], replaceable: tuple[str, ...]
 ) -> Path:
-    """Return where an output will stand; RecordingError where it cannot."""
+    """Return the final path of an output; RecordingError if it cannot be written."""
     try:
         final = resolved(path, RecordingError)
         if not final.name:
@@ -257,7 +257,7 @@ def _final_place(
 
 
 def _is_replaceable(entry: Path, patterns: Iterable[str]) -> bool:
-    """Whether an entry of an output folder is what an earlier run may have written.
+    """Whether an entry of an output folder may come from an earlier run.
 
     A pattern with a slash is of files in a folder there, which may hold nothing else.
     """

@@ -42,7 +42,7 @@ CALIBRATION = (
 
 
 def load_camera(path: str | Path) -> CameraSettings:
-    """Read a camera file; CameraError names the file, the key and what is allowed there.
+    """Read a camera file; CameraError names the file, the key and the allowed values.
 
     What the file leaves out has its default, that of the shipped config/camera.yaml.
     """
@@ -81,7 +81,7 @@ def settings_from_mapping(content: Any) -> CameraSettings:
 
 
 def plane_from_mapping(content: Any) -> PlaneMethod:
-    """Build what is known of the working plane, by `method`."""
+    """Build the settings of the working plane, by `method`."""
     plane = PLANES[method_of(content, 'plane', tuple(PLANES))]
     names = tuple(field.name for field in fields(plane))
     values = CAMERA_FILE.block(content, 'plane', ('method', *names))
@@ -138,6 +138,6 @@ def lens_from_mapping(content: Any) -> Lens:
 
 
 def data_of(content: Any, where: str) -> Array:
-    """Return the numbers of a matrix in such a file: its `data`, row by row."""
+    """Return the entries of a matrix: its `data`, row by row."""
     data = CALIBRATION_FILE.mapping(content, where).get('data')
     return table_array(or_default(data, []), f'{where}.data', 1, CameraError)

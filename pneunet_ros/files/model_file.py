@@ -93,7 +93,7 @@ def model_hash(arm: Arm) -> str:
 
 
 def model_label(arm: Arm) -> str:
-    """Return a name and the beginning of the hash of a model: enough to tell models apart."""
+    """Return a name and a short hash that identify a model."""
     return f'{arm.name} {model_hash(arm)[:12]}'
 
 
@@ -241,14 +241,14 @@ def covariance_from_mapping(content: Any) -> ModelCovariance:
 
 
 def placement_block(placement: PlacementKnown | None) -> dict[str, Any]:
-    """Return the block of the placement, nothing where it is not known."""
+    """Return the block of the placement; empty if it is unknown."""
     if placement is None:
         return {}
     return {'placement': {key: getattr(placement, key).tolist() for key in PLACEMENT_KEYS}}
 
 
 def domain_from_mapping(content: Any) -> Domain:
-    """Build what the calibration spanned."""
+    """Build the calibrated domain."""
     return Domain(**MODEL_FILE.block(content, 'domain', ('pressure', 'end_load')))
 
 
@@ -280,5 +280,5 @@ def tree(content: Any, where: str) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return an array as nested lists, anything else as it is."""
+    """Convert arrays to nested lists."""
     return value.tolist() if isinstance(value, np.ndarray) else value

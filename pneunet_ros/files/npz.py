@@ -40,7 +40,7 @@ DAMAGED = (
 
 
 class ArchiveError(PneunetError):
-    """An archive is damaged, or an array in it is not what was declared."""
+    """An archive is damaged, or an array in it does not match its declaration."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +91,7 @@ def read_arrays(path: Path, declared: Mapping[str, Declared]) -> dict[str, Any]:
 
 
 def _as_declared(name: str, array: Any, what: Declared, sizes: dict[str, int]) -> Any:
-    """Return one array as it was declared; ArchiveError where it is something else."""
+    """Return one array, checked against its declaration; else ArchiveError."""
     if array.dtype.kind not in KINDS[what.kind]:
         raise ArchiveError(
             f'{name} must be of kind {what.kind}, and is {array.dtype}', reason='wrong_kind'

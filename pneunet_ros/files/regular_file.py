@@ -17,7 +17,7 @@ _KINDS = (
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a file for reading; OSError for what is none, before it is opened.
+    """Open a regular file for reading; OSError for pipes, devices and folders.
 
     Standard input, too, is read where it is a file (`< file`) and refused where it is a pipe: what
     reads files here goes back and forth in them. A name that no file can have is an OSError, too.

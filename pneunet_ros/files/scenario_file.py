@@ -47,7 +47,7 @@ ARM_FILE = YamlFile(kind='lab arm file', error=RequestError, number_name='a numb
 
 
 def load_scenario(path: str | Path) -> Scenario:
-    """Read a scenario file; RequestError names the file, the key and what is allowed there."""
+    """Read a scenario file; RequestError names the file, the key and the allowed values."""
     path = Path(path)
     return FILE.load(path, lambda content: scenario_from_mapping(content, path.parent))
 
@@ -59,7 +59,7 @@ def load_lab(path: str | Path) -> Scenario:
 
 
 def lab_from_mapping(content: Any, folder: Path) -> Scenario:
-    """Build a scenario from the content of its file or of that of an arm, which has no `arm`."""
+    """Build a scenario from a scenario file, or from an arm file, which has no `arm` key."""
     if isinstance(content, dict) and 'arm' not in content and 'protocol' not in content:
         arm = arm_from_mapping(content, '')
         return Scenario(name=arm.name, arm=arm, protocol=SlowRamp())
@@ -124,7 +124,7 @@ def arm_from_mapping(content: Any, where: str) -> LabArm:
 
 
 def effects_from_mapping(content: Any, richness: float) -> tuple[LabEffect, ...]:
-    """Build the effects of a scenario; those that do not say how rich they are get `richness`."""
+    """Build the effects of a scenario; `richness` is the default richness."""
     effects = FILE.block(content, 'effects', tuple(ALL_EFFECTS), set(ALL_EFFECTS))
     built = []
     for name, parameters in effects.items():

@@ -1,4 +1,4 @@
-"""YAML files of people: read safely, and every mistake is one sentence that says where it is."""
+"""Safe reading of hand-written YAML files; each error is one sentence with its location."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class PlainConstructor(SafeConstructor):
         return number
 
     def construct_yaml_str(self, node: Any) -> str:
-        """Refuse escapes of what no text can hold: a zero, or half a character."""
+        """Reject escapes that are invalid in text: NUL and lone surrogates."""
         text: str = super().construct_yaml_str(node)
         if any(character == '\0' or '\ud800' <= character <= '\udfff' for character in text):
             raise ConstructorError(
@@ -186,7 +186,7 @@ def one_line(error: Exception) -> str:
 
 
 def depth_of(text: str) -> int:
-    """Return how many brackets are open at most; the parser takes forever where they are many."""
+    """Return the nesting depth of brackets; deep nesting stalls the parser."""
     steps = ((mark in '[{') - (mark in ']}') for mark in text if mark in '[]{}')
     return max(accumulate(steps), default=0)
 

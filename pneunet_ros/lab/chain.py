@@ -1,4 +1,4 @@
-"""Shapes of the lab arm: what a chain is made of and carries in every frame, and its equilibrium.
+"""Shapes of the lab arm: its chain of elements, the loads in every frame, and its equilibrium.
 
 Second order in the element length. See `chain_kernels` for the energy.
 """
@@ -20,7 +20,7 @@ MOST_STEPS = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Peg:
-    """A stiff stop at height y (m): what stands at `place` (m) of the arm meets it from below.
+    """A stiff stop at height y (m), which the point `place` (m) along the arm meets from below.
 
     Without friction it pushes back by stiffness (N/m) times how far it is pushed in.
     """
@@ -43,7 +43,7 @@ class Push:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Chain:
-    """The lab arm as a chain of n elements, in so many frames.
+    """The lab arm as a chain of n elements, in a batch of frames.
 
     turning (frames, n + 1) rad: of the unloaded arm at every joint, joints standing at the clamp,
     between elements, and at the free end. rigidity (frames, 2) N m^2, before and after split
@@ -79,7 +79,7 @@ class Chain:
     time: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        """Check the sizes; refuse rigidities for which there is no least energy."""
+        """Check the sizes; reject rigidities without an energy minimum."""
         frames, joints = np.shape(self.turning)
         sizes = {
             'turning': (frames, joints),
@@ -159,7 +159,7 @@ def between(places: Array, values: Array, at: Array) -> Array:
 
 
 def middle_joints(length: float, elements: int) -> Array:
-    """Return the borders (m) of the parts of the arm that the joints stand for, (n + 2,)."""
+    """Return the borders (m) of the parts of the arm represented by each joint, (n + 2,)."""
     middles = (np.arange(elements, dtype=np.float64) + 0.5) * (length / elements)
     return freeze(np.concatenate([[0.0], middles, [length]]))
 
@@ -245,7 +245,7 @@ def pushed_shape(chain: Chain, start: Array | None = None) -> ChainShape:
 
 
 def equilibrium_shape(chain: Chain, start: Array | None = None) -> ChainShape:
-    """Return the chain in equilibrium, pushed, and held back by its peg where it touches.
+    """Return the chain in equilibrium under its loads, with contact at its peg.
 
     The peg acts on the joint nearest to its place, along -y. RequestError where no push balances.
     """

@@ -98,7 +98,7 @@ class LabArm:
         return max(float(t[0]) for t in tables), min(float(t[-1]) for t in tables)
 
     def curvature_weights(self, pressure: Array) -> Array:
-        """Return how much of every row of `modes` there is at pressures (n,) Pa, (n, rows)."""
+        """Return the weights of the rows of `modes` at pressures (n,) Pa, (n, rows)."""
         rows = self.curvature_pressure
         below = np.clip(np.searchsorted(rows, pressure, side='right') - 1, 0, rows.size - 2)
         above = (pressure - rows[below]) / (rows[below + 1] - rows[below])
@@ -129,7 +129,7 @@ class LabArm:
 
 
 def vary_arm(arm: LabArm, seed: int) -> LabArm:
-    """Return another arm of the same make: parameters up to 15 % off, targets painted anew.
+    """Return another arm of the same type: parameters up to 15 % off, targets repainted.
 
     Seed 0 is the arm itself.
     """
@@ -154,5 +154,5 @@ def vary_arm(arm: LabArm, seed: int) -> LabArm:
 
 
 def pad(row: Array, size: int) -> Array:
-    """Return coefficients with zeros for those that vanished."""
+    """Return coefficients with zeros appended."""
     return np.concatenate([row, np.zeros(size - row.size)])

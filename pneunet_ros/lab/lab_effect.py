@@ -25,7 +25,7 @@ RICHNESS = quantity(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Course:
-    """Course of the chamber at fine times (n,) s.
+    """Chamber pressure over a fine time grid (n,) s, with the states that depend on it.
 
     pressure (n,) Pa at the sensor and chamber (n,) Pa behind the line, both true; weights (n,
     rows) of the arm's rows of intrinsic curvature; rigidity_factor (n,).
@@ -39,7 +39,7 @@ class Course:
     rigidity_factor: Array
 
     def with_chamber(self, chamber: Array) -> Course:
-        """Return the course with another pressure in the chamber."""
+        """Return the course with another chamber pressure."""
         return replace(self, chamber=chamber, weights=self.arm.curvature_weights(chamber))
 
 
@@ -59,7 +59,7 @@ class LabEffect(abc.ABC):
         return pressure, force
 
     def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
-        """Return the course with this effect, and what is remembered of it; past () is rest."""
+        """Apply this effect to the course; return its memory, too. past () is rest."""
         return course, past
 
     def resume(self, past: Past, rest: Array) -> Array:
@@ -82,7 +82,7 @@ class LabEffect(abc.ABC):
         return chain
 
     def late(self, share: Array) -> Array:
-        """Return by how much (s) frames are stamped late; share (frames,) 0 to 1 of time."""
+        """Return the delay (s) of frame stamps; share (frames,) 0 to 1 of the recording time."""
         return 0.0 * share
 
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:

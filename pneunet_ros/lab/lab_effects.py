@@ -1,4 +1,4 @@
-"""The effects of the model as the virtual lab has them, written anew, and their table.
+"""Independent implementations of the effects for the virtual lab, and their table.
 
 Sensing, then history, then material and mechanics. The order of the table is that of application;
 sensors undo it in this order, too: offset before gain, as true pressure = gain x reading + offset.
@@ -86,7 +86,7 @@ class LabCameraScale(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabCameraRotation(LabEffect):
-    """Measured = R(angle) true, about the base; rich: the camera goes on turning."""
+    """Measured = R(angle) true, about the base; rich: the camera keeps rotating."""
 
     name: ClassVar[str] = 'camera_rotation'
     angle: float = quantity(0.0, unit='rad', bounds=(-4.0, 4.0))
@@ -273,7 +273,7 @@ class LabClampCompliance(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabLoadOffset(LabEffect):
-    """The end force acts beside the free end; rich: and a little beyond it, too."""
+    """The end force acts at a lateral offset from the free end; rich: beyond it, too."""
 
     name: ClassVar[str] = 'load_offset'
     offset: float = quantity(0.0, unit='m', bounds=(-0.1, 0.1))
@@ -308,7 +308,7 @@ class LabCameraTilt(LabEffect):
     tilt_y: float = quantity(0.0, unit='1/m', bounds=(-10.0, 10.0))
 
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
-        """Project: what is further away by a share looks smaller by as much."""
+        """Project onto the image: distant points appear smaller."""
         later = 1.0 + 0.3 * self.richness * (2.0 * share - 1.0)
         further = 1.0 + later[:, None] * (points @ np.array([self.tilt_x, self.tilt_y]))
         return freeze(points / further[..., None])

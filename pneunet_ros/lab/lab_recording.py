@@ -56,7 +56,7 @@ class LabTruth:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LabRecording:
-    """A recording of the virtual lab: what was read, and the truth.
+    """A recording of the virtual lab: readings and truth.
 
     reading_stamp_ns, pressure (readings,): all pressure readings; wrench_stamp_ns, wrench_force
     (wrenches, 2), wrench_moment (wrenches,): all wrench readings, none where nothing hangs on the

@@ -1,4 +1,4 @@
-"""The virtual lab one step after the other: what is commanded goes in, what is read comes out.
+"""The virtual lab in steps: commands in, readings out.
 
 The same arm, effects and sensors as in `simulate`, whose recordings it repeats when it is led
 through the same pressures and loads. There is no clock here: time is given with every step.
@@ -100,13 +100,13 @@ class Load:
     moment: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no number."""
+        """Reject values that are not finite."""
         if not all(map(math.isfinite, (self.force_x, self.force_y, self.moment))):
             raise RequestError('the load must not hold NaN or infinity', reason='not_finite')
 
     @property
     def hangs(self) -> bool:
-        """Whether there is a load at all."""
+        """Whether there is any load."""
         return any((self.force_x, self.force_y, self.moment))
 
 
@@ -186,7 +186,7 @@ class LiveLab:
         return float(self.scenario.protocol.duration)
 
     def take_over(self, state: LiveState) -> LiveState:
-        """Return a moment of the same arm with other effects: what is new starts at rest."""
+        """Return the state with other effects; new effects start at rest."""
         names = {effect.name for effect in self.scenario.effects}
         past = {name: values for name, values in state.past.items() if name in names}
         same = self._at(state.time, state.pressure, state.load, past)
@@ -204,7 +204,7 @@ class LiveLab:
     def step(
         self, state: LiveState, time: float, command: float, load: Load | None = None
     ) -> LiveState:
-        """Return the arm at a later time (s), its valve told a pressure (Pa), under a load.
+        """Advance the arm to a later time (s) with a valve command (Pa), under a load.
 
         A command beyond what the arm is described for goes as far as that. RequestError for a
         time before that of the state, and for what is no number.
@@ -248,7 +248,7 @@ class LiveLab:
         return replace(chain, moment=freeze(np.full(times.size, load.moment)))
 
     def shape(self, state: LiveState) -> tuple[LiveState, ChainShape | MovingShape]:
-        """Return the arm as it is, without mass in equilibrium; RequestError where it finds none.
+        """Return the current shape, quasi-static without mass; RequestError if none is found.
 
         The state that comes back knows the shape, so that the next one is near to it.
         """
@@ -323,7 +323,7 @@ class Film:
         self._renderer = Renderer(SCENE)
 
     def image(self, shape: ChainShape | MovingShape, random: np.random.Generator) -> Bytes:
-        """Return an image (height, width), grey levels, of the arm; nothing moves meanwhile."""
+        """Return a grey-level image (height, width) of the arm, without motion blur."""
         points = self._lab.camera_points(shape)
         x, y, theta = (rows[0] for rows in shape.points(self._outline))
         moment = FrameState(

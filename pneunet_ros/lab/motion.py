@@ -18,7 +18,7 @@ Row = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabMotion:
-    """The mass of the arm is `arm.weight` / 9.80665 m/s^2; all else that moves it is here.
+    """Motion of the arm and its base; its mass is `arm.weight` / 9.80665 m/s^2.
 
     gravity_x, gravity_y: the unit vector that points down, in the base frame while the base rests;
     zero: out of the plane. The base turns about the clamp through `turn_angle` (rad), and moves by

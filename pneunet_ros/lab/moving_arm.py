@@ -348,7 +348,7 @@ class Run:
         return freeze(base + self.arm.clamp_angle + turned)
 
     def set_loads(self, chain: Chain, row: int) -> None:
-        """Set all forces on links to those of one of the instants, at the positions in `data`."""
+        """Apply the forces of one instant to all links, at the positions in `data`."""
         heading = self.headings()
         base = float(self.data.qpos[0]) if self.turning else 0.0
         force = self.hinges.weight[row].copy()

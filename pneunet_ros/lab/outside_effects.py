@@ -24,7 +24,7 @@ TIP_RESTS = 1e-7  # of the length: it moves by less
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabHarmlessMismatch(LabEffect):
-    """The intrinsic curvature is a little off, as no arm is quite what a model says.
+    """A small error of the intrinsic curvature, as every real arm has.
 
     By up to `size` times cos(2 pi s / l + phase) sin(2 pi p / top) / 2 for every arm, and as much
     again times sin(pi s / l) and the end load in units of mg, for loads up to that.
@@ -156,7 +156,7 @@ class LabPulley(LabEffect):
     eye_y: float = quantity(0.0, unit='m', bounds=(-1e3, 1e3))
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
-        """Turn the force to the pulley until the tip stays where it is."""
+        """Iterate on the direction to the pulley until the tip is stationary."""
         if math.isinf(self.eye_x):
             return chain
         tension = np.linalg.norm(chain.force, axis=1, keepdims=True)
@@ -186,7 +186,7 @@ class LabSlippingBase(LabEffect):
     moment: float = quantity(0.5, unit='-', meaning='of the recording', bounds=(0.0, 1.0))
 
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
-        """Shift what is seen later; under a given end load that is all that a shift does."""
+        """Shift later frames; under a given end load a shift has no other effect."""
         slipped = (share >= self.moment)[:, None, None]
         return freeze(points + slipped * np.array([self.slip_x, self.slip_y]))
 

@@ -1,4 +1,4 @@
-"""Protocols of the lab, each lasting exactly its duration.
+"""Protocols of the lab, each exactly as long as its duration.
 
 Steps are ramps that take their time. Nothing hangs on the arm where the force is exactly zero.
 """
@@ -64,7 +64,7 @@ class Protocol(abc.ABC):
         """Return the course of pressure and load; RequestError if it exceeds `duration`."""
 
     def holds(self, count: int, ramps: int) -> float:
-        """Return how long (s) each of so many holds lasts, beside so many ramps and the rest."""
+        """Return the duration (s) of each of this many holds, given the ramps and rests."""
         left = self.duration - self.rest - ramps * self.ramp
         return share_of_time(left, count, SHORTEST, 'holds')
 
@@ -160,7 +160,7 @@ class ForceSweeps(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strings(Protocol):
-    """Two strings at the end, pulled anew at every pressure; it begins with the first pull.
+    """Two strings at the end, with new tensions at every pressure; starts with the first tension.
 
     Their forces are resolved to the base frame by their angles from E1: 0 and pi/2 where they are
     already the F_A and F_B of Table 1.
@@ -240,7 +240,7 @@ class RandomMix(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Corners(Protocol):
-    """Any course: pressure and force at given shares of the time, joined by straight lines."""
+    """Any piecewise linear course of pressure and force, at given fractions of the time."""
 
     kind: ClassVar[str] = 'corners'
     share: Row = (0.0, 0.1, 0.3, 0.6, 1.0)  # of `duration`, rising from 0 to 1

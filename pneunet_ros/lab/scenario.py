@@ -62,7 +62,7 @@ class Scenario:
     motion: LabMotion | None = None
 
     def __post_init__(self) -> None:
-        """Check what goes together and put the effects into the order of their table."""
+        """Check consistency, and sort the effects in the order of their table."""
         check_quantities(self, 'scenario', RequestError)
         names = [effect.name for effect in self.effects]
         if len(set(names)) < len(names):
@@ -92,7 +92,7 @@ class Scenario:
 
 
 def lab_effect(name: str, parameters: Mapping[str, float]) -> LabEffect:
-    """Return an effect by its name; RequestError lists the names and parameters there are."""
+    """Return an effect by its name; RequestError lists the known names and parameters."""
     if name not in ALL_EFFECTS:
         raise RequestError(
             f'unknown effect {name}; known here: {", ".join(ALL_EFFECTS)}', reason='unknown_key'

@@ -107,7 +107,7 @@ def draw_stamps(
 
 
 def draw_placement(random: np.random.Generator, places: Array, noise: LabNoise) -> Array:
-    """Return how far targets (targets, 2) m are from their places (targets,) m.
+    """Return placement errors (targets, 2) m of targets at places (targets,) m.
 
     Along and across the arm: each by itself, and the whole row.
     """
@@ -118,7 +118,7 @@ def draw_placement(random: np.random.Generator, places: Array, noise: LabNoise) 
 def draw_drift(
     random: np.random.Generator, time: Array, duration: float, noise: LabNoise
 ) -> Array:
-    """Return how far the camera has drifted (n, 2) m: smooth, from nothing to drift_std."""
+    """Return the drift of the camera (n, 2) m: smooth, from zero to drift_std."""
     steps = random.standard_normal((DRIFT_KNOTS - 1, 2)) / np.sqrt(DRIFT_KNOTS - 1)
     walk = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     knots = np.linspace(0.0, duration, DRIFT_KNOTS)
@@ -130,7 +130,7 @@ def draw_drift(
 def draw_hidden(
     random: np.random.Generator, time: Array, duration: float, targets: int, noise: LabNoise
 ) -> npt.NDArray[np.bool_]:
-    """Return which targets are missing in which frame, (frames, targets)."""
+    """Return a mask of hidden targets, (frames, targets)."""
     missing: npt.NDArray[np.bool_] = random.uniform(size=(time.size, targets)) < noise.dropout
     for _ in range(int(random.poisson(noise.occlusions * duration))):
         begin, length = random.uniform(0.0, duration), random.uniform(*OCCLUSION)

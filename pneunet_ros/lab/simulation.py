@@ -128,7 +128,7 @@ def random_of(scenario: Scenario, name: str) -> np.random.Generator:
 def follow_arm(
     scenario: Scenario, events: Timeline, memory: LabMemory | None
 ) -> tuple[Course, LabMemory]:
-    """Return the course of the chamber pressure, and the memory of the arm at the end."""
+    """Return the course of the chamber pressure, and the final memory of the arm."""
     past: dict[str, Past] = {}
     if memory is not None:
         gap = scenario.start - memory.time
@@ -191,7 +191,7 @@ def shape_of(
 
 
 def for_mujoco(scenario: Scenario) -> Scenario:
-    """Return a scenario whose chain has two elements for each hinge of MuJoCo."""
+    """Return a scenario whose chain has two elements per MuJoCo hinge."""
     assert scenario.motion is not None
     elements = 2.0 * scenario.motion.links
     return replace(scenario, detail=replace(scenario.detail, elements=elements))
@@ -210,7 +210,7 @@ def with_weight(scenario: Scenario, chain: Chain, pulls: Array) -> Chain:
 
 
 def sample(course: Course, columns: Array, times: Array) -> Array:
-    """Return columns (n, k) of a course at other times (s), (times, k)."""
+    """Interpolate columns (n, k) of a course at other times (s), (times, k)."""
     values = [np.interp(times, course.time, column) for column in columns.T]
     return freeze(np.column_stack(values))
 
@@ -242,7 +242,7 @@ def chain_of(scenario: Scenario, course: Course, times: Array, force: Array) -> 
 def painted_targets(
     shape: ChainShape | MovingShape, places: Array, placement: Array, spacing: float
 ) -> tuple[Array, Array]:
-    """Return x, y (m) of targets painted beside their places, each (frames, targets).
+    """Return x, y (m) of misplaced targets, each (frames, targets).
 
     spacing: the part of the placement that is in proportion to the places: so much further along
     the arm itself. The rest is small, and along its tangent.
@@ -327,7 +327,7 @@ def read_sensors(scenario: Scenario, pressure: Array, force: Array) -> tuple[Arr
 
 
 def nearest_stamps(stamp_ns: Stamps, wanted_ns: Stamps) -> Stamps:
-    """Return which of increasing stamps is nearest to each of those wanted."""
+    """Return the index of the nearest of increasing stamps to each one wanted."""
     after = np.clip(np.searchsorted(stamp_ns, wanted_ns), 1, stamp_ns.size - 1)
     earlier = wanted_ns - stamp_ns[after - 1] <= stamp_ns[after] - wanted_ns
     chosen: Stamps = (after - earlier).astype(np.int64)

@@ -14,7 +14,7 @@ from pneunet_ros.core.errors import RequestError
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Timeline:
-    """Corners (k,) of the course of true pressure (Pa) and force (k, 2) N; time in s from 0.
+    """Corner points (k,) of the true pressure (Pa) and force (k, 2) N; time in s from 0.
 
     `loaded`: something is hung on the arm at some time, so that its force is measured.
     """
@@ -46,7 +46,7 @@ class Timeline:
 
 
 class Leg(NamedTuple):
-    """A part of a protocol: so many seconds, straight to a pressure (Pa) and a force (N)."""
+    """A part of a protocol: a ramp of this duration (s) to a pressure (Pa) and force (N)."""
 
     seconds: float
     pressure: float
@@ -68,7 +68,7 @@ def timeline(legs: Iterable[Leg], *, loaded: bool, start: Leg = REST) -> Timelin
 
 
 def share_of_time(left: float, parts: int, shortest: float, what: str) -> float:
-    """Return the length (s) of each of so many equal parts; RequestError where it is too short."""
+    """Return the length (s) of equal parts; RequestError if they are too short."""
     part = left / parts
     if part < shortest:
         raise RequestError(

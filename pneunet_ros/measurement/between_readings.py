@@ -37,7 +37,7 @@ def interpolate(shown: Stamps, stamp_ns: Stamps, values: Array) -> Array:
 
 
 def interpolated_noise(shown: Stamps, stamp_ns: Stamps) -> Array:
-    """Return the noise of values (stamps,) interpolated at other stamps, over that of one.
+    """Return the noise of interpolated values (stamps,), relative to that of a reading.
 
     On a line between two readings a part of the white noise of both averages out.
     """
@@ -48,7 +48,7 @@ def interpolated_noise(shown: Stamps, stamp_ns: Stamps) -> Array:
 
 
 def places_between(shown: Stamps, stamp_ns: Stamps) -> tuple[Stamps, Array]:
-    """Return behind which of two or more readings stamps are, and how far on the way, 0 to 1."""
+    """Return the index of the reading before each stamp, and the fraction to the next, 0 to 1."""
     before = np.minimum(np.maximum(stamp_ns.searchsorted(shown), 1), len(stamp_ns) - 1) - 1
     start = stamp_ns[before]
     apart = np.maximum(stamp_ns[before + 1] - start, 1)  # of one stamp: no line
@@ -81,7 +81,7 @@ def interpolation_error(
     noise: npt.ArrayLike,
     settings: BetweenReadingsSettings = BETWEEN_READINGS,
 ) -> Array:
-    """Return one sigma of what the straight line between two readings misses, (shown, ...).
+    """Return one sigma of the error of linear interpolation between readings, (shown, ...).
 
     stamp_ns (readings,) and values (readings, ...) with white noise of this size (...). By how
     much does the change between two readings differ from the one before, and the one behind from
@@ -116,7 +116,7 @@ def interpolation_error(
 
 
 def furthest_error(shown: Stamps, stamp_ns: Stamps) -> Array:
-    """Return how far off the straight line may be, over one sigma of `interpolation_error`.
+    """Return the bound of the interpolation error relative to `interpolation_error`.
 
     Of a jump, all of it, if the value jumped in the shorter part of the time between two readings;
     of a bent course the one that goes on from either side, (shown,).
@@ -130,7 +130,7 @@ def furthest_error(shown: Stamps, stamp_ns: Stamps) -> Array:
 
 
 def error_between(shown_ns: int, stamp_ns: Stamps, values: Array, noise: float) -> float:
-    """Return how far off the straight line may well be at one stamp, of values (stamps,).
+    """Return a plausible bound of the interpolation error at one stamp, for values (stamps,).
 
     The root of three sigma, and at most as far as it may be at all. noise: white, of a value. What
     came after the last value is not known yet.

@@ -56,7 +56,7 @@ TRIGGER = TriggerSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RecordingData:
-    """One recording: what was read, and where the targets were seen meanwhile.
+    """One recording: readings, and the targets seen.
 
     `reading_stamp_ns` (readings,) and `pressure` (readings,) Pa are all pressure readings, stamps
     increasing; `stamp_ns` (frames,) are the frames in which targets were seen and `reading`
@@ -129,7 +129,7 @@ class RecordingData:
             )
 
     def without_load(self) -> RecordingData:
-        """Return the run with nothing attached: what a force sensor read is its own error."""
+        """Return the run as unloaded: force readings are sensor errors."""
         if not self.loaded:
             return self
         frames = len(self.stamp_ns)
@@ -158,7 +158,7 @@ class RecordingData:
         )
 
     def is_idle(self, noise: SensorNoise, settings: IdleSensorSettings = IDLE_SENSOR) -> bool:
-        """Whether every wrench is within the noise of the sensor: nothing was attached."""
+        """Whether every wrench is within the noise of the sensor, so that nothing was attached."""
         reach = self.idle_reach(settings)
         return not self.load_known and bool(
             np.all(np.abs(self.force) <= reach * noise.force_std)
@@ -166,12 +166,12 @@ class RecordingData:
         )
 
     def idle_reach(self, settings: IdleSensorSettings = IDLE_SENSOR) -> float:
-        """Return how far (sigma) the noise of an idle sensor reaches in a run of this length."""
+        """Return the largest noise (sigma) to expect of an idle sensor in a run of this length."""
         values = 3 * len(self.stamp_ns)
         return max(settings.reach, -NormalDist().inv_cdf(0.5 * settings.chance / values))
 
     def thin(self, most: int) -> RecordingData:
-        """Return the run with at most so many frames, evenly spread over it."""
+        """Return the run with at most this many evenly spaced frames."""
         frames = len(self.stamp_ns)
         if frames <= most:
             return self
@@ -189,7 +189,7 @@ class RecordingData:
         return replace(self, **cut)
 
     def at_instants(self, delay: float) -> RecordingData:
-        """Return the run with what was read `delay` (s) before each frame, by its stamp.
+        """Return the run with readings taken `delay` (s) before the stamp of each frame.
 
         Between readings pressure and load are on straight lines; static frames have no time. A
         frame keeps the noise of its own reading of the load: to this is added by how much the
@@ -222,7 +222,7 @@ class RecordingData:
         return np.column_stack([interpolate(shown, self.gravity_stamp_ns, one) for one in columns])
 
     def load_changes(self, late: int) -> Array:
-        """Return how the load (frames, 3) changes from its reading to what a frame shows.
+        """Return the change of the load (frames, 3) from its reading to the frame.
 
         late (ns): of the stamp of a frame.
         """
@@ -241,7 +241,7 @@ class RecordingData:
 
     @property
     def instants(self) -> Stamps:
-        """Times of all frames by the clock of the pressure readings, (frames,) ns."""
+        """Times of all frames on the clock of the pressure readings, (frames,) ns."""
         return frame_instants(self.stamp_ns, self.reading_stamp_ns, self.reading)
 
     @property
@@ -280,12 +280,12 @@ class RecordingData:
 
     @property
     def seen(self) -> npt.NDArray[np.bool_]:
-        """Which targets were seen in which frame, (frames, targets)."""
+        """Mask of seen targets, (frames, targets)."""
         return np.isfinite(self.x)
 
 
 def thinned(runs: Sequence[RecordingData], most: int) -> list[RecordingData]:
-    """Return runs with at most so many frames in all, each thinned by the same factor.
+    """Return runs with at most this many frames in all, each thinned by the same factor.
 
     An hour of film shows the same shapes over and over.
     """
@@ -299,7 +299,7 @@ def frame_instants(
     reading: Stamps,
     settings: TriggerSettings = TRIGGER,
 ) -> Stamps:
-    """Return the times of all frames by the clock of the readings, (frames,) ns.
+    """Return the times of all frames on the clock of the readings, (frames,) ns.
 
     A camera that takes its frames together with readings, to which `reading` (frames,) they
     belong, has stamps with a jitter of their own; those of any other camera are what they say.
@@ -342,6 +342,6 @@ def frames_in_jumps(
 
 
 def instants_among(stamp_ns: Stamps, reading_stamp_ns: Stamps) -> Stamps:
-    """Return the times of all frames by the clock of some readings, (frames,) ns."""
+    """Return the times of all frames on the clock of some readings, (frames,) ns."""
     nearest, _ = match_stamps(stamp_ns, reading_stamp_ns, 0.0)
     return frame_instants(stamp_ns, reading_stamp_ns, nearest)

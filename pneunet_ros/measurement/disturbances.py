@@ -32,7 +32,7 @@ SMALLEST_STD = 1e-7  # m, N and N m: stands for zero
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Disturbances:
-    """The unknown disturbances of runs: first placement (2 x targets), then those of each run.
+    """The nuisance parameters of runs: placement (2 x targets), then those of each run.
 
     prior covariance (n, n) in m, N and N m; the unknowns of a run are the nodes of its path in x,
     then in y, then the error of its known load. All runs have in common where the origin of the
@@ -47,7 +47,7 @@ class Disturbances:
     prior: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Put the prior together."""
+        """Assemble the prior."""
         size = 2 * self.targets + OF_RUN * len(self.runs)
         prior = np.zeros((size, size))
         prior[: 2 * self.targets, : 2 * self.targets] = placement_prior(self.noise, self.arclength)
@@ -64,7 +64,7 @@ class Disturbances:
         object.__setattr__(self, 'prior', frozen_array(prior))
 
     def origin(self, disturbance: Array) -> Array:
-        """Return where the origin of the base frame is, of what is unknown (n,): (2,) m.
+        """Return the origin of the base frame for these unknowns (n,): (2,) m.
 
         What the pictures of all runs have in common; less where fewer of them tell.
         """
@@ -76,7 +76,7 @@ class Disturbances:
         return np.asarray(common / (common + each) * float(own @ normal) * normal)
 
     def prior_of_run(self, run: RecordingData) -> Array:
-        """Return the covariance (OF_RUN, OF_RUN) of what is of a run alone: path and load."""
+        """Return the prior covariance (OF_RUN, OF_RUN) of the unknowns of one run."""
         load, path = known_load_std(self.noise, run), path_prior(self.noise)
         return np.asarray(
             scipy.linalg.block_diag(path, path, np.diag(np.maximum(load, SMALLEST_STD) ** 2))
@@ -129,7 +129,7 @@ def row_shifts(arclength: Array) -> Array:
 
 
 def origin_std(noise: SensorNoise, arclength: Array) -> float:
-    """Return one sigma (m) of the origin across the arm: that of the row, which may define it."""
+    """Return one sigma (m) of the origin across the arm, which the row may define."""
     _, across = row_shifts(arclength).T
     return float(noise.row_offset_std * np.max(across, initial=0.0))
 
@@ -147,7 +147,7 @@ def path_prior(noise: SensorNoise) -> Array:
 
 
 def known_load_std(noise: SensorNoise, run: RecordingData) -> Array:
-    """Return one sigma of F1, F2 (N) and M (N m) of a known load, (3,); zero where there is none.
+    """Return one sigma of F1, F2 (N) and M (N m) of a known load, (3,); zero without one.
 
     It is what the sensor would have: a load of exactly zero has no error.
     """
@@ -162,7 +162,7 @@ def acting_inputs(run: RecordingData, inputs: Inputs, disturbance: Array) -> Inp
 
 
 def painted(theta: Array, curvature: Array, disturbance: Array) -> PaintedTargets:
-    """Return the targets of a run where they are painted; disturbance: the unknowns of `of_run`.
+    """Return the targets of a run at their painted positions; disturbance: as of `of_run`.
 
     theta (rad), curvature (1/m), both (frames, targets): of the arm at their places.
     """
@@ -171,7 +171,7 @@ def painted(theta: Array, curvature: Array, disturbance: Array) -> PaintedTarget
 
 
 def camera_path(run: RecordingData, disturbance: Array) -> Array:
-    """Return how far the camera moves the picture of every frame, (frames, 2, 1) m."""
+    """Return the image shift by the camera in every frame, (frames, 2, 1) m."""
     path = disturbance[-OF_RUN:-LOADS].reshape(2, PATH_NODES)
     return np.asarray((path_weights(run.progress) @ path.T)[:, :, None])
 

@@ -129,7 +129,7 @@ class ForwardModel:
         return self.every_field[:, THETA][:, np.searchsorted(self.stations, self.push_place)]
 
     def solve_on_mesh(self, arm: Arm, rods: Rods, loads: Array) -> None:
-        """Solve on a mesh that carries the solutions; what is too fine for any is not solved."""
+        """Solve on a mesh that carries the solutions; frames too fine for it stay unsolved."""
         while True:
             self.solve_frames(arm, rods, loads)
             if not np.any(self.detail[self.solved] > SOLVER.finest_detail * arm.length):
@@ -288,7 +288,7 @@ class ForwardModel:
         return sides[1] - sides[0]
 
     def load_differences(self, arm: Arm, inputs: Inputs) -> Array:
-        """Return how true fields move per F1, F2, M, by solving anew: effects go with them."""
+        """Return derivatives of true fields by F1, F2, M, by finite differences with effects."""
         frames, by_load = np.arange(len(inputs.loads)), []
         for step in np.diag(LOAD_STEP * arm.weight * np.array([1.0, 1.0, arm.length])):
             sides = []
@@ -312,7 +312,7 @@ class Pieces:
     shares: Array
 
     def joined(self, jacobian: Array, first: int) -> Array:
-        """Return a Jacobian (frames, inputs, ...) whose inputs from the first on are columns."""
+        """Return a Jacobian (frames, inputs, ...) with the columns of the law as inputs."""
         by_law = np.einsum('nlk,nkfs->nlfs', self.shares, jacobian[:, first:])
         return np.concatenate([jacobian[:, :first], by_law], axis=1)
 
@@ -345,7 +345,7 @@ def pieces_of(arm: Arm, rods: Rods, columns: Columns) -> Pieces:
 
 
 def as_points(jacobian: Array) -> Array:
-    """Return the Jacobian of points (frames, 2 stations, inputs) of that of all fields."""
+    """Return the Jacobian of points (frames, 2 stations, inputs), given that of all fields."""
     return jacobian[:, :, :2].reshape(*jacobian.shape[:2], -1).transpose(0, 2, 1)
 
 

@@ -30,7 +30,7 @@ class End(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Search(Generic[Linear]):
-    """The linearization where it ended, how many steps were looked at, and what one may gain."""
+    """The final linearization, the number of evaluated steps, and the possible gain."""
 
     last: Linear
     steps: int
@@ -40,7 +40,7 @@ class Search(Generic[Linear]):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bounds:
-    """Linear functions of a step (m, n) @ (n,) and how far they may go, low and high (m,)."""
+    """Bounds low and high (m,) on linear functions (m, n) @ (n,) of a step."""
 
     rows: Array
     low: Array
@@ -56,7 +56,7 @@ class Bounds:
     def hold(
         self, step: Array, gain: float, solved: Callable[[Array], Array]
     ) -> tuple[Array, float]:
-        """Return the best step (n,) within the bounds, and by how much it lowers the cost.
+        """Return the best step (n,) within the bounds, and its reduction of the cost.
 
         step and gain: without bounds; solved: returns the inverse of the Hessian times (n, k).
         What the step would carry beyond a bound is held at it, and the rest follows.

@@ -1,4 +1,4 @@
-"""One recording beside a model, and linearized around it: residuals, Jacobian, covariance."""
+"""Linearization of one recording around a model: residuals, Jacobian, covariance."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Parametrization(Protocol):
         """Columns of the rod's sections that the parameters move, (k, 2)."""
 
     def arm(self, values: Array) -> Arm:
-        """Return the arm with these values; ModelError where there is none."""
+        """Return the arm with these values; ModelError if they give none."""
 
     def input_jacobian(self, values: Array, inputs: Inputs) -> Array:
         """Return how inputs of `ForwardModel.jacobian` move, (frames, inputs, parameters)."""
@@ -43,7 +43,7 @@ class Parametrization(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FittedRun:
-    """A run beside what the fitted model says of it.
+    """A run with the predictions of the fitted model.
 
     points (frames, 2, targets) m: the model alone, as measured; disturbance (frames, 2, targets)
     m: what placement and camera add; fields (frames, 6, targets) as of
@@ -120,7 +120,7 @@ class RunLinearization:
 def predict(
     model: ForwardModel, arm: Arm, run: RecordingData, inputs: Inputs, disturbance: Array
 ) -> tuple[FittedRun, PaintedTargets]:
-    """Return a run beside an arm, not whitened, and where its targets are painted.
+    """Return the predictions of an arm for a run, not whitened, and the painted positions.
 
     disturbance (n,): the unknowns of `of_run`. model: where the search for the equilibria starts;
     it keeps what was found.
@@ -142,7 +142,7 @@ def predict(
 
 
 def moved_as_painted(fields: Array, targets: PaintedTargets) -> Array:
-    """Return how fields (frames, inputs, 6, targets) move, x and y those of painted targets."""
+    """Return derivatives of fields (frames, inputs, 6, targets) at painted targets."""
     theta, curvature = fields[:, :, THETA], fields[:, :, CURVATURE]
     moved = targets.by_theta[:, None] * theta + targets.by_curvature[:, None] * curvature
     fields[:, :, X] += moved.real

@@ -1,4 +1,4 @@
-"""An arm in motion: how far it is beside its equilibrium, from one reading to the next.
+"""An arm in motion: its deviation from equilibrium, from one reading to the next.
 
 The equilibrium of a reading is the shape without inertia; the chain of `solver.swing` follows it
 with its mass and damping. At the first reading the arm is taken to rest.
@@ -102,7 +102,7 @@ class MotionEstimate:
     modes: functools.partial[Modes | None]
 
     def beside(self, places: Places) -> Array:
-        """Return how far x, y (m), theta (rad) are beside the equilibrium, (3, places)."""
+        """Return the deviation of x, y (m), theta (rad) from equilibrium, (3, places)."""
         return np.asarray(self.at_nodes[:3] @ places.nodes)
 
     def errors(self, places: Places) -> Array:
@@ -135,7 +135,7 @@ def likely_motion(arm: Arm) -> Motion | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MovingArm:
-    """An arm whose model has `motion`, ready to be followed; table: of its model's errors.
+    """An arm whose model has `motion`; table: of its model errors.
 
     modes: about the unloaded arm in the middle of its pressures; it swings under the moments of
     the slowest. relative (2,): errors of mass (at the stiffness that there is) and of damping, one
@@ -184,7 +184,7 @@ class MovingArm:
         errors: PropagatedErrors,
         places: Places,
     ) -> tuple[MovingState, MotionEstimate, Shape, PropagatedErrors]:
-        """Follow the equilibrium to that of a reading.
+        """Advance to the equilibrium of a reading.
 
         shape: the equilibrium, at these places; errors: of it. Returns both of the moving arm.
         """
@@ -223,7 +223,7 @@ class MovingArm:
 
 
 class Moved(NamedTuple):
-    """Where a chain is beside its equilibrium: tables of `solver.swing.follow_swing`.
+    """Deviation of a chain from equilibrium: tables of `solver.swing.follow_swing`.
 
     velocity (3,) of the tip; stopped (2,) m/s: that of x, y, if the equilibrium stopped.
     """
@@ -242,7 +242,7 @@ def follow_reading(
     damping_time: float,
     modes: Modes,
 ) -> tuple[MovingState, Moved]:
-    """Let an arm go on to the stamp of a reading, whose equilibrium is solved.
+    """Advance an arm to the stamp of a reading with a known equilibrium.
 
     solved: panels, ends and nodes; state: None: the arm rests; too long ago: see `after_gap`.
     modes: their moments are those of the shapes.

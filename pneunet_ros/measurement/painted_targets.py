@@ -1,4 +1,4 @@
-"""Where targets are seen that are painted beside their places: further along the arm, or across.
+"""Apparent positions of misplaced targets: shifted along or across the arm.
 
 The one place that says so: calibration, replay, diagnosis and fusion ask here.
 """

@@ -1,4 +1,4 @@
-"""Where the targets must be seen if the estimate is right, and how far a frame is from that.
+"""Predicted targets of an estimate, and the innovation of a frame.
 
 Errors of readings, of the model and of the camera's place move all targets of a frame together:
 they are columns of the covariance, not spread over its diagonal. Noise that ignores this has the
@@ -116,7 +116,7 @@ def seen_targets(arm: Arm, sensitivity: Sensitivity) -> tuple[Array, Array]:
 
 
 def painted_beside(arm: Arm, theta: Array, curvature: Array) -> tuple[Array, Array]:
-    """Return where targets are painted beside their places (.., 2, targets) m, std (targets,) m.
+    """Return the misplacement of targets (.., 2, targets) m, and its std (targets,) m.
 
     theta (rad), curvature (1/m), both (.., targets): of the arm at their places. As the
     calibration found it, if it did.
@@ -165,7 +165,7 @@ def measured_moves(arm: Arm, sensitivity: Sensitivity) -> Array:
 def innovation(
     predicted: PredictedTargets, sightings: TargetSightings, noise: SensorNoise
 ) -> Innovation | None:
-    """Compare a frame with what was predicted; None where no target was seen.
+    """Compare a frame with its prediction; None if no target was seen.
 
     Of the white noise of a target the larger is taken, as the model has it or as the tracker says.
     The targets are those of the calibration, which knows where they are painted, or others: what
@@ -212,7 +212,7 @@ def innovation(
 
 
 def tip_chi_squared(residual: Array, std: Array, errors: Array, share: Array) -> float:
-    """Return how far the tip is from where it must be, in units of its covariance; 2 coordinates.
+    """Return the squared Mahalanobis distance of the tip from its prediction; 2 coordinates.
 
     residual (2, targets) m; std (targets,) m of their own noise; errors (n, 2, targets) m; share
     (targets,): where they are along the arm. A smooth bend of the arm through what is seen tells
@@ -231,7 +231,7 @@ def tip_chi_squared(residual: Array, std: Array, errors: Array, share: Array) ->
 
 @functools.lru_cache(maxsize=KEPT)
 def tip_weights(share: bytes, std: bytes) -> Array:
-    """Return how much each target counts for the tip of a smooth bend through all, (targets,).
+    """Return the weight of each target in the tip of a smooth curve through all, (targets,).
 
     share and std (targets,) as the bytes of arrays: frame after frame has the same ones.
     """

@@ -10,7 +10,7 @@ GAUGE, ABSOLUTE = 'gauge', 'absolute'
 
 
 def pressure_unit(size: float) -> str:
-    """Return the name of the unit that is so many Pa."""
+    """Return the name of the unit of this size (Pa)."""
     return next(name for name, own in PRESSURE_UNITS.items() if own == size)
 
 

@@ -255,7 +255,7 @@ ANY_ACTUATOR = tuple(
 def expected_without_model(
     shipped: Arm, settings: PressureJudgeSettings = JUDGE
 ) -> tuple[ExpectedPressure, ...]:
-    """Return the readings to expect without a model: those of the shipped arm or of any other."""
+    """Return the expected readings without a model: of the shipped arm, or of any other."""
     others = (replace(one, share=settings.other_actuator * one.share) for one in ANY_ACTUATOR)
     return (expected_of(shipped), *others)
 
@@ -286,7 +286,7 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
 
     @property
     def finding(self) -> str:
-        """Describe what the readings most likely are, in one sentence without a remedy."""
+        """Describe the likely meaning of the readings in one sentence without a remedy."""
         alike = list(dict.fromkeys(one.words for one in self.alike))[:2]
         or_else = f' (or {" or ".join(alike)})' if alike else ''
         return (
@@ -298,7 +298,7 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
 
     @property
     def strangeness(self) -> str:
-        """Report that another model is needed; empty where the readings are those of this one."""
+        """Report readings that need another model; empty if this one fits."""
         if self.doubted or not self.strange:
             return ''
         below = self.declared.gauge(self.low) + self.declared.gauge(self.high) < 0.0
@@ -386,7 +386,7 @@ def log_sum(logs: Sequence[float]) -> float:
 
 
 def normal(far: float) -> float:
-    """Return the density of a normal value so many sigma from its mean, over that at the mean."""
+    """Return the density of a normal variable at this many sigma, relative to its peak."""
     return math.exp(-0.5 * far * far)
 
 

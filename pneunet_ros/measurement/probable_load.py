@@ -100,7 +100,7 @@ def shift_where_seen(
     std: Array,
     settings: ProbableLoadSettings,
 ) -> Array:
-    """Return shifts of the load (frames, 3) to where snapped frames are as they were seen.
+    """Return load shifts (frames, 3) that bring snapped frames to the observed shape.
 
     measured (frames, 2, targets) m; std (frames, 3) N, N m, of the reading; model: solved at the
     reading; it is left solved at what is returned.
@@ -127,7 +127,7 @@ def shift_where_seen(
 
 
 def distance_to_targets(model: ForwardModel, measured: Array) -> Array:
-    """Return the rms (frames,) m of targets beside a solved model, infinite where it has none."""
+    """Return the rms distance (frames,) m of targets from the model, inf if unsolved."""
     squares = (measured - model.points) ** 2
     seen = np.isfinite(squares)
     mean = np.sum(np.where(seen, squares, 0.0), axis=(1, 2)) / np.maximum(seen.sum((1, 2)), 1)

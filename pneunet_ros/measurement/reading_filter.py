@@ -1,4 +1,4 @@
-"""Readings as straight lines between corners, for what is taken from them at other times.
+"""Readings as a piecewise linear function, for values at other times.
 
 An effect with a memory takes noise off the readings: a play as wide as the noise holds them still,
 and a line averages them; and so does a delay, by which a frame falls between two readings. Where
@@ -38,7 +38,7 @@ NO_NOISE = 1e-9  # of the range of the readings: stands for a std of zero
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilteredReadings:
-    """A run with the corners of its pressure, and a reading at the instant of each of its frames.
+    """A run with its piecewise linear pressure, and a reading at each frame.
 
     Its load is that of the frames as read, and its wrench straight lines. noise (frames,) Pa: by
     how much the pressure reading of each frame lies above its line.

@@ -53,7 +53,7 @@ class ReadingVerdict(Generic[Meaning]):
 
     @property
     def doubted(self) -> bool:
-        """Whether the readings are almost surely not what they are declared to be."""
+        """Whether the readings almost surely differ from the declared convention."""
         return self.log_odds > self.limit
 
     @property

@@ -1,4 +1,4 @@
-"""Whether targets are numbered from the clamp, and whether the clamp stays where it is.
+"""Check that targets are numbered from the clamp, and that the clamp is fixed.
 
 At the clamp the direction of an arm stays as it is, and at its free end it turns most. This holds
 in every frame of coordinates, also in one that moves with the first target.
@@ -117,7 +117,7 @@ def clamp_motion(
     length: float,
     settings: RowOrderSettings = ROW_ORDER,
 ) -> float:
-    """Return how far (m) the target at the clamp moves with the pressure; 0 if unknown.
+    """Return the motion (m) of the target at the clamp with pressure; 0 if unknown.
 
     points (frames, 2, targets) m, pressure (frames,) Pa, length (m) of the arm. What does not go
     with the pressure is the camera's: noise and drift.

@@ -13,7 +13,7 @@ SHORTEST_HOLD = 1.5  # s
 
 
 def steady_segments(values: Array, still: Array | float) -> list[tuple[int, int]]:
-    """Return start and stop of all stretches of values (n, quantities), the longest from the left.
+    """Return start and stop of steady stretches of values (n, quantities), greedily.
 
     In each, every quantity stays within `still` (quantities,) from its largest to its smallest. A
     stretch stops where the next starts; all values are in one.

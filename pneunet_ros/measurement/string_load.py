@@ -1,4 +1,4 @@
-"""The end load of a string whose tip was seen: it pulls from there to its eye, frame by frame."""
+"""End load of a string from the seen tip to its eye, frame by frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CURVE = 3  # targets through which a curve goes on to a tip beyond the last one
 
 
 def with_string(run: RecordingData, arm: Arm, string: String) -> tuple[RecordingData, int]:
-    """Return a run whose end load is that of a string, and how many frames do not show its tip.
+    """Return a run under the load of a string, and the number of frames without a seen tip.
 
     Those are left out. Raises RecordingError where none shows it, and RequestError where the eye
     lies on the arm.
@@ -38,7 +38,7 @@ def with_string(run: RecordingData, arm: Arm, string: String) -> tuple[Recording
 
 
 def tips_of(points: Array, places: Array, reach: float) -> Array:
-    """Return the tip (frames, 2) m of targets (frames, 2, targets) m, NaN where it is not known.
+    """Return the tip (frames, 2) m of targets (frames, 2, targets) m, NaN if unknown.
 
     places (targets,) m of them; reach (m) of the arm. Where the last target is not at the tip, the
     curve through the last three goes on to it.

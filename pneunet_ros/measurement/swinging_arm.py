@@ -1,4 +1,4 @@
-"""An arm that swings, where it is measured: from frame to frame, and at a place along it.
+"""An arm that swings: its motion between frames, and at points along it.
 
 The equilibrium follows what is believed of loads and pressure, and may be wrong by all that. The
 arm itself cannot jump with it. So the unknown of a frame is not how far the arm is beside its
@@ -89,7 +89,7 @@ class Reference:
     lost: bool = False
 
     def place(self, w: Array, heading: Array) -> Array:
-        """Return how far the arm is beside an equilibrium in each shape, (shapes,)."""
+        """Return the displacement from equilibrium in each mode shape, (shapes,)."""
         return np.asarray(w - self.projection @ (heading - self.heading))
 
     def seen(self, swung: Swung, unknowns: Array, turning: Array) -> Reference:
@@ -110,7 +110,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Swung:
-    """An arm beside its equilibrium at some places, and what moves it there.
+    """Deviation of an arm from equilibrium at some places, and its derivatives.
 
     links: of the equilibrium. Rows: x, y (m), theta (rad), curvature (1/m). beside (4, places);
     by_link (links, 4, places): per turn of each link of the equilibrium, the place of the shapes
@@ -135,7 +135,7 @@ class Swung:
         return moved_shape(equilibrium, self.beside[:3], bent)
 
     def moves(self, headings: Array) -> Array:
-        """Return the derivatives of the motion beside the equilibrium, (causes, 4, places).
+        """Return the derivatives of the deviation from equilibrium, (causes, 4, places).
 
         headings (causes, links): how each cause turns the links of the equilibrium.
         """
@@ -180,7 +180,7 @@ class SwingingArm:
     def swung(
         self, solution: SolverNodes, unknowns: Array, reference: Reference, places: Places
     ) -> Swung:
-        """Return where an arm is beside an equilibrium that is solved."""
+        """Return the deviation of an arm from a solved equilibrium."""
         links, moments = links_at(solution), self.moving.modes.moment
         q = reference.place(unknowns[self.part(Motion.PLACE)], links.heading)
         bends = moments * links.compliance
@@ -327,7 +327,7 @@ class SwingingArm:
         return found
 
     def state_of(self, known: Known, old: Reference, links: Links, stamp_ns: int) -> MovingState:
-        """Return how an arm swings at a stamp, beside an equilibrium."""
+        """Return the state of the swing at a stamp, relative to an equilibrium."""
         swing, start = known.mean[self.part(Motion.SWING)], at_rest(Motion.SHAPES)
         start.state[Q] = old.place(swing[Q_ROWS], links.heading)
         start.state[P] = swing[P_ROWS]
@@ -353,7 +353,7 @@ class SwingingArm:
         return replace(moved, mean=freeze(mean), root=root)
 
     def swing_of(self, there: Moved) -> float:
-        """Return how far (m) the tip is beside its equilibrium, and would still swing."""
+        """Return the current and remaining amplitude (m) of the tip."""
         tip = there.at_nodes[:2, -1]
         return math.hypot(*tip.tolist(), *(there.stopped / self.moving.modes.frequency[0]))
 
@@ -380,7 +380,7 @@ class SwingingArm:
         return 1.0 + time / seconds * math.expm1(-seconds / time)
 
     def unanswered(self, seconds: float) -> float:
-        """Return one sigma of `answered`, as it is unknown when in that time the load walked.
+        """Return one sigma of `answered`, from the unknown time at which the load walked.
 
         A load that walked u ago leaves exp(-u / time) unanswered: its spread over all u.
         """
@@ -394,7 +394,7 @@ class SwingingArm:
         return math.sqrt(max(squared - left**2, 0.0))
 
     def with_walk(self, root: Array, late: Array) -> Array:
-        """Return a root with the error of a swing, as it is unknown when the tip force walked.
+        """Return a root including the error of a swing, from the unknown walk of the tip force.
 
         late (places, 4, 2): by how much less places and momenta move, per sigma of the walk, if it
         was at PLACES of the time, and not at its beginning.
@@ -405,7 +405,7 @@ class SwingingArm:
         return np.hstack([root, more])
 
     def lag_of(self, before: Array, beyond: Array, seconds: float) -> Array:
-        """Return how far (links,) rad faster shapes lag behind the equilibrium.
+        """Return the lag (links,) rad of the faster modes behind the equilibrium.
 
         before: at the beginning; beyond (links,) rad: what it turned since then, in these shapes.
         """
@@ -417,7 +417,7 @@ class SwingingArm:
         return left * before - (1.0 - self.answered(seconds)) * beyond
 
     def with_noise(self, root: Array, swing: Swing, there: Moved) -> Array:
-        """Return a root with what is not known of the way between two stamps.
+        """Return a root including the unknown path between two stamps.
 
         And with what links and shapes leave out of a swing, as `moving_arm` has it.
         """
@@ -450,7 +450,7 @@ def responses_to(rates: Array, seconds: float) -> tuple[Array, Array]:
 
 
 def between(before: Links, after: Links, share: float) -> Links:
-    """Return the equilibrium at a share of the way from one to another."""
+    """Interpolate between two equilibria."""
     return Links(
         heading=before.heading + share * (after.heading - before.heading),
         length=before.length + share * (after.length - before.length),
@@ -461,7 +461,7 @@ def between(before: Links, after: Links, share: float) -> Links:
 
 
 def motion_block(moving: MovingArm, start: float) -> Motion:
-    """Return the unknowns of a moving arm; start: how far its tip may swing, of the length.
+    """Return the unknowns of a moving arm; start: initial amplitude at the tip, of the length.
 
     Shapes have unit mass, so that momenta are velocities about the arm whose modes they are.
     """

@@ -100,7 +100,7 @@ class FoundBase:
 def in_base_frame(
     runs: Sequence[RecordingData], arm: Arm, settings: TipFrameSettings = TIP_FRAME
 ) -> tuple[list[RecordingData], tuple[Note, ...]]:
-    """Return the runs with poses of the tip in the base frame, and what was found, in words.
+    """Return the runs with tip poses in the base frame, and notes on the frame found.
 
     Poses whose frame is not the base frame, or that are out of the arm's reach, are of another
     frame; the clamp is looked for in the runs without a load. Raises RecordingError where these

@@ -1,4 +1,4 @@
-"""The measured pose of the tip: its position is that of a target there, its heading one number."""
+"""The measured pose of the tip: its position acts as a target, its heading as one number."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AT_TIP = 1e-6  # of the length, between a target and the tip that are one
 def with_tip_target(
     arm: Arm, runs: Sequence[RecordingData], *, always: bool = False
 ) -> tuple[Arm, list[RecordingData]]:
-    """Return arm and runs in which the last target is the tip, where any run has its pose.
+    """Append the tip as the last target of arm and runs, if any run has its pose.
 
     A target that is painted there already is seen where it was seen, and else where the pose says.
     always: also where no run has a pose, so that another calibration has the same targets.

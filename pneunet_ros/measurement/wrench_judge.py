@@ -28,7 +28,7 @@ Forces = npt.NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrenchJudgeSettings(JudgeSettings):
-    """Priors of what a force sensor reports, and the odds that are enough."""
+    """Priors for the convention of a force sensor, and the required odds."""
 
     reversed: float = tuning(
         0.05,
@@ -166,12 +166,12 @@ class WrenchVerdict(ReadingVerdict[WrenchConvention]):
 
     @property
     def doubted(self) -> bool:
-        """Whether the readings are almost surely not what they are declared to be."""
+        """Whether the readings almost surely differ from the declared convention."""
         return bool(self.frame) or self.log_odds > self.limit
 
     @property
     def finding(self) -> str:
-        """Describe what the readings most likely are, in one sentence without a remedy."""
+        """Describe the likely meaning of the readings in one sentence without a remedy."""
         if self.frame and self.log_odds <= self.limit:
             return f'in frame {self.frame!r}, and in the axes of the arm, if nothing else is known'
         one, other = (self.largest * meaning.size for meaning in (self.other, self.declared))
@@ -238,7 +238,7 @@ def expected_load(arm: Arm, pressure: Array) -> ExpectedLoad | None:
 
 
 def load_hint(arm: Arm, declared: WrenchConvention, force: complex, pressure: float) -> str:
-    """Describe what a load (N) outside the domain may mean instead; empty if nothing fits."""
+    """Suggest the likely meaning of a load (N) outside the domain; empty if none fits."""
     reading = declared.reading(np.array([force]))
     expected = expected_load(arm, np.array([pressure]))
     verdict = judge_wrench(reading, declared, expected, None)

@@ -16,7 +16,7 @@ TRANSFORM_TYPE = 'tf2_msgs/msg/TFMessage'
 
 
 def decode_imu(message: Any) -> ImuReading:
-    """Return the specific force in an Imu as it is; MessageError on another content.
+    """Return the specific force of an Imu, unchanged; MessageError if invalid.
 
     The first number of its covariance is -1 where an Imu measures no acceleration.
     """
@@ -37,7 +37,7 @@ def decode_imu(message: Any) -> ImuReading:
 
 
 def imu_message(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes) -> Any:
-    """Build an Imu of a specific force (3,) m/s^2; nothing else is measured."""
+    """Build an Imu with a specific force (3,) m/s^2 and no other measurement."""
     vector, quaternion = types('geometry_msgs/msg/Vector3'), types('geometry_msgs/msg/Quaternion')
     x, y, z = map(float, row)
     unknown, nothing = np.zeros(9), vector(x=0.0, y=0.0, z=0.0)

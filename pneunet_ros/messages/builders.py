@@ -56,7 +56,7 @@ class MessageTypes(Protocol):
         """Return the value for a message field of variable length from a contiguous array."""
 
     def __hash__(self) -> int:
-        """Tell bindings apart, so that constant parts of messages are made once for each."""
+        """Hash bindings by identity, so that constant message parts are cached for each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +101,7 @@ class Output(Generic[Result]):
 
 
 def nanoseconds(stamp: Any) -> int:
-    """Return the stamp of a header as one number; ValueError where it is none."""
+    """Return the stamp of a header in ns; ValueError if it has none."""
     seconds, rest = int(stamp.sec), int(stamp.nanosec)
     if not 0 <= rest < NANOSECONDS_PER_SECOND:
         raise ValueError(f'nanosec = {rest} of its stamp is not within [0, 999999999]')
@@ -109,7 +109,7 @@ def nanoseconds(stamp: Any) -> int:
 
 
 def header_stamp(message: Any) -> int:
-    """Return the stamp (ns) of a message's header; 0 where there is none that can be used."""
+    """Return the stamp (ns) of a message's header; 0 if it has no valid one."""
     try:
         return nanoseconds(message.header.stamp)
     except UNFIT:
@@ -185,7 +185,7 @@ def pose_with_covariance(rows: Array, heading: Any, types: MessageTypes) -> Any:
 def point_cloud(
     points: npt.NDArray[Any], heading: Any, types: MessageTypes, *, is_dense: bool = True
 ) -> Any:
-    """Build a PointCloud2 of a row of records of numbers; is_dense: there is no NaN in them."""
+    """Build a PointCloud2 from a row of records; is_dense: no NaN in them."""
     return types(POINTS_TYPE)(
         header=heading,
         height=1,

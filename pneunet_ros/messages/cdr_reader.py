@@ -1,4 +1,4 @@
-"""The messages of sensors from their bytes, as far as they are read: many times faster than ROS.
+"""Fast CDR decoding of sensor messages, limited to the fields that are used.
 
 What is returned has the fields of the message that are read here. Only plain little-endian CDR is
 read, which is what every middleware writes on usual computers; None says that it is something
@@ -110,7 +110,7 @@ def read_message(raw: bytes, type_name: str) -> Any | None:
 
 
 def read_header(raw: bytes) -> tuple[Any, int]:
-    """Read a header; returns where it ends, too."""
+    """Read a header; return its end offset, too."""
     seconds, rest = TIME.unpack_from(raw, BODY)
     frame_id, end = read_text(raw, BODY + TIME.size)
     stamp = SimpleNamespace(sec=seconds, nanosec=rest)
@@ -118,7 +118,7 @@ def read_header(raw: bytes) -> tuple[Any, int]:
 
 
 def read_text(raw: bytes, place: int) -> tuple[str, int]:
-    """Read a text, which ends with a zero byte; returns where it ends, too."""
+    """Read a zero-terminated text; return its end offset, too."""
     (size,) = LENGTH.unpack_from(raw, place)
     begin = place + LENGTH.size
     end = begin + size
@@ -128,7 +128,7 @@ def read_text(raw: bytes, place: int) -> tuple[str, int]:
 
 
 def aligned(place: int, size: int) -> int:
-    """Return the next place where a number of so many bytes may stand."""
+    """Return the next offset aligned to this many bytes."""
     return place + (BODY - place) % size
 
 

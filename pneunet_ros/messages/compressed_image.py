@@ -1,4 +1,4 @@
-"""Jpeg and png, decoded to grey levels, or refused with a sentence: also where they are damaged.
+"""Decoding of jpeg and png to grey levels; damaged images are refused.
 
 The decoder fills up a jpeg that is damaged, and looks at the size of an image only when it has
 made room for it. So the header is read here first, and what the decoder complains of is caught.
@@ -34,7 +34,7 @@ _DAMAGE = re.compile(rb'(?:Corrupt JPEG data|Premature end of JPEG|libpng error)
 
 
 def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
-    """Return the grey levels (height, width) of a jpeg or png, recognized by how it begins.
+    """Return the grey levels (height, width) of a jpeg or png, recognized by its magic bytes.
 
     colored: return its colors instead, (height, width, 3), blue-green-red.
 
@@ -98,7 +98,7 @@ def decode_heard(data: Bytes, *, colored: bool) -> tuple[Any, bytes]:
 
 
 def jpeg_size(data: Bytes) -> tuple[int, int]:
-    """Width and height by the header of a jpeg; MessageError where it has none."""
+    """Width and height by the header of a jpeg; MessageError without one."""
     raw, place = data.data, 2
     while place + 4 <= len(raw) and raw[place] == 0xFF:
         marker = raw[place + 1]
@@ -121,7 +121,7 @@ def jpeg_size(data: Bytes) -> tuple[int, int]:
 
 
 def png_size(data: Bytes) -> tuple[int, int]:
-    """Width and height by the header of a png; MessageError where it has none."""
+    """Width and height by the header of a png; MessageError without one."""
     raw = data[8:25].tobytes()
     if len(raw) < 17 or raw[4:8] != b'IHDR':
         raise MessageError(
@@ -133,7 +133,7 @@ def png_size(data: Bytes) -> tuple[int, int]:
 
 @contextmanager
 def _stderr_into(file: int) -> Iterator[None]:
-    """Let what libraries of C write to stderr go to a file; there is no other way to hear it."""
+    """Redirect stderr of C libraries to a file, the only way to read their warnings."""
     stderr = os.dup(2)
     os.dup2(file, 2)
     try:

@@ -15,7 +15,7 @@ from pneunet_ros.messages.readings import decode_targets
 def take_targets_message(
     state: ConsistencyState, estimator: Estimator, message: Any
 ) -> tuple[ConsistencyState, Refusal | None]:
-    """Take a message of targets, or say why it cannot be compared with anything.
+    """Compare a message of targets, or report why it cannot be compared.
 
     With an arm whose model has no targets there is nothing to compare.
     """

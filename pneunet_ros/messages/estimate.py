@@ -56,7 +56,7 @@ STATE_POINT = np.dtype(
 
 
 class StateMode(IntEnum):
-    """From what a state is made."""
+    """Source of a state."""
 
     PREDICTION = 0
     FUSED = 1
@@ -87,7 +87,7 @@ def curvature_rows(estimate: ShapeEstimate) -> Array:
 
 
 def shape_points(estimate: ShapeEstimate) -> npt.NDArray[Any]:
-    """Return one record of SHAPE_POINT per station, what is known of it; z = 0."""
+    """Return one record of SHAPE_POINT per station, NaN where unknown; z = 0."""
     shape = estimate.shape
     points = np.zeros(shape.x.size, SHAPE_POINT)
     points['x'] = shape.x

@@ -1,4 +1,4 @@
-"""The messages of the fusion: what is read, and an entry for each topic that is written.
+"""Messages of the fusion: inputs, and one entry per output topic.
 
 What is known of the shape has the layout of the estimator's topics, so that who reads these remaps
 one name.
@@ -57,7 +57,7 @@ CONTACT_POINT = np.dtype(
 
 
 def force_point(fused: FusedEstimate) -> npt.NDArray[Any]:
-    """Return the one record of FORCE_POINT, at the tip; NaN in what is not determined."""
+    """Return the record of FORCE_POINT at the tip; NaN if not determined."""
     point = np.zeros(1, FORCE_POINT)
     point['x'], point['y'], _ = fused.estimate.shape.tip
     point['fx'], point['fy'] = fused.force
@@ -91,7 +91,7 @@ def contact_cloud(fused: FusedEstimate, heading: Any, types: MessageTypes) -> An
 
 
 def end_wrench(fused: FusedEstimate, heading: Any, types: MessageTypes) -> Any:
-    """Build a WrenchStamped of the tip force; NaN in what is not determined."""
+    """Build a WrenchStamped of the tip force; NaN if not determined."""
     vector = types('geometry_msgs/msg/Vector3')
     force_x, force_y = fused.force.tolist()
     return types(WRENCH_TYPE)(

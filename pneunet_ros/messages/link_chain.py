@@ -93,7 +93,7 @@ def urdf(name: str, arclength: Array, frame_id: str, tip_frame: str) -> str:
 
 
 def add_link(robot: ElementTree.Element, name: str, length: float = 0.0) -> None:
-    """Add a link, with a cylinder along its x axis where it has a length (m)."""
+    """Add a link, with a cylinder along its x axis if it has a length (m)."""
     link = ElementTree.SubElement(robot, 'link', name=name)
     if length > 0.0:
         visual = ElementTree.SubElement(link, 'visual')

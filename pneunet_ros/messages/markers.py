@@ -78,7 +78,7 @@ def marker_array(
 
 
 def curvature_colors(curvature: Array, largest: float) -> list[Color]:
-    """Return a color per station; beyond `largest` (1/m) it is that of `largest`."""
+    """Return a color per station, saturated at `largest` (1/m)."""
     share = curvature / largest if largest > 0.0 else np.zeros(curvature.size)
     rgb = [np.interp(share, (-1.0, 0.0, 1.0), channel) for channel in CURVATURE_COLORS.T]
     return [(red, green, blue, 1.0) for red, green, blue in np.stack(rgb, 1).tolist()]

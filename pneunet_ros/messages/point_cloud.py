@@ -60,7 +60,7 @@ def cloud_points(message: Any) -> npt.NDArray[Any]:
 
 @lru_cache(maxsize=64)
 def point_type(fields: tuple[tuple[str, str, int], ...], size: int) -> np.dtype[Any]:
-    """Return the record of fields (name, kind, offset) in a point of so many bytes.
+    """Return the record type of fields (name, kind, offset) in a point of this many bytes.
 
     Raises MessageError where a name stands twice, a field beyond the point, or the point is
     larger than any.

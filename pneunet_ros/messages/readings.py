@@ -75,7 +75,7 @@ class Component:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor(Input[ReadingType]):
-    """A topic of readings, and what a reading is as a row of numbers: SI, gauge, base frame.
+    """A topic of readings, and its reading as a row of numbers: SI, gauge, base frame.
 
     label: what a reading is called in sentences. components: what a row holds; with `per_target`
     a row of each, an entry for each target, NaN where it was not seen; with `partial` some of the
@@ -106,7 +106,7 @@ class Sensor(Input[ReadingType]):
         return reading.stamp_ns, np.array([getattr(reading, c.name) for c in self.components])
 
     def row_shape(self, targets: int) -> tuple[int, ...]:
-        """Return the shape of a row of this sensor, where the arm has so many targets."""
+        """Return the shape of a row of this sensor, for an arm with this many targets."""
         return (len(self.components), targets) if self.per_target else (len(self.components),)
 
     def present(self, values: Array) -> npt.NDArray[np.bool_]:
@@ -132,7 +132,7 @@ def decode_pressure(message: Any) -> PressureReading:
 
 
 def decode_wrench(message: Any) -> WrenchReading:
-    """Return the reading in a WrenchStamped as it is; MessageError on another content."""
+    """Return the reading of a WrenchStamped, unchanged; MessageError if invalid."""
     try:
         force, torque = message.wrench.force, message.wrench.torque
         return WrenchReading(
@@ -152,7 +152,7 @@ def decode_wrench(message: Any) -> WrenchReading:
 
 
 def decode_tip_pose(message: Any) -> TipPoseReading:
-    """Return the planar part of a PoseStamped as it is; MessageError on another content.
+    """Return the planar part of a PoseStamped, unchanged; MessageError if invalid.
 
     A quaternion that is none (all zeros, NaN) says that no heading was measured, and a position of
     0, 0, where the clamp is, that no position was: by an inertial sensor, which measures the
@@ -452,11 +452,11 @@ def gravity_inputs(source: GravitySource) -> tuple[Input[Any], ...]:
 
 
 def arrival_order(sensors: Iterable[Input[Any]]) -> ArrivalOrder[Any]:
-    """Return the order in which messages of these sensors are taken, given in that of ties."""
+    """Return the processing order of these sensors, given in the order of ties."""
     return ArrivalOrder([sensor.name for sensor in sensors], PRESSURE.name)
 
 
 def is_estimated(topic: str) -> bool:
-    """Whether a topic has the name of a sensor, and holds what the fusion estimated instead."""
+    """Whether a topic is named like a sensor but holds an estimate of the fusion."""
     *_, space, name = ('', *topic.split('/'))
     return space == FUSED and any(name == sensor.name for sensor in SENSORS)

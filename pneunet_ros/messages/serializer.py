@@ -60,7 +60,7 @@ class CdrTemplate:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MessageSerializer:
-    """Serializes outputs whose frame and binding remain, and whose numbers change.
+    """Serializes outputs with constant frame and type, and changing numbers.
 
     serialize: plain serialization of a message of a named type into little-endian CDR.
     """

@@ -1,4 +1,4 @@
-"""ROS messages <-> images, lenses and what the tracker measured: the table of its topics.
+"""ROS messages of images, lenses and tracker outputs: the table of its topics.
 
 A message is anything with the fields of its type. A new output is one entry in the table at the
 end.
@@ -39,7 +39,7 @@ CAMERA_INFO_TYPE = 'sensor_msgs/msg/CameraInfo'
 
 
 def decode_image(message: Any) -> Image:
-    """Return the image in an Image; MessageError where it cannot be read."""
+    """Return the image of an Image message; MessageError if it cannot be read."""
     try:
         return Image(
             stamp_ns=nanoseconds(message.header.stamp),
@@ -58,7 +58,7 @@ def decode_image(message: Any) -> Image:
 
 
 def decode_compressed_image(message: Any, *, colored: bool = False) -> Image:
-    """Return the image in a CompressedImage as mono8; MessageError where it cannot be read.
+    """Return the image of a CompressedImage as mono8; MessageError if it cannot be read.
 
     colored: as bgr8 instead.
     """
@@ -113,7 +113,7 @@ def measured_centerline_rows(curve: MeasuredCurve) -> Array:
 
 
 def measured_curvature_rows(curve: MeasuredCurve) -> Array:
-    """Return the rows named in CURVATURE_ROWS; NaN in those that an image does not show."""
+    """Return the rows named in CURVATURE_ROWS; NaN in rows that an image does not give."""
     unknown = np.full(curve.arclength.size, np.nan)
     return np.stack([curve.arclength, curve.curvature, unknown, unknown, curve.std_curvature])
 

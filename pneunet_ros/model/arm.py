@@ -220,7 +220,7 @@ class Arm:
         object.__setattr__(self, 'curved_ends', frozen_array(ends_of(parts, self.length)))
 
     def _take_domain(self) -> None:
-        """Make ready what the domain says, or what stands for it where there is none."""
+        """Precompute the domain, or a default without one."""
         low, high = self.table_range
         hull = None
         if self.domain is not None:
@@ -242,7 +242,7 @@ class Arm:
 
     @property
     def force_scale(self) -> float:
-        """The largest end force of the calibration (N), or the weight where there was none."""
+        """The largest end force of the calibration (N), or the weight without one."""
         largest = 0.0 if self.domain is None else self.domain.largest_force
         return largest if largest > 0.0 else self.weight
 
@@ -257,7 +257,7 @@ class Arm:
         return clamp
 
     def add_terms(self, terms: Terms, sections: Array, clamp: Array) -> None:
-        """Add what an effect does to records of the rod; its cap stays rigid and without load."""
+        """Add the terms of an effect to rod records; the cap stays rigid and unloaded."""
         soft = sections[:, : sections.shape[1] - 1] if self.tip_cap else sections
         terms.add_to(soft, clamp)
 
@@ -268,7 +268,7 @@ class Arm:
         return np.append(knots, self.reach) if self.tip_cap else knots
 
     def add_gravity(self, sections: Array, clamp: Array, beside: Array) -> None:
-        """Add to records of the rod the weight along what gravity has beside the arm's own.
+        """Add to rod records the weight for a gravity direction other than that of the arm.
 
         beside (n, 2): in g.
         """
@@ -367,7 +367,7 @@ class Arm:
         history: tuple[History, ...] | tuple[Array, ...] | None,
         loads: Array | None = None,
     ) -> Iterator[Terms]:
-        """Yield what every effect adds to the rod, with arguments as those of `rods`."""
+        """Yield the terms of every effect; arguments as of `rods`."""
         for effect in self.effects:
             yield self.without_neutral_part(effect, effect.terms(pressure))
         yield from self.further_terms(pressure, history, loads)
@@ -379,7 +379,7 @@ class Arm:
         history: tuple[History, ...] | tuple[Array, ...] | None,
         loads: Array | None = None,
     ) -> bool:
-        """Whether what effects add changes with the pressure; arguments as those of `terms`."""
+        """Whether the terms of effects depend on the pressure; arguments as of `terms`."""
         sides = [self.terms(pressure + side * step, history, loads) for side in (-1.0, 1.0)]
         return any(below.differs(above) for below, above in zip(*sides, strict=True))
 
@@ -400,7 +400,7 @@ class Arm:
             yield self.without_neutral_part(effect, added)
 
     def without_neutral_part(self, effect: Effect, terms: Terms) -> Terms:
-        """Return the terms of an effect; none on a part where it is off, to cut no section."""
+        """Return the terms of an effect, none on a neutral part, so as to cut no section."""
         return terms if terms.part is None or effect.name in self.parted else NO_TERMS
 
     def add_to(

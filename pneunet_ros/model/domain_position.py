@@ -1,4 +1,4 @@
-"""Where a load stands to the domain of a model: inside, a little beyond it, or too far out.
+"""Position of a load relative to the domain of a model: inside, slightly or far outside.
 
 The one rule for estimator, replay, verbs and reports.
 """
@@ -22,7 +22,7 @@ LOADS_UNKNOWN = 'the model has no domain, so the calibrated end loads are unknow
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DomainPosition:
-    """Where a load stands to the domain of a model.
+    """Position of a load relative to the domain of a model.
 
     pressure_beyond, load_beyond: how far outside, of the range and of the size of the hull of
     loads; 0 inside, load_beyond NaN where the model has no domain. error: one sigma of the model's
@@ -40,12 +40,12 @@ class DomainPosition:
 
     @property
     def extrapolated(self) -> bool:
-        """Whether pressure or load is beyond what was calibrated."""
+        """Whether pressure or load is outside the calibrated domain."""
         return self.pressure_beyond > 0.0 or self.load_beyond > 0.0
 
     @property
     def words(self) -> str:
-        """All that is to be said of the position, with numbers; empty inside."""
+        """Description of the position, with numbers; empty inside."""
         if self.sentence:
             return self.sentence
         shares = (self.pressure_beyond, 'pressures'), (self.load_beyond, 'end loads')
@@ -64,7 +64,7 @@ def locate_load(
     std: tuple[float, float, float, float] | None = None,
     settings: DomainSettings = DOMAIN,
 ) -> DomainPosition:
-    """Return where a true load, at a pressure (Pa) in the chamber, stands to the domain of an arm.
+    """Return the position of a true load at a chamber pressure (Pa) relative to the domain.
 
     std: one sigma of F1, F2 (N), M (N m) and pressure (Pa) as read; None: as the model has them.
     """
@@ -100,7 +100,7 @@ def locate_load(
 
 
 def beyond_loads(arm: Arm, at: Sequence[float], noise: Sequence[float]) -> tuple[float, float]:
-    """Return how far beyond the loads of its domain a load (4,) is: of their size, and in N.
+    """Return the distance of a load (4,) from the domain, relative to its size, and in N.
 
     NaN where there is a load, beyond its noise (4,), and the arm has no domain.
     """
@@ -115,7 +115,7 @@ def beyond_loads(arm: Arm, at: Sequence[float], noise: Sequence[float]) -> tuple
 
 
 def out_of_range(arm: Arm, pressure: float) -> str:
-    """Return the sentence for a pressure (Pa) at which the model says nothing."""
+    """Return the message for a pressure (Pa) outside the model."""
     low, high = (kilopascals(value) for value in arm.pressure_range)
     return (
         f'pressure {kilopascals(pressure):.4g} kPa is outside the calibrated range '
@@ -124,7 +124,7 @@ def out_of_range(arm: Arm, pressure: float) -> str:
 
 
 def out_of_domain(arm: Arm, at: Sequence[float], beyond: float, settings: DomainSettings) -> str:
-    """Return the sentence for a load (4,) SI at which the model says nothing."""
+    """Return the message for a load (4,) SI outside the model."""
     load = (
         f'the end load {at[0]:.4g} N, {at[1]:.4g} N, {at[MOMENT]:.3g} N m at '
         f'{kilopascals(at[PRESSURE]):.4g} kPa'

@@ -44,11 +44,11 @@ class Gravity:
 
     @property
     def is_measured(self) -> bool:
-        """Whether only a sensor or a frame says where gravity points."""
+        """Whether only a sensor or a frame gives the direction of gravity."""
         return self.source not in ('', FIXED)
 
     def beside(self, measured: Array) -> Array:
-        """Return how far gravity (..., 2), in g, is from here."""
+        """Return the difference of gravity (..., 2), in g, from this one."""
         return np.asarray(measured - np.array([self.x, self.y]))
 
     @property

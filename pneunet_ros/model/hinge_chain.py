@@ -1,4 +1,4 @@
-"""An arm as a chain of hinges for MuJoCo: each bends as the part of the rod it stands for."""
+"""An arm as a chain of hinges for MuJoCo; each hinge bends like its part of the rod."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def table_pressures(arm: Arm) -> Array:
 
 
 def refuse_what_hinges_cannot(arm: Arm, rods: Rods) -> None:
-    """Raise RequestError where the rod stretches, or carries what no hinge can."""
+    """Raise RequestError if the rod stretches, or carries loads that hinges cannot."""
     soft = rods.sections[:, : rods.sections.shape[1] - bool(arm.tip_cap)]
     everywhere = soft[:, :, [LOAD_X, LOAD_Y, CUBIC]]
     refused = {
@@ -131,7 +131,7 @@ def gravity_of(arm: Arm, rods: Rods) -> Array:
 
 
 def spans(rods: Rods, borders: Array) -> Array:
-    """Return how much (m) of every part between borders lies in every section.
+    """Return the overlap (m) of every part between borders with every section.
 
     borders (parts + 1,) m; returns (pressures, parts, sections).
     """
@@ -143,7 +143,7 @@ def spans(rods: Rods, borders: Array) -> Array:
 
 
 def rotation_at(rods: Rods, places: Array) -> Array:
-    """Return how far (rad) the unloaded rod has turned at places (m), (pressures, places)."""
+    """Return the angle (rad) of the unloaded rod at places (m), (pressures, places)."""
     last = rods.knots.size - 2
     piece = np.clip(np.searchsorted(rods.knots, places, side='right') - 1, 0, last)
     powers = (places - rods.knots[piece])[:, None] ** np.arange(float(rods.rotation.shape[2]))

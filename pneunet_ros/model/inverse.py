@@ -129,7 +129,7 @@ class TipSearch:
         return solve_rod(self.arm, rods, load, start, arclength, EXACT, quick)
 
     def tip_error(self, shape: Shape) -> float:
-        """Distance (m) of a shape's tip from where it should be."""
+        """Distance (m) of a shape's tip from its wanted position."""
         return math.dist(shape.tip[:2], self.tip)
 
     def initial_guesses(self, unloaded: Shape) -> list[Shape]:

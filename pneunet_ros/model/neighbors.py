@@ -1,4 +1,4 @@
-"""The arms beside an arm, along each column of its covariance."""
+"""Neighboring arms along each column of the covariance of an arm."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ COLUMN_STEP = 0.01  # sigma; step of a central difference along a column of the 
 
 
 def neighbors(arm: Arm, column: Mapping[str, float]) -> tuple[Arm, Arm, float]:
-    """Return the arm before and after along a column of its covariance, and how far apart.
+    """Return the arms on both sides along a column of its covariance, and their distance.
 
     column: by how much each quantity moves in one sigma; the distance is in sigma. A side on which
     a quantity would leave its bounds is the arm itself. Raises ModelError where both would.

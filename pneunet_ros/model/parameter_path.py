@@ -22,7 +22,7 @@ def unknown_quantity(name: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """By how much the number at a path inside something is moved; `name` is for sentences."""
+    """A change of the number at a path; `name` is for messages."""
 
     path: tuple[str, ...]
     amount: float
@@ -34,7 +34,7 @@ class Move:
 
 
 def move_numbers(owner: Any, moves: Sequence[Move]) -> Any:
-    """Return a copy of `owner` in which the numbers at these paths are larger by their amounts."""
+    """Return a copy of `owner` with the numbers at these paths increased."""
     if not moves:
         return owner
     here = next((move for move in moves if not move.path), None)
@@ -62,7 +62,7 @@ def move_numbers(owner: Any, moves: Sequence[Move]) -> Any:
 
 
 def move_cells(table: Array, moves: Sequence[Move]) -> Array:
-    """Return a copy of a table in which the cells at these paths are larger."""
+    """Return a copy of a table with the cells at these paths increased."""
     copy = np.array(table)
     for move in moves:
         if not all(item.isdecimal() for item in move.path) or len(move.path) != copy.ndim:

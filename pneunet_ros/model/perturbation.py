@@ -50,7 +50,7 @@ class Perturbation:
     def between(
         cls, before: Rods, after: Rods, distance: float | Array, by_load: bool = False
     ) -> Perturbation:
-        """Return the changes from records (causes,) to as many others."""
+        """Return the differences of records (causes,) to as many others."""
         sides, causes = (before, after), len(before.sections)
         return cls(
             length=np.array([[side.length] * causes for side in sides]),
@@ -66,7 +66,7 @@ class Perturbation:
 
     @classmethod
     def of_pressure(cls, rods: Rods, distance: float) -> Perturbation:
-        """Return the one change between two records of an arm, at pressures so far (Pa) apart."""
+        """Return the change between records at two pressures, this far (Pa) apart."""
         knots, places = rods.knots, rods.push_place
         return cls(
             length=np.full((2, 1), rods.length),
@@ -80,7 +80,7 @@ class Perturbation:
         )
 
     def followed_by(self, other: Perturbation) -> Perturbation:
-        """Return these causes and others; what the loads change stays last."""
+        """Append causes before those of the loads, which stay last."""
         if self.by_load:
             own = self.without_loads()
             return own.followed_by(other).followed_by(self.of_loads())
@@ -114,7 +114,7 @@ class Perturbation:
         return before, after
 
     def without_loads(self) -> Perturbation:
-        """Return the causes before those of the loads."""
+        """Return the causes except those of the loads."""
         return self.causes(slice(-LOADS), by_load=False) if self.by_load else self
 
     def of_loads(self) -> Perturbation:
@@ -391,7 +391,7 @@ def constant_records(
 
 
 def both_sides(own: Array, sides: Array) -> Array:
-    """Return numbers on both sides (2, 1 + columns, ...) of a pressure and of all columns.
+    """Return the numbers on both sides (2, 1 + columns, ...) of a pressure and of all columns.
 
     own (3, ...): at the pressure, before and after it; sides (2 + 2 columns, ...), which are
     overwritten: at the pressure and before each column, then at the pressure and after each.
@@ -410,7 +410,7 @@ def places_on_both_sides(every: Rods, records: Record) -> Array:
 
 
 def join_records(records: Sequence[Record]) -> Record:
-    """Return records of runs of neighbors as one."""
+    """Concatenate the records of consecutive neighbors."""
     return Record(
         **{
             item.name: np.concatenate([getattr(one, item.name) for one in records])
@@ -420,7 +420,7 @@ def join_records(records: Sequence[Record]) -> Record:
 
 
 def added_at_each_call(terms: Terms) -> bool:
-    """Whether what an effect adds depends on the pressure, or is more than numbers of sections."""
+    """Whether an effect depends on the pressure, or adds more than section numbers."""
     if terms.part is not None or terms.curvature is not NOTHING:
         return True
     return any(isinstance(getattr(terms, item.name), np.ndarray) for item in fields(terms))
@@ -429,7 +429,7 @@ def added_at_each_call(terms: Terms) -> bool:
 def group_equal_terms(
     arms: tuple[Arm, ...], changing: tuple[int, ...]
 ) -> tuple[tuple[slice, Arm], ...]:
-    """Return runs of arms in which effects by pressure or history are the same."""
+    """Group arms whose effects by pressure or history are equal."""
     runs: list[tuple[slice, Arm]] = []
     if not (arms and (changing or arms[0].history_dependent or arms[0].by_load)):
         return ()
@@ -497,7 +497,7 @@ def near_records(
 
 
 def gravity_of(load: Load | None, count: int) -> Array | None:
-    """Return where gravity points under a load, so many times (count, 2); None: as the arm."""
+    """Return the gravity direction under a load, repeated (count, 2); None: as the arm."""
     if load is None or load.gravity is None:
         return None
     return np.tile(load.gravity, (count, 1))

@@ -23,7 +23,7 @@ def pressure_for_tip(
     force: tuple[float, float] = (0.0, 0.0),
     moment: float = 0.0,
 ) -> tuple[float, Shape]:
-    """Find the pressure that brings the tip nearest to a place, under a known load.
+    """Find the pressure that brings the tip nearest to a point, under a known load.
 
     Args:
         arm: the calibrated arm.
@@ -56,7 +56,7 @@ def pressure_for_force(
     tip: tuple[float, float],
     moment: float = 0.0,
 ) -> tuple[float, Shape]:
-    """Find the pressure at which an arm whose tip is held presses with a wanted force.
+    """Find the pressure at which an arm with a held tip exerts a wanted force.
 
     Args:
         arm: the calibrated arm.

@@ -1,4 +1,4 @@
-"""The record of a rod: what the laws of an arm give, and what its effects add to it.
+"""The record of a rod: its sections with laws and effect terms.
 
 A term that holds on a part of the arm cuts the sections of the rod at both ends of the part, and
 the pieces of the intrinsic rotation as well.
@@ -36,7 +36,7 @@ class Record:
 
     @classmethod
     def without_pushes(cls, sections: Array, clamp: Array, rotation: Array) -> Record:
-        """Return the record of a rod that nothing pushes."""
+        """Return the record of a rod without point loads."""
         return cls(
             sections=sections,
             clamp=clamp,
@@ -70,7 +70,7 @@ def cut_sections(sections: Array, places: Array, length: float) -> tuple[Array, 
 
 
 def owners(sections: Array, cut: Array) -> Indices:
-    """Return of which of sections (n, sections, 8) each of those that were cut is a piece."""
+    """Return the index of the original section (n, sections, 8) of each cut piece."""
     reached = cut[:, :, None, START] >= sections[:, None, :, START]
     return np.asarray(reached.sum(axis=2) - 1)
 
@@ -92,7 +92,7 @@ def cut_rotation(rotation: Array, knots: Array, places: Array) -> Array:
 
 
 def moved_to(rotation: Array, distance: Array) -> Array:
-    """Return rotation (..., pieces, 5) by powers of the way from places so far (m) after knots."""
+    """Shift the origin of polynomials (..., pieces, 5) of the rotation by distances (m)."""
     if not distance.any():
         return rotation
     exponent = np.subtract(*np.ogrid[:ROTATION_WIDTH, :ROTATION_WIDTH])

@@ -35,7 +35,7 @@ def starting_arm(
     largest_pressure: float,
     settings: StartingArmSettings | None = None,
 ) -> Arm:
-    """Return an arm of this size that bends evenly, marked as invented where it is.
+    """Return an evenly bending arm of this size, with invented numbers marked as such.
 
     Args:
         name: of the model.
@@ -81,7 +81,7 @@ def starting_arm(
 
 
 def even_places(length: float, targets: int, diameter: float, step: float) -> Array:
-    """Return places (targets,) m from the clamp on, a whole number of steps (m) apart.
+    """Return positions (targets,) m from the clamp, in whole steps (m).
 
     The last dot lies on the arm as a whole.
     """

@@ -79,7 +79,7 @@ def solve_string(
     force: tuple[float, float] = (0.0, 0.0),
     moment: float = 0.0,
 ) -> Shape:
-    """Return the equilibrium of an arm whose tip a string pulls; its `force` is that of all loads.
+    """Return the equilibrium of an arm with a string at its tip; `force` is the total load.
 
     Args:
         arm: the calibrated arm.
@@ -132,7 +132,7 @@ def settle(
     moment: float,
     start: Shape,
 ) -> tuple[Shape | None, int]:
-    """Return the shape near another one in which the force is that of the string, and steps."""
+    """Iterate from a nearby shape until the force is that of the string; count the steps."""
     shape = start
     force = beside + string.pull(np.array(shape.tip[:2]))
     for step in range(1, 1 + MOST_STEPS // 3):
@@ -160,5 +160,5 @@ def follows_tip(string: String, tip: Array, jacobian: Array) -> Array:
 
 
 def radius_of(arm: Arm) -> float:
-    """Return how near (m) to the line of an arm nothing can stand: a hundredth of its length."""
+    """Return the clearance (m) around the centerline: a hundredth of the length."""
     return 0.01 * arm.length

@@ -58,7 +58,7 @@ class SensorNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlacementKnown:
-    """Where the targets are painted beside their places, as a calibration found it.
+    """The calibrated placement of the targets.
 
     mean, std (2 targets,) m: along the arm, then across it, of all targets; factor (2 targets,
     columns) m: what one sigma of each column of the model's covariance takes with it. std is what
@@ -73,7 +73,7 @@ class PlacementKnown:
     origin: Array = field(default_factory=lambda: np.zeros(2))
 
     def __post_init__(self) -> None:
-        """Check that the arrays belong together."""
+        """Check that the shapes of the arrays agree."""
         for name, dimensions in (('mean', 1), ('std', 1), ('factor', 2), ('origin', 1)):
             where = f'covariance.placement.{name}'
             object.__setattr__(self, name, table_array(getattr(self, name), where, dimensions))
@@ -136,7 +136,7 @@ class ModelCovariance:
             )
 
     def columns(self) -> tuple[dict[str, float], ...]:
-        """Per column, how much every quantity moves together in one standard deviation."""
+        """Per column, the change of every quantity in one standard deviation."""
         return tuple(
             dict(zip(self.quantities, column.tolist(), strict=True))
             for column in np.asarray(self.factor).T
@@ -144,7 +144,7 @@ class ModelCovariance:
 
 
 def error_left_out(covariance: ModelCovariance | None, sources: Mapping[str, str]) -> str:
-    """Name the model error that the standard deviations leave out; empty if there is none.
+    """Name the model error that the standard deviations do not include; empty if none.
 
     covariance, sources: of the model. The stiffness is measured where the covariance has it and no
     source says otherwise.

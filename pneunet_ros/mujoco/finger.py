@@ -91,7 +91,7 @@ class Finger:
         return stiffness, rest
 
     def set_pressure(self, pressure: float) -> None:
-        """Set springs and damping of all hinges to a pressure (Pa, gauge) in the chamber.
+        """Set springs and damping of all hinges for a chamber pressure (Pa, gauge).
 
         Call it whenever the pressure changes, before `mj_step`. Raises RequestError outside
         `pressure_range`.

@@ -58,7 +58,7 @@ class HingeChain:
     gravity: Array = field(default_factory=lambda: np.zeros(2))
 
     def __post_init__(self) -> None:
-        """Check sizes; refuse springs that push instead of pull."""
+        """Check sizes; reject negative stiffness."""
         check_quantities(self, 'finger', RequestError)
         rows, hinges = len(self.pressure), len(self.hinge)
         sizes: dict[str, tuple[int, ...]] = {

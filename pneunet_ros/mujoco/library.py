@@ -1,4 +1,4 @@
-"""MuJoCo, where it is installed: an extra, that nothing else of this package needs."""
+"""Import of the optional library MuJoCo."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pneunet_ros.core.errors import RequestError
 
 
 def load_mujoco() -> ModuleType:
-    """Return the module `mujoco`; RequestError that names the command where it is missing."""
+    """Return the module `mujoco`; RequestError names the install command if it is missing."""
     try:
         import mujoco
     except ImportError as error:

@@ -1,1 +1,1 @@
-"""The nodes, and all that knows ROS: message -> core -> message, nothing else."""
+"""The ROS nodes: message to core to message. Only this room imports ROS."""

@@ -1,4 +1,4 @@
-"""Errors of this program in callbacks: counted, said once each, and survived.
+"""Internal errors in callbacks: counted, logged once each, and survived.
 
 A robot goes on without one reading, and not without its node.
 """
@@ -29,7 +29,7 @@ class CallbackErrors:
     def guarded(
         self, callback: Callable[..., Any], failed: Callable[..., Any] = lambda *arguments: None
     ) -> Callable[..., Any]:
-        """Return a callback that raises nothing; failed: gives its result after an error.
+        """Wrap a callback so that it raises nothing; failed: gives its result after an error.
 
         An error after a signal ends the node: ROS raises errors in calls that a signal interrupts.
         """

@@ -1,4 +1,4 @@
-"""A node with a configuration that its parameters make: what the nodes here have in common."""
+"""Base of all nodes: parameters, services, diagnostics and the log."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         configured: Callable[[Mapping[str, Any], C | None], C],
         place: Place = ALONE,
     ) -> None:
-        """Declare all parameters and use them; nothing can be heard of the node yet."""
+        """Declare and apply all parameters; no topic is open yet."""
         self.errors = CallbackErrors(self.log_internal_error)
         super().__init__(name, **place.arguments(name))
         self.table, self.configured, self.place = table, configured, place
@@ -123,7 +123,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         return super().create_service(kind, name, guarded, *arguments, **named)
 
     def log_internal_error(self, kind: str, sentence: str) -> None:
-        """Log the first internal error of a kind, with its lines as they are."""
+        """Log the first internal error of a kind, with its traceback."""
         self.get_logger().error(sentence)
 
     def note_jump(self, sentence: str) -> None:
@@ -132,18 +132,18 @@ class ConfiguredNode(Node, ABC, Generic[C]):
 
     @abstractmethod
     def forget(self) -> str:
-        """Forget all readings, and say what begins then."""
+        """Forget all readings; return a description."""
 
     @abstractmethod
     def take_over(self, configuration: C) -> None:
-        """Make ready what the node has beside `configuration`, which still is the old one."""
+        """Prepare the node for `configuration`, while the old one is still in use."""
 
     @abstractmethod
     def diagnose(self) -> None:
         """Publish how the node is doing."""
 
     def every(self, seconds: float, callback: Callable[[], None]) -> None:
-        """Call back by the steady clock: also where simulated time stands still."""
+        """Call back by the steady clock, even if simulated time stands still."""
         self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def tell_ready(self) -> None:
@@ -165,7 +165,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         return response
 
     def reload_model(self, request: Any, response: Any) -> Any:
-        """Serve ~/reload_model: read all files again; a bad one changes nothing."""
+        """Serve ~/reload_model: read all files again; on error nothing changes."""
         try:
             self.use(self.configured(self.table.values(self), None))
         except PneunetError as error:
@@ -176,7 +176,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         return response
 
     def validate(self, changes: list[Parameter]) -> SetParametersResult:
-        """State whether parameters can be set, by making ready what they ask for."""
+        """Accept or reject parameters by building their configuration."""
         self.candidate = self.configuration
         values = self.table.values(self)
         changed = {item.name: item.value for item in changes if item.name in values}
@@ -193,7 +193,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         return SetParametersResult(successful=True)
 
     def apply_candidate(self, changes: list[Parameter]) -> None:
-        """Use what was made ready, now that the parameters are set."""
+        """Use the validated configuration, now that the parameters are set."""
         if self.candidate is not self.configuration:
             self.use(self.candidate)
 
@@ -214,11 +214,11 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         return getattr(self.configuration, 'sensors', None)
 
     def take_info(self, message: String) -> None:
-        """Note what a node of the same arm says of itself."""
+        """Record the model_info of another node of the same arm."""
         self.others.take(message.data)
 
     def differing_sensors(self) -> str:
-        """Describe in what other nodes of the arm take its sensors for something else."""
+        """Describe differences to the sensor settings of other nodes of the arm."""
         if self.sensors is None:
             return ''
         running = {
@@ -229,12 +229,12 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         return '; '.join(self.others.differences(own, self.sensors, running))
 
     def log_refusal(self, refusal: Refusal) -> None:
-        """Log a kind of refusal when it is new, and again when it goes on for long."""
+        """Log a kind of refusal when it is new, and again after a while."""
         now = time.monotonic()
         self.log.refusal(refusal, now - self.ready_at, now)
 
     def note_message(self, topic: str, info: Mapping[str, int | None]) -> None:
-        """Count what was lost of a topic before this message of it."""
+        """Count the messages of a topic that were lost before this one."""
         self.losses.take(topic, info, self.count_publishers)
 
     def publish_report(self, what: str, report: Report) -> None:
@@ -263,7 +263,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
     def publish_status(
         self, what: str, level: Level, message: str, values: Mapping[str, str]
     ) -> None:
-        """Publish one status; the stamp is now, as that is what it tells of."""
+        """Publish one status, stamped with the current time."""
         model = self.configuration.model
         values = {'model': model, **values}
         status = DiagnosticStatus(

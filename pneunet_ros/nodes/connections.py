@@ -41,7 +41,7 @@ def rival_sentences(node: Any, shared: Collection[str]) -> Iterator[str]:
 
 
 def mismatch_sentences(node: Any) -> Iterator[str]:
-    """Report whose messages a node cannot receive, and who cannot receive those of the node."""
+    """Report QoS mismatches with publishers and subscribers."""
     for item in node.subscriptions:
         pause()
         topic = item.topic_name

@@ -1,4 +1,4 @@
-"""One experiment on a live arm: commands a course of pressure and force, and records the readings.
+"""One experiment on a live arm: commands pressure and force, and records the readings.
 
     python -m pneunet_ros.nodes.experiment RECORDING.mcap < corners.json [--ros-args ...]
 
@@ -75,7 +75,7 @@ class ExperimentNode(Node):
         return keep
 
     def command(self, seconds: float) -> None:
-        """Command what the course has at a time."""
+        """Command the pressure and force of a time."""
         time_s, *columns = self.corners.T
         pressure, x, y = (float(np.interp(seconds, time_s, values)) for values in columns)
         self.send(pressure, x, y)
@@ -117,13 +117,13 @@ class ExperimentNode(Node):
         return ready()
 
     def vent(self) -> None:
-        """Command no pressure and no force, long enough to be heard; nothing is recorded then."""
+        """Command zero pressure and force for a moment; nothing is recorded then."""
         self.record_into(None)
         self.spin(5 * PERIOD, lambda _: self.send(0.0, 0.0, 0.0))
 
 
 def run_experiment(node: ExperimentNode, path: Path) -> None:
-    """Wait for the arm, lead it along the course, and write the recording."""
+    """Wait for the arm, run the experiment, and write the recording."""
     pressure, targets = (node.resolve_topic_name(item.name) for item in (PRESSURE, TARGETS))
     if not node.waited(lambda: min(node.counts[PRESSURE.name], node.counts[TARGETS.name]) > 0):
         raise RequestError(
@@ -152,7 +152,7 @@ def run_experiment(node: ExperimentNode, path: Path) -> None:
 
 
 def ask_for_load(corners: Array, topic: str) -> None:
-    """Tell the user what load to hang on, and wait."""
+    """Ask the user to attach the load, and wait."""
     print(f'No node subscribes to {topic}. Pull at the free end by hand or by weights:')
     print('  s      F1 (N)  F2 (N)')
     for seconds, _, x, y in corners.tolist():

@@ -1,4 +1,4 @@
-"""A subscription that takes reliability and durability from those who publish.
+"""A subscription that adopts the reliability and durability of its publishers.
 
 Images that are sent best effort cannot be received reliably, and those sent reliably lose much
 when they are received best effort. What is latched is received only by who asks for it.

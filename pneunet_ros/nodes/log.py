@@ -1,4 +1,4 @@
-"""The log of a node: what goes on for long is said once in a while, not with every message."""
+"""The log of a node, which limits how often a message repeats."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Log:
             self._logger.error(printable(sentence))
 
     def refusal(self, refusal: Refusal, since_ready: float, now: float) -> None:
-        """Log why there is no result; since_ready: time (s) since the node was ready."""
+        """Log a refusal; since_ready: time (s) since the node was ready."""
         if refusal.awaits_others and since_ready < STARTING:
             self.warn(f'{refusal.reason} while starting', refusal.sentence, now)
             return

@@ -44,7 +44,7 @@ class Losses:
             self.total[topic] += missing
 
     def sentence(self) -> str:
-        """Describe what was lost since this was last asked; empty if there was nothing."""
+        """Describe the messages lost since the last call; empty if none."""
         lost, self._new = self._new, Counter()
         return '; '.join(
             f'{count} message{"s" if count > 1 else ""} on {topic} lost'

@@ -12,6 +12,6 @@ from pneunet_ros.model.arm import Arm
 
 
 def model_info(arm: Arm, file: Path, **others: Any) -> str:
-    """Return the JSON text for an arm that was read from a file, with what else is to be said."""
+    """Return the JSON text for an arm from a file, with further entries."""
     about = {'name': arm.name, 'hash': model_hash(arm), 'file': str(file), 'length': arm.length}
     return json.dumps({**about, **others, 'version': __version__})

@@ -89,7 +89,7 @@ class ParameterTable:
         return self.values(node)
 
     def completed(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the values of all parameters; RequestError names one of another type."""
+        """Return the values of all parameters; RequestError names one of a wrong type."""
         values = {
             item.name: of_declared(given.get(item.name, item.default)) for item in self.fields
         }
@@ -161,7 +161,7 @@ def known_model(model_file: str, effects_path: str, gravity: str = '') -> Arm:
 
 
 def check_source(new: GravitySource, old: GravitySource) -> None:
-    """Refuse another source of gravity, whose topics the node does not read."""
+    """Reject another source of gravity, whose topics the node does not read."""
     if new.frame != old.frame or new.uses_imu > old.uses_imu:
         raise RequestError(
             'this node was started without the topics that give the direction of gravity '

@@ -1,4 +1,4 @@
-"""Where a node stands that shares a process with others of its kind."""
+"""Placement of a node that shares a process with others of its kind."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Namespace, parameters and topics of a node beside others.
+    """Namespace, parameters and topics of a node in a shared process.
 
     namespace: full name; empty: that of the command line. parameters: take precedence over those
     of the command line. topics: the names that topics of the node are remapped to. like: the

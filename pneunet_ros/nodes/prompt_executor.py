@@ -1,4 +1,4 @@
-"""An executor that hands messages to a node as soon as they are there, in order.
+"""An executor that calls back messages at once, in order of arrival.
 
 That of rclpy takes one message of each topic in a turn, makes a task of each callback, and wakes
 once more after it: more work than an estimate, and another order than that of arrival. Its
@@ -39,7 +39,7 @@ Result = TypeVar('Result')
 
 
 class AtOnce(MutuallyExclusiveCallbackGroup):
-    """Of one subscription, whose callback takes a message and what rclpy knows of it.
+    """Callback group of one subscription, whose callback takes a message and its info.
 
     order: that of the messages of all subscriptions that belong together; topic: which one of its
     topics this is; errors: counts messages that cannot be taken, which else raise; patience_ns: so
@@ -64,7 +64,7 @@ class AtOnce(MutuallyExclusiveCallbackGroup):
         return False
 
     def take_from(self, subscription: Any) -> bool:
-        """Take a message, if there is one, for its turn; whether there may be more."""
+        """Take a message into the queue; return whether there may be more."""
         try:
             taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
             if taken and self.read is not None:
@@ -141,7 +141,7 @@ class AtWork(NamedTuple):
 
 
 class PromptExecutor(SingleThreadedExecutor):
-    """Calls back timers, and the subscriptions of a group AtOnce; all else rclpy's executor does.
+    """Calls back timers and AtOnce subscriptions; rclpy's executor does the rest.
 
     Of several nodes, the message that arrived first has its turn, after the patience of its node.
     In the pauses of a callback (`core.pauses`) more urgent messages of other nodes have theirs.
@@ -170,7 +170,7 @@ class PromptExecutor(SingleThreadedExecutor):
         self.context.on_shutdown(self.wake)
 
     def wake(self) -> None:
-        """Look again at what there is to wait for."""
+        """Recheck the entities to wait for."""
         self._changed = True
         self._wake.trigger()
         super().wake()
@@ -186,7 +186,7 @@ class PromptExecutor(SingleThreadedExecutor):
         raise ExternalShutdownException()
 
     def take_turn(self) -> None:
-        """Wait for something, and call back what is ready."""
+        """Wait, then call back everything that is ready."""
         if self._changed:
             self.list_entities()
         begin_ns = time.time_ns()
@@ -214,7 +214,7 @@ class PromptExecutor(SingleThreadedExecutor):
             self.spin_once(timeout_sec=0)
 
     def wait(self, begin_ns: int, *, whole: bool) -> Any:
-        """Wait for messages and timers, and for services as well where it is for the whole."""
+        """Wait for messages and timers; whole: for services, too."""
         waiting = self._sets[whole]
         waiting.clear_entities()
         for item in [*self._prompt, *self._other] if whole else self._prompt:
@@ -295,7 +295,7 @@ class PromptExecutor(SingleThreadedExecutor):
             self._at_work.pop()
 
     def call_urgent(self) -> None:
-        """Call back what is more urgent than the callbacks at work, in a pause of the last one."""
+        """Call back messages more urgent than the running callbacks, in a pause of the last."""
         now_ns = time.time_ns()
         if now_ns < self._pause_ns or not self._at_work:
             return
@@ -322,7 +322,7 @@ class PromptExecutor(SingleThreadedExecutor):
         self.work(AtWork(own, NEVER, time.time_ns()), timer.callback)
 
     def list_entities(self) -> None:
-        """List what there is to wait for, as nodes make and destroy it at any time."""
+        """List the entities to wait for, which nodes may add and remove at any time."""
         self._changed = False
         nodes = self.get_nodes()
         self._polled = any(getattr(node, 'is_polled', False) for node in nodes)

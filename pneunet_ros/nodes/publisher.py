@@ -1,4 +1,4 @@
-"""Publishing of estimates: what controllers need first, and only what is wanted."""
+"""Publishing of estimates: topics for controllers first, and only subscribed ones."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def last_name(topic: Output[Any]) -> str:
 
 
 def in_order(outputs: Iterable[Output[Result]]) -> tuple[Output[Result], ...]:
-    """Return outputs in the order in which they are published."""
+    """Return outputs in publishing order."""
     return tuple(
         sorted(
             outputs,

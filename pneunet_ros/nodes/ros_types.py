@@ -22,7 +22,7 @@ class RclpyTypes:
         return message_class(type_name)
 
     def sequence(self, values: npt.NDArray[Any], /) -> Any:
-        """Return an array.array: rclpy takes it whole, and all else item by item."""
+        """Return an array.array, which rclpy takes as a whole, not item by item."""
         return array.array(values.dtype.char, values.tobytes())
 
 
@@ -31,7 +31,7 @@ RCLPY_TYPES = RclpyTypes()
 
 @cache
 def message_class(type_name: str) -> Callable[..., Any]:
-    """Import the class of a type such as 'nav_msgs/msg/Path'; RequestError where there is none."""
+    """Import the class of a type such as 'nav_msgs/msg/Path'; RequestError if missing."""
     package, _, name = type_name.split('/')
     try:
         module = import_module(f'{package}.msg')
@@ -47,7 +47,7 @@ def message_class(type_name: str) -> Callable[..., Any]:
 
 
 def has_message(type_name: str) -> bool:
-    """Whether this ROS has a type."""
+    """Whether this ROS installation has a message type."""
     try:
         message_class(type_name)
     except RequestError:
@@ -56,7 +56,7 @@ def has_message(type_name: str) -> bool:
 
 
 def deserialize(raw: bytes, type_name: str) -> Any:
-    """Return the message of a type in serialized bytes; as ROS does where it is none."""
+    """Deserialize a message; raises as rclpy does if the bytes are invalid."""
     message = read_message(raw, type_name)
     return deserialize_message(raw, message_class(type_name)) if message is None else message
 

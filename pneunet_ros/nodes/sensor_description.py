@@ -18,7 +18,7 @@ MOST_NODES = 10
 
 
 def sensor_description(settings: EstimatorSettings) -> dict[str, Any]:
-    """Return the settings that say what the numbers of the sensors mean, by parameter."""
+    """Return the settings that define the sensor readings, by parameter."""
     return {
         name: value
         for name, value in dataclasses.asdict(settings).items()
@@ -27,7 +27,7 @@ def sensor_description(settings: EstimatorSettings) -> dict[str, Any]:
 
 
 def all_latched_qos() -> QoSProfile:
-    """Return the quality of service by which the last words of all publishers are heard."""
+    """Return the QoS that receives the latched message of every publisher."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=MOST_NODES,
@@ -43,7 +43,7 @@ class OtherDescriptions:
         self._said: dict[str, Mapping[str, Any]] = {}
 
     def take(self, words: str) -> None:
-        """Note what a node says; words: its `model_info`."""
+        """Record the `model_info` of a node."""
         try:
             about = json.loads(words)
             self._said[about['node']] = dict(about['sensors'])

@@ -18,7 +18,7 @@ def end_at_signal() -> None:
 
 
 def ignore_signals() -> None:
-    """Let signals do nothing. SIG_IGN would not do: rclpy puts back the handler it found."""
+    """Ignore signals by a handler: rclpy would restore another one over SIG_IGN."""
     _handle(_ignore)
 
 

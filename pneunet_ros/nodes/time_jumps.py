@@ -15,7 +15,7 @@ from rclpy.duration import Duration
 
 
 def watch_time(node: Any, say: Callable[[str], None]) -> Any:
-    """Let a sentence be said where the time of a node jumps back, or by more than a report forth.
+    """Report when the node's clock jumps back, or forward by more than a report period.
 
     Returns what must be kept for as long as this is wanted.
     """

@@ -58,7 +58,7 @@ def input_qos(depth: int = DEPTH) -> QoSProfile:
 
 
 def output_qos() -> QoSProfile:
-    """Return the quality of service of what is estimated."""
+    """Return the QoS of estimates."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE
     )
@@ -75,7 +75,7 @@ def latched_qos(depth: int = 1) -> QoSProfile:
 
 
 def publisher(node: Any, type_name: str, topic: str, qos: QoSProfile) -> Any:
-    """Create a publisher whose quality of service parameters can override."""
+    """Create a publisher with QoS that parameters can override."""
     events = PublisherEventCallbacks(use_default_callbacks=False)
     create = partial(node.create_publisher, event_callbacks=events)
     return _overridable(create, message_class(type_name), topic, qos)
@@ -90,7 +90,7 @@ def subscription(
     policies: tuple[QoSPolicyKind, ...] = POLICIES,
     group: AtOnce | None = None,
 ) -> Any:
-    """Create a subscription of whose quality of service parameters can override `policies`.
+    """Create a subscription with QoS of which parameters can override `policies`.
 
     A callback that takes what rclpy knows of a message beside it is called at once. group: in the
     order of which messages; None: of this topic alone.
@@ -114,7 +114,7 @@ def group_of(
 
 
 def subscribe_in_order(node: Any, takes: Mapping[Input[Any], Callable[..., None]]) -> None:
-    """Subscribe to the topics of sensors, whose messages are taken in one order.
+    """Subscribe to sensor topics, and process their messages in one common order.
 
     takes: what takes a message of a sensor and what rclpy knows of it, by sensors in the order of
     ties. Frames are shed while the node is late, and readings never are.

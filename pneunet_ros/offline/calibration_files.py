@@ -109,12 +109,12 @@ def described_arm(
 
 
 def knowledge_file(model: Path) -> Path:
-    """Return where the knowledge of a calibrated model stands: arm.knowledge.npz by arm.yaml."""
+    """Return the path of the posterior of a model: arm.knowledge.npz for arm.yaml."""
     return model.with_name(f'{model.stem}{KNOWLEDGE_SUFFIX}')
 
 
 def save_knowledge(knowledge: PosteriorState, model: Path, *, overwrite: bool) -> None:
-    """Write the knowledge beside its model file."""
+    """Write the posterior next to its model file."""
     with atomic_output(knowledge_file(model), overwrite=overwrite) as temporary:
         arrays = {
             item.name: np.asarray(getattr(knowledge, item.name))
@@ -127,7 +127,7 @@ def save_knowledge(knowledge: PosteriorState, model: Path, *, overwrite: bool) -
 
 
 def load_knowledge(model: Path) -> PosteriorState:
-    """Read the knowledge beside a model file; ModelError where there is none or it is damaged."""
+    """Read the posterior next to a model file; ModelError if missing or damaged."""
     path = knowledge_file(model)
     try:
         values = read_arrays(path, KNOWLEDGE)

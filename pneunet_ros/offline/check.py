@@ -92,7 +92,7 @@ def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
 
 
 def proposed(arm: Arm) -> str:
-    """Return what to record if the motion of the arm is unknown."""
+    """Return the recording to make if the motion of the arm is unknown."""
     if arm.inertia is not None:
         return ''
     return (
@@ -138,7 +138,7 @@ def timing(stamp_ns: Stamps) -> dict[str, Any]:
 
 
 def sync(series: Mapping[str, ReadingSeries], name: str) -> dict[str, Any]:
-    """Return how the stamps of a topic lie to those of the pressure.
+    """Return the timing of a topic relative to the pressure.
 
     share: of them that have a pressure reading within half its period. offset: median time (s) to
     the nearest one, positive where the pressure is earlier; starts: how much later it begins.
@@ -198,7 +198,7 @@ def holds(series: Mapping[str, ReadingSeries], arm: Arm) -> list[dict[str, float
 def doubts(
     series: Mapping[str, ReadingSeries], request: UseRequest, verdicts: Verdicts
 ) -> list[str]:
-    """Return sentences about readings that do not look like those of this arm."""
+    """Describe readings that are implausible for this arm."""
     if verdicts.doubted:
         return [f'{verdicts.findings}: give {verdicts.options} to every verb']
     if verdicts.strangeness:

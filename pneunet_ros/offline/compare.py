@@ -47,7 +47,7 @@ class CompareRequest:
 
 
 def compare_files(request: CompareRequest) -> list[Comparison]:
-    """Compare A with B and, where there is one, both with the truth.
+    """Compare A with B and, if given, both with the truth.
 
     Raises RequestError where there is nothing to compare with, RecordingError where a file cannot
     be read or two have nothing in common.
@@ -72,7 +72,7 @@ def compare_files(request: CompareRequest) -> list[Comparison]:
 
 
 def read_side(path: Path, topics: Mapping[str, str], target_arclength: Array) -> ShapeSeries:
-    """Read a truth (.npz), or what a recording says of the shape."""
+    """Read a truth (.npz), or the shapes of a recording."""
     if path.suffix == TRUTH_SUFFIX:
         return read_truth(path)
     return read_shapes(path, topics, target_arclength)
@@ -149,7 +149,7 @@ def errors_content(
 
 
 def doubts(comparison: Comparison) -> list[Note]:
-    """Describe what limits a comparison, or why there is none."""
+    """Describe the limits of a comparison, or why there is none."""
     if comparison.unlike:
         return list(comparison.unlike)
     if comparison.tip is None and comparison.shape is None:

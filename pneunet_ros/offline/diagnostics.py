@@ -1,4 +1,4 @@
-"""`/diagnostics` of a replay: what a node would have reported, once a second of log time."""
+"""`/diagnostics` of a replay, as a node would publish it, once a second of log time."""
 
 from __future__ import annotations
 

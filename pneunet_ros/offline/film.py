@@ -52,7 +52,7 @@ class FilmedRun:
 
 
 def check_readings(table: ReadingTable, path: Path) -> None:
-    """Refuse a table that cannot stand beside a film."""
+    """Reject a table that does not fit a film."""
     counts = table.counts()
     if not counts[PRESSURE.name]:
         raise RequestError(
@@ -69,7 +69,7 @@ def check_readings(table: ReadingTable, path: Path) -> None:
 
 
 def check_no_forces(table: ReadingTable, option: str) -> None:
-    """Refuse an option that says what pulled, beside a sensor that read it."""
+    """Reject a load option if the table has force readings."""
     if table.counts()[END_WRENCH.name]:
         raise RequestError(
             f'{option} is for tables without forces, but this table has force columns',
@@ -85,7 +85,7 @@ def with_end_load(table: ReadingTable, force_x: float, force_y: float) -> Readin
 
 
 def delay_of(trackings: Sequence[Tracking], table: ReadingTable) -> ClockDelay:
-    """Estimate by how much the film's clock is ahead of the table's."""
+    """Estimate the delay of the film's clock relative to the table's."""
     sightings = [tracking.sightings for tracking in trackings]
     read = table.present()[PRESSURE.name]
     time = _seconds(table.stamp_ns - table.stamp_ns[0])
@@ -131,7 +131,7 @@ def _moved(tracking: Tracking, by_ns: int) -> Tracking:
 
 
 def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
-    """Return a film in which a string pulled the tip: the load of every row goes with the tip.
+    """Return a film with a string at the tip: the load of every row follows the tip.
 
     Raises RequestError where no frame shows the tip, or the eye lies on the arm.
     """

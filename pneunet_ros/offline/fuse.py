@@ -28,7 +28,7 @@ from pneunet_ros.recordings.recording_writer import RecordingWriter
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FusionStep:
-    """One recorded message with what the fusion made of it and remembers afterwards."""
+    """One recorded message with its outcome and the state of the fusion after it."""
 
     message: RecordedMessage
     outcome: FusionOutcome
@@ -64,7 +64,7 @@ def fusion_topics(
 def fusion_steps(
     recording: Recording, fusion: Fusion, topics: Mapping[str, Input[Any]]
 ) -> Iterator[FusionStep]:
-    """Feed the recorded readings and frames to the fusion in the order in which its node does."""
+    """Feed recorded readings and frames to the fusion in the order of its node."""
     state = FusionState()
     for message in messages_in_order(recording, topics, OF_FUSION):
         state, outcome = fuse_message(fusion, state, topics[message.topic], message.message)
@@ -85,7 +85,7 @@ class FusionDiagnostics:
         self._health = FusionHealth(names[PRESSURE.name], names[TARGETS.name], 0.0)
 
     def take(self, step: FusionStep) -> None:
-        """Take a step, and report where it is time to."""
+        """Take a step, and report when due."""
         clock, sensor = self._topic.clock, self._topics[step.message.topic]
         due = clock.advance(step.message.log_time_ns)
         self._health.took(sensor.name, step.outcome, clock.now, None)
@@ -93,12 +93,12 @@ class FusionDiagnostics:
             self.report(step.state)
 
     def end(self, state: FusionState) -> None:
-        """Report on what came after the last report."""
+        """Report on the time since the last report."""
         if self._topic.clock.ends:
             self.report(state)
 
     def report(self, state: FusionState) -> None:
-        """Report on the time since the last report, with what is remembered now."""
+        """Report on the time since the last report, with the current state."""
         now, left_out = self._topic.clock.now, self._topic.left_out
         self._topic.write(self._health.report(state, self._fusion, now, left_out=left_out))
 

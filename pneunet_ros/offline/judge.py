@@ -1,4 +1,4 @@
-"""Whether the readings of a recording mean what is declared: pressure and end wrench."""
+"""Check of the declared meaning of pressure and end wrench in a recording."""
 
 from __future__ import annotations
 
@@ -97,18 +97,18 @@ class Verdicts:
 
     @property
     def doubted(self) -> dict[str, Verdict]:
-        """Those that are almost surely not what they are declared to be, by sensor."""
+        """Verdicts that almost surely differ from the declaration, by sensor."""
         found = {PRESSURE.name: self.pressure, END_WRENCH.name: self.wrench}
         return {name: item for name, item in found.items() if item is not None and item.doubted}
 
     @property
     def strangeness(self) -> str:
-        """Report that another model is needed; empty where the readings are those of this one."""
+        """Report readings that need another model; empty if this one fits."""
         return '' if self.pressure is None else self.pressure.strangeness
 
     @property
     def findings(self) -> str:
-        """Describe what the doubted readings most likely are."""
+        """Describe the likely meaning of the doubted readings."""
         return '; '.join(f'{name} is {item.finding}' for name, item in self.doubted.items())
 
     @property
@@ -144,7 +144,7 @@ def judge_recording(
     *,
     own_model: bool = True,
 ) -> Verdicts:
-    """Weigh what the readings of a recording may mean, by targets where there are any.
+    """Judge the meaning of the readings of a recording, by targets if there are any.
 
     own_model: it was given; otherwise the recording may be of another arm.
     No verdict where there are no readings, where all are zero, or where `judge_readings` is false.
@@ -192,7 +192,7 @@ def judge_pressure_series(
     *,
     own_model: bool = True,
 ) -> PressureVerdict | None:
-    """Weigh what the pressure readings mean."""
+    """Judge the meaning of the pressure readings."""
     pressure = series.get(PRESSURE.name)
     if pressure is None or not len(pressure.stamp_ns):
         return None
@@ -207,7 +207,7 @@ def judge_pressure_series(
 def judge_wrench_series(
     series: Mapping[str, ReadingSeries], arm: Arm, settings: EstimatorSettings, *, shows: bool
 ) -> WrenchVerdict | None:
-    """Weigh what the wrench readings mean; shows: the pressure is known, so targets show it."""
+    """Judge the meaning of the wrench readings; shows: targets can show the force."""
     wrench, pressure = series.get(END_WRENCH.name), series.get(PRESSURE.name)
     if wrench is None or not len(wrench.stamp_ns):
         return None
@@ -231,7 +231,7 @@ def complex_forces(load: Array) -> Forces:
 def shown_forces(
     series: Mapping[str, ReadingSeries], arm: Arm, declared: WrenchConvention
 ) -> ShownForces | None:
-    """Return the forces that targets show in a few frames; None where they show none."""
+    """Return the forces estimated from targets in a few frames; None without any."""
     targets, pressure = series.get(TARGETS.name), series.get(PRESSURE.name)
     wrench = series[END_WRENCH.name]
     if targets is None or pressure is None or not len(targets.stamp_ns):
@@ -272,7 +272,7 @@ def shown_forces(
 def strange_frame(
     recording: Recording, settings: EstimatorSettings, overrides: Mapping[str, str]
 ) -> str:
-    """Return the frame id of the end wrench where it is none that is declared; else ''."""
+    """Return the frame id of the end wrench if it is not a declared one; else ''."""
     topic = find_series(recording, END_WRENCH, overrides, required=False)
     for message in () if topic is None else recording.messages([topic]):
         try:
@@ -286,7 +286,7 @@ def strange_frame(
 def judge_table(
     table: ReadingTable, expected: Sequence[ExpectedPressure]
 ) -> PressureVerdict | None:
-    """Weigh what the pressures of a table may mean; its column names their unit."""
+    """Judge the meaning of the pressures of a table; its column names their unit."""
     declared = PressureConvention(unit=table.pressure_unit)
     kept = np.isfinite(table.values[PRESSURE.name][:, 0])
     values = table.values[PRESSURE.name][kept, 0] / declared.size
@@ -331,7 +331,7 @@ def table_remedy(verdict: PressureVerdict) -> str:
 def readable_series(
     recording: Recording, arm: Arm, settings: EstimatorSettings, overrides: Mapping[str, str]
 ) -> dict[str, ReadingSeries]:
-    """Read the series that judge the pressure; unreadable ones are reported elsewhere."""
+    """Read the series for judging the pressure; unreadable ones are reported by other checks."""
     series: dict[str, ReadingSeries] = {}
     wanted: tuple[Sensor, ...] = (PRESSURE, END_WRENCH, TARGETS, TIP_POSE)  # type: ignore[type-arg]
     for sensor in wanted:
@@ -348,7 +348,7 @@ def readable_series(
 
 
 def target_fit(series: Mapping[str, ReadingSeries], reading: Array, arm: Arm) -> TargetFit | None:
-    """Choose frames at a few pressures from lowest to highest; None where there are no targets.
+    """Choose frames at pressures from lowest to highest; None without targets.
 
     reading (readings,): of the pressure, in the unit of the sensor.
     """

@@ -48,7 +48,7 @@ PERIOD_NS = 100_000_000  # from image to image
 
 
 def call_kernels(on_progress: OnProgress = say_nothing) -> None:
-    """Call every kernel, each with what it is called with at work; nothing comes of it."""
+    """Call every kernel with typical arguments, to compile it."""
     tasks: tuple[tuple[str, Callable[[Path], None]], ...] = (
         ('virtual lab', play),
         ('estimator', estimate),

@@ -27,7 +27,7 @@ class LiveArm:
     namespace: str = NAMESPACE
 
     def __post_init__(self) -> None:
-        """Refuse where there is no ROS."""
+        """Refuse without ROS."""
         if find_spec('rclpy') is None:
             raise RequestError(
                 f'--live needs ROS 2: {GET_ROS}; without it, --by-hand says what to record',

@@ -1,4 +1,4 @@
-"""An arm of the virtual lab on which experiments are made one after the other, as files."""
+"""An arm of the virtual lab for successive experiments, recorded to files."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class SimulatedArm:
     memory: LabMemory | None = None
 
     def record(self, experiment: Experiment, safe: SafeSet, path: Path) -> None:
-        """Write the recording of an experiment, and the truth beside it."""
+        """Write the recording of an experiment, and its truth."""
         start = self.scenario.start
         if self.memory is not None:
             start = self.memory.time + self.settings.between

@@ -1,4 +1,4 @@
-"""A fleet on the disk: which recordings each arm has, what is done already, and the work on it.
+"""A fleet on disk: the recordings of each arm, finished work, and running the rest.
 
 Nothing here knows what the work on an arm is: a function that takes an arm of the fleet and
 returns files. It may run in processes of this machine or on a cluster.
@@ -87,7 +87,7 @@ def read_fleet(source: Path, arm: Path) -> tuple[FleetArm, ...]:
 
 
 def folders_left_out(source: Path, fleet: Sequence[FleetArm]) -> tuple[str, ...]:
-    """Return the names of folders of a source in which there is no arm of the fleet."""
+    """Return the names of folders of a source that contain no arm."""
     if not source.is_dir():
         return ()
     arms = {arm.name for arm in fleet}
@@ -120,7 +120,7 @@ def fleet_of_folder(folder: Path, arm: Path) -> tuple[FleetArm, ...]:
 
 
 def recordings_of(folder: Path, role: str) -> tuple[Path, ...]:
-    """Return the recordings of a role: those whose name begins with it, or its folder's name.
+    """Return the recordings of a role, by the beginning of their name or of their folder's.
 
     Small letters or capitals.
     """
@@ -136,7 +136,7 @@ def recordings_of(folder: Path, role: str) -> tuple[Path, ...]:
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """Return the recordings that stand in a folder."""
+    """Return the recordings in a folder."""
     return [place for place in sorted(folder.iterdir()) if is_recording(place)]
 
 
@@ -165,7 +165,7 @@ def fleet_of_table(table: Path, arm: Path) -> tuple[FleetArm, ...]:
 
 
 def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
-    """Yield the rows of a table of arms with their lines; comments (#) may stand above it."""
+    """Yield the rows of a table of arms with their line numbers; skips comments (#) above it."""
     try:
         with open_regular(table) as stream:
             text = stream.read(MOST_BYTES + 1).decode('utf-8-sig')
@@ -205,7 +205,7 @@ def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
 
 
 def expanded(cell: str, folder: Path) -> tuple[Path, ...]:
-    """Return the recordings of a cell: names apart by blanks, in quotes where they have some."""
+    """Return the recordings of a cell: names separated by blanks, quoted if needed."""
     found: list[Path] = []
     for word in shlex.split(cell):
         matches = sorted(glob.glob(str(folder / word)))
@@ -238,7 +238,7 @@ class SurveyFolder:
     overwrite: bool
 
     def check(self, pages: Sequence[str]) -> None:
-        """Refuse a place that holds anything else; pages: patterns of the files beside arms."""
+        """Reject a folder with foreign files; pages: patterns of the files next to arms."""
         if self.path.exists() and not self.path.is_dir():
             raise RecordingError(f'{self.path} is a file, not a folder', reason='wrong_kind')
         for place in sorted(self.path.iterdir()) if self.path.is_dir() else ():
@@ -254,7 +254,7 @@ class SurveyFolder:
         return self.path / ARMS / name
 
     def kept(self, name: str, key: str) -> dict[str, Any] | None:
-        """Return the row of an arm that is done; None where it is still to be done.
+        """Return the row of a finished arm; None if it must be done.
 
         Raises RecordingError where it was done with other recordings, arm file or options, unless
         outputs may be replaced. Where it failed with others it is simply done again.
@@ -289,7 +289,7 @@ class SurveyFolder:
         return content
 
     def write(self, name: str, files: Files, row: Mapping[str, Any]) -> None:
-        """Write the files of an arm and its row; what was there of an earlier one is gone."""
+        """Write the files of an arm and its row, replacing earlier ones."""
         earlier = self.folder(name)
         there = [item.name for item in earlier.iterdir()] if earlier.is_dir() else []
         with atomic_output(earlier, overwrite=True, replaceable=there) as folder:
@@ -308,7 +308,7 @@ OpenWorkers = Callable[[], AbstractContextManager[Executor]]
 def work_on_fleet(
     arms: Sequence[FleetArm], work: Work, open_workers: OpenWorkers, at_once: int
 ) -> Iterator[Outcome]:
-    """Yield what came of each arm, as they are done.
+    """Yield the result of each arm as it finishes.
 
     A process that dies takes all others of its pool with it, so those that ran then are done again
     one by one: the arm whose process dies alone is the one, and the others go on.
@@ -336,7 +336,7 @@ def work_on_fleet(
 def work_together(
     arms: Sequence[FleetArm], work: Work, open_workers: OpenWorkers, at_once: int
 ) -> Generator[Outcome, None, tuple[list[FleetArm], list[FleetArm]]]:
-    """Yield what came of arms, until all are done or a process dies.
+    """Yield the results of arms until all are done or a process dies.
 
     Returns the arms that ran when it did, and those that were not begun.
     """
@@ -366,7 +366,7 @@ def work_together(
 
 
 def sentence_of(error: Exception) -> str:
-    """Describe what an arm ended with: a sentence of ours as it is, any other with its kind."""
+    """Describe the error of an arm; foreign errors with their type."""
     if isinstance(error, (PneunetError, ChildProcessError)):
         return str(error)
     return f'{type(error).__name__}: {" ".join(str(error).split())}'

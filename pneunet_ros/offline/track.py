@@ -33,7 +33,7 @@ UPRIGHT_FRAMES = 30  # frames of an upright arm alone, after which all others ar
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrackStep:
-    """One message of a stream with what the tracker made of it and remembers afterwards.
+    """One message of a stream with its outcome and the state of the tracker after it.
 
     `frame` tells an image, readable or not, from all else.
     """
@@ -261,7 +261,7 @@ class TrackTally:
 
     @property
     def scale(self) -> float:
-        """Meters per pixel along the arm, on average; NaN where nothing was seen."""
+        """Mean scale along the arm, meters per pixel; NaN if nothing was seen."""
         return self._meters / self._pixels if self._pixels > 0.0 else math.nan
 
     @property

@@ -1,4 +1,4 @@
-"""Uses of a recording by verbs, and what to type if one is impossible; as in `check`."""
+"""Possible uses of a recording by verb, with a remedy for impossible ones; as in `check`."""
 
 from __future__ import annotations
 
@@ -191,7 +191,7 @@ def uses(
 
 
 def by_tip(run: RecordingData, found: Sequence[str]) -> str:
-    """Report that a calibration goes by the measured pose of the tip, where it does.
+    """Note that a calibration uses the measured pose of the tip, if so.
 
     found: what was found of the frame that the pose was measured in.
     """

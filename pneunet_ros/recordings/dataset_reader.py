@@ -175,7 +175,7 @@ def read_run(
 
 
 def tip_frame(recording: Recording, topic: str | None, settings: EstimatorSettings) -> str:
-    """Return the frame id of the poses of the tip, the base frame where it is that or none."""
+    """Return the frame id of the tip poses; the base frame if none is given."""
     for message in () if topic is None else recording.messages([topic]):
         with suppress(MessageError):
             frame = TIP_POSE.decode(message.message).frame_id
@@ -216,7 +216,7 @@ def _match(
     readings: ReadingSeries,
     keep: npt.NDArray[np.bool_],
 ) -> tuple[Stamps, npt.NDArray[np.bool_]]:
-    """Return the reading nearest to each frame, and which frames are still kept."""
+    """Return the reading nearest to each frame, and the remaining frames."""
     found, matched = nearest(frames.stamp_ns, readings)
     why = f'no {readings.topic} reading within half its period'
     _say_left_out(sentences, frames, keep & ~matched, 'unmatched', why)

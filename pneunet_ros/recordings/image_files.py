@@ -1,4 +1,4 @@
-"""Images out of a video file or a folder: frames at a given rate, with a lens from elsewhere."""
+"""Images from a video file or a folder, at a given rate, with a given lens."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ os.environ.setdefault('OPENCV_FFMPEG_LOGLEVEL', '-8')
 
 @contextmanager
 def silence() -> Iterator[None]:
-    """Keep OpenCV from printing what an error will say."""
+    """Suppress messages of OpenCV, which errors report."""
     change: Any = getattr(cv2, 'setLogLevel', None)  # OpenCV 4; in 5 it has moved
     change = change or cv2.utils.logging.setLogLevel
     before = change(SILENT)
@@ -48,12 +48,12 @@ def silence() -> Iterator[None]:
 
 
 def stamp_at(index: int, rate: float) -> int:
-    """Return the stamp (ns) of a frame; the first one is 1, as 0 stands for none."""
+    """Return the stamp (ns) of a frame; the first one is 1, as 0 means none."""
     return 1 + round(index * NANOSECONDS_PER_SECOND / rate)
 
 
 def checked_rate(rate: float | None) -> float | None:
-    """Return the frames per second that were asked for; RequestError for what is none."""
+    """Return the requested frames per second; RequestError if invalid."""
     if rate is not None and not RATES[0] <= rate <= RATES[1]:
         raise RequestError(
             f'a rate of {rate} Hz cannot be; it goes from {RATES[0]} to {RATES[1]}',
@@ -63,7 +63,7 @@ def checked_rate(rate: float | None) -> float | None:
 
 
 def picture_files(folder: Path) -> list[Path]:
-    """List the images of a folder in the order in which a person counts: 2 before 10."""
+    """List the images of a folder in natural order: 2 before 10."""
     files = [
         file
         for file in folder.iterdir()

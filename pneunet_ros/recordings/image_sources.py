@@ -48,7 +48,7 @@ class SourceRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceKind:
-    """A kind of source: whether a path is of it, and how such a path is opened."""
+    """A kind of source: a test for its paths, and a function that opens them."""
 
     fits: Callable[[Path], bool]
     open: Callable[[Path, SourceRequest], ImageStream]
@@ -125,7 +125,7 @@ def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
 
 
 def find_info_topic(recording: Recording, image_topic: str, override: str | None) -> str:
-    """Return the topic of camera_info: of several, the one beside the images.
+    """Return the camera_info topic; of several, the one in the namespace of the images.
 
     Raises RecordingError if there is none, or if the choice is ambiguous.
     """
@@ -151,7 +151,7 @@ def _recorded_items(
     others: Collection[str],
     colored: bool,
 ) -> Iterator[StreamItem]:
-    """Yield the messages of these topics; what cannot be decoded is an item that says so."""
+    """Yield the messages of these topics; undecodable ones carry an error."""
     read = [name for name in (info_topic, image_topic) if name is not None]
     topics = {name: recording.topic(name) for name in read}
     stores = {name: store_for(topic.type, topic.definition) for name, topic in topics.items()}

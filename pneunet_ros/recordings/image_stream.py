@@ -14,7 +14,7 @@ from pneunet_ros.vision.camera.camera_model import Lens
 
 
 class StreamItem(NamedTuple):
-    """One message of a stream: log time in ns, topic, what it says, serialized bytes.
+    """One message of a stream: log time in ns, topic, content, serialized bytes.
 
     `reading` is an error where a message of the image or camera_info topic cannot be used, and
     None for any other topic. `raw` is empty if there was nothing recorded.
@@ -46,7 +46,7 @@ class ImageStream:
 
     @property
     def namespace(self) -> str:
-        """Namespace of the images' topic, in which the tracker's topics stand: '/pneunet'."""
+        """Namespace of the images and of the tracker topics, as in '/pneunet'."""
         return self.image_topic.removesuffix('/compressed').rsplit('/', 1)[0]
 
 

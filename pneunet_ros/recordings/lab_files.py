@@ -1,4 +1,4 @@
-"""Recordings of the virtual lab as files: what sensors said as MCAP, the truth beside it, npz."""
+"""Recordings of the virtual lab as files: sensor messages as MCAP, the truth as npz."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ Message = tuple[int, str, Any]  # log time, topic, message
 
 
 def truth_file(path: Path) -> Path:
-    """Return where the truth of a recording stands: x.truth.npz beside x.mcap or a folder x."""
+    """Return the path of the truth of a recording: x.truth.npz for x.mcap or a folder x."""
     return path.with_name(f'{path.name.removesuffix(".mcap")}.truth.npz')
 
 
@@ -157,7 +157,7 @@ def truth_arrays(recording: LabRecording) -> dict[str, Any]:
 
 
 def read_truth(path: Path) -> ShapeSeries:
-    """Return the true shapes of a recording of the lab; RecordingError where it is no truth."""
+    """Return the true shapes of a recording of the lab; RecordingError if it is no truth."""
     try:
         arrays = read_arrays(path, TRUTH)
         points = np.stack([arrays['x'], arrays['y']], axis=1)
@@ -187,7 +187,7 @@ def read_truth(path: Path) -> ShapeSeries:
 
 
 def memory_after(path: Path) -> LabMemory:
-    """Return the memory of the arm after a recording of the lab, from the truth beside it.
+    """Return the memory of the arm after a recording of the lab, from its truth.
 
     Raises RequestError where there is no such truth.
     """
@@ -209,7 +209,7 @@ def memory_after(path: Path) -> LabMemory:
 
 
 def _number(value: Any) -> float:
-    """Return a number of the truth; ValueError for anything else."""
+    """Return a number of the truth; ValueError if it is not one."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= LARGEST:
         raise ValueError(f'{str(value)[:40]!r} is no number')
     return float(value)

@@ -1,4 +1,4 @@
-"""Size limits of recordings: sizes that a small file declares are not trusted."""
+"""Size limits of recordings; sizes declared in a file are not trusted."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pneunet_ros.core.settings import tuning
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordingLimits:
-    """Sizes beyond which a recording is damaged, or made to exhaust the machine that reads it."""
+    """Sizes beyond which a recording is damaged, or made to exhaust memory."""
 
     chunk: int = tuning(
         100_000_000,

@@ -37,7 +37,7 @@ def is_cut(path: Path) -> bool:
 
 
 def _size(stream: BinaryIO) -> int | None:
-    """Read a size of one to eight bytes, as the first byte says; None: unknown."""
+    """Read a variable-length size of one to eight bytes; None: unknown."""
     first = stream.read(1)
     if not first or not first[0]:
         return None

@@ -1,4 +1,4 @@
-"""MCAP files: what one holds, found in one pass over all of it, and its messages.
+"""Contents of an MCAP file, found in one pass, and its messages.
 
 Whole, unindexed (`fastwrite`) and cut-off files give the same description, so that whoever reads
 messages need not know which of them it is. Every checksum that there is, is held against what it
@@ -86,7 +86,7 @@ class UnknownCompression(RecordingError):
 
 
 def open_mcap(path: Path, name: Path | None = None) -> McapFile:
-    """Find out what a file holds; name: what it is called in sentences, where it is a copy.
+    """Scan the contents of a file; name: its name in messages, if it is a copy.
 
     Raises RecordingError when it cannot be read, is no MCAP file, or holds more than it can; a
     file that is cut off or damaged is no error, it is described as far as it goes.
@@ -127,7 +127,7 @@ def _size_of_mcap(path: Path, stream: BinaryIO) -> int:
 
 
 def read_block(path: Path, stream: BinaryIO, block: Block) -> Iterator[tuple[int, int, bytes]]:
-    """Yield the messages of a block as they stand: channel id, log time in ns, serialized bytes.
+    """Yield the raw messages of a block: channel id, log time in ns, serialized bytes.
 
     Raises RecordingError naming `path` when the block is damaged, which it was not when the file
     was opened.
@@ -166,7 +166,7 @@ def records(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
 
 
 def message_head(data: bytes | memoryview, start: int, end: int) -> tuple[int, int]:
-    """Return channel and log time (ns) of a message's record; ValueError where it is too short."""
+    """Return channel and log time (ns) of a message record; ValueError if it is too short."""
     if end - start < MESSAGE_HEAD.size:
         raise ValueError('a message in it is too short')
     channel, _, log_time, _ = MESSAGE_HEAD.unpack_from(data, start)
@@ -174,7 +174,7 @@ def message_head(data: bytes | memoryview, start: int, end: int) -> tuple[int, i
 
 
 def chunk_content(record: bytes | memoryview) -> bytes | memoryview:
-    """Return the records inside a chunk's record; of one that is cut off, what there is.
+    """Return the records of a chunk; of a truncated one, the available part.
 
     Raises one of DAMAGE when the content is not what its writer put there, UnknownCompression when
     it cannot be told.
@@ -233,7 +233,7 @@ class _Scan:
     announced: int | None = None  # messages by the summary
 
     def run(self) -> McapFile:
-        """Scan, and say what could not be read."""
+        """Scan, and report unreadable parts."""
         reason = self._walk()
         return McapFile(
             path=self.path,
@@ -247,7 +247,7 @@ class _Scan:
         )
 
     def _damage(self, reason: str | None) -> Iterator[Note]:
-        """Describe what is wrong with the file."""
+        """Describe the damage of the file."""
         count = self.counts.total()
         if self.skipped:
             yield Note(self._loss(count), reason='damaged')
@@ -357,7 +357,7 @@ class _Scan:
         self._message(run, *message_head(head, 0, len(head)))
 
     def _chunk(self, start: int, end: int, cut_off: bool) -> None:
-        """Take in a chunk, or what there is of it; one that is damaged is skipped."""
+        """Read a chunk, or the available part of it; a damaged one is skipped."""
         run = _Run(start)
         try:
             if end - start > LIMITS.chunk + LIMITS.definition:
@@ -382,7 +382,7 @@ class _Scan:
         self._block(run, end, loose=False)
 
     def _unpacked(self, length: int) -> None:
-        """Count what came out of chunks; refuse a file that holds too much for its size."""
+        """Count the unpacked bytes; reject a file that holds too much for its size."""
         self.unpacked += length
         if self.unpacked > LIMITS.unpacked + LIMITS.expansion * self.size:
             raise self._refusal(f'more than {LIMITS.expansion} times its size')
@@ -395,7 +395,7 @@ class _Scan:
             run.add(channel, log_time)
 
     def _definition(self, opcode: int, data: bytes) -> None:
-        """Learn a schema or a channel; the summary repeats those that stood before."""
+        """Register a schema or channel; repetitions in the summary are ignored."""
         stream = ReadDataStream(io.BytesIO(data))
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(stream)
@@ -430,7 +430,7 @@ class _Scan:
 
 @dataclass(slots=True)
 class _Run:
-    """Messages that stand one after the other in a file, from byte `start` on."""
+    """Consecutive messages in a file, from byte `start` on."""
 
     start: int
     count: int = 0

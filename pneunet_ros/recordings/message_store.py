@@ -62,7 +62,7 @@ def serialize(message: Any, type_name: str) -> bytes:
 
 @cache
 def store_for(type_name: str, definition: str) -> Typestore:
-    """Return the types by which to read a topic: Jazzy's where they are the same, or its own.
+    """Return the types for reading a topic: Jazzy's if equal, else its own.
 
     definition: the schema of the recording, '' when it has none. Raises RecordingError when the
     type is neither known nor can be learned.
@@ -109,7 +109,7 @@ def store_for(type_name: str, definition: str) -> Typestore:
 
 
 def _parse(definition: str, type_name: str) -> dict[str, Any]:
-    """Parse a definition and those it depends on, which stand behind it."""
+    """Parse a definition and its dependencies, which follow it."""
     if not definition.startswith(IDL_HEAD):
         return dict(get_types_from_msg(definition, type_name))
     if _is_nested(definition):
@@ -124,7 +124,7 @@ def _parse(definition: str, type_name: str) -> dict[str, Any]:
 
 
 def _is_nested(definition: str) -> bool:
-    """Whether there are parentheses in parentheses, beside those in texts."""
+    """Whether parentheses are nested, outside of string literals."""
     return '((' in re.sub(r'[^()]', '', re.sub(r'"(?:\\"|[^"])*"', '', definition))
 
 

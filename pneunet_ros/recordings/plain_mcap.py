@@ -30,7 +30,7 @@ SQLITE_MAGIC = b'SQLite format 3\0'
 
 
 def plain_mcap(path: Path) -> Path:
-    """Return a file of a recording, or its plain copy where it is packed or of sqlite3.
+    """Return a file of a recording, or a plain MCAP copy if it is packed or sqlite3.
 
     Raises RecordingError where there is no room for the copy, or the file is damaged.
     """
@@ -57,7 +57,7 @@ def _folder() -> Path:
 
 @cache
 def _copy(path: Path, changed_ns: int, size: int) -> Path:
-    """Return the plain copy of a file as it was when it was changed last."""
+    """Return the plain copy of a file, cached by its modification time."""
     place = Path(tempfile.mkdtemp(dir=_folder()))
     plain = path
     if path.suffix == PACKED:
@@ -98,7 +98,7 @@ def _log(database: Path) -> Path:
 
 
 def _unpack(path: Path, plain: Path) -> None:
-    """Unpack a file of a size that a recording may have; of one that is cut off, its start."""
+    """Unpack a file up to the size limit; of a truncated one, its start."""
     left = LIMITS.unpacked + LIMITS.expansion * path.stat().st_size
     with open_regular(path) as packed, plain.open('wb') as out:
         try:
@@ -117,7 +117,7 @@ def _unpack(path: Path, plain: Path) -> None:
 
 
 def unpacked_message(raw: bytes) -> bytes:
-    """Return a message as it was serialized, of a recording that packs them one by one.
+    """Return a message, unpacked if the recording compresses single messages.
 
     Raises RecordingError where it is damaged.
     """

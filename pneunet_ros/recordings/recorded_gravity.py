@@ -52,7 +52,7 @@ class RecordedGravity:
 def mounted(
     recording: Recording, overrides: Mapping[str, str], settings: EstimatorSettings
 ) -> EstimatorSettings:
-    """Return settings that say how the accelerometer of a recording is turned, if that is there.
+    """Return settings with the mounting of the accelerometer, if the recording gives it.
 
     It is taken from /tf_static, unless the settings or its frame say it.
     """

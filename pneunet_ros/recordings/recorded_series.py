@@ -81,7 +81,7 @@ def find_series(
     *,
     required: bool = True,
 ) -> str | None:
-    """Return the topic of a sensor; None where it is not required and not there.
+    """Return the topic of a sensor; None if it is optional and missing.
 
     Raises RecordingError as `Recording.find` does; where there is none, with what to type.
     """
@@ -96,7 +96,7 @@ def find_series(
 
 
 def without_topic(recording: Recording, sensor: Input[Any]) -> str:
-    """Report that a recording has no topic of a sensor, and what to type."""
+    """Report that a recording has no topic of a sensor, with a remedy."""
     types = {topic.type for topic in recording.topics}
     others = [topic.name for topic in recording.topics if topic.type == sensor.type]
     if others:
@@ -119,7 +119,7 @@ def without_topic(recording: Recording, sensor: Input[Any]) -> str:
 
 
 def find_all_series(recording: Recording, overrides: Mapping[str, str]) -> dict[str, str]:
-    """Return the topics of all sensors that are there, full names by the sensors' names."""
+    """Return the topics of all recorded sensors, full names by sensor name."""
     found = {
         sensor.name: find_series(recording, sensor, overrides, required=False)
         for sensor in SENSORS

@@ -1,4 +1,4 @@
-"""Shapes of a recording as arrays: what was estimated, or what was measured."""
+"""Shapes of a recording as arrays: estimated or measured."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ PLACES = [0, 1, 6, 7]  # of x and y among the 36 covariances of a pose
 
 
 class StampedRows(NamedTuple):
-    """Rows of numbers of a topic: its frame, increasing stamps, what was left out."""
+    """Rows of numbers of a topic: its frame, increasing stamps, and notes."""
 
     frame: str
     stamp_ns: Stamps
@@ -45,7 +45,7 @@ class StampedRows(NamedTuple):
 
 
 def read_shapes(path: Any, overrides: Mapping[str, str], target_arclength: Array) -> ShapeSeries:
-    """Read the shapes of a recording: the estimated ones, otherwise the measured ones.
+    """Read the shapes of a recording: the estimated ones, else the measured ones.
 
     overrides: full topic names by SHAPE_TOPICS; they choose what is read, too: of a recording with
     estimates, what was measured. target_arclength (targets,) m: where the targets are painted.
@@ -167,7 +167,7 @@ def read_measured(
 
 
 def read_pressures(recording: Recording) -> Pressures | None:
-    """Return the pressures in a recording; None where there are none, or more than one topic."""
+    """Return the pressures of a recording; None without a unique topic."""
     if len(recording.candidates(PRESSURE.name, PRESSURE.type)) != 1:
         return None
     topic = recording.find(PRESSURE.name, PRESSURE.type)

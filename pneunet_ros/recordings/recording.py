@@ -43,7 +43,7 @@ class RecordedTopic:
 
 
 class RawMessage(NamedTuple):
-    """A message as it was recorded: name of its topic, log time in ns, serialized bytes."""
+    """A raw message: name of its topic, log time in ns, serialized bytes."""
 
     topic: str
     log_time_ns: int
@@ -76,7 +76,7 @@ class Recording:
     channels: tuple[Mapping[int, str], ...]
 
     def topic(self, name: str) -> RecordedTopic:
-        """Return the topic of this full name; raises RecordingError that lists what there is."""
+        """Return the topic of this full name; RecordingError lists the available ones."""
         for topic in self.topics:
             if topic.name == name:
                 return topic

@@ -117,7 +117,7 @@ class RecordingWriter:
         return connection
 
     def add_copy(self, topic: RecordedTopic) -> Connection:
-        """Announce a topic of another recording, whose messages will be copied by `write_raw`."""
+        """Announce a topic of another recording, to be copied by `write_raw`."""
         return self.add(topic.name, topic.type, topic.definition)
 
     def write(self, connection: Connection, log_time_ns: int, message: Any) -> None:
@@ -217,7 +217,7 @@ def check_name(path: Path) -> None:
 def write_recording(
     path: str | Path, *, overwrite: bool = False, inputs: Iterable[str | Path] = ()
 ) -> Iterator[RecordingWriter]:
-    """Write a recording: a single file when `path` ends in .mcap, else a rosbag2 folder.
+    """Write a recording: a single file if `path` ends in .mcap, else a rosbag2 folder.
 
     inputs: recordings that are being read, which must not be overwritten. Raises RecordingError
     when the place cannot be used or there is no room; then, and after any exception, nothing is

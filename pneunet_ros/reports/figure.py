@@ -23,7 +23,7 @@ LARGEST_SVG = 400_000  # bytes; a figure with more to draw stands in the page as
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """A drawn figure: a title, what one should see, and its `number` as in the paper or ''."""
+    """A drawn figure: title, caption, and its `number` as in the paper or ''."""
 
     name: str
     title: str
@@ -63,7 +63,7 @@ Pictures = Mapping[str, Sequence[Picture]]
 
 
 def draw_figures(figures: Figures[Data], data: Data, on_progress: OnProgress) -> Pictures:
-    """Draw all figures of a table that there is something for, by part of the page."""
+    """Draw all figures of a table that have data, by part of the page."""
     total, done = sum(map(len, figures.values())), 0
     pictures: dict[str, list[Picture]] = {part: [] for part in figures}
     for part, draws in figures.items():

@@ -1,4 +1,4 @@
-"""A report as one HTML page that needs nothing else: from a template of this package."""
+"""A report as one self-contained HTML page, from a template of this package."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pneunet_ros.core.printable import printable
 
 
 def render_page(template: str, **content: Any) -> str:
-    """Return the page; what stands in the content is text, whatever it looks like."""
+    """Return the page; its content is escaped as text."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader('pneunet_ros.reports'),
         autoescape=True,

@@ -1,4 +1,4 @@
-"""The numbers by which reports decide what to point out."""
+"""Tuning constants of reports."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pneunet_ros.core.settings import tuning
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportSettings:
-    """Settings of figures and tables: what is significant, certain, or a turn of pressure."""
+    """Tuning constants of figures and tables: significance and agreement."""
 
     as_noise: float = tuning(
         1.2, 'up to it a residual over its noise is called as good as the noise', source='invented'

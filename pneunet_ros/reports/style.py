@@ -47,7 +47,7 @@ class PressureColors:
         return float(red), float(green), float(blue), float(alpha)
 
     def bar(self, figure: Figure, axes: Axes) -> None:
-        """Draw the scale beside some axes."""
+        """Draw the color bar."""
         figure.colorbar(self.scale, ax=axes, label='pressure (kPa)', fraction=0.05, pad=0.02)
 
 
@@ -77,7 +77,7 @@ def legend(axes: Axes, **where: Any) -> None:
 
 
 def same_height(axes: Sequence[Axes], low: float | None = None) -> None:
-    """Give axes the same vertical limits: those that hold all, or from `low` on."""
+    """Give axes common vertical limits, from `low` if given."""
     limits = [panel.get_ylim() for panel in axes]
     bottom = min(limit[0] for limit in limits) if low is None else low
     for panel in axes:
@@ -138,5 +138,5 @@ def short(name: str) -> str:
 
 
 def figure_text(text: str) -> str:
-    """Return a text as matplotlib shows it as it is: a $ begins no formula."""
+    """Escape a text for matplotlib: no formula begins at a $."""
     return printable(text).replace('$', r'\$')

@@ -39,7 +39,7 @@ def write_template(path: Path, name: str, places: Array, diameter: float) -> Non
 
 
 def template_page(paper: str, name: str, places: Array, diameter: float) -> Figure:
-    """Draw a page on which one unit of its axes is a millimeter of paper."""
+    """Draw a page whose axes are in millimeters of paper."""
     width, height = PAGES[paper]
     shown, dot = np.array([millimeters(place) for place in places.tolist()]), diameter * 1e3
     length = float(shown[-1] - shown[0]) + 2.0 * dot

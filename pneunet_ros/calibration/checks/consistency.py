@@ -49,7 +49,7 @@ def check_same_arm(
 def tip_distance(
     one: RecordingData, other: RecordingData, top: float, settings: SameArmSettings
 ) -> float | None:
-    """Return how far apart (m) the last target is at the same pressure; None: never the same.
+    """Return the distance (m) of the last target between equal pressures; None: no equal ones.
 
     Relative to the first target, so that the camera's place does not matter. Of a run with itself
     only frames at different times count. top: the largest pressure (Pa).
@@ -72,7 +72,7 @@ def tip_distance(
 
 
 def has_rested(run: RecordingData, top: float, settings: SameArmSettings) -> npt.NDArray[np.bool_]:
-    """Return in which frames (frames,) the pressure has rested for long enough, as in static ones.
+    """Return the frames (frames,) before which the pressure rested long enough.
 
     It rests for a while after them, too: the stamps of a film may be early, and its frames show
     what comes then. top: the largest pressure (Pa).
@@ -95,7 +95,7 @@ def has_rested(run: RecordingData, top: float, settings: SameArmSettings) -> npt
 
 
 def chord(run: RecordingData) -> Array:
-    """Return the way from the first to the last target that is ever seen (2, frames) m."""
+    """Return the vector from the first to the last target that is ever seen, (2, frames) m."""
     ever = np.flatnonzero(run.seen.any(axis=0))
     first, last = ever[0], ever[-1]
     return np.stack([run.x[:, last] - run.x[:, first], run.y[:, last] - run.y[:, first]])

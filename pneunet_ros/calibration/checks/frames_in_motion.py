@@ -115,7 +115,7 @@ class FramesInMotion:
 
     @property
     def left_out(self) -> Note:
-        """The same of an arm whose statics are asked, and what to do about it."""
+        """Describe the frames left out of a static fit, and the remedy."""
         return Note(
             f'{self.sentence}, and were left out, because the fit is static. Change pressure and '
             'load slowly, or wait for the arm to settle; calibrate --motion fits mass and damping '
@@ -250,7 +250,7 @@ def course_of(run: RecordingData) -> Course | None:
 
 
 def over_noise(values: Array) -> Array:
-    """Return readings (n,) in units of their white noise; a step where they hardly ever change."""
+    """Return readings (n,) in units of their white noise, or of their resolution."""
     changes = np.abs(np.diff(values))
     noise = SIGMA_OF_MEDIAN * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6.0)
     if noise == 0.0:
@@ -259,7 +259,7 @@ def over_noise(values: Array) -> Array:
 
 
 def slowest_period(length: float) -> float:
-    """Return the longest time (s) in which an arm of this length (m) swings; mass cancels."""
+    """Return the longest plausible swing period (s) of an arm of this length (m)."""
     alpha = SOFTEST * CALIBRATION.experiments.first_stiffness
     return 2.0 * math.pi / (CANTILEVER * math.sqrt(alpha * STANDARD_GRAVITY / length))
 
@@ -348,7 +348,7 @@ def gains_of(
 
 
 def smooth_ways(seconds: float) -> list[Columns]:
-    """Return ways of as many numbers without a vibration: a cubic, and pairs of decays."""
+    """Return smooth motions with this many coefficients: a cubic, and pairs of decays."""
 
     def cubic(time: Array) -> Array:
         return np.asarray((time / seconds)[..., None] ** np.arange(NUMBERS))
@@ -369,7 +369,7 @@ def left_of(columns: Array, values: Array) -> Array:
 
 
 def at_rest(course: Course, vibration: Vibration, noise: float) -> Flags:
-    """Return in which of its frames (n,) the arm rests: it is, and would stay, in equilibrium.
+    """Return the frames (n,) in which the arm is in equilibrium and stays there.
 
     One window of a period, before, about or after a frame, must say so: the vibration in it is
     small beside the noise (m) of a target, all else is noise, and pressure and load have not just

@@ -11,7 +11,7 @@ from pneunet_ros.core.notes import Note
 def undetermined_quantities(
     fit: Fit, settings: IdentifiabilitySettings = IDENTIFIABILITY
 ) -> list[Note]:
-    """Return sentences on quantities that stayed at their prior and on pairs that go together."""
+    """Describe quantities that stayed at their prior and pairs that are correlated."""
     notes = []
     names, change = fit.parameters.quantities()
     after = change @ fit.covariance @ change.T

@@ -188,7 +188,7 @@ def parts_of(pressure: Array, most: int) -> Array:
 
 
 def without(runs: Sequence[RecordingData], left_out: Array) -> list[RecordingData]:
-    """Return the runs without the frames that are left out (all frames of all runs,)."""
+    """Return the runs without the marked frames (all frames of all runs,)."""
     kept, start = list[RecordingData](), 0
     for run in runs:
         frames = len(run.stamp_ns)

@@ -1,4 +1,4 @@
-"""Preconditions of a calibration; the sentence says what to do if one fails."""
+"""Preconditions of a calibration; each message says how to meet the one that fails."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def check_bending(runs: Sequence[RecordingData], arm: Arm, settings: Preconditio
 def check_different_loads(
     loaded: Sequence[RecordingData], arm: Arm, settings: ResolutionSettings
 ) -> None:
-    """Raise RecordingError where one load alone, at one pressure, is all there is."""
+    """Raise RecordingError if all frames have the same load and pressure."""
     force = np.concatenate([run.force for run in loaded])
     reach = float(np.max(np.ptp(force, axis=0)))
     if reach < settings.noise_span * arm.sensors.force_std:
@@ -153,7 +153,7 @@ def check_different_loads(
 def check_pressures(
     unloaded: Sequence[RecordingData], arm: Arm, settings: CalibrationSettings, *, constant: bool
 ) -> None:
-    """Raise RecordingError where unloaded recordings do not show what the pressure does.
+    """Raise RecordingError if the unloaded recordings do not vary the pressure.
 
     constant: it never changes, also under load.
     """
@@ -250,7 +250,7 @@ def check_targets(
 def check_units(
     run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
 ) -> None:
-    """Raise RecordingError where numbers are of a size that no arm has: another unit."""
+    """Raise RecordingError if lengths or forces are implausible for any arm: a wrong unit."""
     highest = float(np.max(np.abs(run.frame_pressure)))
     if highest > settings.largest_pressure:
         raise RecordingError(
@@ -342,7 +342,7 @@ def describe_clamp(
 
 
 def motion(runs: Sequence[RecordingData], reach: float) -> float:
-    """Return how far the last target that is ever seen moves (m), in all of the recordings.
+    """Return the travel (m) of the last target ever seen, over all recordings.
 
     reach (m): of the arm; where only the heading of the tip is known it moves by half an arc.
     """

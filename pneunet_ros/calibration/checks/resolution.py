@@ -40,7 +40,7 @@ class Resolution:
 
     @property
     def free_shapes(self) -> int | None:
-        """The number of shapes where they are fewer than the knots."""
+        """The number of curvature shapes if fewer than the knots."""
         return self.shapes if self.shapes < self.knots else None
 
 
@@ -135,5 +135,5 @@ def count_of(items: Sequence[object], name: str) -> str:
 
 
 def places(targets: Sequence[float]) -> str:
-    """Return where targets (m) stand, as words for a person."""
+    """Return target positions (m) as text for messages."""
     return 'at s = ' + ', '.join(f'{1000.0 * target:.4g}' for target in targets) + ' mm'

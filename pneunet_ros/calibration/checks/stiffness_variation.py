@@ -43,7 +43,7 @@ class TipErrors:
     readings: Array
 
     def nees(self, further: Array | float = 0.0) -> float:
-        """Return the mean normalized square of what is moved; further (frames, 2, 2) m^2."""
+        """Return the NEES of the tip; further: added covariance (frames, 2, 2) m^2."""
         covariance = self.covariance + self.readings + further
         solved = np.linalg.solve(covariance, self.moved[:, :, None])
         return float(np.mean(np.sum(self.moved[:, :, None] * solved, axis=1)))
@@ -78,7 +78,7 @@ class StiffnessVariation:
 
     @property
     def factors(self) -> Array:
-        """EI over that of the fitted law (stations,), evenly along the arm."""
+        """EI relative to the fitted law (stations,), evenly spaced along the arm."""
         along = np.linspace(-1.0, 1.0, STATIONS)
         return np.exp(legendre.legvander(along, self.dof)[:, 1:] @ self.coefficients)
 
@@ -167,7 +167,7 @@ def tip_errors(
 
 
 def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
-    """Return the errors (parameters, errors) that hold what a varying stiffness moves at the tip.
+    """Return error columns (parameters, errors) that cover the tip error of a varying stiffness.
 
     No number of the law can do what such an arm does; each section's stiffness is given an error
     of its own, so large that the tips of the loaded frames lie in their ellipses, and so that the
@@ -198,7 +198,7 @@ def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
 
 
 def hold_variation(fit: Fit, guessed: Array) -> Fit:
-    """Return the fit with a covariance that has guessed errors (parameters, errors) as well."""
+    """Widen the covariance of a fit by guessed errors (parameters, errors)."""
     if not guessed.size:
         return fit
     further = guessed @ guessed.T
@@ -214,7 +214,7 @@ def hold_variation(fit: Fit, guessed: Array) -> Fit:
 def describe_variation(
     fit: Fit, variation: StiffnessVariation | None, *, law_given: bool
 ) -> list[Note]:
-    """Return sentences on a stiffness that varies along the arm; none where it does not matter.
+    """Describe a stiffness that varies along the arm; empty if its effect is negligible.
 
     law_given: whether the law was asked for, and no other one is to be tried.
     """

@@ -1,4 +1,4 @@
-"""`pneunet check`: what recordings hold and lack, and what they can be used for."""
+"""`pneunet check`: contents, gaps and possible uses of recordings."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def run(arguments: Namespace) -> int:
 
 
 def show(found: dict[str, Any], console: Console) -> None:
-    """Print what was found in one recording."""
+    """Print the findings on one recording."""
     table = Table(title=f'{found["recording"]}, {found["seconds"]:.4g} s')
     for column in ('topic', 'type', 'count', 'rate', 'jitter', 'gaps', 'by'):
         table.add_column(column)
@@ -100,7 +100,7 @@ def show(found: dict[str, Any], console: Console) -> None:
 
 
 def sync_lines(sync: dict[str, Any]) -> list[str]:
-    """Tell how other stamps lie to those of the pressure."""
+    """Describe the timing of other topics relative to the pressure."""
     return [
         f'{name} to pressure: {100.0 * numbers["share"]:.4g} % within half a period, '
         f'{later(1e3 * numbers["offset"], "ms")} than the nearest, first one '
@@ -115,7 +115,7 @@ def later(time: float, unit: str) -> str:
 
 
 def range_lines(ranges: dict[str, Any]) -> list[str]:
-    """Tell the ranges of readings."""
+    """Describe the ranges of readings."""
     lines = []
     for component in (item for sensor in SENSORS for item in sensor.components):
         if component.name in ranges:

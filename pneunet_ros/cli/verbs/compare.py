@@ -1,4 +1,4 @@
-"""`pneunet compare`: how far two recordings, or an estimate and a truth, are from one another."""
+"""`pneunet compare`: distance of two recordings, or of an estimate and a truth."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def side_topics(pairs: list[str]) -> tuple[dict[str, str], dict[str, str]]:
 
 
 def show(contents: list[dict[str, Any]]) -> None:
-    """Print the errors for people, how many frames matched, and what was compared."""
+    """Print the errors, the number of matched frames, and the compared topics."""
     console = output_console()
     for content in contents:
         console.print(f'{content["of"]}\nagainst {content["to"]}')
@@ -156,7 +156,7 @@ def show(contents: list[dict[str, Any]]) -> None:
 
 
 def add_errors(table: Table, name: str, errors: dict[str, Any], *, known: bool) -> None:
-    """Add the rows of an error: mm, percent of the length where it is known, and degrees."""
+    """Add the rows of an error: mm, percent of the length if known, and degrees."""
     keys = ('rms', 'median', 'p95', 'max')
     table.add_row(name, *(f'{millimeters(errors[key]):.3f}' for key in keys), 'mm')
     if known:
@@ -168,7 +168,7 @@ def add_errors(table: Table, name: str, errors: dict[str, Any], *, known: bool) 
 
 
 def matched_sentence(name: str, errors: dict[str, Any]) -> str:
-    """Describe what was compared, in how many frames, and how far apart their stamps are."""
+    """Describe the compared topics, the number of frames, and the distance of their stamps."""
     of, to = errors['topics'].values()
     apart = errors['stamps_apart']
     said = (

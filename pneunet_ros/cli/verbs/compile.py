@@ -16,7 +16,7 @@ def options(parser: ArgumentParser) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Compile what is not on the disk."""
+    """Compile the missing kernels."""
     begun = time.process_time()
     with alone(), progress_bar(shown=not arguments.json) as bar:
         there = kernels_kept()

@@ -95,7 +95,7 @@ def run(arguments: Namespace) -> int:
 
 
 def first_of_each_pressure(holds: list[ShapeEstimate]) -> list[ShapeEstimate]:
-    """Keep the way up: the recording comes back through the same pressures."""
+    """Keep the upward sweep: the recording returns through the same pressures."""
     seen: dict[float, ShapeEstimate] = {}
     for hold in holds:
         seen.setdefault(hold.shape.pressure, hold)

@@ -1,4 +1,4 @@
-"""`pneunet diagnose`: where model and recordings disagree, what is missing, and with it added."""
+"""`pneunet diagnose`: locate the model error, name its cause, and add it to the model."""
 
 from __future__ import annotations
 
@@ -223,7 +223,7 @@ def executor_for(
 
 
 def check_distinct(inputs: list[dict[str, str]]) -> None:
-    """Refuse a recording that is given twice: held out it would test nothing."""
+    """Reject a recording that is given twice: it could not test the model."""
     seen: dict[str, dict[str, str]] = {}
     for item in inputs:
         other = seen.setdefault(item['sha256'], item)

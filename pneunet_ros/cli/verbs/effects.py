@@ -59,7 +59,7 @@ def run(arguments: Namespace) -> int:
 
 
 def lines() -> Iterator[str]:
-    """Yield the effects by the place where they speak, two lines and more for each."""
+    """Yield the effects by the place where they act, two or more lines each."""
     yield 'Effects that a model file may hold under `effects:`, off at the neutral value.'
     yield 'prior: where a value is expected; calibration and diagnosis begin with it.'
     for place in dict.fromkeys(effect.place for effect in EFFECTS.values()):

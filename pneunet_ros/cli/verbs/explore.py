@@ -1,4 +1,4 @@
-"""`pneunet explore`: record, diagnose, choose the next recording, until there is a name."""
+"""`pneunet explore`: record, diagnose, and choose the next recording until an effect is named."""
 
 from __future__ import annotations
 
@@ -248,7 +248,7 @@ def writer_of(arguments: Namespace, model: Arm) -> WriteRecording:
 
 
 def simulated_scenario(arguments: Namespace, model: Arm) -> Scenario:
-    """Return the arm to record, with what is hidden in it."""
+    """Return the arm to record, including its hidden effects."""
     try:
         scenario = load_scenario(scenario_file(arguments.simulated))
     except RequestError as first:
@@ -269,7 +269,7 @@ def simulated_scenario(arguments: Namespace, model: Arm) -> Scenario:
 
 
 def wait_for_recording(experiment: Experiment, safe: SafeSet, path: Path) -> None:
-    """Describe what to do to the arm, and wait until its recording is there."""
+    """Describe the experiment, and wait until its recording exists."""
     print(f'\nRecord next, {experiment.seconds:g} s: {experiment.words}.')
     print('  s      kPa    F1 (N)  F2 (N)')
     for seconds, pressure, x, y in safe.corners(experiment).tolist():
@@ -301,7 +301,7 @@ def write_round(
 
 
 def show_round(rounds: list[Round], console: Console) -> None:
-    """Print what a round came to."""
+    """Print the result of a round."""
     from pneunet_ros.reports.exploration.report import round_row
 
     row = round_row(len(rounds), rounds[-1])
@@ -318,7 +318,7 @@ def show_round(rounds: list[Round], console: Console) -> None:
 def write_end(
     last: Round, discovery: Discovery, model: Arm, provenance: dict[str, object], given: Given
 ) -> None:
-    """Write the last diagnosis as `diagnose` does, where there is one."""
+    """Write the last diagnosis as `diagnose` does, if there is one."""
     from pneunet_ros.reports.diagnosis.files import write_diagnosis
 
     if last.diagnosis is None:

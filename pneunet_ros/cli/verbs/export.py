@@ -125,7 +125,7 @@ def run(arguments: Namespace) -> int:
 
 
 def tip_columns(tips: Tips, stamp_ns: Stamps, units: UnitSystem) -> dict[str, Array]:
-    """Return the columns of estimated tips in a table of these stamps, NaN where there is none."""
+    """Return the columns of estimated tips at these stamps, NaN where missing."""
     length = units.length
     rows = np.searchsorted(stamp_ns, tips.stamp_ns)
     values = np.full((3, stamp_ns.size), np.nan)

@@ -26,7 +26,7 @@ STEP = 0.0005  # m, to which places of targets are rounded, to be found on a rul
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """The questions: option, kind of unit, meaning, and a usual value."""
+    """A question: option, kind of unit, meaning, and a typical value."""
 
     name: str
     kind: str
@@ -130,7 +130,7 @@ def run(arguments: Namespace) -> int:
 def answers(
     arguments: Namespace, ask: Callable[[str], str] | None
 ) -> tuple[dict[str, float], Array]:
-    """Return the sizes (SI) by name, and the places of the targets (targets,) m.
+    """Return the sizes (SI) by name, and the positions of the targets (targets,) m.
 
     ask: where what was not given is asked for; None: nobody is there, RequestError.
     """
@@ -172,7 +172,7 @@ def answers(
 
 
 def positive(option: str, text: str, kind: str) -> float:
-    """Return a size above zero, SI; RequestError for what is none."""
+    """Return a positive size, SI; RequestError otherwise."""
     value = size_of(option, text, kind)
     if not value > 0.0:
         raise RequestError(f'{option} {text} must be above zero', reason='out_of_bounds')
@@ -180,7 +180,7 @@ def positive(option: str, text: str, kind: str) -> float:
 
 
 def size_of(option: str, text: str, kind: str) -> float:
-    """Return a size, SI; RequestError for meters that will have been millimeters."""
+    """Return a size, SI; RequestError for a length that must be meant in millimeters."""
     value = quantity_of(option, text, kind)
     if kind == 'length' and value > LONGEST and text[-1:].isdigit():
         raise RequestError(

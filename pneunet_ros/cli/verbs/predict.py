@@ -150,7 +150,7 @@ def run(arguments: Namespace) -> int:
 
 
 def solved(arm: Arm, arguments: Namespace) -> Shape:
-    """Return the shape under the load, or that with its tip where it must be."""
+    """Return the shape under the load, or with the tip held in place."""
     moment = arguments.moment
     if arguments.pressure_for is not None:
         arguments.pressure, shape = solved_for_pressure(arm, arguments)
@@ -167,7 +167,7 @@ def solved(arm: Arm, arguments: Namespace) -> Shape:
 
 
 def solved_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
-    """Return the pressure that was asked for, as it is read, and its shape."""
+    """Return the requested pressure as a sensor reads it, and its shape."""
     what, *numbers = arguments.pressure_for
     moment = arguments.moment
     force = tuple(arguments.force or (0.0, 0.0))

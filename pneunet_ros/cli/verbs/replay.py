@@ -192,7 +192,7 @@ def motion_summary(tally: Tally) -> dict[str, float] | None:
 
 
 def consistency_summary(tally: Tally, agreement: Agreement | None) -> dict[str, object]:
-    """Return how the targets agreed with the estimates, where they did so worst."""
+    """Return the agreement of targets and estimates, and the worst of it."""
     worst = tally.disagreement
     return {
         'agreement': None if agreement is None else dataclasses.asdict(agreement),

@@ -1,4 +1,4 @@
-"""`pneunet simulate`: a scenario of the virtual lab -> a recording, and the truth beside it."""
+"""`pneunet simulate`: a scenario of the virtual lab to a recording, with its truth."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def scenario_file(name: str) -> Path:
 
 
 def shipped_names() -> list[str]:
-    """List the shipped scenarios; what they share, their arm, is none."""
+    """List the shipped scenarios, without the arm that they share."""
     return sorted(
         file.stem for file in share_path(FOLDER).glob('*.yaml') if file.stem != 'lab_arm'
     )

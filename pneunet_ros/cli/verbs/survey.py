@@ -163,7 +163,7 @@ class Survey:
     def rows_of(
         self, fleet: Sequence[FleetArm], workers: int | None, scheduler: str | None
     ) -> dict[str, dict[str, Any]]:
-        """Return the row of every arm by its name: those that are done, and those done now."""
+        """Return the row of every arm by name, finished before or now."""
         from pneunet_ros.cli.survey_arm import SurveyWork
 
         decided = asdict(self.request) | {'versions': versions()}
@@ -200,7 +200,7 @@ class Survey:
     def keep(
         self, arm: FleetArm, outcome: Mapping[str, bytes] | Exception, begun: dict[str, Any]
     ) -> dict[str, Any]:
-        """Write what came of an arm, and return its row.
+        """Write the results of an arm, and return its row.
 
         What went wrong by itself, such as a worker that died, is not kept: it is tried again.
         """
@@ -277,7 +277,7 @@ def row_of(
     failed: str = '',
     found: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Return the row of an arm: what it was made from, and what came of it."""
+    """Return the row of an arm: its inputs and results."""
     return {'name': arm.name, **begun, 'failed': failed, 'found': dict(found or {})}
 
 
@@ -295,7 +295,7 @@ def compare(arms: Sequence[SurveyedArm], seed: int) -> Fleet:
 
 
 def show(data: SurveyData, kept: int, output: Path) -> None:
-    """Print what a survey came to."""
+    """Print the results of a survey."""
     from pneunet_ros.reports.survey.report import arm_row, NUMBERS, PAGE, survey_sentences
 
     console = output_console()

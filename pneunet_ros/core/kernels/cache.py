@@ -28,7 +28,7 @@ LOOK_AGAIN = 0.2  # s
 
 
 def cache_folder() -> Path:
-    """Return where numba keeps the kernels, or where it may be written if that is elsewhere."""
+    """Return the folder where numba keeps kernels, or a writable one."""
     chosen = os.environ.get('NUMBA_CACHE_DIR')
     if chosen:
         return Path(chosen)
@@ -62,7 +62,7 @@ def processor() -> str:
 
 
 def kernels_kept() -> bool:
-    """Whether there is nothing to wait for: the kernels are on the disk, or never will be.
+    """Whether the kernels are on disk, or never will be.
 
     They never will be where there is no numba, or no folder that may be written.
     """
@@ -71,7 +71,7 @@ def kernels_kept() -> bool:
 
 @cache
 def may_keep() -> bool:
-    """Whether there is a folder in which kernels can be kept."""
+    """Whether there is a writable folder for kernels."""
     folder = cache_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -112,7 +112,7 @@ def lock_file() -> Path:
 
 
 def answer_first() -> None:
-    """Let kernels run as plain Python where they are not on the disk; before any is imported."""
+    """Run kernels that are not on disk as plain Python; call before importing any."""
     if not kernels_kept():
         jit.answer_first()
 

@@ -109,7 +109,7 @@ def _polygon(u: Array, v: Array, edge_u: Array, edge_v: Array) -> dict[str, Arra
 
 
 def steps_of(length_px: float) -> Array:
-    """Return the times, from -0.5 to 0.5 of the exposure, that stand for it."""
+    """Return the sampling times of the exposure, from -0.5 to 0.5."""
     count = max(1, math.ceil(length_px / LONGEST_STEP_PX))
     return (np.arange(count) + 0.5) / count - 0.5
 
@@ -117,7 +117,7 @@ def steps_of(length_px: float) -> Array:
 def cover(
     discs: Discs, shift_u: Array, shift_v: Array, margin: int = 0
 ) -> tuple[Places, Places, Array]:
-    """Return how far discs cover pixels, on average over their places: center + shift (n, times).
+    """Return the mean coverage of pixels by moving discs: center + shift (n, times).
 
     The result is the window of each disc: column and row (n,) of its first pixel, as integers,
     and the shares (n, PARTS rows, PARTS columns) of the parts of its pixels, rows == columns, with

@@ -102,7 +102,7 @@ def _only(discs: Discs, which: Any) -> Discs:
 
 
 def _shifts(camera: Camera, x: Array, y: Array, motion: Array) -> tuple[Array, Array]:
-    """Return where discs are during the exposure, (n, times) px from where they are amid it."""
+    """Return the displacements of discs during the exposure, (n, times) px from mid-exposure."""
     if not motion.any():
         return np.zeros((x.size, 1)), np.zeros((x.size, 1))
     u, v = camera.project(x[:, None], y[:, None])

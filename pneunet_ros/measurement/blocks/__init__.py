@@ -1,1 +1,1 @@
-"""Causes of error, one file each: what they are before any data, how they move, where they act."""
+"""Causes of error, one file each: prior, process noise, and where they enter the model."""

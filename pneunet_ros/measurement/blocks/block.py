@@ -138,7 +138,7 @@ class Block(abc.ABC):
 
     @property
     def law_errors(self) -> tuple[Mapping[str, float], ...]:
-        """What one of each column moves of the model file, by dotted path, beyond its own."""
+        """Changes of the model file per column, by dotted path, in addition to its own columns."""
         return ()
 
     @property
@@ -147,7 +147,7 @@ class Block(abc.ABC):
         return ()
 
     def growth(self, seconds: float, pressed: float) -> list[float]:
-        """Return one sigma of the moves of those, as a share of std, for a size of 1."""
+        """Return one sigma of the process noise of those, relative to std, for a size of 1."""
         return []
 
     def move(self, passage: Passage, by_times: Move) -> Move:
@@ -155,7 +155,7 @@ class Block(abc.ABC):
         return by_times
 
     def on_rod(self, causes: Array, columns: slice) -> None:
-        """Write what one of each unknown always changes of every cause of the rod.
+        """Write the constant derivatives of every cause of the rod by each unknown.
 
         As it stands, the first unknowns are the columns of the law of this block. causes (causes,
         k): zeros, a row for F1, F2, M, pressure and each column of the law; columns: the rows of
@@ -166,14 +166,14 @@ class Block(abc.ABC):
     def on_rod_as_read(  # noqa: B027
         self, causes: Array, columns: slice, inputs: FrameInputs
     ) -> None:
-        """Write what they change beside that, where it goes with what was read."""
+        """Write the derivatives that depend on the readings."""
 
     def on_camera(self) -> Array | None:
         """Return the derivatives of the camera's x, y and rotation by the unknowns, (3, k)."""
         return None
 
     def on_dots(self, own: Array) -> Array | None:
-        """Return how far unknowns own (k, ..) move the dots along and across, (2, dots, ..)."""
+        """Return the displacement of the dots by their own unknowns (k, ..), (2, dots, ..)."""
         return None
 
     def on_wrench(self, seen: WrenchSeen) -> Array | None:

@@ -1,4 +1,4 @@
-"""Where the camera is beside where it was when the base frame was found."""
+"""Displacement of the camera since the base frame was found."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Camera(Block):
 
     @property
     def std(self) -> Array:
-        """Of a camera that nobody moved."""
+        """Prior of a camera that nobody moved."""
         return np.array([*[self.drift_std] * 2, *[self.place_std] * 2, self.turn_std])
 
     @property

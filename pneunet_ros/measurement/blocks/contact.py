@@ -36,7 +36,7 @@ class Push(Block):
 
     @property
     def std(self) -> Array:
-        """Zero: nothing touches the arm."""
+        """Zero: no contact a priori."""
         return np.zeros(2)
 
     @property
@@ -58,7 +58,7 @@ class Push(Block):
         return np.asarray(walks * math.sqrt(seconds))
 
     def load_of(self, own: Array) -> PartLoad | None:
-        """Return the push of these unknowns (2,); None where it is off the arm."""
+        """Return the contact force of these unknowns (2,); None if it is off the arm."""
         force, place = own.tolist()
         low, high = self.limits
         if not low <= place <= high:

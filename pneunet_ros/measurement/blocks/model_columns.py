@@ -35,7 +35,7 @@ class ModelColumns(Block):
 
     @property
     def times(self) -> Array:
-        """Constant, but for what was guessed."""
+        """Constant, except for guessed errors."""
         constant = np.full(self.known - self.guessed, math.inf)
         return np.concatenate([constant, np.full(self.guessed, self.guess_time)])
 
@@ -45,9 +45,9 @@ class ModelColumns(Block):
         return self.known
 
     def on_rod_as_read(self, causes: Array, columns: slice, inputs: FrameInputs) -> None:
-        """Change what the pressure was, by effects of sensing."""
+        """Change the true pressure, by effects of sensing."""
         causes[PRESSURE] = inputs.by_column[: self.known]
 
     def on_wrench(self, seen: WrenchSeen) -> Array:
-        """Change what the force was, by effects of sensing."""
+        """Change the true force, by effects of sensing."""
         return -seen.by_column[: self.known].T

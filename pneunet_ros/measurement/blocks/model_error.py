@@ -79,12 +79,12 @@ class ModelDiscrepancy(SizedBlock):
 
     @property
     def sized(self) -> tuple[int, ...]:
-        """The two errors of the law; how much comes late is known by itself."""
+        """The two errors of the law; the delayed part has a size of its own."""
         return 0, 1
 
     @property
     def std(self) -> Array:
-        """Of the errors of the law for a size of 1, then of the parts that remember."""
+        """Errors of the law for a size of 1, then the parts with memory."""
         late = [self.late_share] * len(self.lag_times)
         return np.array([1.0, 1.0, *late, self.play_share])
 
@@ -95,13 +95,13 @@ class ModelDiscrepancy(SizedBlock):
         return np.array([self.correlation_time, self.correlation_time, *memory])
 
     def move(self, passage: Passage, by_times: Move) -> Move:
-        """Move errors of the law with time and with the pressure, all else with time."""
+        """Move errors of the law with time and pressure, all others with time."""
         noise, grown = by_times.noise.copy(), self.growth(passage.seconds, passage.pressed)
         noise[:2] = [passage.size * one for one in grown]
         return Move(decay=by_times.decay, noise=noise)
 
     def on_rod_as_read(self, causes: Array, columns: slice, inputs: FrameInputs) -> None:
-        """Make a curvature of what comes late, and a pressure of the play."""
+        """Convert the delayed part to a curvature, and the play to a pressure."""
         causes[columns.start, 2:-1] = inputs.late[:-1] / self.range
         causes[PRESSURE, -1] = inputs.late[-1]
 
@@ -135,7 +135,7 @@ def pressure_span(arm: Arm) -> tuple[float, float]:
 
 
 def curvature_off(arm: Arm) -> dict[str, float]:
-    """Return an intrinsic curvature off by what the range of pressure does, by dotted path.
+    """Return curvature errors as large as the effect of the pressure range, by dotted path.
 
     The moment law stays that of the pressure.
     """

@@ -1,4 +1,4 @@
-"""Where the dots are painted beside where the model file says."""
+"""Placement of the dots relative to the model file."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class Placement(Block):
 
     @property
     def std(self) -> Array:
-        """Of dots that nobody has found."""
+        """Prior of dots that were not calibrated."""
         return np.full(2 * self.dots, self.one_std)
 
     @property
     def prior(self) -> Prior:
-        """As the calibration found them, together with the model.
+        """Use the placement of the calibration, correlated with the model.
 
         The same pictures must not tell of the model twice.
         """

@@ -24,5 +24,5 @@ class ReadingNoise(Block):
         return np.zeros(2)
 
     def on_rod(self, causes: Array, columns: slice) -> None:
-        """Add to what was read."""
+        """Add the noise to the readings."""
         causes[END_LOAD_MOMENT, 0] = causes[PRESSURE, 1] = 1.0

@@ -1,4 +1,4 @@
-"""The whole row of dots, painted beside the neutral line or with another spacing."""
+"""Common offset of the row of dots: beside the neutral line, or with another spacing."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ class TargetRow(Block):
 
     @property
     def std(self) -> Array:
-        """Of a row that nobody has found."""
+        """Prior of a row that was not calibrated."""
         return np.array([self.spacing_std, self.offset_std])
 
     @property
     def prior(self) -> Prior:
-        """Nothing: the row is where the model file, or its calibration, has it."""
+        """Zero: the row is where the model file, or its calibration, has it."""
         nothing = np.zeros(2)
         return Prior(mean=nothing, std=nothing, shared=(ModelColumns, np.zeros((2, 0))))
 
     def on_dots(self, own: Array) -> Array:
-        """Move all dots along the arm in proportion to their places, and across it alike."""
+        """Scale the positions of all dots along the arm, and shift them equally across it."""
         shifts = row_shifts(self.arclength).reshape(2, -1, 2)
         return np.tensordot(shifts, own, axes=1)

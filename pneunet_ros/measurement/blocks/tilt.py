@@ -1,4 +1,4 @@
-"""Where gravity points, beside where the model has it: the base is tilted, or the arm hangs."""
+"""Direction of gravity relative to the model: a tilted base, or a hanging arm."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Tilt(Block):
 
     @property
     def std(self) -> Array:
-        """Of a base that stands as it did."""
+        """Prior of a base that was not moved."""
         return np.full(2, self.level_std)
 
     @property

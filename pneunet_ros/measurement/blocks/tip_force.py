@@ -14,7 +14,7 @@ from pneunet_ros.measurement.inference.variance_component import ErrorGrowth, Si
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Walk:
-    """Random walk of the forces (N/sqrt(s)): recent, and usual, that of the tip force on average.
+    """Random walk of the tip force (N/sqrt(s)): the recent rate, and the typical one.
 
     interval (s): after which they go on as steadily as from frame to frame. weights (walks,): log
     weights of the walks that an arm which swings may have, None before any frame; taken: that made
@@ -94,7 +94,7 @@ class TipForce(Block):
 
     @property
     def free_walk(self) -> float:
-        """The walk (N/sqrt(s)) at which a frame inherits nothing of the force before."""
+        """The rate (N/sqrt(s)) beyond which a frame inherits nothing of the previous force."""
         return self.largest_walk * self.scale
 
     @property

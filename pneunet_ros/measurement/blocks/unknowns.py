@@ -134,7 +134,7 @@ class Unknowns:
         return slice(where.start + part.start, where.start + part.stop)
 
     def changed(self, block: Block) -> Unknowns:
-        """Return the same with another block in the place of that of its kind."""
+        """Return the unknowns with one block replaced by another of its kind."""
         blocks = (block if type(one) is type(block) else one for one in self.blocks)
         return Unknowns.of(*blocks)
 
@@ -145,7 +145,7 @@ class Unknowns:
 
     @property
     def law_columns(self) -> int:
-        """The number of all columns of the law."""
+        """The number of columns of the law."""
         return len(self.causes) - LAW
 
     def prior(self, size: float) -> Gaussian:
@@ -163,13 +163,13 @@ class Unknowns:
         return Gaussian(mean=freeze(mean), root=freeze(root))
 
     def scaled_std(self, size: float) -> Array:
-        """Return one sigma (n,) before any frame, with a size of the model error."""
+        """Return one sigma (n,) before any frame, for a size of the model error."""
         std = self.std.copy()
         std[self.sized] *= size
         return freeze(std)
 
     def growth(self, seconds: float, pressed: float) -> Array:
-        """Return one sigma of the moves of errors of unknown size, for a size of 1."""
+        """Return one sigma of the process noise of errors of unknown size, for a size of 1."""
         return np.array(
             [one for own in self.of_growth for one in own.block.growth(seconds, pressed)]
         )
@@ -177,7 +177,7 @@ class Unknowns:
     def move(
         self, known: Known, passage: Passage, noise: tuple[float, ...] | None = None
     ) -> tuple[Array, Array]:
-        """Return mean and root of what is known, moved; before or after it tells as little.
+        """Return mean and square root after the process noise, forward or backward in time.
 
         noise: one sigma of what is new in every reading, None where it stays. One column of the
         root follows for all that moves, then those of the noise.
@@ -212,7 +212,7 @@ class Unknowns:
         return causes
 
     def dots_moved(self, own: Array) -> Array:
-        """Return how far unknowns own (n, ..) move the dots along and across, (2, dots, ..)."""
+        """Return the displacement of the dots by their own unknowns (n, ..), (2, dots, ..)."""
         total: Array | None = None
         for one in self.dots:
             moves = one.block.on_dots(own[one.where])

@@ -1,4 +1,4 @@
-"""Covariances C = D + P P^T: white noise D beside errors that move all coordinates together.
+"""Covariances C = D + P P^T: white noise D plus errors common to all coordinates.
 
 The columns of P are what one sigma of each common error (reading, model, camera) moves. Noise that
 puts these on the diagonal has the right size and raises false alarms all the same.
@@ -41,7 +41,7 @@ class Whitening:
         self.log_volume = 0.5 * float(np.sum(np.log1p(sizes**2)))
 
     def __call__(self, values: Array) -> Array:
-        """Return W values (..., coordinates, n); zero where nothing was seen."""
+        """Return W values (..., coordinates, n); zero for unseen coordinates."""
         scaled = self._masked(values) / self.std
         along = self.shrink * np.matmul(np.swapaxes(self.directions, -1, -2), scaled)
         white: Array = scaled - np.matmul(self.directions, along)

@@ -1,4 +1,4 @@
-"""The model's own error beyond its domain: more independent sources beside noise of readings."""
+"""Model error outside the calibrated domain, as further independent error sources."""
 
 from __future__ import annotations
 

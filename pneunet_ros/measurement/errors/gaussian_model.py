@@ -100,7 +100,7 @@ class GaussianModel:
         return value
 
     def log_probability(self, without: int | None = None) -> float:
-        """Log of the probability of the runs, or of all but one, up to a constant of them all."""
+        """Log probability of the runs, or of all but one, up to a common constant."""
         kept = [which for which in range(len(self.grams)) if which != without]
         precision = sum((self.grams[which] for which in kept), np.eye(self.position.size))
         vectors = (self.information_vectors[which] for which in kept)

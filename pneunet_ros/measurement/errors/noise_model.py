@@ -50,7 +50,7 @@ def attached_std(noise: SensorNoise, run: RecordingData) -> Array:
 
 
 def missed_load(run: RecordingData, stds: Array) -> Array:
-    """Return one sigma of what the line between two readings of the load misses, (frames, 3).
+    """Return one sigma of the interpolation error of the load, (frames, 3).
 
     stds (3,): of F1, F2 (N) and M (N m) as read.
     """
@@ -61,7 +61,7 @@ def missed_load(run: RecordingData, stds: Array) -> Array:
 
 
 def target_std(noise: SensorNoise) -> float:
-    """Return one sigma (m) of a target by itself: white noise and its painted place."""
+    """Return one sigma (m) of a single target: white noise and placement."""
     return float(target_stds(noise, np.array(noise.target_std)))
 
 
@@ -141,7 +141,7 @@ def pressure_std(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
 
 
 def missed_pressure(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
-    """Return one sigma (Pa) of what the line between two readings misses, (frames,).
+    """Return one sigma (Pa) of the interpolation error of the pressure, (frames,).
 
     Zero in static frames, and in those of a camera that takes them together with readings.
     """
@@ -221,7 +221,7 @@ def solved_points(arm: Arm, inputs: Inputs) -> Array:
 
 
 def coordinate_stds(arm: Arm, run: RecordingData, inputs: Inputs, noise: SensorNoise) -> Array:
-    """Return one sigma (m) of every measured coordinate by itself, (frames, 2, targets).
+    """Return one sigma (m) of every measured coordinate, (frames, 2, targets).
 
     White noise, painted place, and what the noise of force and pressure readings moves, as they
     are interpolated to a frame; NaN where a target was not seen or a frame has no equilibrium. Not

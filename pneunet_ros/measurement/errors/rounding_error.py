@@ -19,12 +19,12 @@ def smallest_change(smallest: float, change: float) -> float:
 
 
 def rounding_std(step: float) -> float:
-    """Return one sigma of the error of rounding to a step: anywhere within half of it, alike."""
+    """Return one sigma of the quantization error of a step (uniform within half of it)."""
     return step / math.sqrt(12.0)
 
 
 def with_rounding(std: float, rounding: float) -> float:
-    """Return one sigma of a sensor with that of its rounding.
+    """Return one sigma of a sensor including quantization.
 
     Noise that was found with the same sensor has it already, and is larger.
     """

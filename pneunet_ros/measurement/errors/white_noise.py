@@ -1,4 +1,4 @@
-"""The white noise of a sensor, from its last readings while what it reads moves.
+"""White noise of a sensor, estimated from recent readings of a changing quantity.
 
 Differences of high order leave nothing of a course that is smooth from reading to reading, and of
 white noise as much as ever. Where readings are too rare for the course, differences of some order

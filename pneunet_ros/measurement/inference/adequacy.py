@@ -1,4 +1,4 @@
-"""The misfit of noise alone: the one limit by which a frame or a model is judged."""
+"""Chi-squared limit of misfit by noise alone, for frames and models."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ Known = TypeVar('Known', bound=Gaussian)
 
 
 def with_columns(root: Array, more: int) -> Array:
-    """Return a copy of a root (n, m) with so many more columns, of zeros."""
+    """Return a copy of a root (n, m) with this many zero columns appended."""
     rows, columns = root.shape
     wider = np.empty((rows, columns + more))
     wider[:, :columns], wider[:, columns:] = root, 0.0
@@ -50,7 +50,7 @@ def with_columns(root: Array, more: int) -> Array:
 
 
 def forget(known: Known, where: Where, std: Array) -> Known:
-    """Replace what is known of some unknowns by a mean of zero and one sigma std (k,)."""
+    """Reset some unknowns to zero mean and one sigma std (k,)."""
     mean, root = known.mean.copy(), known.root.copy()
     mean[where], root[where] = 0.0, 0.0
     return widen(replace(known, mean=freeze(mean), root=root), where, std)
@@ -79,7 +79,7 @@ def without_prior(known: Gaussian, which: int, before: float) -> tuple[float, fl
 def prior_log_odds(
     known: Gaussian, where: Where, before: Array, after: Array, center: Array | float = 0.0
 ) -> float:
-    """Return the log odds (nats) by which all measurements so far favor another prior.
+    """Return the log odds (nats) in favor of another prior, given all measurements so far.
 
     Of some constant unknowns; before, after: one sigma (k,) of the prior that what is known came
     from, and of the other one; center (k,): mean of both. -inf where one was known exactly.

@@ -33,7 +33,7 @@ class ErrorGrowth:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SizeGrid:
-    """Sizes that errors may have, and how the weights of these sizes follow from frames.
+    """Grid of error sizes, with weights updated by every frame.
 
     sizes (sizes,); fall: power of the size with which it is less likely before any frame; time
     (s): in which what frames told is forgotten. first (sizes,): log weights before any frame.
@@ -46,13 +46,13 @@ class SizeGrid:
     squares: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Make the prior weights and the squares of the sizes."""
+        """Compute the prior weights and the squared sizes."""
         sizes = np.array(self.sizes)
         object.__setattr__(self, 'first', freeze(-self.fall * np.log(sizes)))
         object.__setattr__(self, 'squares', freeze(np.square(sizes)))
 
     def size_of(self, log_weights: Array) -> float:
-        """Return the root of the mean square of the sizes that are likely."""
+        """Return the rms size over the posterior weights."""
         weights = np.exp(log_weights - log_weights.max())
         return math.sqrt(float(weights @ self.squares / weights.sum()))
 

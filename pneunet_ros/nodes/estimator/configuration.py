@@ -105,7 +105,7 @@ class EstimatorConfiguration:
 
     @property
     def left_out(self) -> str:
-        """The model error that its standard deviations leave out; empty if there is none."""
+        """The model error that the standard deviations do not include; empty if none."""
         return error_left_out(self.estimator.arm.covariance, self.estimator.arm.sources)
 
     @property
@@ -152,7 +152,7 @@ def share_arm_and_settings(new: EstimatorConfiguration, old: EstimatorConfigurat
 def configured_estimator(
     values: Mapping[str, Any], current: EstimatorConfiguration | None
 ) -> EstimatorConfiguration:
-    """Make ready what the values of all parameters ask for.
+    """Build the configuration of all parameter values.
 
     The model file is read unless `current` already has the model of it. Raises PneunetError with
     what is wrong.

@@ -55,7 +55,7 @@ ROS parameters, as in
 
 
 class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
-    """Feeds readings to an `Estimator` and publishes what it gives in the same callback."""
+    """Feeds readings to an `Estimator` and publishes the estimate in the same callback."""
 
     def __init__(self, place: Place = ALONE) -> None:
         """Declare all parameters, get everything warm, and only then open the topics."""
@@ -101,7 +101,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         self.tell_ready()
 
     def take_gravity(self, sensor: Input[Any], message: Any, info: dict[str, int]) -> None:
-        """Take a message that says where gravity points."""
+        """Take a message with the direction of gravity."""
         self.note_message(self.topics[sensor.name], info)
         try:
             reading = sensor.decode(message)
@@ -201,7 +201,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
             self.log.warn('silence', report.message, now)
 
     def in_use(self) -> tuple[Arm, EstimatorSettings]:
-        """Return the arm, and what is known of its sensors."""
+        """Return the arm and the settings of its sensors."""
         estimator = self.configuration.estimator
         return estimator.arm, estimator.settings
 

@@ -98,7 +98,7 @@ class TrackerConfiguration:
 def configured_tracker(
     values: Mapping[str, Any], current: TrackerConfiguration | None
 ) -> TrackerConfiguration:
-    """Make ready what the values of all parameters ask for.
+    """Build the configuration of all parameter values.
 
     Files are read unless `current` already has their content. Raises PneunetError with what is
     wrong.
@@ -120,7 +120,7 @@ def configured_tracker(
 
 
 def camera_of(node: TrackerSettings) -> CameraSettings:
-    """Read what is known of the camera; CameraError for what is no pixel."""
+    """Read the camera settings; CameraError for an invalid pixel."""
     settings = load_camera(node.camera_path)
     if not node.clamp_pixel:
         return settings

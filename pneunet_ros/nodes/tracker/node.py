@@ -42,7 +42,7 @@ are ROS parameters, as in
 
 
 class TrackerNode(ConfiguredNode[TrackerConfiguration]):
-    """Feeds images to a `Tracker` and publishes what it gives in the same callback."""
+    """Feeds images to a `Tracker` and publishes its results in the same callback."""
 
     PATIENCE: ClassVar[float] = 0.02  # an image takes longer than all else
 
@@ -97,7 +97,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
                 out.publish(self.serializer.bytes_of(output, result))
 
     def annotate(self, image: Image, tracking: Tracking) -> None:
-        """Publish the image with what was made of it."""
+        """Publish the image with the tracking result drawn in."""
         curve, plane, lens = None, self.state.plane, self.state.lens
         if tracking.curve is not None and plane is not None and lens is not None:
             curve = curve_in_image(tracking.curve, plane, lens)
@@ -123,7 +123,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
             self.log.warn('silence', report.message, now)
 
     def forget(self) -> str:
-        """Forget all images; what is known of the camera remains."""
+        """Forget all images, but not the camera."""
         self.state = self.configuration.tracker.reset(self.state)
         return 'the tracker was reset'
 

@@ -45,7 +45,7 @@ def warm_up(tracker: Tracker, serializer: MessageSerializer) -> str:
 
 
 def drawn_arm(arclength: np.ndarray, settings: CameraSettings) -> tuple[Image, Lens]:
-    """Draw white dots in a row, the first on the left, of a size that can be a target."""
+    """Draw a row of white dots, the first on the left, of a plausible size."""
     area = min(max(2.0 * settings.area.smallest, 50.0), 0.5 * settings.area.largest)
     radius = math.sqrt(area / math.pi)
     places = np.asarray(arclength) - arclength[0]

@@ -102,7 +102,7 @@ class VirtualArmConfiguration:
 def configured_virtual_arm(
     values: Mapping[str, Any], current: VirtualArmConfiguration | None
 ) -> VirtualArmConfiguration:
-    """Make ready what the values of all parameters ask for.
+    """Build the configuration of all parameter values.
 
     With `current`, the arm of the same file stays the same one. Raises PneunetError with what is
     wrong.

@@ -1,4 +1,4 @@
-"""The node `virtual_arm`: commands in, and what the sensors of an arm say, from the virtual lab.
+"""The node `virtual_arm`: commands to sensor readings, by the virtual lab.
 
 All that the arm does is done by `pneunet_ros.lab.live`; here are topics, parameters, services,
 diagnostics and the log.
@@ -57,7 +57,7 @@ NOT_FINITE, WRONG_FRAME = 'not_finite', 'wrong_frame'
 
 
 class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
-    """Leads a `LiveLab` through real time by the steady clock; stamps are those of ROS."""
+    """Runs a `LiveLab` in real time by the steady clock, with ROS stamps."""
 
     INFO_TOPIC: ClassVar[str] = 'lab_info'
     SHARED_INPUTS: ClassVar[tuple[str, ...]] = ('pressure_command', 'force_command')
@@ -116,7 +116,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.film.image(shape, self.random)
 
     def camera(self, lab: LiveLab) -> Film | None:
-        """Return the camera, where there are images."""
+        """Return the camera, if images are published."""
         return Film(lab) if self.configuration.node.camera == 'images' else None
 
     def take_command(self, message: Any) -> None:
@@ -156,7 +156,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.refuse(NOT_FINITE, str(error))
 
     def refuse(self, reason: str, sentence: str) -> None:
-        """Count a command that changes nothing."""
+        """Count a command that has no effect."""
         self.rejected[reason] += 1
         self.log_refusal(Refusal(stamp_ns=0, reason=reason, sentence=sentence, error=False))
 
@@ -170,7 +170,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         return 0.5 * SWING * high * (1.0 - math.cos(2.0 * math.pi * max(turns - 1.0, 0.0)))
 
     def advance(self) -> int:
-        """Bring the arm to the present; returns the stamp (ns) of it, 0 while there is no time."""
+        """Advance the arm to the present; return its stamp (ns), 0 before time starts."""
         lab = self.configuration.lab
         self.state = lab.step(self.state, self.now(), self.commanded(), self.load)
         stamp_ns: int = self.get_clock().now().nanoseconds
@@ -212,7 +212,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             use(shape)
 
     def tip_now(self) -> Array | None:
-        """Bring the arm to the present; returns its tip (2,) m, None where it has no shape."""
+        """Advance the arm to the present; return its tip (2,) m, None without a shape."""
         tips: list[Array] = []
         reach = [self.configuration.lab.scenario.arm.reach]
         self.advance()

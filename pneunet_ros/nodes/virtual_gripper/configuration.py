@@ -70,7 +70,7 @@ class VirtualGripperConfiguration:
 def configured_virtual_gripper(
     values: Mapping[str, Any], current: VirtualGripperConfiguration | None
 ) -> VirtualGripperConfiguration:
-    """Return the configuration of the values of all parameters; RequestError for unfit ones."""
+    """Return the configuration of all parameter values; RequestError for invalid ones."""
     (node,) = PARAMETERS.settings(values)
     return VirtualGripperConfiguration(node=node)
 

@@ -60,7 +60,7 @@ class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
         self.tell_ready()
 
     def push(self) -> None:
-        """Let every arm be pushed by as much as its surface is within the object."""
+        """Push every arm in proportion to its penetration into the object."""
         settings, center = self.configuration.node, self.gripper.axis
         for arm, member in self.members.items():
             mount, inward = self.gripper.mounts[arm], self.gripper.inward(arm)

@@ -49,7 +49,7 @@ class FigureData:
 
 
 def figure_data(calibration: Calibration, on_progress: OnProgress) -> FigureData:
-    """Work out what the pictures show."""
+    """Compute the data of the figures."""
     fit = calibration.joint
     if fit.arm.target_arclength.size != calibration.arm.target_arclength.size:  # a pose of the tip
         arm, covariance = calibration.arm, calibration.arm.covariance
@@ -100,7 +100,7 @@ def smoother_of(fit: Fit) -> Smoother:
 
 
 def nearest_view(views: tuple[MomentView, ...], pressure: float) -> MomentView:
-    """Return the view at the pressure nearest to this one (Pa)."""
+    """Return the view at the nearest pressure (Pa)."""
     return min(views, key=lambda view: abs(view.steady_state.pressure - pressure))
 
 

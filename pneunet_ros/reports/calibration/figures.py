@@ -39,5 +39,5 @@ FIGURES: Figures[FigureData] = {
 
 
 def calibration_figures(calibration: Calibration, on_progress: OnProgress) -> Pictures:
-    """Draw all figures that these recordings allow; `on_progress` is called with how far it is."""
+    """Draw all figures that these recordings allow; `on_progress` reports progress."""
     return draw_figures(FIGURES, figure_data(calibration, on_progress), on_progress)

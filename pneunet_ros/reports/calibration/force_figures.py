@@ -1,4 +1,4 @@
-"""Figure 9 (c) of the paper: end forces found from targets against those that were read."""
+"""Figure 9 (c) of the paper: end forces estimated from targets against readings."""
 
 from __future__ import annotations
 

@@ -156,7 +156,7 @@ def one_moment(data: FigureData) -> Picture | None:
 
 
 def line_sentence(view: MomentView, data: FigureData) -> str:
-    """Describe what the lines of a view are, in the paper's units."""
+    """Describe the lines of a view in the paper's units."""
     arm = data.calibration.arm
     scale, parts = arm.weight * arm.length, []
     for place, item in enumerate(view.lines):
@@ -252,7 +252,7 @@ def draw_rigidity(
 
 
 def add_stiffness_axis(axes: Axes, arm: Arm) -> None:
-    """Show the bending stiffness EI beside alpha."""
+    """Add an axis with the bending stiffness EI to that of alpha."""
     unit = arm.weight * arm.length**2
     functions = (partial(np.multiply, unit), partial(np.multiply, 1.0 / unit))
     axes.secondary_yaxis('right', functions=functions).set_ylabel('EI (N m^2)')

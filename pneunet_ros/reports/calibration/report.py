@@ -1,4 +1,4 @@
-"""The report of a calibration: one HTML page that needs nothing else, and its pictures as PNG."""
+"""The report of a calibration: one self-contained HTML page, and its figures as PNG."""
 
 from __future__ import annotations
 

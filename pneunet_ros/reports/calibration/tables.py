@@ -23,7 +23,7 @@ DIGITS = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """A number of the model: what it is, its dotted name, value, errors before and after.
+    """A parameter of the model: meaning, dotted name, value, errors before and after.
 
     unit_stiffness: EI (N m^2) of a value of 1, where the number is an alpha; else 0.
     """
@@ -83,12 +83,12 @@ def number_rows(calibration: Calibration) -> tuple[Row, ...]:
 
 
 def law_rows(rows: tuple[Row, ...]) -> tuple[Row, ...]:
-    """Return those of the moment law."""
+    """Return the rows of the moment law."""
     return tuple(row for row in rows if row.name.startswith('moment_law.'))
 
 
 def describe_quantity(name: str, arm: Arm) -> str:
-    """Describe what a dotted name is, in the paper's words."""
+    """Describe a dotted name in the paper's words."""
     first, second, *place = name.split('.')
     if f'{first}.{second}' == CURVATURE:
         table = arm.intrinsic_curvature

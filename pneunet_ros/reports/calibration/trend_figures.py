@@ -1,4 +1,4 @@
-"""Figures 10 and 11 of the paper: what the shape is sensitive to; what is linear in pressure."""
+"""Figures 10 and 11 of the paper: sensitivity of the shape, and linearity in pressure."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def sensitivity(data: FigureData) -> Picture | None:
 
 
 def draw_variation(shapes: Axes, moved: Axes, variation: Variation, nominal: Shape) -> None:
-    """Draw the shapes of a variation, from dark to light, and how far each is from the nominal."""
+    """Draw the shapes of a variation, from dark to light, and their distance from the nominal."""
     colors = colormaps['plasma'](np.linspace(0.05, 0.8, len(variation.shapes)))
     for rgba, label, shape in zip(colors, variation.labels, variation.shapes, strict=True):
         color = tuple(rgba.tolist())
@@ -85,7 +85,7 @@ def draw_variation(shapes: Axes, moved: Axes, variation: Variation, nominal: Sha
 
 
 def travel(variation: Variation) -> str:
-    """Describe how far the free end moves."""
+    """Describe the travel of the free end."""
     if not np.isfinite(variation.travel):
         return 'with no equilibrium somewhere'
     return f'{millimeters(variation.travel):.1f} mm'
@@ -156,7 +156,7 @@ def draw_lines(axes: Axes, lines: Sequence[Linearity]) -> None:
 
 
 def verdict(lines: Sequence[Linearity], settings: ReportSettings) -> str:
-    """Describe how far from a straight line the values are."""
+    """Describe the departure of the values from a straight line."""
     if not lines:
         return 'too few pressures for a straight line.'
     worst = max(lines, key=lambda item: item.sigmas)

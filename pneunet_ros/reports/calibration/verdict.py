@@ -35,7 +35,7 @@ UNKNOWN_FILES = Files()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """How well the model fits, how sure its numbers are, and what to do next.
+    """Quality of the fit, certainty of its numbers, and the next step.
 
     fits: False where there is no model, or something is missing in it. command: to type for the
     next step, with capitals for what the user has to fill in.
@@ -81,7 +81,7 @@ def verdict_of(
 
 
 def lacks_something(calibration: Calibration, settings: ReportSettings) -> bool:
-    """Whether targets are further from the model than noise explains, or off together."""
+    """Whether the residuals exceed the noise, or are correlated along the arm."""
     return noise_ratio(calibration.joint) > settings.as_noise or varies(calibration)
 
 
@@ -136,7 +136,7 @@ def tip_text(fit: Fit) -> str:
 
 
 def heading_rms(runs: Sequence[FittedRun]) -> float:
-    """Return the rms (rad) of the heading of the tip in these runs; NaN where it is not known."""
+    """Return the rms (rad) of the tip heading in these runs; NaN if unknown."""
     left = [
         heading_residual(item.run.heading, item.fields[:, THETA, -1])[item.solved]
         for item in runs
@@ -146,18 +146,18 @@ def heading_rms(runs: Sequence[FittedRun]) -> float:
 
 
 def last_target_rms(runs: Sequence[FittedRun]) -> float:
-    """Return the rms distance (m) of the last target in these runs; NaN where it is not seen."""
+    """Return the rms distance (m) of the last target in these runs; NaN if not seen."""
     away = [np.hypot(*item.residual[item.solved][:, :, -1].T) for item in runs]
     return root_mean_square(np.concatenate(away))
 
 
 def varies(calibration: Calibration) -> bool:
-    """Whether the stiffness varies along the arm, beside the law, so that it matters."""
+    """Whether the stiffness varies along the arm enough to matter."""
     return calibration.variation is not None and calibration.variation.matters
 
 
 def larger_under_load(fit: Fit) -> float:
-    """Return the rms that loaded recordings leave, over that of unloaded ones; 0 where unknown."""
+    """Return the residual rms of loaded recordings over that of unloaded ones; 0 if unknown."""
     squares: dict[bool, list[float]] = {True: [], False: []}
     for item in fit.runs:
         values = item.residual[item.solved]
@@ -175,7 +175,7 @@ def residual_rms(fit: Fit) -> float:
 
 
 def noise_ratio(fit: Fit) -> float:
-    """Return the rms of the whitened residual, 1 where it is all noise."""
+    """Return the rms of the whitened residual; 1 for noise alone."""
     return math.sqrt(fit.chi_squared / max(fit.dof, 1))
 
 
@@ -200,7 +200,7 @@ def stiffness_text(stiffness: Sequence[BendingStiffness]) -> str:
 
 
 def one_stiffness(item: BendingStiffness) -> str:
-    """Write a stiffness with its error, or what is known of it where that is larger."""
+    """Return a stiffness with its error as text, or an upper bound if the error is larger."""
     if item.std < abs(item.value):
         return stiffness_with_error(item.value, item.std)
     most = abs(item.value) + 2.0 * item.std
@@ -218,7 +218,7 @@ def stiffness_with_error(value: float, std: float) -> str:
 def next_steps(
     calibration: Calibration, loaded: bool, settings: ReportSettings, files: Files
 ) -> tuple[str, str]:
-    """Return what to do next, and the command to type."""
+    """Return the next step and its command."""
     joint = calibration.joint
     names = shlex.join(item.run.name for item in joint.runs)
     model, arm = shlex.quote(files.model), shlex.quote(files.arm)

@@ -61,7 +61,7 @@ def biased_parameters(data: FigureData) -> Picture | None:
 
 
 def draw_rigidities(axes: Axes, side: Evaluation, color: str, name: str) -> None:
-    """Draw the rigidities of a side over pressure, with bands where they were fitted."""
+    """Draw the rigidities of a model over pressure, with bands if fitted."""
     pressure = np.linspace(*side.arm.pressure_range, 61)
     fitted = law_view(side.fit, np.clip(pressure, *side.arm.moment_law.pressure_range))
     sections = fitted.rigidity.shape[1]

@@ -16,7 +16,7 @@ MOST_SERIES = 6  # recordings whose amplitude is shown
 
 
 def causes(data: FigureData) -> Picture | None:
-    """Draw which kind of cause, where on the arm, explains how much."""
+    """Draw the share explained by each kind of cause, over its position on the arm."""
     found = data.discovery.causes
     if found is None:
         return None

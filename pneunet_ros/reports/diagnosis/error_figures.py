@@ -32,7 +32,7 @@ MOST_RECORDINGS = 8  # in a picture
 
 
 def errors_along_arm(data: FigureData) -> Picture | None:
-    """Errors as magnified arrows on measured shapes, and along the arm beside the noise."""
+    """Errors as magnified arrows on measured shapes, and along the arm with the noise."""
     items = data.errors()
     frames = worst_frames(items)
     if not frames:
@@ -71,7 +71,7 @@ def errors_along_arm(data: FigureData) -> Picture | None:
 
 
 def magnification(frames: Sequence[tuple[RecordingErrors, int]], length: float) -> int:
-    """Return how much larger errors are drawn, so that the largest is as long as `ARROW`."""
+    """Return the magnification that makes the largest error as long as `ARROW`."""
     largest = max(float(np.nanmax(np.abs(item.before[frame]))) for item, frame in frames)
     fitting = [times for times in MAGNIFICATIONS if times * largest <= ARROW * length]
     return max(fitting, default=MAGNIFICATIONS[0])

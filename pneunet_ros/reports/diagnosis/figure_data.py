@@ -39,7 +39,7 @@ class RecordingErrors:
 
     @property
     def misfit(self) -> Array:
-        """Rms error before over that of noise alone in every frame, (frames,); 0 without any."""
+        """Rms error before over that of noise alone in every frame, (frames,); 0 if unknown."""
         known = np.isfinite(self.before) & np.isfinite(self.noise)
         error, noise = (
             np.sqrt(np.sum(np.where(known, values, 0.0) ** 2, axis=(1, 2)))
@@ -50,7 +50,7 @@ class RecordingErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FigureData:
-    """A diagnosis with the recordings that were given to it, and what was discovered in them."""
+    """A diagnosis with its recordings and discoveries."""
 
     diagnosis: Diagnosis
     training: Sequence[RecordingData]
@@ -60,12 +60,12 @@ class FigureData:
 
     @property
     def tested_on(self) -> str:
-        """Recordings on which the models are compared: the held-out ones, if there are any."""
+        """Recordings on which the models are compared: held-out ones, if any."""
         return 'training' if self.diagnosis.before.held_out is None else 'held-out'
 
     @property
     def models(self) -> tuple[tuple[str, str], ...]:
-        """Names and colors of the models that are compared: one where nothing was added."""
+        """Names and colors of the compared models; one if nothing was added."""
         every = ('before', BEFORE), ('after', AFTER)
         return every if added_effects(self.diagnosis) else every[:1]
 

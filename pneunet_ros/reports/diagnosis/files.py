@@ -217,7 +217,7 @@ def diagnosis_content(
 def misfits_content(
     before: Misfit | None, after: Misfit | None, discovered: Misfit | None
 ) -> dict[str, Any] | None:
-    """Return the model errors of all models that there are, by the names of the contract."""
+    """Return the model errors of all models, by the names of the contract."""
     if before is None or after is None:
         return None
     columns = {'before': before, 'after': after}
@@ -232,7 +232,7 @@ def misfits_content(
 def diagnosed_arm(
     diagnosis: Diagnosis, evaluated: Evaluation, frame: Arm, provenance: Mapping[str, Any]
 ) -> Arm:
-    """Return an augmented arm with where its numbers come from, and where it is valid."""
+    """Return an augmented arm with its sources and valid range."""
     arm, runs = evaluated.arm, [item.run for item in evaluated.fit.runs]
     known = {effect.name for effect in frame.effects}
     added = [effect.name for effect in arm.effects if effect.name not in known]

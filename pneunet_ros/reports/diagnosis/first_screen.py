@@ -68,7 +68,7 @@ def evidence_bars(diagnosis: Diagnosis, discovery: Discovery) -> tuple[Bar, ...]
 
 
 def error_sentence(diagnosis: Diagnosis) -> str:
-    """Describe what became of the error on held-out recordings, or on those of the training.
+    """Describe the change of the model error on held-out, else on training recordings.
 
     In chi squared first where rms cannot show it: noise of readings hides it there.
     """
@@ -92,7 +92,7 @@ def error_sentence(diagnosis: Diagnosis) -> str:
 
 
 def rms_shows(diagnosis: Diagnosis, before: Misfit, after: Misfit) -> bool:
-    """Whether rms shows what is missing: what was added lowers it, else it is above the floor."""
+    """Whether the rms shows the missing effect: lowered by what was added, or above the floor."""
     if before.rms == after.rms:
         return before.rms > diagnosis.noise_floor + diagnosis.noise_floor_std
     return before.rms - after.rms > diagnosis.noise_floor_std
@@ -114,7 +114,7 @@ def in_chi_squared(diagnosis: Diagnosis, before: Misfit, after: Misfit) -> str:
 
 
 def removed_text(diagnosis: Diagnosis) -> str:
-    """Describe how much of the reducible error was removed; never more than all of it."""
+    """Describe the share of the reducible error that was removed; at most all of it."""
     if diagnosis.closed is None:
         return ''
     if diagnosis.closed >= 1.0:
@@ -125,6 +125,6 @@ def removed_text(diagnosis: Diagnosis) -> str:
 
 
 def floor_text(diagnosis: Diagnosis) -> str:
-    """Describe what noise alone would leave."""
+    """Describe the noise floor."""
     floor, scatter = diagnosis.noise_floor, diagnosis.noise_floor_std
     return f'noise alone {millimeters(floor):.3f} ± {millimeters(scatter):.3f} mm'

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: one HTML page that needs nothing else, and its pictures."""
+"""The report of a diagnosis: one self-contained HTML page, and its figures."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def replay_discovered(given: Given) -> str:
 def next_steps(
     diagnosis: Diagnosis, discovery: Discovery, given: Given = NOTHING_GIVEN
 ) -> tuple[str, str]:
-    """Return what to do next, and the command to type."""
+    """Return the next step and its command."""
     if any(law.effect_file for law in discovery.found):
         step = 'Test the discovered law on a recording that it has not seen.'
         return f'{step} {diagnosis.proposal}'.rstrip(), replay_discovered(given)

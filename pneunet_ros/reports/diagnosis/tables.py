@@ -121,7 +121,7 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
 
 
 def passes_text(item: Evidence, diagnosis: Diagnosis) -> str:
-    """State whether noise alone is left with a set of effects, with the p-value that says so."""
+    """State whether only noise is left with a set of effects, with the p-value."""
     if math.isnan(item.evidence):
         return ''
     p_value = '' if math.isnan(item.p_value) else f' (p {p_value_text(item.p_value)})'
@@ -226,7 +226,7 @@ def sigmas(item: Shift) -> float:
 
 
 def detectable_table(diagnosis: Diagnosis) -> Table:
-    """Return the detection limit of each effect, and its usual sizes."""
+    """Return the detection limit of each effect, and its plausible range."""
     rows = []
     for name, item in diagnosis.detectable.items():
         parameter = parameter_field(name, item.parameter)
@@ -276,7 +276,7 @@ def similarity_table(diagnosis: Diagnosis, least: float) -> Table:
 
 
 def undetectable_sentence(diagnosis: Diagnosis) -> str:
-    """Name the effects that these recordings cannot show at any usual size."""
+    """Name the effects that these recordings cannot show at any plausible size."""
     unseen = [name for name, item in diagnosis.detectable.items() if not item.observable]
     if not unseen:
         return 'Every effect of the library would have been detected at a usual size.'

@@ -1,4 +1,4 @@
-"""Numbers as a report writes them: with their errors, and no digit that means nothing."""
+"""Formatting of numbers with their errors and significant digits."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def p_value_text(p_value: float) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """Return a unit as it stands behind a number."""
+    """Return a unit as a suffix of a number."""
     return '' if unit == '-' else f' {unit}'
 
 

@@ -1,1 +1,1 @@
-"""The page of an exploration: how the model error shrank, and what was still possible."""
+"""The page of an exploration: model error and remaining hypotheses by round."""

@@ -22,7 +22,7 @@ COLORS = (FIRST, SECOND, THIRD, '#8a5fb0', '#b08a2e')
 
 
 def exploration_page(rounds: Sequence[Round], safe: SafeSet, provenance: Mapping[str, Any]) -> str:
-    """Return the page after so many rounds, its picture inside."""
+    """Return the page after this many rounds, with its figure."""
     return render_page(
         TEMPLATE,
         sentence=last_sentence(rounds),
@@ -34,7 +34,7 @@ def exploration_page(rounds: Sequence[Round], safe: SafeSet, provenance: Mapping
 
 
 def last_sentence(rounds: Sequence[Round]) -> str:
-    """Describe what is known after the last round, and what tested a name."""
+    """Describe the result of the last round, and whether a name was confirmed."""
     count = f'after {len(rounds)} recording{"" if len(rounds) == 1 else "s"}'
     sentence = f'{rounds[-1].investigation.diagnosis.sentence} ({count})'
     if rounds[-1].investigation.diagnosis.answer == 'none' and rounds[-1].undetectable:
@@ -87,7 +87,7 @@ def answer_of(item: Round) -> str:
 
 
 def gap_picture(rounds: Sequence[Round]) -> Picture:
-    """Draw the model error and what is still possible over the rounds."""
+    """Draw the model error and the remaining hypotheses over the rounds."""
     figure, (gap, chance) = panels(2, height=4.2)
     number = np.arange(1, len(rounds) + 1)
     known = [item.diagnosis for item in rounds]

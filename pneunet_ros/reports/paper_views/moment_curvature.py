@@ -1,4 +1,4 @@
-"""The paper's analysis as a view: Eq 9 and Eq 10 from measured shapes, beside the fitted law.
+"""The paper's analysis as a view: Eq 9 and Eq 10 from measured shapes, and the fitted law.
 
 M_est(s) comes from measured targets and the load, kappa from the smoothed targets, and straight
 lines through M_est over kappa - kappa0 give alpha1,2 and the intercepts M_O1,2. These are views:
@@ -115,7 +115,7 @@ def with_lines(view: MomentView, starts: Sequence[float], targets: Array) -> Mom
 def line(
     view: MomentView, inside: npt.NDArray[np.bool_], targets: int, start: float, stop: float
 ) -> Line | None:
-    """Return the line through some stations of a view; None where there are too few targets.
+    """Fit the line through some stations of a view; None with too few targets.
 
     The error is in kappa, not in M_est, so kappa - kappa0 is regressed on the moment; the other
     way round the rigidity would come out too small. Between targets stations tell nothing new:

@@ -1,4 +1,4 @@
-"""Steady states of a run: stretches in which pressure and load hardly change, averaged.
+"""Steady states of a run: means of stretches with nearly constant pressure and load.
 
 A hold of a staircase is one long state, a slow ramp many short ones. Mean targets belong to the
 mean load: what changes in a straight line meanwhile cancels. What the fit has found of the camera
@@ -102,7 +102,7 @@ def average(fitted: FittedRun, points: Array, start: int, stop: int) -> SteadySt
 def longest_states(
     states: Sequence[SteadyState], settings: SteadyStateSettings = STEADY_STATES
 ) -> list[SteadyState]:
-    """Leave out the short states on the way between holds, where the holds span the pressures."""
+    """Leave out short states between holds, if the holds span the pressures."""
     least = settings.hold_share * max((state.frames for state in states), default=0)
     holds = [state for state in states if state.frames >= least]
     if len(holds) >= settings.fewest_holds:
@@ -113,7 +113,7 @@ def longest_states(
 
 
 def thin(states: Sequence[SteadyState], count: int) -> list[SteadyState]:
-    """Choose at most so many states, evenly over pressure; of neighbors the longest."""
+    """Choose at most this many states, evenly over pressure; the longest of neighbors."""
     if not states:
         return []
     places = np.array([state.pressure for state in states])

@@ -14,7 +14,7 @@ ANSWER_MARKS = {'none': '·', 'unknown': '?', 'unobservable': '∅'}
 
 
 def effects(data: SurveyData) -> Picture | None:
-    """Effects against arms, and beside them the model error."""
+    """Effects by arm, with the model error."""
     arms = [item for item in data.done if item.errors is not None]
     if not arms:
         return None

@@ -1,4 +1,4 @@
-"""The page of a survey, its pictures, and what stands in `survey.json`."""
+"""The page of a survey, its figures, and the content of `survey.json`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FIGURES: Figures[SurveyData] = {'numbers': (numbers,), 'effects': (effects,), 's
 
 
 def survey_page(data: SurveyData, pictures: Pictures, provenance: Mapping[str, Any]) -> str:
-    """Return the page, pictures inside; arms link to their own reports beside it."""
+    """Return the page with its figures; arms link to their own reports."""
     next_step, command = next_steps(data)
     return render_page(
         TEMPLATE,
@@ -83,7 +83,7 @@ def rare_sentences(data: SurveyData) -> list[str]:
 
 
 def certainty(data: SurveyData) -> str:
-    """Describe by how much arms were compared, and what their model errors were measured on."""
+    """Describe the basis of the comparison and of the model errors."""
     fleet, done = data.fleet, len(data.done)
     compared = int(np.count_nonzero(np.isfinite(fleet.p_values)))
     said = f'Too few arms to ask which is odd: that takes {fleet.settings.fewest}.'
@@ -97,7 +97,7 @@ def certainty(data: SurveyData) -> str:
 
 
 def next_steps(data: SurveyData) -> tuple[str, str]:
-    """Return what to do next, and the command to type."""
+    """Return the next step and its command."""
     failed = [item for item in data.arms if item.failed]
     if failed:
         return (

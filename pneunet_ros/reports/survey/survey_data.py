@@ -47,14 +47,14 @@ class SurveyedArm:
 
     @property
     def errors(self) -> tuple[float, float] | None:
-        """Model error (m rms) before and after: held-out recordings where there are any."""
+        """Model error (m rms) before and after, on held-out recordings if any."""
         gap = self.found.get('gap') or {}
         errors = gap.get('heldout') or gap.get('training')
         return None if errors is None else (errors['before']['rms_m'], errors['after']['rms_m'])
 
     @property
     def held_out(self) -> bool:
-        """Whether the model error is that of held-out recordings."""
+        """Whether the model error is from held-out recordings."""
         return bool((self.found.get('gap') or {}).get('heldout'))
 
 

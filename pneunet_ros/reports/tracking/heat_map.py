@@ -12,7 +12,7 @@ GAP = 3.0  # usual distances of frames, from which there is a gap
 
 
 def heat(times: Array, statuses: Array) -> tuple[Array, Array]:
-    """Return edges (n + 1,) in time and what is in between (n, targets), for a heat map.
+    """Return time edges (n + 1,) and cell values (n, targets) of a heat map.
 
     statuses (frames, targets): 1 seen, 0 missing, -1 without explanation. What comes out is the
     share of explained frames in which a target was seen, -1 where there was none of them, NaN

@@ -134,7 +134,7 @@ class TrackingPage:
         return frame
 
     def _distances(self, tracking: Tracking, arclength: Array, points: Array) -> list[int | None]:
-        """Return how far (um) each target is from a curve, to its left; None where not known."""
+        """Return the distance (um) of each target to the left of a curve; None if unknown."""
         at = self.target_arclength
         inside = (at >= arclength[0] - 1e-9) & (at <= arclength[-1] + 1e-9)
         spline = scipy.interpolate.CubicSpline(arclength, points, axis=1)
@@ -191,7 +191,7 @@ class TrackingPage:
 
     @property
     def _moving(self) -> int:
-        """Number of frames without those in which the tracker learns the arm at rest."""
+        """Number of frames after the tracker has learned the arm at rest."""
         return self._count - self._reasons[RESTING]
 
     @property
@@ -271,7 +271,7 @@ def line_of(curve: MeasuredCurve) -> tuple[Array, Array]:
 
 
 def pixels(points: Array, scale: float) -> list[list[float] | None]:
-    """Return places (n, 2) px in an image made smaller, to a tenth; None where there is none."""
+    """Return points (n, 2) px in a scaled image, to a tenth; None if missing."""
     return [
         [round(scale * u, 1), round(scale * v, 1)] if math.isfinite(u + v) else None
         for u, v in points.tolist()

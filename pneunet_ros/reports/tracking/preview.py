@@ -43,7 +43,7 @@ BANDS = 8  # curvatures with their uncertainty
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class Seen:
-    """One frame as the preview shows it: log time, image, and what was made of it."""
+    """One frame of the preview: log time, image, and tracking result."""
 
     log_time_ns: int
     image: Image
@@ -53,7 +53,7 @@ class Seen:
 
 @dataclass(slots=True, kw_only=True)
 class Preview:
-    """Collects what the picture shows, frame by frame; of images only a handful are kept.
+    """Collects the data of the picture, frame by frame, with only a handful of images.
 
     frames: how many to expect; targets: how many the arm has.
     """
