@@ -113,9 +113,9 @@ def calibrate(
             changes.
         loaded: recordings under end load, N and N m in the base frame; may be none.
         frame: an arm that gives length, weight, clamp, targets, effects, and what the recordings
-            cannot tell; of a Majidi law also the section.
+            do not determine; of a Majidi law also the section.
         kind: the moment law to fit; None: the paper's, or one stiffness where the loaded frames
-            tell no more.
+            add no information.
         compare: fit without each of the loaded recordings, the other laws too; what that changes
             is in the errors.
         earlier: go on from what another calibration knew, on its tables.
@@ -144,7 +144,7 @@ def calibrate(
             settings=settings,
         )
         # What is left of a swing looks like a clock that drifts, around a fit that did not settle
-        # anything does, and what a model lacks may: the fit by new stamps has the last word.
+        # anything does, and model error may: the fit by new stamps has the last word.
         if settled is not None and not confirms(found.joint, settled[0].joint):
             found, clocks = settled
             break

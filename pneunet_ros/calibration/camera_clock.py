@@ -4,7 +4,7 @@ A film whose lost frames nobody counts is stamped k / fps, and goes slow by as m
 first order an error of the time of its frames moves the targets by their velocity: late (s) in
 the middle of the recording, and rate (s/s). Both are unknowns with a prior beside all others of a
 fit; evidence says whether the rate is one. An offset alone is no finding here: a line between
-pressure sensor and chamber looks like one, and `diagnose` tells them apart (`camera_delay`).
+pressure sensor and chamber looks like one, and `diagnose` distinguishes them (`camera_delay`).
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ class CameraClock:
     @property
     def evidence(self) -> float:
         """Log odds, by its frames, that it is wrong and not in order."""
-        told = 1.0 - (self.rate_std / RATE_STD) ** 2  # the rest is the prior
-        if not told > 0.0:
+        observed = 1.0 - (self.rate_std / RATE_STD) ** 2  # the rest is the prior
+        if not observed > 0.0:
             return -ODDS_AGAINST
-        rate, variance = self.rate / told, self.rate_std**2 / told
+        rate, variance = self.rate / observed, self.rate_std**2 / observed
         wrong, right = RATE_STD**2 + variance, CRYSTAL_STD**2 + variance
         odds = 0.5 * (rate**2 * (1.0 / right - 1.0 / wrong) - math.log(wrong / right))
         return odds - ODDS_AGAINST
@@ -123,7 +123,7 @@ def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
 def confirms(retimed_fit: Fit, before: Fit) -> bool:
     """Whether correcting the stamps makes the fit as much more probable as a wrong clock predicts.
 
-    Where the model lacks something, `camera_clocks` finds clocks that make it no better.
+    With a model error, `camera_clocks` finds clocks that do not improve the fit.
     """
     gain = retimed_fit.log_evidence - before.log_evidence * (retimed_fit.dof / before.dof)
     return retimed_fit.converged and gain > ODDS_AGAINST

@@ -95,7 +95,8 @@ class FitSequence:
             self.rows = np.array([self.low])
             return
         ends = [experiments.outliers, 1.0 - experiments.outliers]
-        # Many targets show an elongation beside whatever looks alike: `diagnose` tells them apart.
+        # Many targets show an elongation beside whatever looks alike: `diagnose` distinguishes
+        # them.
         shown = any(run.seen[:, frame.target_arclength > 0.0].any() for run in runs)
         if self.shapes is not None and shown and not elongation.is_given(frame):
             self.elongates = True
@@ -228,7 +229,7 @@ class FitSequence:
         placement (2, targets) m: of the targets, as far as it is known.
 
         Out of some, decades apart, and then between the neighbors of that. Frames count by the
-        logarithm of their error: one in which the arm snaps elsewhere does not outweigh the rest.
+        logarithm of their error: one in which the arm snaps does not outweigh the rest.
         """
         runs = [run.thin(SCANNED_FRAMES) for run in runs if run.loaded]
 
@@ -345,14 +346,14 @@ class FitSequence:
                 f'the new recordings reach from {kilopascals(self.low):.4g} to '
                 f'{kilopascals(self.high):.4g} kPa, and the calibration to be continued knows '
                 f'{kilopascals(earlier.low):.4g} to {kilopascals(earlier.high):.4g} kPa; '
-                'calibrate anew with all recordings',
+                'recalibrate with all recordings',
                 reason='out_of_range',
             )
         if earlier.placement.size != 2 * self.frame.target_arclength.size:
             raise RequestError(
                 f'the calibration to be continued knows {earlier.placement.size // 2} targets, '
                 f'and the new recordings have {self.frame.target_arclength.size} (the pose of the '
-                'tip counts as one); calibrate anew with all recordings',
+                'tip counts as one); recalibrate with all recordings',
                 reason='wrong_targets',
             )
         kind = kind or earlier.kind or PiecewiseLinearLaw.kind

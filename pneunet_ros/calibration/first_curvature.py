@@ -27,7 +27,7 @@ def first_curvature(runs: Sequence[RecordingData], arm: Arm, pressure: Array) ->
     read = np.concatenate([run.frame_pressure for run in runs])
     upright = np.exp(-1j * arm.clamp_angle)
     seen = np.concatenate([(run.x + 1j * run.y) * upright for run in runs])
-    # The clamp's own target, alone in a frame, tells nothing.
+    # The clamp's own target, alone in a frame, has no information.
     weights = np.isfinite(seen) @ arm.target_arclength**2
     shown = np.zeros(read.shape)
     if weights.any():

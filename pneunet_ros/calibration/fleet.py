@@ -37,7 +37,7 @@ class FleetSettings:
     fewest: int = tuning(12, 'arms that know a number, below which it is not compared')
     shown: int = tuning(2, 'arms that know a number, below which it is not shown')
     reached: float = tuning(0.75, 'share of the arms that reach the pressure of the comparison')
-    shrunk: float = tuning(0.1, 'taken off correlations by medians, which few arms tell badly')
+    shrunk: float = tuning(0.1, 'shrinkage of median correlations, which are poor with few arms')
     counted: float = tuning(
         0.01, 'probability of a distance, below which an arm does not count', source='convention'
     )

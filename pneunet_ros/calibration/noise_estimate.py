@@ -24,7 +24,7 @@ from pneunet_ros.solver.columns import END_LOAD_MOMENT
 
 MEDIAN_OF_TWO = math.log(2.0)  # of half the sum of two squares of normal numbers
 RESTS = 3.0  # sigma of a pressure reading, that it changes by from frame to frame
-ASSUMED = 'assumed; these recordings cannot tell'
+ASSUMED = 'assumed; these recordings do not determine it'
 # What an arm file states of its sensors, and the unit.
 STATED = (('pressure_std', 'Pa'), ('force_std', 'N'), ('moment_std', 'N m'), ('target_std', 'm'))
 # What may be read in steps that are coarser than the noise, and the unit.
@@ -97,7 +97,7 @@ def estimate_noise(
             )
     white = found['target_std'][0]
     white = white if white is not None else assumed.target_std
-    # Differences of a pressure that swings fast tell of that: it never rests.
+    # Differences of a fast pressure show its motion, not noise: it never rests.
     pressure_std = min(found['pressure_std'][0] or np.inf, assumed.pressure_std)
     alike, neighbors = likeness(runs, pressure_std, settings)
     notes = []
@@ -222,7 +222,7 @@ def with_step(
 ) -> tuple[float | None, str]:
     """Return a standard deviation including quantization, and its source.
 
-    white: of what was read, None where nothing tells; assumed: what is thought then. Noise beyond
+    white: of what was read, None if unknown; assumed: what is thought then. Noise beyond
     a step shows the rounding, too, and then nothing is added: the sentence is empty.
     """
     noise = min(assumed, 0.5 * step) if white is None else white
@@ -347,7 +347,7 @@ def placement(
     """Return the standard deviation of the painted places, per coordinate (m).
 
     A few targets may lie on a smooth curve by chance: of them it is no less than `assumed` (m).
-    None where nothing tells.
+    None if unknown.
     """
     free = [run.points for run in runs if not run.loaded]
     if not free:

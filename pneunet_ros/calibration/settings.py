@@ -61,7 +61,7 @@ class SameArmSettings:
     )
     times_past: float = tuning(3.0, 'as much as the past does')
     outlier: float = tuning(5.0, 'chi squared per coordinate of an outlier recording')
-    misfit: float = tuning(4.0, 'chi squared per coordinate of a model that lacks something')
+    misfit: float = tuning(4.0, 'chi squared per coordinate that indicates a model error')
     few_frames: float = tuning(
         0.05, 'share of the frames that are few, where these alone are missed; invented'
     )
@@ -95,24 +95,24 @@ class NoiseEstimateSettings:
     smooth_degree: int = tuning(6, 'of the polynomial that a straight arm follows, at most')
     fewest_targets: int = tuning(8, 'for a placement')
     freedom: int = tuning(3, 'targets more than the polynomial has numbers, at least')
-    many_targets: int = tuning(12, 'that tell a small placement, and noise that is alike')
+    many_targets: int = tuning(12, 'that can resolve a small placement, and equal noise')
     often: float = tuning(0.5, 'share of the frames, in which a target counts as seen')
     straightest: float = tuning(0.1, 'share of the unloaded frames')
     placement: float = tuning(
         1e-3,
-        'of the painted place of a target, where nothing tells',
+        'of the painted place of a target, if not estimated',
         unit='way to the last target',
         source='invented: twice that of the virtual lab',
     )
     registration: float = tuning(
         2e-3,
-        "of the camera's place, where nothing tells",
+        "of the camera's place, if not estimated",
         unit='way to the last target',
         source='invented: twice that of the virtual lab',
     )
     drift: float = tuning(
         1e-3,
-        'of its drift, where nothing tells',
+        'of its drift, if not estimated',
         unit='way to the last target',
         source='invented: twice that of the virtual lab',
     )
@@ -131,7 +131,7 @@ class NoiseEstimateSettings:
         source='invented',
     )
     heading: float = tuning(
-        0.02, 'of a measured heading, where nothing tells', unit='rad', source='invented'
+        0.02, 'of a measured heading, if not estimated', unit='rad', source='invented'
     )
 
 
@@ -145,7 +145,7 @@ class ResolutionSettings:
         8.0, 'pressures, or loads, that differ by more are two', unit='sigma'
     )
     few_pressures: int = tuning(6, 'fewer are said', source='invented')
-    law_frames: int = tuning(20, 'loaded frames to tell two sections of the arm apart')
+    law_frames: int = tuning(20, 'loaded frames to distinguish two sections of the arm')
     law_shapes: int = tuning(3, 'the same, targets that stand apart')
     nonuniform: float = tuning(
         0.3,

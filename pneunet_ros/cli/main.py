@@ -156,7 +156,7 @@ VERBS = (
     ),
     Verb(
         'diagnose',
-        'find the physical effect that a model lacks; write the augmented model and a report',
+        'find the physical effect missing in a model; write the augmented model and a report',
         'pneunet_ros.cli.verbs.diagnose',
         'pneunet diagnose --model model.yaml --train REC1.mcap REC2.mcap --heldout REC3.mcap '
         '--output diagnosis',
@@ -184,7 +184,7 @@ VERBS = (
     ),
     Verb(
         'check',
-        'list what recordings contain and lack, and what they can be used for',
+        'list contents, gaps and possible uses of recordings',
         'pneunet_ros.cli.verbs.check',
         'pneunet check REC.mcap',
     ),

@@ -7,8 +7,8 @@ A driver that stamps several topics with one instant publishes them one after th
 order. While the messages of a topic carry the stamps of pressures, a pressure waits for the one of
 its stamp, at most `LONGEST_WAIT_NS`. Nothing else waits.
 
-The order depends on arrivals, stamps and topics alone, not on when somebody looks: a node that was
-busy takes a burst in the order in which a recording of it is replayed.
+The order depends on arrivals, stamps and topics alone, not on the time of processing: a node that
+was busy takes a burst in the order in which a recording of it is replayed.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class Refusal:
     """A reading that gave no estimate: `reason` is a key for counting, `sentence` for a person.
 
-    `error` tells that the estimator has stopped giving estimates, not just dropped one reading.
+    error: the estimator has stopped giving estimates, not just dropped one reading.
     `awaits_others`: what is missing comes from another node, which may still be starting.
     """
 

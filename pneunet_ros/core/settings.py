@@ -32,7 +32,7 @@ def tuning(default: Any, meaning: str, *, unit: str = '-', source: str = 'invent
     """Declare a tuning constant of an algorithm.
 
     unit: SI unit, '-' for none, or what it is a share or a multiple of. source: where the number
-    comes from: 'measured', 'literature: ...', 'convention', or 'invented' where somebody chose it;
+    comes from: 'measured', 'literature: ...', 'convention', or 'invented' for a free choice;
     'sweep: ...' says what moved when it was halved and doubled: that it matters, not that it is
     right.
     """

@@ -134,8 +134,8 @@ def add_to_table(found: Iterable[tuple[Any, str]]) -> tuple[type[Effect], ...]:
 def breach(effect: Any) -> str:
     """Describe how a class violates the contract of effects; empty if it complies.
 
-    What only numbers tell, such as whether its neutral value does nothing, the property suite says
-    (`test/effects/test_effects.py`).
+    What only numbers show, such as whether its neutral value does nothing, the property suite
+    tests (`test/effects/test_effects.py`).
     """
     if not (inspect.isclass(effect) and issubclass(effect, Effect)):
         return 'is no subclass of Effect'

@@ -97,7 +97,7 @@ class GravitySource:
         """Take frames; invalid rotations are left out."""
         good = [one for one in readings if is_rotation(one.quaternion)]
         if not self.frame and not any(one.fixed for one in good):
-            good = []  # what moves tells nothing of an accelerometer on the base
+            good = []  # a moving frame says nothing about an accelerometer on the base
         found = replace(known, frames=known.frames.after(good)) if good else known
         bad = next((one for one in readings if not is_rotation(one.quaternion)), None)
         if bad is None:

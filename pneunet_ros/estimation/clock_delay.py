@@ -127,7 +127,7 @@ NO_PLAYS: Plays = ((), 1)
 # Of 30 films of 10 s, 25 frames/s, of the arm of test_clock_delay.py, five such steps were
 # enough in 25, six in 28, eight in all.
 SIGMA_OF_MEDIAN = 0.6745  # median of the size of what is normal, over its standard deviation
-REMEDY = 'eight quick steps to different levels, at irregular times, would tell'
+REMEDY = 'eight quick steps to different levels, at irregular times, would determine it'
 CLOCK_DELAY = ClockDelaySettings()
 
 
@@ -139,7 +139,7 @@ class ClockDelay:
     explained: share of the motion that pressure and load explain with it; frames: how many were
     used; frame_period (s). repeated: in which of the frames the arm stands still while what drives
     it goes on: a film that has lost some shows the one before once more. trouble: why the data
-    cannot tell, None where they do.
+    cannot determine it, None if they do.
     """
 
     delay: float
@@ -179,7 +179,7 @@ def estimate_delay(
 
     The delay is where the residual of the motion over a smooth function of what drove it is
     smallest; its standard error is by leaving out blocks of the film (jackknife), which sees that
-    residuals hang together, widened by Student's t where few blocks tell.
+    residuals hang together, widened by Student's t if there are few blocks.
 
     Args:
         frame_time: (frames,) s, increasing.
@@ -189,7 +189,7 @@ def estimate_delay(
         settings: the numbers that decide.
 
     Returns:
-        The delay, with a sentence in `trouble` where the data cannot tell.
+        The delay, with a sentence in `trouble` if the data do not determine it.
 
     """
     period = float(np.median(np.diff(frame_time))) if len(frame_time) > 1 else math.inf
@@ -451,8 +451,8 @@ class DelayFit:
     def details(self, delay: float) -> FitDetails:
         """Return how sure a delay is: the fit made linear, without each block of frames in turn.
 
-        Few blocks may hold all that tells the delay: Student's t has as many degrees of freedom
-        as there are blocks, were all of them equally informative, less one.
+        Few blocks may hold all information on the delay: Student's t has as many degrees of
+        freedom as there are blocks, were all of them equally informative, less one.
         """
         frames = self.inside(delay)
         at, scores = self.time[frames] - delay, self.scores[frames]

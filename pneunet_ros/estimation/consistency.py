@@ -305,7 +305,7 @@ def take_estimate(
     if not isinstance(outcome, ShapeEstimate):
         return state
     if state.estimates and outcome.stamp_ns <= state.estimates[-1].stamp_ns:
-        state = state.fresh()  # the estimator has started anew
+        state = state.fresh()  # the estimator has restarted
     kept = state.estimates[1 - ESTIMATES_KEPT :]
     state = replace(state, estimates=(*kept, outcome))
     return compare_waiting(state, estimator, settings) if state.waiting else state

@@ -1,7 +1,7 @@
 """Where the targets of a frame must be, from the estimates before and behind it.
 
 A frame is rarely taken with a reading. The arm is taken to go on a straight line from one estimate
-to the next, under the load that the readings before and behind the frame tell, and both have the
+to the next, under the load of the readings before and after the frame, and both have the
 errors of what lies between readings. An estimate uses the last wrench that had come; what was
 read behind it counts here, too.
 """
@@ -35,7 +35,7 @@ from pneunet_ros.measurement.predicted_targets import (
 )
 from pneunet_ros.solver.columns import LOADS
 
-BESIDE = 2  # estimates on either side of a frame that tell what lies between
+BESIDE = 2  # estimates on either side of a frame, for interpolation
 
 
 def predict_frame(
@@ -43,9 +43,9 @@ def predict_frame(
 ) -> PredictedTargets | None:
     """Return where the targets must be in a frame that shows the arm of a stamp (ns).
 
-    estimates: at increasing stamps (ns), at least one. None where they do not tell: the arm goes
-    so far from one to the next, or may have done so, that a straight line is wrong by more than
-    the noise of a target.
+    estimates: at increasing stamps (ns), at least one. None if they do not determine it: the arm
+    goes so far from one to the next, or may have done so, that a straight line is wrong by more
+    than the noise of a target.
     """
     stamps = np.array([estimate.stamp_ns for estimate in estimates])
     behind = int(np.searchsorted(stamps, shown_ns))

@@ -6,8 +6,8 @@ are painted, and the path of the camera. Each has the prior that calibration lef
 together tell where it is. A model holds if that is no further from the prior than the prior and
 the noise of the frames allow, and if what the unknowns leave is as large as that noise.
 
-Errors that go on from frame to frame tell less than as many that are new: by how much less is
-found from what is left. Source: Newey and West, Econometrica 55 (1987).
+Errors correlated from frame to frame carry less information than independent ones: by how much
+less is found from what is left. Source: Newey and West, Econometrica 55 (1987).
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ class PersistenceSettings:
     fewest: int = tuning(20, 'frames, before anything is claimed')
     odd: float = tuning(
         0.05,
-        'share of frames that are off by themselves and tell of nothing that persists',
+        'share of outlier frames, which say nothing about persistent errors',
         source=(
             'invented; sweep: halved: held out watch.agreement.persistent.chance 4.34e-102 -> '
             '6.03e-115; doubled: creep watch.agreement.persistent.chance 1e-41 -> 1.37e-32'
         ),
     )
     seen: float = tuning(
-        0.1, 'variance that frames tell of an unknown, to count it', unit='of its prior'
+        0.1, 'minimum variance reduction for an unknown to count as observed', unit='of its prior'
     )
     camera: float = tuning(
         0.01,
@@ -205,7 +205,7 @@ class PersistentErrors:
     def advice(self) -> str:
         """Return the advice to users."""
         if self.noise_left:
-            return 'other numbers of the same model explain it: calibrate anew'
+            return 'other parameters of the same model explain it: recalibrate'
         return (
             'calibrate anew, and run pneunet diagnose on the recordings of that: the arm has '
             'changed, or something is missing in the model'
@@ -352,7 +352,7 @@ def distance(
 ) -> tuple[float, int]:
     """Return chi squared of a step (n,) with covariance spread (n, n), and its degrees of freedom.
 
-    Directions of which the frames tell little do not count.
+    Directions that the frames hardly determine do not count.
     """
     variances, axes = np.linalg.eigh(spread)
     seen = variances > settings.seen
@@ -365,7 +365,7 @@ def without_prior(
 ) -> tuple[Array, Array]:
     """Return a step (n,) and its covariance (n, n) from the frames alone, without the prior.
 
-    For a prior that is refuted holds a step back. Where frames tell little it stays as it is.
+    For a prior that is refuted holds a step back. With uninformative frames it is unchanged.
     """
     left, axes = np.linalg.eigh(covariance)
     information = np.where(1.0 - left > settings.seen, 1.0 - left, 1.0)

@@ -96,7 +96,7 @@ class ShapeSeries:
     """Shapes of one source: centerlines, the free end, or both.
 
     frame: the frame that its coordinates are in, '' where nothing says so. exact: a truth, with
-    no error of its own. pressures: in it, None where nothing tells. whole: its centerlines reach
+    no error of its own. pressures: in it, None if unknown. whole: its centerlines reach
     to the free end.
     """
 

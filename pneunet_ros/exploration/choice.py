@@ -47,7 +47,7 @@ class Choice:
         if not self.divergence:
             return 'to begin with'
         pair = max(self.divergence, key=self.divergence.__getitem__)
-        return f'it would tell {pair[0]} from {pair[1]} best'
+        return f'it would best distinguish {pair[0]} from {pair[1]}'
 
 
 def next_choice(
@@ -169,8 +169,8 @@ def pair_divergences(
     """Return the expected divergence of every two rivals, in log probability.
 
     The sizes of effects are not known: integrated over them, chi squared c that is expected of an
-    effect diverges by log(1 + c) / 2 from what lacks it (Lindley, 1956). Of two effects either may
-    be the true one.
+    effect diverges by log(1 + c) / 2 from the model without it (Lindley, 1956). Of two effects
+    either may be the true one.
 
     squares (n,): expected square of each size; gained (n, n + 1): chi squared per square of size
     that an experiment adds, as of `separations`.

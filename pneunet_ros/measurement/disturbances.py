@@ -26,7 +26,7 @@ PATH_NODES = 9  # of the camera's path in one recording, straight lines between
 # of drift_std: a random walk between its nodes on a straight line, per frame
 BETWEEN_NODES = 1.0 / np.sqrt(6.0 * (PATH_NODES - 1))
 OF_RUN = 2 * PATH_NODES + LOADS  # unknowns of one recording
-FEWEST_OF_ROW = 3  # targets beyond the clamp: two tell no spacing from a scale
+FEWEST_OF_ROW = 3  # targets beyond the clamp: two cannot separate spacing from scale
 SMALLEST_STD = 1e-7  # m, N and N m: stands for zero
 
 
@@ -66,7 +66,7 @@ class Disturbances:
     def origin(self, disturbance: Array) -> Array:
         """Return the origin of the base frame for these unknowns (n,): (2,) m.
 
-        What the pictures of all runs have in common; less where fewer of them tell.
+        What the pictures of all runs have in common; less with fewer of them.
         """
         paths = disturbance[2 * self.targets :].reshape(len(self.runs), OF_RUN)
         own = paths[:, : 2 * PATH_NODES].reshape(len(self.runs), 2, PATH_NODES).mean(axis=(0, 2))

@@ -70,7 +70,7 @@ class Innovation:
 
     chi_square is that of all `coordinates` together; at_targets (targets,) that of each target by
     itself, per coordinate, NaN where one was not seen; at_tip that of both coordinates of the tip,
-    as all targets tell it, NaN where too few were seen.
+    estimated from all targets, NaN where too few were seen.
     """
 
     coordinates: int

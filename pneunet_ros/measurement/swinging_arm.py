@@ -7,7 +7,7 @@ shapes, theta_e the headings of the equilibrium's links and w the place,
 
     q = w - S (theta_e - theta_reference).
 
-What a frame tells of w it hardly tells of the loads: those are told by how the arm accelerates.
+A frame determines w, but hardly the loads: the acceleration of the arm does.
 """
 
 from __future__ import annotations

@@ -68,7 +68,8 @@ def mismatch_sentences(node: Any) -> Iterator[str]:
 def why_not(published: Any, subscribed: Any) -> str:
     """Return why a publisher and a subscription are incompatible; empty if they match.
 
-    By reliability and durability: of other policies the graph does not tell "unset" from a value.
+    By reliability and durability: for other policies the graph cannot distinguish "unset" from a
+    value.
     """
     if (published.reliability, subscribed.reliability) == (
         ReliabilityPolicy.BEST_EFFORT,

@@ -5,7 +5,7 @@
 The corners are rows of time (s), pressure (Pa), F1 and F2 (N), joined by straight lines. Commands
 go to `pressure_command` and `force_command`, as the virtual arm takes them; recorded are
 `pressure`, `end_wrench` and `targets`. Where nobody takes `force_command` it says what to hang on
-the arm, and waits for somebody to press Enter. At the end, and where it is interrupted, the arm is
+the arm, and waits for Enter. At the end, and where it is interrupted, the arm is
 vented and without a load.
 """
 
@@ -36,7 +36,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 PERIOD = 0.02  # s, between commands
-PATIENCE = 30.0  # s, to wait for readings, and for somebody who takes commands
+PATIENCE = 30.0  # s, to wait for readings and for a subscriber to the commands
 REST = 3.0  # s at the first corner, before the recording begins
 DEPTH = 200  # messages that may wait
 DONE, WRONG_REQUEST = 0, 2
@@ -174,7 +174,7 @@ def main() -> int:
         try:
             run_experiment(node, Path(path))
         finally:
-            node.vent()  # also where something went wrong, or somebody pressed Ctrl-C
+            node.vent()  # also after an error or Ctrl-C
             node.destroy_node()
     except KeyboardInterrupt:
         return 130

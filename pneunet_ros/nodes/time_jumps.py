@@ -26,11 +26,11 @@ def watch_time(node: Any, say: Callable[[str], None]) -> Any:
     )
     clock = node.get_clock()
 
-    def tell(jump: Any) -> None:
+    def report(jump: Any) -> None:
         seconds = 1e-9 * jump.delta.nanoseconds
         say(
             f'/clock jumped by {seconds:+.3f} s to {1e-09 * clock.now().nanoseconds:.3f} s; '
             'the node goes on, as readings carry their own stamps'
         )
 
-    return clock.create_jump_callback(threshold, post_callback=tell)
+    return clock.create_jump_callback(threshold, post_callback=report)

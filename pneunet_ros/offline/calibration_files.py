@@ -143,10 +143,10 @@ def load_knowledge(model: Path) -> PosteriorState:
     except FileNotFoundError:
         raise ModelError(
             f'{path} is missing: `pneunet calibrate` writes it beside a model, and it is needed '
-            'to continue; calibrate anew with all recordings',
+            'to continue; recalibrate with all recordings',
             reason='not_found',
         ) from None
     except (OSError, PneunetError) as error:
         raise ModelError(
-            f'{path} is damaged: {one_line(error)}; calibrate anew', reason='damaged'
+            f'{path} is damaged: {one_line(error)}; recalibrate', reason='damaged'
         ) from None

@@ -34,7 +34,7 @@ class CompareRequest:
     """A comparison: A with B, or both with a truth.
 
     a_topics, b_topics: full topic names by their last names, of what is read; target_arclength
-    (targets,) m: where targets are painted; length (m): of the arm, None: as the shapes tell.
+    (targets,) m: where targets are painted; length (m): of the arm, None: as in the shapes.
     """
 
     a: Path

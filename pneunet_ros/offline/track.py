@@ -35,7 +35,7 @@ UPRIGHT_FRAMES = 30  # frames of an upright arm alone, after which all others ar
 class TrackStep:
     """One message of a stream with its outcome and the state of the tracker after it.
 
-    `frame` tells an image, readable or not, from all else.
+    frame: it is an image, readable or not.
     """
 
     item: StreamItem
@@ -130,9 +130,7 @@ def record_tracking(
             continue
         if topic.name in {connection.topic for connection in outputs.values()}:
             sentences.append(
-                Note(
-                    f'{topic.name} was there already and has been written anew', reason='rewritten'
-                )
+                Note(f'{topic.name} existed already and was rewritten', reason='rewritten')
             )
             continue
         try:

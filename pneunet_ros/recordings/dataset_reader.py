@@ -186,7 +186,7 @@ def tip_frame(recording: Recording, topic: str | None, settings: EstimatorSettin
 def is_constant(values: Array) -> bool:
     """Whether a load (readings, 3) is the same throughout, to the last bit, and not zero.
 
-    No sensor does so: weights hung there, and somebody filled in a column.
+    No sensor does so: a known weight was entered by hand.
     """
     return len(values) > 1 and bool(np.all(values == values[0]) and np.any(values[0] != 0.0))
 

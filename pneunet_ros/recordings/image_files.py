@@ -28,7 +28,7 @@ IMAGE_TOPIC = '/pneunet/image_raw'
 CAMERA_FRAME = 'camera'
 LARGEST_PICTURE = 200_000_000  # bytes; a tiff of 64 megapixels and 3 channels has as many
 SILENT = 0  # log level of OpenCV
-FIRST_FRAMES = 20  # which tell whether a video has times
+FIRST_FRAMES = 20  # that show whether a video has times
 _BROKEN_OFF = 0.9  # share of the frames a video promises, below which it says that some are lost
 
 # Read by OpenCV when it opens its first video: ffmpeg shall not print what an error will say.

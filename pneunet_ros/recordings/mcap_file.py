@@ -177,7 +177,7 @@ def chunk_content(record: bytes | memoryview) -> bytes | memoryview:
     """Return the records of a chunk; of a truncated one, the available part.
 
     Raises one of DAMAGE when the content is not what its writer put there, UnknownCompression when
-    it cannot be told.
+    the compression is unknown.
     """
     _, length = RECORD_HEAD.unpack_from(record)
     body = memoryview(record)[RECORD_HEAD.size :]
@@ -423,7 +423,7 @@ class _Scan:
     def _refusal(self, what: str) -> RecordingError:
         return RecordingError(
             f'{self.path} holds {what}: it is damaged, or made to exhaust the machine that reads '
-            'it; write it anew without compression if it is neither',
+            'it; rewrite it without compression if it is neither',
             reason='too_large',
         )
 

@@ -101,7 +101,7 @@ def store_for(type_name: str, definition: str) -> Typestore:
     except RecordingError:
         raise
     except Exception as error:
-        # The parser, the code made from a definition, and looking up what it lacks: all may fail.
+        # The parser, the code made from a definition, and looking up a missing type: all may fail.
         raise RecordingError(
             f'the definition of {type_name} in the recording is not complete or cannot be parsed',
             reason='wrong_form',

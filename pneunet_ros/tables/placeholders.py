@@ -22,10 +22,10 @@ NUMBERS_SHOWN = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Columns that have or lack a reading together: of a target, of the tip, or a single one.
+    """Columns that hold a reading together or not at all: a target, the tip, or a single one.
 
-    deciding: whose numbers say so; names: all of them, which then lack it. zero: whether 0 can
-    stand for "no reading": it is what a sensor reads at rest, and where the clamp is.
+    deciding: the columns that decide; names: all of them, which are empty then. zero: whether 0
+    can stand for "no reading": it is what a sensor reads at rest, and where the clamp is.
     """
 
     label: str
@@ -60,7 +60,7 @@ def ask_for_placeholders(
 ) -> None:
     """Refuse a table with numbers that seem to mean "no reading", and say how to answer.
 
-    A placeholder is sometimes there and sometimes not. A pair of coordinates tells it by itself; a
+    A placeholder is sometimes there and sometimes not. A pair of coordinates shows it; a
     single number only where it stands apart from all others of its column.
     """
     for place in places_of(columns):
@@ -79,7 +79,7 @@ def ask_for_placeholders(
 
 
 def places_of(columns: Sequence[Column]) -> Iterator[Place]:
-    """Yield what has or lacks a reading together."""
+    """Yield groups of columns that hold a reading together or not at all."""
     names = {(column.quantity, column.target): column.name for column in columns}
     for target in sorted({column.target for column in columns if column.target is not None}):
         both = tuple(names[quantity, target] for quantity in TOGETHER)

@@ -2,7 +2,7 @@
 
 After a quick change an arm swings: beside a straight line its targets then follow a vibration that
 dies away. Where this explains them better than a smooth way of as many numbers, or a vibration
-that goes on, its frequency and decay are found, and every frame tells how far the arm is, and
+that goes on, its frequency and decay are found, and every frame shows how far the arm is, and
 would swing, beside its equilibrium: as `measurement.moving_arm.is_settled`, without a model.
 """
 

@@ -98,7 +98,7 @@ class LeftOutLevels:
             return Note(text, reason='as_good_without_model')
         return Note(
             f'{text}: between these pressures, {self.better} does better; run pneunet diagnose to '
-            'find what the model lacks',
+            'find the model error',
             reason='better_without_model',
         )
 

@@ -1,7 +1,7 @@
 """Whether a fit stays within its errors without each loaded recording: if not, these are larger.
 
 Two fits, one with a recording and one without, differ by as much as the recording has taken from
-the covariance. A model that lacks something, or a load that is not what it is said to be, makes
+the covariance. A model error, or a load that is not what it is said to be, makes
 them differ by more; that much more is put into the covariance (jackknife).
 
 Source: Efron and Stein, Ann. Statist. 9 (1981).
@@ -43,7 +43,7 @@ class LeftOutRecordings:
             Note(
                 f'{self.recordings} loaded recordings, each left out of the fit: the tip moves '
                 f'there by {self.changed:.2g} times what the standard errors say, so these are '
-                'widened. Check the loads (--end-load, --wrench-sign); the model may lack '
+                'widened. Check the loads (--end-load, --wrench-sign); the model may miss '
                 'something (`pneunet diagnose`)',
                 reason='left_out_recordings',
             )

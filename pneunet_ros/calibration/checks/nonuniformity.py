@@ -72,8 +72,9 @@ def known_departure(prior: Array, information: Array, covariance: Array, missed:
     """Return the mean square of departures (cells, cells) after the data, of that before them.
 
     information, covariance (n, n): of the data, and of the fit; what the fit takes up of a
-    departure tells nothing of it: I - I C I is left. missed (n,): what of the data's linear term
-    the fit has left; the departure that it shows is no parameter of the fit, and an error of it.
+    departure has no information on it: I - I C I is left. missed (n,): what of the data's linear
+    term the fit has left; the departure that it shows is no parameter of the fit, and an error of
+    it.
     """
     cells = len(prior)
     left = (information - information @ covariance @ information)[:cells, :cells]

@@ -26,7 +26,7 @@ class Resolution:
 
     shapes: numbers of kappa_p0 along the arm, at most its knots. pressures: distinct ones, without
     load or with. constant_pressure: it never changes, so nothing is said of another. law: the kind
-    of moment law that the loaded frames can tell the constants of. notes say so in sentences,
+    of moment law whose constants the loaded frames determine. notes say so in sentences,
     law_notes of the law, where no other is asked for.
     """
 

@@ -234,7 +234,7 @@ def describe_variation(
             f'says: as if EI were {here} and {there}. That lowers chi squared by '
             f'{variation.statistic:.0f} (noise alone: by less than '
             f'{variation.settings.significant:.0f}) and moves the tip of loaded frames by '
-            f'{millimeters(variation.tips.rms):.2g} mm rms. A cause that the model lacks may look '
+            f'{millimeters(variation.tips.rms):.2g} mm rms. A missing cause may look '
             f'like it: see `pneunet diagnose`.{other} The standard errors of the stiffness are '
             'widened until the tips of these loads are within them; for other loads that is a '
             'guess',

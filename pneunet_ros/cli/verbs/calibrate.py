@@ -78,7 +78,7 @@ def options(parser: ArgumentParser) -> None:
         type=Path,
         metavar='FILE',
         help='model file whose arm block (length, weight, targets), effects and sensors are taken '
-        "for what the recordings cannot tell (default: the shipped model of the paper's arm)",
+        "for what the recordings do not determine (default: the shipped model of the paper's arm)",
     )
     parser.add_argument(
         '--output', type=Path, required=True, metavar='MODEL.yaml', help='write the model here'

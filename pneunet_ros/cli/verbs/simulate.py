@@ -56,7 +56,7 @@ def options(parser: ArgumentParser) -> None:
         '--arm-seed',
         type=seed,
         metavar='N',
-        help='another arm of the same make: parameters up to 15 %% off, targets painted anew '
+        help='another arm of the same type: parameters up to 15 %% off, targets repainted '
         '(0: as the scenario describes it)',
     )
     parser.add_argument(

@@ -193,7 +193,7 @@ class SizedBlock(Block):
     """
 
     range: float
-    correlation_time: float = tuning(20.0, 'correlation time of what the model lacks', unit='s')
+    correlation_time: float = tuning(20.0, 'correlation time of the model error', unit='s')
 
     def growth(self, seconds: float, pressed: float) -> list[float]:
         """Return one sigma of the moves of the sized unknowns, for a size of 1."""

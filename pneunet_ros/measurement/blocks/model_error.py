@@ -1,9 +1,9 @@
 """Model error: errors of the law that no calibration has found.
 
-Soft arms remember. What a model without creep or hysteresis lacks depends on where the pressure
+Soft arms remember. The error of a model without creep or hysteresis depends on where the pressure
 has been: a part of the intrinsic curvature that follows the chamber late, and the pressure behind
-a play. How large these parts are stays the same, so frames tell them even without a force sensor,
-and the force is corrected by them.
+a play. How large these parts are stays the same, so frames determine them even without a force
+sensor, and the force is corrected by them.
 
 Whatever else is missing is a slow error of the pressure (`pressure_error`) and one of intrinsic
 curvature and stiffness, which move with time and with the pressure. One number says how much,
@@ -44,19 +44,17 @@ class ModelDiscrepancy(SizedBlock):
     stiffness: Mapping[str, float]
     sizes: tuple[float, ...] = tuning(
         (0.001, 0.002, 0.004, 0.008, 0.016, 0.03, 0.06, 0.12),
-        'sizes that what the model lacks may have: std of the pressure bias, and of the curvature',
+        'possible sizes of the model error: std of the pressure bias, and of the curvature',
         unit='of the range',
     )
     size_fall: float = tuning(
-        1.5, 'power of the size with which a lack is less likely before any frame'
+        1.5, 'exponent of the prior over sizes: larger errors are less likely'
     )
-    size_time: float = tuning(
-        60.0, 'time in which frames told of its size count no more', unit='s'
-    )
+    size_time: float = tuning(60.0, 'forgetting time of frames for its size', unit='s')
     lag_times: tuple[float, ...] = tuning(
-        (4.0, 40.0), 'in which a part of the curvature follows that the model lacks', unit='s'
+        (4.0, 40.0), 'in which a part of the curvature follows that the model misses', unit='s'
     )
-    play: float = tuning(0.06, 'width of a play that the model lacks', unit='of the range')
+    play: float = tuning(0.06, 'width of a play that the model misses', unit='of the range')
     late_share: float = tuning(
         0.1, 'std of the part of the curvature that comes late, with each time'
     )

@@ -33,7 +33,7 @@ class Placement(Block):
     def prior(self) -> Prior:
         """Use the placement of the calibration, correlated with the model.
 
-        The same pictures must not tell of the model twice.
+        The same pictures must not count twice.
         """
         if self.known is None:
             return Prior(mean=np.zeros(2 * self.dots), std=self.std)

@@ -23,7 +23,7 @@ class Tilt(Block):
     )
     any_tilt: float = tuning(
         0.17,
-        'std of a base that somebody has tilted',
+        'std of a tilted base',
         unit='rad',
         source='convention: 10 degrees, as a table leans that is not level',
     )

@@ -53,14 +53,14 @@ class ForceChange:
 class TipForce(Block):
     """F1 and F2 (N) at the free end; scale (N): the largest force that is likely.
 
-    swings: the arm does, and a frame alone tells no force.
+    swings: the arm does, and a frame alone does not determine the force.
     """
 
     scale: float
     swings: bool = False
     first_walk: float = tuning(
         0.15,
-        'random walk of the tip force before any frame tells',
+        'random walk of the tip force before any frame',
         unit='of the force scale/sqrt(s)',
     )
     least_walk: float = tuning(
@@ -104,7 +104,7 @@ class TipForce(Block):
         return Walk(recent=walk, usual=walk)
 
     def move(self, passage: Passage, by_times: Move) -> Move:
-        """Grow less certain, up to the scale; the mean stays where each frame tells the force."""
+        """Increase the variance, up to the scale; keep the mean if frames determine the force."""
         time = 2.0 * (self.scale / passage.walk) ** 2 / passage.steady
         decay = np.exp(-passage.seconds / np.full(2, time))
         return Move(decay=decay, noise=np.sqrt(1.0 - decay**2) * self.scale, held=True)

@@ -97,7 +97,7 @@ def reading_errors(
     The last two are the camera between the nodes of its path. A known load is wrong by the same in
     every frame, and no error of a reading: it is among `Disturbances`. Frames count as if each had
     readings of its own; so where they share some, the errors are larger by the root of how many
-    do, and all of them together tell as much as those readings.
+    do, and all of them together carry the information of those readings.
     """
     moves = pressure_moves(model, arm, run, inputs, jacobian)
     pressure = pressure_std(noise, arm, run) * np.sqrt(frames_of_pressure(arm, run))

@@ -14,14 +14,16 @@ from pneunet_ros.core.arrays import Array, median
 from pneunet_ros.measurement.dataset import SIGMA_OF_MEDIAN
 
 ORDERS = 2, 4, 6
-FEWEST = 12  # differences of an order, below which they tell nothing; invented
-REPEATS = 0.2  # share of readings that are the one before, above which these tell none; invented
+FEWEST = 12  # differences of an order, below which they are not used; invented
+REPEATS = (
+    0.2  # share of readings that are the one before, above which there is no estimate; invented
+)
 
 
 def white_std(readings: Array) -> float:
     """Return one sigma of white noise on readings (n, k) one after the other, at most.
 
-    The median, so that jumps do not count. 0 where too few readings tell, or they often repeat:
+    The median, so that jumps do not count. 0 if there are too few readings, or they often repeat:
     those of a sensor that hangs, or reads in steps.
     """
     same = np.count_nonzero(readings[1:, 0] == readings[:-1, 0])

@@ -18,7 +18,7 @@ from typing import Generic, TypeVar
 from pneunet_ros.measurement.inference.gaussian import Gaussian
 
 Believed = TypeVar('Believed', bound=Gaussian)
-ALIKE = 4.0  # nats within which hypotheses are told together: odds of 50 to 1, by convention
+ALIKE = 4.0  # nats within which hypotheses are reported together: odds of 50 to 1, by convention
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

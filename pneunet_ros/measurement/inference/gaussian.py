@@ -135,12 +135,12 @@ def _other_prior(
     root, mean = known.root[where] / before[:, None], (known.mean[where] - center) / before
     variance, axes = np.linalg.eigh(root @ root.T)
     variance = np.clip(variance, TINY, 1.0)  # measurements take nothing away
-    told = (axes / variance) @ (axes.T @ mean)
+    information = (axes / variance) @ (axes.T @ mean)
     precision = (axes * (1.0 / variance - 1.0)) @ axes.T + np.diag((before / after) ** 2)
     covariance = np.linalg.inv(precision)
-    moved = covariance @ told
+    moved = covariance @ information
     log_odds = 0.5 * (
-        float(moved @ told - mean @ told)
+        float(moved @ information - mean @ information)
         - float(np.linalg.slogdet(precision)[1])
         - float(np.log(variance).sum())
         - 2.0 * float(np.log(after / before).sum())

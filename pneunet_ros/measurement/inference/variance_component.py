@@ -36,7 +36,7 @@ class SizeGrid:
     """Grid of error sizes, with weights updated by every frame.
 
     sizes (sizes,); fall: power of the size with which it is less likely before any frame; time
-    (s): in which what frames told is forgotten. first (sizes,): log weights before any frame.
+    (s): forgetting time of the frames. first (sizes,): log weights before any frame.
     """
 
     sizes: tuple[float, ...]

@@ -91,7 +91,7 @@ def end_forces(data: FigureData) -> Picture | None:
         'End force found from targets',
         f'Pressure known, force not: {" ".join(sentences(found))} Bars are 2 sigma; they should '
         'reach the line in 19 of 20 cases. Bars of the tip alone are long where the arm is '
-        'nearly straight: one point can hardly tell how hard it is pulled (some bars are cut '
+        'nearly straight: one point hardly determines the pull (some bars are cut '
         'off). Errors of the tip alone go together, since all rest on where that one target was '
         'painted. Errors from all targets that keep their sign over a range of pressure, beyond '
         'the bars, would mean that something is missing in the model.',

@@ -149,7 +149,7 @@ def one_moment(data: FigureData) -> Picture | None:
         f'Recording {view.steady_state.run}. {line_sentence(view, data)} Points scatter about the '
         "lines of the fitted law by their bars. The dashed lines are the paper's way, straight "
         'lines through measured points with an intercept of their own; they are a view: M_O '
-        'cannot be told from kappa0, and the smoothed curvature rounds off the step at l1.',
+        'cannot be distinguished from kappa0, and smoothing rounds off the step at l1.',
         figure,
         number='8 (a)',
     )

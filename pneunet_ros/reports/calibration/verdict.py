@@ -227,7 +227,7 @@ def next_steps(
             ' and the force is that on the arm, in the base frame (--wrench-sign, --wrench-yaw)'
         )
         return (
-            'Look for what these recordings lack, and whether readings and frames have one clock'
+            'Check what these recordings miss, and whether readings and frames share a clock'
             f'{force if loaded else ""}.',
             f'pneunet check {names} --model {arm}',
         )

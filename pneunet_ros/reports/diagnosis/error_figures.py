@@ -65,7 +65,7 @@ def errors_along_arm(data: FigureData) -> Picture | None:
         '(a) From each measured target (dots) to where a model has it, in the frames that noise '
         'explains least. (b) What all frames come to: the grey band is what noise of targets, '
         'force and pressure alone leaves. Red: the model as it was given, refitted; above the '
-        'band, and how it runs along the arm, is what it lacks. Blue: with what was added.',
+        'band, and how it runs along the arm, is model error. Blue: with what was added.',
         figure,
     )
 

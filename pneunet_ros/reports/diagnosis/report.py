@@ -43,7 +43,7 @@ SIMILAR_COSINE = 0.5  # from it a table lists two effects as similar
 class Given:
     """Arguments of the command, for notes and commands of the page; capitals if unknown.
 
-    notes: on what the recordings lack; model: file of the model in question; recordings: files of
+    notes: on the recordings; model: file of the model in question; recordings: files of
     all recordings; folder: where the page and its files go.
     """
 

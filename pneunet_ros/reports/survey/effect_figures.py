@@ -54,7 +54,7 @@ def effects(data: SurveyData) -> Picture | None:
     return Picture(
         '02_effects',
         'What was missing, and what it was worth',
-        '(a) Filled: named. Empty: one of several that the recordings cannot tell apart. A dot: '
+        '(a) Filled: named. Empty: one of several that the recordings cannot distinguish. A dot: '
         'nothing is missing that these recordings could show; ?: something is, and it has no name '
         'in the library; ∅: these recordings cannot show whether one is there. '
         f'(b) on {where} recordings.',

@@ -101,7 +101,7 @@ def next_steps(data: SurveyData) -> tuple[str, str]:
     failed = [item for item in data.arms if item.failed]
     if failed:
         return (
-            f'Find out what the recordings of {failed[0].name} lack, then repeat the survey: '
+            f'Check the recordings of {failed[0].name}, then repeat the survey: '
             'finished arms are kept.',
             f'pneunet check {shlex.join([*failed[0].recordings, "--model", failed[0].arm_file])}',
         )
