@@ -74,6 +74,14 @@ class Trial:
     cost: float
     swung: Swung | None = None
 
+    @property
+    def arm(self) -> Complex:
+        """Where the arm is at its targets (targets,) m: x + i y, in the frame of the base."""
+        shape, beside = self.bent.shape, 0.0
+        if self.swung is not None:
+            beside = self.swung.beside[0] + 1j * self.swung.beside[1]
+        return np.asarray(shape.x + 1j * shape.y + beside)
+
 
 def solve_factored(factor: Array, sides: Array) -> Array:
     """Return S^-1 sides, by the Cholesky factor of S below its diagonal."""

@@ -21,6 +21,7 @@ START_DIRECTIONS = 8  # of the cold starts, around the circle
 START_FORCES = (0.3, 0.9)  # of the force scale; cold starts in all directions, beside no force
 
 Fit = tuple[FrameProblem, FrameLinearization]
+DERIVATIVE = 1e-3  # of the force scale: step of a derivative
 EXACT = 1e-6  # of the force scale: std of a force that is known
 
 
@@ -214,17 +215,20 @@ def hold_force(found: Fit) -> Fit:
     """Return the fit with the force as believed before in the direction that is not determined.
 
     Along it the cost is flat until the arm buckles, and where noise is fitted best it is about to:
-    there all that moves the arm sideways seems to be seen to a hair.
+    there all that moves the arm sideways seems to be seen to a hair. Of an arm that swings the
+    next frame inherits what this one tells: there it is told as far as it is known how the arm
+    bends under such a force.
     """
     problem, fit = found
-    if problem.swinging is None and problem.knows_force(fit, problem.settings.determined):
+    if problem.late is None and problem.knows_force(fit, problem.settings.determined):
         return found
-    unknown = untold_by(problem, fit)
+    unknown, told = untold_by(problem, fit)
     if not unknown.size:
         return found
     along = np.linalg.qr(problem.root[problem.unknowns.at(TipForce)].T @ unknown)[0]
-    root = problem.root - (problem.root @ along) @ along.T
-    aside = None if problem.swinging is None else problem.root @ along
+    moved = problem.root @ along
+    root = problem.root - (1.0 - math.sqrt(told)) * moved @ along.T
+    aside = None if problem.swinging is None else math.sqrt(1.0 - told) * moved
     held = replace(problem, prior=replace(problem.prior, root=root), aside=aside)
     again = held.search(np.zeros(root.shape[1]), problem.prior.solution)
     if again is None or again.cost > fit.cost + problem.settings.flat**2:
@@ -238,30 +242,61 @@ def hold_force(found: Fit) -> Fit:
     return problem, linear
 
 
-def untold_by(problem: FrameProblem, fit: FrameLinearization) -> Array:
+def untold_by(problem: FrameProblem, fit: FrameLinearization) -> tuple[Array, float]:
     """Return directions (2, k) in which a frame does not determine the tip force.
 
-    Of an arm that swings the next frame inherits what this one tells: there it is asked of the
-    arm as it was believed before, which is not yet about to buckle, and what is told in part
-    counts.
+    And the share of what it says of these forces that counts: none, unless the arm swings under a
+    force that nobody reads.
     """
-    largest = problem.settings.determined * problem.unknowns.block(TipForce).scale
-    if problem.swinging is None:
+    if problem.late is None:
+        largest = problem.settings.determined * problem.unknowns.block(TipForce).scale
         variances, axes = np.linalg.eigh(fit.force)
-        return np.asarray(axes[:, variances > largest**2])
-    if np.trace(problem.force) <= largest**2:
-        return np.zeros((2, 0))
-    trial = problem.try_at(np.zeros(problem.root.shape[1]), problem.prior.solution)
-    before = None if trial is None else problem.linearize(trial)
-    variances, axes = np.linalg.eigh((before or fit).force)
-    known = np.einsum('ia,ij,ja->a', axes, problem.force, axes)
-    return np.asarray(axes[:, (variances > largest**2) & (variances > 0.25 * known)])
+        return np.asarray(axes[:, variances > largest**2]), 0.0
+    return known_bending(problem)
+
+
+def known_bending(problem: FrameProblem) -> tuple[Array, float]:
+    """Return the direction (2, 1) of force that bends an arm least, and how well that is known.
+
+    How links turn per newton along it is a derivative at the arm as it was believed before, which
+    is not known exactly: the share is what its own error leaves of its square. Of a straight arm
+    nothing is left, and filters that take the error for a derivative see what cannot be seen.
+    Source: Huang, Mourikis & Roumeliotis, Int. J. Robotics Research 29 (2010).
+    """
+    all_known = np.zeros((2, 0)), 1.0
+    start = np.zeros(problem.root.shape[1])
+    turning = turning_at(problem, start)
+    if turning is None:
+        return all_known
+    tip, own = problem.unknowns.at(TipForce), len(problem.causes)
+    by_force = turning[:, :own] @ problem.causes[:, tip]
+    axis = np.linalg.eigh(by_force.T @ by_force)[1][:, :1]
+    pull = problem.root[tip].T @ axis
+    std = float(np.linalg.norm(pull))
+    if not std > 0.0:
+        return all_known
+    along = pull / std
+    step = DERIVATIVE * problem.unknowns.block(TipForce).scale / std
+    beside = turning_at(problem, start + step * along[:, 0])
+    if beside is None:  # it buckles
+        return axis, 0.0
+    root = problem.cause_root[: turning.shape[1]]
+    change = (beside - turning) @ root / step
+    change -= (change @ along) @ along.T
+    error, squared = float(np.sum(change**2)), float(np.sum((turning @ root @ along) ** 2))
+    return axis, 1.0 - error / squared if squared > error else 0.0
+
+
+def turning_at(problem: FrameProblem, xi: Array) -> Array | None:
+    """Return how each cause turns the links of an arm that swings, (links, causes), at a trial."""
+    trial = problem.try_at(xi, problem.prior.solution)
+    there = None if trial is None else problem.linearize(trial)
+    return None if there is None or there.turning is None else there.turning.T
 
 
 def apart_by(first: Trial, second: Trial) -> float:
     """Return how far (m) the arms of two trials are apart, at any target, also a hidden one."""
-    one, other = first.bent.shape, second.bent.shape
-    return float(np.hypot(one.x - other.x, one.y - other.y).max())
+    return float(np.abs(first.arm - second.arm).max())
 
 
 def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial]:

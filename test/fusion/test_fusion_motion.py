@@ -12,9 +12,11 @@ from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.belief import MOTION
 from pneunet_ros.fusion.causes import MotionCause
 from pneunet_ros.fusion.estimate import FusedEstimate
+from pneunet_ros.fusion.frame_update import known_bending
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.fusion.taken_frame import problem_of
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.sensors import Rates
@@ -247,3 +249,31 @@ def test_a_swing_goes_on_where_a_frame_shows_too_little(seen):
         )
     )
     assert all(isinstance(one, FusedEstimate) for one in answers[wrong - 1 :])
+
+
+def test_a_straight_arm_tells_nothing_of_a_force_along_it():
+    scenario = recorded(False)[1]
+    share, pressure = (0.0, 0.8, 0.84, 1.0), (0.0, 0.0, 30e3, 30e3)
+    none = (0.0,) * len(share)
+    protocol = Corners(duration=2.0, share=share, pressure=pressure, force_x=none, force_y=none)
+    recording = simulate(dataclasses.replace(scenario, protocol=protocol))
+    by, truth, state, known, missed = fusion(), recording.truth, FusionState(), [], []
+    for instant, stamp in enumerate(recording.stamp_ns.tolist()):
+        if instant >= LATE and not (instant - LATE) % EVERY:
+            frame = sightings(recording, instant - LATE)
+            if state.belief is not None and truth.time[instant - LATE] > 0.4:
+                problem = problem_of(by.bench, by.read_frame(state, frame), state.belief)
+                axis, told = known_bending(problem)
+                known.append([truth.time[instant - LATE], abs(float(axis[0, 0])), told])
+            state, _ = by.step(state, frame)
+        reading = PressureReading(stamp_ns=stamp, pressure=float(recording.pressure[instant]))
+        state, estimate = by.step(state, reading)
+        if truth.time[instant] > 0.4 and isinstance(estimate, FusedEstimate):
+            tip = np.array([truth.x[instant, -1], truth.y[instant, -1]])
+            missed.append(np.hypot(*(tip - np.array(estimate.estimate.shape.tip[:2]))))
+    time, along, told = np.array(known).T
+    straight = time < 1.5
+    assert along[straight].min() > 0.99
+    assert np.median(told[straight]) == 0.0
+    assert told[~straight].max() > 0.9
+    assert max(missed) < 1e-3
