@@ -76,6 +76,9 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.ready_at = math.inf  # s of a steady clock
         self.losses, self.shedding = Losses(), FrameShedding()
         self.others = OtherDescriptions()
+        self.taken_over: dict[
+            str, int
+        ] = {}  # times of settings of another node, while they are set
         # Of nodes that share a process with others the one that owns them says it.
         self.jumps = None if place.namespace else watch_time(self, self.note_jump)
         self.open_diagnostics()
@@ -199,13 +202,18 @@ class ConfiguredNode(Node, ABC, Generic[C]):
 
     def use(self, configuration: C) -> None:
         """Go on with another model or other settings."""
+        before = self.sensors
         self.take_over(configuration)
         self.configuration = configuration
+        if before is not None and self.sensors is not None:
+            self.others.note_set(before, self.sensors, self.taken_over)
         self.tell_model()
 
     def tell_model(self) -> None:
         """Publish which model is in use, for subscribers of now and of later."""
         about = {'node': self.get_fully_qualified_name()} | json.loads(self.configuration.info())
+        if self.sensors is not None:
+            about['sensors_set_ns'] = self.others.set_ns
         self.info.publish(String(data=json.dumps(about)))
 
     @property
@@ -214,8 +222,22 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         return getattr(self.configuration, 'sensors', None)
 
     def take_info(self, message: String) -> None:
-        """Record the model_info of another node of the same arm."""
-        self.others.take(message.data)
+        """Note what a node of the same arm says of itself, and use what was set there since."""
+        newer, times = self.others.take(message.data)
+        sensors = self.sensors or {}
+        changes = [
+            Parameter(name, value=value)
+            for name, value in newer.items()
+            if name in sensors and sensors[name] != value and name not in self.table.read_only
+        ]
+        if not changes:
+            return
+        self.taken_over = times
+        result = self.set_parameters_atomically(changes)
+        self.taken_over = {}
+        if result.successful:
+            names = ', '.join(f'{one.name} {one.value}' for one in changes)
+            self.get_logger().info(f'set as another node of this arm was: {names}')
 
     def differing_sensors(self) -> str:
         """Describe differences to the sensor settings of other nodes of the arm."""

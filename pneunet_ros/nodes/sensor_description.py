@@ -1,10 +1,15 @@
-"""Whether all nodes of an arm take its sensors for the same: they compare their `model_info`."""
+"""One description of its sensors for all nodes of an arm: they compare their `model_info`.
+
+What is set while a node runs, as by `~/zero_pressure`, the others take over. Other differences,
+as between files of parameters, are reported.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 import dataclasses
 import json
+import time
 from typing import Any
 
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -37,18 +42,40 @@ def all_latched_qos() -> QoSProfile:
 
 
 class OtherDescriptions:
-    """Sensor settings of the other nodes of an arm, by node name."""
+    """Sensor settings of the other nodes of an arm, by node name.
+
+    set_ns: when each setting of this node was set, if that was while the nodes ran; a setting that
+    is taken over keeps its time.
+    """
 
     def __init__(self) -> None:
         self._said: dict[str, Mapping[str, Any]] = {}
+        self.set_ns: dict[str, int] = {}
 
-    def take(self, words: str) -> None:
-        """Record the `model_info` of a node."""
+    def note_set(
+        self, before: Mapping[str, Any], after: Mapping[str, Any], times: Mapping[str, int]
+    ) -> None:
+        """Note which settings of this node are new; times: of those that were taken over."""
+        now_ns = time.time_ns()
+        new = (name for name, value in after.items() if before.get(name) != value)
+        self.set_ns |= {name: times.get(name, now_ns) for name in new}
+
+    def take(self, words: str) -> tuple[dict[str, Any], dict[str, int]]:
+        """Note what a node says, and return settings that are newer there, with their times.
+
+        words: its `model_info`.
+        """
         try:
             about = json.loads(words)
-            self._said[about['node']] = dict(about['sensors'])
-        except (ValueError, TypeError, KeyError):
-            return  # of a node without sensors, or of another program
+            described = self._said[about['node']] = dict(about['sensors'])
+            times = {
+                name: int(at_ns)
+                for name, at_ns in about.get('sensors_set_ns', {}).items()
+                if int(at_ns) > self.set_ns.get(name, 0)
+            }
+            return {name: described[name] for name in times}, times
+        except (AttributeError, ValueError, TypeError, KeyError):
+            return {}, {}  # of a node without sensors, or of another program
 
     def differences(
         self, own: str, sensors: Mapping[str, Any], running: Collection[str]

@@ -105,7 +105,7 @@ def test_each_arm_of_a_busy_gripper_is_its_replay(gripper, kind, tmp_path):
         peer.close()
 
 
-def test_nodes_of_one_arm_say_that_they_differ_until_both_are_zeroed(tmp_path):
+def test_nodes_of_one_arm_say_that_they_differ_until_something_is_set_while_they_run(tmp_path):
     unlike = ['-p', 'left.estimator.pressure_offset:=300.0', '-p', 'fusion:=true']
     domain = DOMAIN % 101 + 1  # without the gripper of the other tests, which has the same names
     with running_node(tmp_path / 'output', domain, *unlike, node='gripper') as process:
@@ -135,6 +135,17 @@ def test_nodes_of_one_arm_say_that_they_differ_until_both_are_zeroed(tmp_path):
         assert set(found) == {'pneunet/left/estimator', 'pneunet/left/fusion'}
         assert all('pressure_offset' in words for words in found.values())
 
+        nodes = {
+            name: Peer(domain, name, ())
+            for name in ('left/estimator', 'left/fusion', 'right/fusion')
+        }
+        assert nodes['left/fusion'].set(pressure_offset=25.0).successful
+        assert peer.spin_until(lambda: nodes['left/estimator'].get('pressure_offset') == 25.0)
+        assert peer.spin_until(lambda: not differing())
+        assert nodes['right/fusion'].get('pressure_offset') == 0.0
+        for node in nodes.values():
+            node.close()
+
         assert not peer.trigger('zero_pressure').success  # nothing was read
         begin = time.monotonic()
 
@@ -153,10 +164,24 @@ def test_nodes_of_one_arm_say_that_they_differ_until_both_are_zeroed(tmp_path):
         assert process.end(signal.SIGTERM) == 0, process.text
 
 
+def test_what_was_set_last_is_taken_over_with_its_time():
+    others, before = OtherDescriptions(), {'pressure_offset': 0.0, 'wrench_sign': 1}
+    said = {'node': '/p/estimator', 'sensors': {'pressure_offset': 5.0, 'wrench_sign': -1}}
+    assert others.take(json.dumps(said)) == ({}, {})  # as it was started: only reported
+    newer = json.dumps(said | {'sensors_set_ns': {'pressure_offset': 70}})
+    assert others.take(newer) == ({'pressure_offset': 5.0}, {'pressure_offset': 70})
+    others.note_set(before, before | {'pressure_offset': 5.0}, {'pressure_offset': 70})
+    assert others.set_ns == {'pressure_offset': 70}
+    assert others.take(newer) == ({}, {})
+    others.note_set(before, before | {'pressure_offset': 6.0}, {})
+    assert others.set_ns['pressure_offset'] > 70
+    assert others.take(newer) == ({}, {})  # what was set here is newer
+
+
 @pytest.mark.parametrize('words', ['', '[]', '1', '{"node": "/a"}', '{"node": [], "sensors": 1}'])
 def test_what_is_no_description_of_a_node_is_passed_over(words):
     others = OtherDescriptions()
-    others.take(words)
+    assert others.take(words) == ({}, {})
     assert list(others.differences('/p/fusion', {'wrench_sign': 1}, ['/a'])) == []
 
 
