@@ -255,7 +255,7 @@ class ConsistencyState:
         if running is None or running.frames < settings.fewest_frames:
             return None
         most = chi_square_limit(running.coordinates)
-        target = int(np.nanargmax(running.at_targets))
+        target = int(np.fmax(running.at_targets, 0.0).argmax())
         return Disagreement(
             stamp_ns=running.stamp_ns,
             rms=math.sqrt(running.chi_square),

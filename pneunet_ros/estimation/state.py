@@ -88,7 +88,20 @@ class EstimatorState:
         self, reading: PressureReading, arm: Arm, settings: EstimatorSettings
     ) -> EstimatorState:
         """After a pressure reading, as far as its unit, reference and sign are concerned."""
-        return replace(self, watch=self.watch.after(reading, arm, settings))
+        return EstimatorState(
+            pressure_stamp_ns=self.pressure_stamp_ns,
+            history_ns=self.history_ns,
+            wrench=self.wrench,
+            history=self.history,
+            solution=self.solution,
+            moving=self.moving,
+            estimates=self.estimates,
+            resets=self.resets,
+            rejected=self.rejected,
+            before=self.before,
+            watch=self.watch.after(reading, arm, settings),
+            gravity=self.gravity,
+        )
 
     def with_impossible(self, stamp_ns: int) -> EstimatorState:
         """After a pressure reading that no arm can have, and that leaves no trace in it."""

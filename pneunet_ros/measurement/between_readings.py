@@ -97,22 +97,26 @@ def interpolation_error(
     if len(stamp_ns) < 2:
         return np.zeros((len(shown), *values.shape[1:]))
     before, share = places_between(shown, stamp_ns)
-    apart = np.maximum(stamp_ns[1:] - stamp_ns[:-1], 1)
-    slope = np.zeros((len(stamp_ns) + 1, *values.shape[1:]))
-    slope[1:-1] = ((values[1:] - values[:-1]).T / apart).T
+    columns, apart = values.T, np.maximum(stamp_ns[1:] - stamp_ns[:-1], 1)
+    slope = np.zeros((*columns.shape[:-1], len(stamp_ns) + 1))
+    slope[..., 1:-1] = (columns[..., 1:] - columns[..., :-1]) / apart
     apart, late = apart[before], np.maximum(shown - stamp_ns[-1], 0)
-    bends = np.zeros((len(stamp_ns) + 2, *values.shape[1:]))
-    bends[1:-1] = slope[1:] - slope[:-1]
-    bend = np.moveaxis(bends[before[:, None] + np.arange(4)], (1, 0), (0, -1)) * apart
-    least = settings.noise * SIGMA_OF_SECOND * np.asarray(noise)[..., None]
-    earlier, first, second, later = np.sqrt(np.maximum(bend**2 - least**2, 0.0))
+    bends = np.zeros((*columns.shape[:-1], len(stamp_ns) + 2))
+    bends[..., 1:-1] = slope[..., 1:] - slope[..., :-1]
+    bend = [bends[..., before + place] * apart for place in range(4)]
+    least = (settings.noise * SIGMA_OF_SECOND * np.asarray(noise)[..., None]) ** 2
+    earlier, first, second, later = (
+        np.sqrt(np.maximum(part * part - least, 0.0)) for part in bend
+    )
     jump = np.minimum(first, second) * np.sqrt(share * (1.0 - share))
     bent = np.minimum(share * first, (1.0 - share) * second) / math.sqrt(3.0)
     missed = np.where(bend[1] * bend[2] < 0.0, jump, bent)
     short = np.maximum(np.minimum(earlier, second), np.minimum(first, later))
     missed = np.maximum(missed, short * np.minimum(share, 1.0 - share) / math.sqrt(3.0))
-    beyond = np.abs(slope[-2])[..., None] * np.minimum(late, apart)
-    return np.asarray(np.where(late > 0, beyond, missed).T)
+    if late.any():
+        beyond = np.abs(slope[..., -2:-1]) * np.minimum(late, apart)
+        missed = np.where(late > 0, beyond, missed)
+    return np.asarray(missed.T)
 
 
 def furthest_error(shown: Stamps, stamp_ns: Stamps) -> Array:

@@ -66,6 +66,13 @@ def paint(theta: Array, curvature: Array, placement: Array) -> PaintedTargets:
     )
 
 
+def painted_at(theta: Array, curvature: Array, placement: Array) -> Complex:
+    """Return `beside` of `paint` alone, (.., targets) m."""
+    along, across = placement
+    chord, heading = along_the_arc(theta, curvature, along)
+    return np.asarray(chord + 1j * heading * across)
+
+
 def along_the_arc(theta: Array, curvature: Array, along: Array) -> tuple[Complex, Complex]:
     """Return where targets are that are painted along (..) m further, x + i y, and how they head.
 

@@ -19,7 +19,7 @@ from pneunet_ros.measurement.errors.covariance import chi_squared
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.errors.noise_model import camera_errors, target_stds
 from pneunet_ros.measurement.errors.second_order import SecondOrder
-from pneunet_ros.measurement.painted_targets import in_plane, paint
+from pneunet_ros.measurement.painted_targets import in_plane, painted_at
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.perturbation import PerturbationTable
@@ -91,7 +91,7 @@ def predict_targets(
     true_x, true_y, theta, curvature = sensitivity.fields(arm.target_arclength)[:4]
     moved = curved.stations(arm.target_arclength)[:2]
     jacobian = target_jacobian(table, sensitivity)[:, :2]
-    linear = np.tensordot(noise, jacobian, axes=1)
+    linear = (noise @ jacobian.reshape(len(jacobian), -1)).reshape(-1, *jacobian.shape[1:])
     further = np.stack(arm.see_moves(true_x, true_y, *moved))
     errors = np.concatenate([linear, further[None]])
     x, y = arm.see(true_x, true_y)
@@ -123,11 +123,11 @@ def painted_beside(arm: Arm, theta: Array, curvature: Array) -> tuple[Array, Arr
     """
     known = None if arm.covariance is None else arm.covariance.placement
     if known is None:
-        placement, std = np.zeros((2, theta.shape[-1])), arm.sensors.placement_std
-        return in_plane(paint(theta, curvature, placement).beside), np.full(theta.shape[-1], std)
-    targets = paint(theta, curvature, known.mean.reshape(2, -1))
+        nothing = np.zeros((*theta.shape[:-1], 2, theta.shape[-1]))
+        return nothing, np.full(theta.shape[-1], arm.sensors.placement_std)
+    beside = painted_at(theta, curvature, known.mean.reshape(2, -1))
     std = np.sqrt(np.mean(known.std.reshape(2, -1) ** 2, axis=0))
-    return in_plane(targets.beside) + known.origin[:, None], std
+    return in_plane(beside) + known.origin[:, None], std
 
 
 def target_jacobian(table: PerturbationTable, sensitivity: Sensitivity) -> Array:
@@ -186,7 +186,7 @@ def innovation(
         rivals.append((beside - placed, np.maximum(np.hypot(white, placed_std), SMALLEST_STD)))
     residuals = np.stack([residual.ravel() for residual, _ in rivals])
     stds = np.stack([np.concatenate([std, std]) for _, std in rivals])
-    totals = chi_squared(residuals, stds, np.broadcast_to(errors, (len(rivals), *errors.shape)))
+    totals = chi_squared(residuals, stds, errors)
     # Twice the negative log likelihood, with the white noise of both coordinates.
     costs = [
         total + 4.0 * float(np.log(std).sum())

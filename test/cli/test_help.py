@@ -8,7 +8,12 @@ import sys
 from pneunet_ros.cli.main import GROUPS, VERBS, verbs_in_groups
 import pytest
 
-HEAVY = ('scipy.signal', 'scipy.stats', 'scipy.optimize', 'sklearn', 'matplotlib', 'numba')
+# What no help needs: libraries that fit, draw or look, and the rooms that answer questions.
+HEAVY = (
+    *(f'scipy.{part}' for part in ('interpolate', 'linalg', 'optimize', 'sparse', 'special')),
+    *('scipy.signal', 'scipy.stats', 'sklearn', 'matplotlib', 'numba', 'cv2', 'PIL', 'dask'),
+    *(f'pneunet_ros.{room}' for room in ('vision', 'fusion', 'discovery', 'reports')),
+)
 ASK = """
 import contextlib, io, sys
 from pneunet_ros.cli.main import main

@@ -24,9 +24,6 @@ from pneunet_ros.cli.verb import (
 )
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.messages.readings import SENSORS
-from pneunet_ros.offline.check import check_recording
-from pneunet_ros.offline.uses import UseRequest
-from pneunet_ros.recordings.image_sources import TOPIC_NAMES
 from rich.console import Console
 from rich.table import Table
 
@@ -46,6 +43,11 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Check the recordings and print the findings."""
+    # All that reads a recording: a second of imports, which --help spares.
+    from pneunet_ros.offline.check import check_recording
+    from pneunet_ros.offline.uses import UseRequest
+    from pneunet_ros.recordings.image_sources import TOPIC_NAMES
+
     request = UseRequest(
         arm=model_of(arguments),
         own_model=arguments.model is not None,

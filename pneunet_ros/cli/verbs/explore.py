@@ -27,11 +27,6 @@ from pneunet_ros.core.errors import ModelError, RecordingError, RequestError
 from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals
-from pneunet_ros.diagnosis.experiment_design import Experiment
-from pneunet_ros.diagnosis.result import Diagnosis
-from pneunet_ros.discovery.discovery import discover
-from pneunet_ros.discovery.result import Discovery
-from pneunet_ros.exploration.exploration import explore, is_clear, Round
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.exploration.settings import EXPLORATION
 from pneunet_ros.files.atomic import atomic_output
@@ -49,11 +44,14 @@ from pneunet_ros.recordings.dataset_reader import read_run
 from rich.console import Console
 
 if TYPE_CHECKING:
+    from pneunet_ros.diagnosis.experiment_design import Experiment
+    from pneunet_ros.discovery.result import Discovery
+    from pneunet_ros.exploration.exploration import Round
     from pneunet_ros.reports.diagnosis.report import Given
 
 LAB_MODEL = 'config/lab_arm.yaml'
 PAGE, NUMBERS, DIAGNOSIS = 'exploration.html', 'exploration.json', 'diagnosis'
-WriteRecording = Callable[[Experiment, SafeSet, Path], None]
+WriteRecording = Callable[['Experiment', SafeSet, Path], None]
 
 
 def options(parser: ArgumentParser) -> None:
@@ -140,6 +138,9 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Explore, and report after every recording."""
+    from pneunet_ros.diagnosis.result import Diagnosis
+    from pneunet_ros.discovery.discovery import discover
+    from pneunet_ros.exploration.exploration import explore, is_clear
     from pneunet_ros.reports.diagnosis.report import Given, next_steps
     from pneunet_ros.reports.exploration.report import (
         exploration_content,

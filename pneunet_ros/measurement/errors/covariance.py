@@ -59,7 +59,7 @@ def chi_squared(residual: Array, std: float | Array, columns: Array) -> Array:
     that of each target on its own.
     """
     residual = residual / std
-    columns = columns / np.broadcast_to(std, residual.shape)[..., None]
+    columns = columns / np.asarray(std)[..., None]
     coordinates, errors = columns.shape[-2:]
     if coordinates < errors:
         whole = np.eye(coordinates) + np.matmul(columns, np.swapaxes(columns, -1, -2))
