@@ -3,7 +3,7 @@
 A film whose lost frames nobody counts is stamped k / fps, and goes slow by as much as was lost. To
 first order an error of the time of its frames moves the targets by their velocity: late (s) in
 the middle of the recording, and rate (s/s). Both are unknowns with a prior beside all others of a
-fit; evidence says whether the rate is one. An offset alone is no finding here: a line between
+fit; evidence says whether the rate is one. An offset alone is not a finding here: a line between
 pressure sensor and chamber looks like one, and `diagnose` distinguishes them (`camera_delay`).
 """
 

@@ -52,9 +52,9 @@ def estimate_noise(
 ) -> NoiseEstimate:
     """Estimate all standard deviations; those that the runs do not determine stay `assumed`.
 
-    arclength (targets,) m of the targets. Runs of a few frames say nothing: they are no motion;
-    nor do static ones, which have no order in time. A load of exactly zero is no reading. Targets
-    and camera are never exactly where they are said to be, even where `assumed` says so.
+    arclength (targets,) m of the targets. Runs of a few frames say nothing: they are not a motion;
+    nor do static ones, which have no order in time. A load of exactly zero is not a reading.
+    Targets and camera are never exactly where they are said to be, even where `assumed` says so.
     """
     assumed = with_places_uncertain(assumed, arclength, settings)
     headings = [run.heading for run in runs if run.heading is not None]
@@ -394,7 +394,7 @@ def camera(
     if not walked:
         return None, None
     # Means of neighboring blocks of a random walk differ by 2/3 of its variance over a block.
-    # The median of both coordinates' squares, so that a base that slips once is no drift.
+    # The median of both coordinates' squares, so that a base that slips once is not drift.
     steps = np.concatenate([item.sum(axis=1) for item in walked])
     square = 0.5 * float(np.median(steps)) / MEDIAN_OF_TWO
     error = square / (MEDIAN_OF_TWO * math.sqrt(steps.size))

@@ -212,7 +212,7 @@ def with_known_load(run: RecordingData, load: tuple[float, float]) -> RecordingD
 def end_loads(
     given: Sequence[Sequence[str]], paths: Sequence[Path]
 ) -> Mapping[Path, tuple[float, float]]:
-    """Return the known load (N) by recording; RequestError where one is no load of a recording."""
+    """Return the known load (N) by recording; RequestError for an unknown recording."""
     loads: dict[Path, tuple[float, float]] = {}
     for name, *components in given:
         option = f'--end-load {name}'

@@ -83,7 +83,7 @@ class CommandParser(ArgumentParser):
         if unknown := next((word for word in words if OPTION.match(word)), None):
             name = unknown.partition('=')[0]
             options = [option for action in self._actions for option in action.option_strings]
-            return f'{name} is no option{likely(name, options)}'
+            return f'{name} is not an option{likely(name, options)}'
         hint = '; a number and its unit are one word, as in 31kPa' * bool(UNIT.match(words[0]))
         return f'{" ".join(words)} belong{"s" * (len(words) == 1)} to no option{hint}'
 
@@ -331,7 +331,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command = parser(words, ends=arguments is None)
         names = [verb.name for verb in VERBS]
         if words and words[0] not in names and not words[0].startswith('-'):
-            command.refuse(f'{words[0]!r} is no verb{likely(words[0], names)}')
+            command.refuse(f'{words[0]!r} is not a verb{likely(words[0], names)}')
         given = command.parse_args([negative_number(word) for word in words])
     except WrongUsageError as error:
         if '--json' in words:

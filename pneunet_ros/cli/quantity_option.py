@@ -103,5 +103,5 @@ def _joined(unit: str) -> str:
 def seed(text: str) -> int:
     """Return a seed, a whole number from 0 on."""
     if not text.isdecimal() or int(text) >= 2**63:
-        raise ArgumentTypeError(f'{text!r} is no whole number from 0 on')
+        raise ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
     return int(text)

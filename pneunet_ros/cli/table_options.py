@@ -78,5 +78,5 @@ def number(option: str, text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise RequestError(f'{option}: {text!r} is no number', reason='not_a_number')
+        raise RequestError(f'{option}: {text!r} is not a number', reason='not_a_number')
     return value

@@ -207,8 +207,8 @@ def still_model_of(arguments: Namespace) -> Arm:
     arm = model_of(arguments)
     if arm.gravity.is_measured:
         raise RequestError(
-            f'{arm.name} has gravity by {arm.gravity.source}, and nothing is read here: say where '
-            'it points, as --gravity=0,-1',
+            f'{arm.name} takes gravity from {arm.gravity.source}, not read here: give its '
+            'direction, as --gravity=0,-1',
             reason='no_gravity',
         )
     return arm

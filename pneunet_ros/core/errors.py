@@ -9,7 +9,7 @@
     ├── MessageError      a ROS message does not hold what its topic promises
     └── RecordingError    a recording or an output file cannot be used as asked
 
-A solve that does not converge and a reading that cannot be used are no errors: they are values
+A solve that does not converge and a reading that cannot be used are not errors: they are values
 with a status sentence (`shape.Shape.status`, `shape.Refusal`).
 """
 

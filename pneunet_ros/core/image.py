@@ -1,6 +1,6 @@
 """A camera image as received: raw bytes with a layout, and its brightness.
 
-Every reading's message is known beside this one, so OpenCV is imported where a pixel is touched.
+Modules of all messages import this one, so OpenCV is imported only when pixels are used.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Levels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 Made = TypeVar('Made')
 
-LARGEST_SIDE = 16_384  # px; what claims to be larger is no image of an arm
+LARGEST_SIDE = 16_384  # px; what claims to be larger is not an image of an arm
 
 
 class Layout(NamedTuple):

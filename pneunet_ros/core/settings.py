@@ -21,7 +21,7 @@ def setting(
     choices: tuple[Any, ...] = (),
     bounds: tuple[int, int] | None = None,
 ) -> Any:
-    """Declare a setting that is no physical quantity; bounds: closed interval allowed."""
+    """Declare a setting that is not a physical quantity; bounds: closed interval allowed."""
     metadata = {'meaning': meaning, 'choices': choices}
     if bounds is not None:
         metadata['bounds'] = bounds
@@ -42,7 +42,7 @@ def tuning(default: Any, meaning: str, *, unit: str = '-', source: str = 'invent
 def numbers_type(settings: type, name: str) -> Any:
     """Return a named tuple type with the fields of settings, for kernels.
 
-    name: that under which its module keeps it, where cached kernels look for it.
+    name: of the module's variable that holds it, where cached kernels look it up.
     """
     names = [item.name for item in dataclasses.fields(settings)]
     return namedtuple(name, names, module=settings.__module__)
@@ -52,7 +52,7 @@ def settings_used(*owners: Any) -> dict[str, Any]:
     """Return every tuning constant of these settings, by `Class.field`.
 
     Settings inside settings are opened: theirs is the class that declares the number. A field that
-    declares nothing is no setting.
+    declares nothing is not a setting.
     """
     used: dict[str, Any] = {}
     for owner in owners:

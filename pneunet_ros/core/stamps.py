@@ -41,8 +41,8 @@ def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str
 class StampGate:
     """The last stamps of one topic, to check the next one.
 
-    last_ns: of the last one; before_ns: of the one before it, if more than a second lies between:
-    then the next one says whether time has gone on from there or that stamp was wrong.
+    last_ns: the last stamp; before_ns: the one before it, if more than a second earlier: the next
+    stamp then decides whether time jumped or the last stamp was wrong.
     """
 
     last_ns: int | None = None

@@ -111,7 +111,7 @@ def quantities(owner: Any) -> tuple[dataclasses.Field[Any], ...]:
 
 
 def check_quantities(owner: Any, where: str, error: type[PneunetError] = ModelError) -> None:
-    """Refuse a value that is no number, NaN, or outside the bounds of its declaration.
+    """Refuse a value that is not a number, NaN, or outside the bounds of its declaration.
 
     Infinity passes where a bound is infinite (a rod of infinite axial stiffness is inextensible).
     """

@@ -138,7 +138,7 @@ def breach(effect: Any) -> str:
     tests (`test/effects/test_effects.py`).
     """
     if not (inspect.isclass(effect) and issubclass(effect, Effect)):
-        return 'is no subclass of Effect'
+        return 'is not a subclass of Effect'
     name: Any = getattr(effect, 'name', None)
     place: Any = getattr(effect, 'place', None)
     if not (isinstance(name, str) and name.isidentifier()):

@@ -102,7 +102,7 @@ class GravitySource:
         bad = next((one for one in readings if not is_rotation(one.quaternion)), None)
         if bad is None:
             return found, None
-        sentence = f'the transform to {bad.frame_id!r} is no rotation: {bad.quaternion}'
+        sentence = f'the transform to {bad.frame_id!r} is not a rotation: {bad.quaternion}'
         return found, drop(bad.stamp_ns, 'no_rotation', sentence)
 
     def unfit(self, known: BaseGravity, reading: ImuReading) -> Refusal | None:

@@ -101,7 +101,7 @@ class ClockDelaySettings:
     )
     distinct: float = tuning(
         0.1,
-        'share of what a delay does to the motion that no play does as well, at least',
+        'least share of the effect of a delay that no play can imitate',
         source='measured: 0.00 to 0.09 where pressure goes round one loop, else 0.10 to 0.95',
     )
     law_range: float = tuning(0.5, 'in which the delay without plays is looked for', unit='s')

@@ -43,7 +43,7 @@ class Centerlines:
         frames, places = len(self.stamp_ns), len(self.arclength)
         if frames < 1 or places < 2 or not np.all(np.diff(self.arclength) > 0.0):
             raise RecordingError(
-                f'{self.topic} is no centerline over time: it needs a frame, two points and an '
+                f'{self.topic} is not a centerline over time: it needs a frame, two points and an '
                 'arclength that increases along them',
                 reason='no_centerline',
             )

@@ -127,7 +127,7 @@ def _as_declared(name: str, array: Any, what: Declared, sizes: dict[str, int]) -
 
 
 def _check_definite(name: str, matrix: Array, *, strictly: bool) -> None:
-    """Refuse a matrix that is no covariance (strictly), or no information, up to rounding."""
+    """Refuse a matrix that is not a covariance (strictly), or no information, up to rounding."""
     rounding = ROUNDING * np.max(np.abs(matrix), initial=0.0)
     if np.any(np.abs(matrix - matrix.T) > rounding):
         raise ArchiveError(f'{name} is not symmetric', reason='not_symmetric')

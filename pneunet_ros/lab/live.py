@@ -207,7 +207,7 @@ class LiveLab:
         """Advance the arm to a later time (s) with a valve command (Pa), under a load.
 
         A command beyond what the arm is described for goes as far as that. RequestError for a
-        time before that of the state, and for what is no number.
+        time before that of the state, and for what is not a number.
         """
         elapsed = time - state.time
         if not (elapsed >= 0.0 and math.isfinite(elapsed) and math.isfinite(command)):

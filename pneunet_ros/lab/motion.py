@@ -56,7 +56,7 @@ class LabMotion:
         check_quantities(self, 'motion', RequestError)
         if not float(self.links).is_integer():
             raise RequestError(
-                f'motion.links = {self.links} is no whole number', reason='not_a_number'
+                f'motion.links = {self.links} is not a whole number', reason='not_a_number'
             )
         if math.hypot(self.gravity_x, self.gravity_y) > 1.0 + 1e-9:
             raise RequestError(

@@ -26,7 +26,7 @@ from pneunet_ros.mujoco.library import load_mujoco
 BLOCK = 1000  # steps whose springs and loads are computed at once
 DRIVE = 1e6  # inertia of what turns the base, in those of the arm about the clamp
 
-HOLD = 1e3  # N m/rad, of the base while the arm comes to rest; anything that is no spring of it
+HOLD = 1e3  # N m/rad, of the base while the arm comes to rest; anything that is not a spring of it
 
 ChainAt = Callable[[Array], Chain]
 Swing = tuple[Array, Array]  # positions and rates of the joints of MuJoCo

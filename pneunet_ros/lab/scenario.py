@@ -35,7 +35,7 @@ class Detail:
         for name in ('elements', 'stations'):
             if not float(getattr(self, name)).is_integer():
                 raise RequestError(
-                    f'detail.{name} = {getattr(self, name)} is no whole number',
+                    f'detail.{name} = {getattr(self, name)} is not a whole number',
                     reason='not_a_number',
                 )
 

@@ -41,7 +41,7 @@ class PressureJumpSettings:
     noise: float = tuning(8.0, 'of the readings, that no noise is', unit='sigma')
     span: float = tuning(0.01, 'that matters', unit='of the span of the readings')
     neighbors: float = tuning(
-        3.0, 'a change so much larger than those beside it is no ramp', source='invented'
+        3.0, 'a change so much larger than those beside it is not a ramp', source='invented'
     )
     certain: float = tuning(
         0.1, 'so near to a reading a frame shows what was read', unit='of the change'

@@ -118,7 +118,7 @@ def row_shifts(arclength: Array) -> Array:
 
     Per relative error of the spacing of their row, and per offset of the row from the neutral
     line over the arclength of the last target. arclength (targets,) m. Fewer than three targets
-    beyond the clamp are no row: each was placed on its own.
+    beyond the clamp are not a row: each was placed on its own.
     """
     targets = arclength.size
     shifts = np.zeros((2 * targets, 2))

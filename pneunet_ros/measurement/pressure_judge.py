@@ -2,7 +2,7 @@
 
 Each meaning is a hypothesis with a prior. Its likelihood is that of three features of the
 readings: the reading at rest, the furthest from it, and the noise. The first two are compared
-by their logarithm, so that a unit alone is no evidence. Measured targets, where there are
+by their logarithm, so that a unit alone is not evidence. Measured targets, where there are
 any, add how well the model reproduces them. Live and offline ask the same function.
 """
 
@@ -103,7 +103,7 @@ class PressureJudgeSettings(JudgeSettings):
         source='convention: converters of one kind differ by less, those of two by more',
     )
     noise_decades: float = tuning(
-        4.0, 'beyond which noise is no evidence', unit='decades', source='convention: rounding'
+        4.0, 'beyond which noise is not evidence', unit='decades', source='convention: rounding'
     )
     white_span: float = tuning(
         8.0,

@@ -40,7 +40,7 @@ NO_NOISE = 1e-9  # of the range of the readings: stands for a std of zero
 class FilteredReadings:
     """A run with its piecewise linear pressure, and a reading at each frame.
 
-    Its load is that of the frames as read, and its wrench straight lines. noise (frames,) Pa: by
+    Its load is read at the frames, and its wrench piecewise linear. noise (frames,) Pa: by
     how much the pressure reading of each frame lies above its line.
     """
 

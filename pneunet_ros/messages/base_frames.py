@@ -32,7 +32,7 @@ def decode_imu(message: Any) -> ImuReading:
         )
     except (*UNFIT, IndexError) as error:
         raise MessageError(
-            f'a message is no usable {IMU_TYPE}: {error}', reason='unreadable'
+            f'a message is not a usable {IMU_TYPE}: {error}', reason='unreadable'
         ) from error
 
 
@@ -71,7 +71,7 @@ def decode_frames(message: Any, *, fixed: bool) -> tuple[FrameReading, ...]:
         )
     except UNFIT as error:
         raise MessageError(
-            f'a message is no usable {TRANSFORM_TYPE}: {error}', reason='unreadable'
+            f'a message is not a usable {TRANSFORM_TYPE}: {error}', reason='unreadable'
         ) from error
 
 

@@ -34,7 +34,7 @@ def cloud_points(message: Any) -> npt.NDArray[Any]:
         ]
     except UNFIT as error:
         raise MessageError(
-            f'a message is no usable {POINTS_TYPE}: {error}', reason='unreadable'
+            f'a message is not a usable {POINTS_TYPE}: {error}', reason='unreadable'
         ) from error
     point = point_type(tuple(fields), point_step)
     needed = (height - 1) * row_step + width * point_step if height and width else 0

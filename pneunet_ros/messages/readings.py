@@ -127,7 +127,7 @@ def decode_pressure(message: Any) -> PressureReading:
         )
     except UNFIT as error:
         raise MessageError(
-            f'a message is no usable {PRESSURE_TYPE}: {error}', reason='unreadable'
+            f'a message is not a usable {PRESSURE_TYPE}: {error}', reason='unreadable'
         ) from error
 
 
@@ -147,7 +147,7 @@ def decode_wrench(message: Any) -> WrenchReading:
         )
     except UNFIT as error:
         raise MessageError(
-            f'a message is no usable {WRENCH_TYPE}: {error}', reason='unreadable'
+            f'a message is not a usable {WRENCH_TYPE}: {error}', reason='unreadable'
         ) from error
 
 
@@ -174,7 +174,7 @@ def decode_tip_pose(message: Any) -> TipPoseReading:
         )
     except UNFIT as error:
         raise MessageError(
-            f'a message is no usable {TIP_POSE_TYPE}: {error}', reason='unreadable'
+            f'a message is not a usable {TIP_POSE_TYPE}: {error}', reason='unreadable'
         ) from error
 
 
@@ -254,7 +254,7 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
         stamp_ns, found = nanoseconds(message.header.stamp), str(message.header.frame_id)
     except UNFIT as error:
         raise MessageError(
-            f'a message is no usable {POINTS_TYPE}: {error}', reason='unreadable'
+            f'a message is not a usable {POINTS_TYPE}: {error}', reason='unreadable'
         ) from error
     if found != frame_id:
         raise MessageError(

@@ -53,7 +53,7 @@ def decode_image(message: Any) -> Image:
         )
     except UNFIT as error:
         raise MessageError(
-            f'a message is no usable {IMAGE_TYPE}: {error}', reason='unreadable'
+            f'a message is not a usable {IMAGE_TYPE}: {error}', reason='unreadable'
         ) from error
 
 
@@ -68,7 +68,7 @@ def decode_compressed_image(message: Any, *, colored: bool = False) -> Image:
         data = _bytes(message.data)
     except UNFIT as error:
         raise MessageError(
-            f'a message is no usable {COMPRESSED_TYPE}: {error}', reason='unreadable'
+            f'a message is not a usable {COMPRESSED_TYPE}: {error}', reason='unreadable'
         ) from error
     pixels = decode_compressed(data, colored=colored)
     height, width = pixels.shape[:2]
@@ -100,7 +100,7 @@ def decode_camera_info(message: Any) -> Lens:
         matrix = arrays['matrix'].reshape(3, 3)
     except UNFIT as error:
         raise MessageError(
-            f'a message is no usable {CAMERA_INFO_TYPE}: {error}', reason='unreadable'
+            f'a message is not a usable {CAMERA_INFO_TYPE}: {error}', reason='unreadable'
         ) from error
     lens = Lens(**size, model=model, matrix=matrix, distortion=arrays['distortion'])
     check_whole_image(lens, binning, place)

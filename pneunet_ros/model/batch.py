@@ -110,7 +110,7 @@ def solve_many(
             'pressures, forces and moments must be finite numbers', reason='not_finite'
         )
     if start.solution is None:
-        raise RequestError(f'the start is no shape: {start.status}', reason='no_equilibrium')
+        raise RequestError(f'the start is not a shape: {start.status}', reason='no_equilibrium')
     arclength = station_arclength(arm.reach, stations)
     rods = arm.rods(pressure, history, loads)
     guesses = predict_nodes(arm, start, np.column_stack([loads, pressure]))

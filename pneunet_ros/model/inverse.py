@@ -78,7 +78,7 @@ def solve_tip(
         the force, it is a failed shape whose `status` says so.
 
     Raises:
-        RequestError: a value is no finite number.
+        RequestError: a value is not a finite number.
 
     """
     check_finite(pressure=pressure, tip_x=tip[0], tip_y=tip[1], moment=moment)

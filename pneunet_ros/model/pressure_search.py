@@ -36,7 +36,7 @@ def pressure_for_tip(
         tip along a line: how far it is from the wanted place is for the caller to judge.
 
     Raises:
-        RequestError: a value is no finite number, or the arm has no shape under this load.
+        RequestError: a value is not a finite number, or the arm has no shape under this load.
 
     """
     check_finite(tip_x=tip[0], tip_y=tip[1])
@@ -69,7 +69,7 @@ def pressure_for_force(
         surroundings apply. Of several pressures the lowest.
 
     Raises:
-        RequestError: a value is no finite number, or no pressure of the calibrated range gives
+        RequestError: a value is not a finite number, or no pressure of the calibrated range gives
             that force; the sentence says which it gives.
 
     """

@@ -110,7 +110,7 @@ def node(executable: str, given: Given, **parameters: Any) -> Any:
 
     given: namespace, params_file (empty: none), use_sim_time and log_level. parameters go before
     those of params_file; those that are empty are not given. Raises RequestError for what the node
-    would refuse, and where params_file is no file, without which launch_ros would start a node
+    would refuse, and where params_file is not a file, without which launch_ros would start a node
     with other parameters than asked for.
     """
     wanted = {name: value for name, value in parameters.items() if value}

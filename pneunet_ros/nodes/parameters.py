@@ -133,7 +133,7 @@ def overrides(node: Any) -> Mapping[str, Any]:
 
 
 def without_effect(node: Any) -> list[str]:
-    """Return the given names that are no parameters of a node; all of them are declared."""
+    """Return the given names that are not parameters of a node; all of them are declared."""
     return sorted(name for name in overrides(node) if not node.has_parameter(name))
 
 

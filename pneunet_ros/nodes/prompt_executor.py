@@ -41,10 +41,10 @@ Result = TypeVar('Result')
 class AtOnce(MutuallyExclusiveCallbackGroup):
     """Callback group of one subscription, whose callback takes a message and its info.
 
-    order: that of the messages of all subscriptions that belong together; topic: which one of its
-    topics this is; errors: counts messages that cannot be taken, which else raise; patience_ns: so
-    much earlier must they arrive than those of other nodes to have their turn before them; read:
-    returns the message of bytes, where the subscription is a raw one.
+    order: common processing order of related subscriptions; topic: name within that order; errors:
+    counts invalid messages, which raise without it; patience_ns: how much earlier a message must
+    arrive than those of other nodes to go first; read: deserializes the messages of a raw
+    subscription.
     """
 
     def __init__(

@@ -175,7 +175,7 @@ def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
         ) from error
     if len(text) > MOST_BYTES:
         raise RequestError(
-            f'{table} has more than {MOST_BYTES // 10**6} MB: it is no table of arms',
+            f'{table} has more than {MOST_BYTES // 10**6} MB: it is not a table of arms',
             reason='too_large',
         )
     lines = text.splitlines()

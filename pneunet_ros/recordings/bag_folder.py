@@ -27,8 +27,8 @@ def stored_files(path: Path) -> list[Path]:
     """List the files of a recording in order: `path` itself, or those of its folder.
 
     A folder NAME without metadata is a recording where it holds one file, or parts as rosbag2
-    calls them, NAME_0.mcap, NAME_1.mcap. Raises RecordingError when there is no recording, or one
-    that is stored in a way that cannot be read.
+    calls them, NAME_0.mcap, NAME_1.mcap. Raises RecordingError when there is no recording, or
+    one that is stored in a way that cannot be read.
     """
     if not path.exists():
         raise RecordingError(
@@ -87,7 +87,7 @@ def _parts(path: Path) -> list[Path]:
 
 
 def _other_folder(path: Path) -> str:
-    """Describe a folder that is no recording, with a remedy."""
+    """Describe a folder that is not a recording, with a remedy."""
     loose = [file.name for file in _files_in(path)]
     if loose:
         return (

@@ -1,4 +1,4 @@
-"""Kinds of files that are no recordings, by their names, and which verb takes them."""
+"""Kinds of files that are not recordings, by their names, and which verb takes them."""
 
 from __future__ import annotations
 
@@ -31,6 +31,6 @@ def recording_from(path: Path) -> str:
         )
     films = ', '.join(VIDEOS)
     return (
-        f'is no MCAP file: `pneunet track` takes films ({films}) and folders of images, `pneunet '
-        'import` tables, and `ros2 bag convert` makes MCAP of other bags'
+        f'is not an MCAP file: `pneunet track` takes films ({films}) and folders of images, '
+        '`pneunet import` tables, and `ros2 bag convert` makes MCAP of other bags'
     )

@@ -127,7 +127,7 @@ def _decode_plain(data: Bytes, *, colored: bool) -> Bytes:
     """Return the grey levels (height, width) of a bmp or tiff, or its colors."""
     grey, complaint = decode_heard(data, colored=colored)
     if grey is None or complaint:  # a tiff that is damaged is decoded all the same
-        raise MessageError('it is no image, or is damaged', reason='damaged')
+        raise MessageError('it is not an image, or is damaged', reason='damaged')
     if grey.dtype not in (np.uint8, np.uint16):
         raise MessageError(
             f'an image of {grey.dtype} cannot be read; 8 or 16 bits per channel are',
@@ -140,7 +140,7 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
     """Read the frames of a video, at the presentation times that the file gives them.
 
     rate: count that many a second instead, as where the file has no times. camera_info: file with
-    the lens, or 'none'. Raises RecordingError for what is no video and RequestError without a
+    the lens, or 'none'. Raises RecordingError for what is not a video and RequestError without a
     lens.
     """
     checked_rate(rate)

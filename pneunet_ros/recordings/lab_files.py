@@ -40,7 +40,7 @@ TRUTH = {
     **{name: Declared(axes=FRAMES) for name in ('x', 'y', 'theta')},
 }
 MEMORY = {'memory': Declared(kind='text')}
-# What a text that is no memory of the lab is met with on the way to its numbers.
+# What a text that is not a memory of the lab is met with on the way to its numbers.
 NO_MEMORY = (
     OSError,
     ArchiveError,
@@ -157,7 +157,7 @@ def truth_arrays(recording: LabRecording) -> dict[str, Any]:
 
 
 def read_truth(path: Path) -> ShapeSeries:
-    """Return the true shapes of a recording of the lab; RecordingError if it is no truth."""
+    """Return the true shapes of a recording of the lab; RecordingError if it is not a truth."""
     try:
         arrays = read_arrays(path, TRUTH)
         points = np.stack([arrays['x'], arrays['y']], axis=1)
@@ -180,8 +180,9 @@ def read_truth(path: Path) -> ShapeSeries:
         )
     except (OSError, PneunetError) as error:
         raise RecordingError(
-            f'{path} is no truth: an .npz with stamp_ns (frames,), arclength (stations,) m, and '
-            f'x, y, theta (frames, stations), as `pneunet simulate` writes it ({one_line(error)})',
+            f'{path} is not a truth: an .npz with stamp_ns (frames,), arclength (stations,) m, '
+            'and x, y, theta (frames, stations), as `pneunet simulate` writes it '
+            f'({one_line(error)})',
             reason='no_truth',
         ) from None
 
@@ -202,7 +203,7 @@ def memory_after(path: Path) -> LabMemory:
         return LabMemory(time=time, pressure=pressure, past=past)
     except NO_MEMORY as error:
         raise RequestError(
-            f'--after {path}: {truth} is no truth of a recording of the lab '
+            f'--after {path}: {truth} is not a truth of a recording of the lab '
             f'({one_line(error)}); name a recording that `pneunet simulate` has written',
             reason='no_truth',
         ) from None
@@ -211,5 +212,5 @@ def memory_after(path: Path) -> LabMemory:
 def _number(value: Any) -> float:
     """Return a number of the truth; ValueError if it is not one."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= LARGEST:
-        raise ValueError(f'{str(value)[:40]!r} is no number')
+        raise ValueError(f'{str(value)[:40]!r} is not a number')
     return float(value)

@@ -88,8 +88,8 @@ class UnknownCompression(RecordingError):
 def open_mcap(path: Path, name: Path | None = None) -> McapFile:
     """Scan the contents of a file; name: its name in messages, if it is a copy.
 
-    Raises RecordingError when it cannot be read, is no MCAP file, or holds more than it can; a
-    file that is cut off or damaged is no error, it is described as far as it goes.
+    Raises RecordingError when it cannot be read, is not an MCAP file, or holds more than it can; a
+    file that is cut off or damaged is not an error, it is described as far as it goes.
     """
     name = name or path
     try:

@@ -24,7 +24,9 @@ from rosbags.typesys.store import Typestore
 SEPARATOR = '=' * 80 + '\n'  # between the definitions of a type and of those it depends on
 ENCAPSULATIONS = (b'\0\0', b'\0\1')  # plain CDR, big-endian and little-endian
 LARGEST_DEFINITION = 200_000  # characters
-LONGEST_ARRAYS = 10_000  # elements of fixed arrays that are no numbers, which become lines of code
+LONGEST_ARRAYS = (
+    10_000  # elements of fixed arrays that are not numbers, which become lines of code
+)
 IDL_HEAD = f'{SEPARATOR}IDL: '  # how a definition in IDL begins
 
 
@@ -71,7 +73,7 @@ def store_for(type_name: str, definition: str) -> Typestore:
     if not definition:
         if type_name not in store.fielddefs:
             raise RecordingError(
-                f'{type_name} is no type of ROS 2 Jazzy and the recording does not define it',
+                f'{type_name} is not a type of ROS 2 Jazzy and the recording does not define it',
                 reason='unknown_type',
             )
         return store
@@ -88,7 +90,7 @@ def store_for(type_name: str, definition: str) -> Typestore:
         if sum(map(_code_length, types.values())) > LONGEST_ARRAYS:
             raise RecordingError(
                 f'the definition of {type_name} in the recording has fixed arrays of more than '
-                f'{LONGEST_ARRAYS} elements that are no numbers',
+                f'{LONGEST_ARRAYS} elements that are not numbers',
                 reason='too_large',
             )
         own = get_typestore(Stores.ROS2_JAZZY)
@@ -139,7 +141,7 @@ def _code_length(parsed: Any) -> int:
 
 
 def deserialize(raw: bytes, type_name: str, store: Typestore) -> Any:
-    """Return the message in serialized bytes; MessageError when they are no such message."""
+    """Return the message in serialized bytes; MessageError when they are not such a message."""
     if raw[:2] not in ENCAPSULATIONS:
         raise MessageError('it does not begin as plain CDR', reason='damaged')
     try:

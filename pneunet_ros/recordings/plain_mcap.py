@@ -1,4 +1,4 @@
-"""Files of a recording that are no plain MCAP, as plain MCAP: file-wise zstd, and sqlite3.
+"""Files of a recording that are not plain MCAP, as plain MCAP: file-wise zstd, and sqlite3.
 
 A copy is made once, in a temporary folder that goes with the process. Messages that were packed
 one by one stay so: `recording` unpacks them as it reads.
@@ -73,7 +73,7 @@ def _copy(path: Path, changed_ns: int, size: int) -> Path:
         _copy_messages(plain, copy)
     except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
         raise RecordingError(
-            f'{path} is no sqlite3 recording of rosbag2: {error}', reason='wrong_kind'
+            f'{path} is not a sqlite3 recording of rosbag2: {error}', reason='wrong_kind'
         ) from error
     if plain is not path:
         plain.unlink()

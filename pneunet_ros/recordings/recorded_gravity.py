@@ -62,7 +62,7 @@ def mounted(
         return settings
     source = GravitySource(settings=settings, gravity=Gravity())
     known, turn = BaseGravity(), None
-    with suppress(MessageError):  # what is no message is counted where readings are
+    with suppress(MessageError):  # what is not a message is counted where readings are
         for message in recording.messages([fixed]):
             known, _ = source.take_frames(known, FIXED_FRAMES.decode(message.message))
         for message in recording.messages([topic]):

@@ -136,7 +136,7 @@ def read_series(
     """Return the series of these topics, full names by the names of SENSORS, in one pass.
 
     targets: how many there must be (None: as many as in the first message). Raises RecordingError
-    for targets that are no targets and for readings in a wrong frame.
+    for targets that are not targets and for readings in a wrong frame.
     """
     sensors = {topics[sensor.name]: sensor for sensor in SENSORS if sensor.name in topics}
     stamps: dict[str, list[int]] = {topic: [] for topic in sensors}

@@ -222,7 +222,7 @@ def open_recording(path: str | Path) -> Recording:
     """Open a file of rosbag2 (.mcap, .db3, also packed by zstd) or a folder of such files.
 
     Raises RecordingError when there is none or its files are of another kind. Files that are cut
-    off are read as far as they go, and channels that are no ROS 2 messages are left out;
+    off are read as far as they go, and channels that are not ROS 2 messages are left out;
     `sentences` says so.
     """
     path = Path(path)

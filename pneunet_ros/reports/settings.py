@@ -19,7 +19,7 @@ class ReportSettings:
     )
     hidden_under_load: float = tuning(
         6.0,
-        'beyond it what loaded recordings leave, over unloaded ones, is no agreement, whatever '
+        'beyond it what loaded recordings leave, over unloaded ones, is not agreement, whatever '
         'the noise of their readings allows; 1.5 to 4 of arms of the virtual lab',
         source='invented',
     )

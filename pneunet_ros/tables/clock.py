@@ -51,7 +51,7 @@ class Clock:
         self._days = 0
 
     def seconds(self, text: str, line: int) -> str:
-        """Return seconds, since 1970 where there is a date; the text, where it is no time."""
+        """Return seconds, since 1970 where there is a date; the text, where it is not a time."""
         match = _TIME_OF_DAY.fullmatch(text)
         seconds = None if match is None else _clock_seconds(match)
         if match is None or seconds is None:

@@ -264,7 +264,7 @@ def likely_name(name: str) -> str:
     alike = [known_name for known_name in known if known_name.endswith(f'_{unit}')]
     near = next(iter(get_close_matches(plain, alike, 1, 0.75)), '')
     if not near and unit in SI_PER_UNIT['pressure'] and _without_reference(_words(name))[1]:
-        near = f'pressure_{unit}'  # with its reference `at` is no word: ata
+        near = f'pressure_{unit}'  # with its reference `at` is not a word: ata
     return near or _BARE.get(unit, '')  # in any language: nyomás [kPa]
 
 

@@ -105,11 +105,11 @@ def read_csv(
         ) from error
     except UnicodeDecodeError as error:
         raise RecordingError(
-            f'{path} is no text in UTF-8 (byte {error.start}): save it as CSV UTF-8',
+            f'{path} is not UTF-8 text (byte {error.start}): save it as CSV UTF-8',
             reason='not_utf8',
         ) from error
     except csv.Error as error:
-        raise RecordingError(f'{path} is no CSV file: {error}', reason='not_csv') from error
+        raise RecordingError(f'{path} is not a CSV file: {error}', reason='not_csv') from error
 
 
 def _read(
@@ -321,7 +321,7 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
         if is_unit(text.lstrip('+-.0123456789 ')):
             hint = ' (put the unit into the column name)'
         raise RecordingError(
-            f'{path}, line {line}, column {name}: {text[:40]!r} is no number{hint}; a missing '
+            f'{path}, line {line}, column {name}: {text[:40]!r} is not a number{hint}; a missing '
             'value is an empty cell, NA or nan',
             reason='not_a_number',
         )

@@ -195,7 +195,7 @@ def with_clock(
     """Return the names of the columns with that of the time, where only one holds dates or times.
 
     That is unmistakable, whatever it is called. left_out: places of columns that are not read;
-    ahead: the lines below the names. A date that is the same in all rows is no time of theirs.
+    ahead: the lines below the names. A date that is the same in all rows is not a time of theirs.
     Nothing changes where a column is known as the time.
     """
     if any(_is_time_column(name) for name in names):
@@ -289,7 +289,7 @@ def check_header(
     for name in header:
         if '\0' in name:
             raise RecordingError(
-                f'{path} is no text in UTF-8 (is it UTF-16?): save it as CSV UTF-8',
+                f'{path} is not UTF-8 text (is it UTF-16?): save it as CSV UTF-8',
                 reason='not_utf8',
             )
         if len(name) > LONGEST_CELL:

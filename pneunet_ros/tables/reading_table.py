@@ -20,8 +20,8 @@ class ReadingTable:
     """Readings by stamp: stamp_ns (rows,), increasing, and values by sensor.
 
     values: for every sensor of SENSORS (rows, *row_shape), SI in the base frame, NaN where there
-    is no reading: pressure (rows, 1), end_wrench (rows, 3), targets (rows, 2, targets). A row
-    without any target is no frame. pressure_unit: that in which the table has the pressure;
+    is not a reading: pressure (rows, 1), end_wrench (rows, 3), targets (rows, 2, targets). A row
+    without any target is not a frame. pressure_unit: that in which the table has the pressure;
     absolute: the name of its column says that the pressure is counted from nothing.
     """
 

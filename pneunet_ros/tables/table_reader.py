@@ -62,8 +62,8 @@ class ImportRequest(TableRequest):
 def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[str, ...]]:
     """Return the readings in a table, and sentences about columns that were left out.
 
-    A cell that is empty or NaN is no reading, or a target that was not seen; a row without any
-    target is no frame. Two string forces become F1, F2 as in the paper:
+    A cell that is empty or NaN is not a reading, or a target that was not seen; a row without any
+    target is not a frame. Two string forces become F1, F2 as in the paper:
     string A pulls along x, B along y, each turned counter-clockwise by its angle, 0 if not given.
     Raises RecordingError, or RequestError for offsets and rates that do not fit, naming the place.
     """
@@ -104,7 +104,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
             )
         if not math.isfinite(request.offsets[name]):
             raise RequestError(
-                f'--offset {name}={request.offsets[name]} is no number', reason='not_a_number'
+                f'--offset {name}={request.offsets[name]} is not a number', reason='not_a_number'
             )
     stamp_ns = _stamps(path, table, columns.get((TIME, None)), request)
 

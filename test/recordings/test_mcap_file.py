@@ -315,7 +315,7 @@ def test_what_is_no_recording_is_refused(tmp_path, content, reason):
         ('film.MP4', r'film\.MP4 holds images: `pneunet track FILM --readings TABLE\.csv'),
         ('film.avi', 'film.avi holds images: `pneunet track FILM'),
         ('t.csv', r't\.csv is a table: `pneunet import TABLE\.csv --output REC\.mcap`'),
-        ('bag.db3', 'bag.db3 is no MCAP file: .*ros2 bag convert'),
+        ('bag.db3', 'bag.db3 is not an MCAP file: .*ros2 bag convert'),
     ],
 )
 def test_the_verb_that_takes_a_film_or_a_table_is_named(tmp_path, name, sentence):

@@ -48,7 +48,7 @@ class LeftOutSettings:
     as_well: float = tuning(
         1.1,
         'ratio of the error to that of a baseline',
-        source='convention: a tenth is no difference',
+        source='convention: a tenth is negligible',
     )
 
 

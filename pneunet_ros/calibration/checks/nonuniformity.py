@@ -1,7 +1,7 @@
 """Uneven bending that no target shows, added to the covariance of a fit.
 
 A curvature that is constant between the clamp and the tip, or a curve through a few numbers, is
-an estimate and no knowledge. What such a curve leaves out is no parameter of the fit; it is
+an estimate and no knowledge. What such a curve leaves out is not a parameter of the fit; it is
 considered: a departure d with a known prior S changes what the fit finds by C I d, where C is the
 covariance of the fit and I the information of the data, so that the error is E d with E = C I - 1,
 and the covariance in all C + E S E^T (Schmidt's consider covariance: S. F. Schmidt, Advances in
@@ -73,8 +73,8 @@ def known_departure(prior: Array, information: Array, covariance: Array, missed:
 
     information, covariance (n, n): of the data, and of the fit; what the fit takes up of a
     departure has no information on it: I - I C I is left. missed (n,): what of the data's linear
-    term the fit has left; the departure that it shows is no parameter of the fit, and an error of
-    it.
+    term the fit has left; the departure that it shows is not a parameter of the fit, and an error
+    of it.
     """
     cells = len(prior)
     left = (information - information @ covariance @ information)[:cells, :cells]

@@ -70,7 +70,7 @@ class StiffnessVariation:
 
     @property
     def matters(self) -> bool:
-        """Whether it is no chance, and leaves tips outside of their ellipses."""
+        """Whether it is not chance, and leaves tips outside of their ellipses."""
         return (
             self.statistic > self.settings.significant
             and self.tips.nees() > self.settings.most_nees

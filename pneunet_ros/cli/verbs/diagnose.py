@@ -201,8 +201,7 @@ def settings_without(names: Sequence[str]) -> DiagnosisSettings:
     for name in names:
         if name not in EFFECTS:
             raise RequestError(
-                f'--without names an effect {name} that there is not; known here: '
-                f'{", ".join(EFFECTS)}',
+                f'--without: there is no effect {name}; known effects: {", ".join(EFFECTS)}',
                 reason='unknown_key',
             )
     withheld = replace(DEFAULTS.hypothesis, withheld=tuple(sorted(names)))

@@ -278,7 +278,9 @@ def wait_for_recording(experiment: Experiment, safe: SafeSet, path: Path) -> Non
     while not path.exists():
         print(f'Put it at {path}, then press Enter (Ctrl-C ends): ', end='', flush=True)
         if not sys.stdin.readline():
-            raise RequestError(f'{path} is not there, and nobody answers', reason='not_found')
+            raise RequestError(
+                f'{path} does not exist, and there is no terminal to ask on', reason='not_found'
+            )
 
 
 def write_round(

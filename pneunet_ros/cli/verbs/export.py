@@ -67,7 +67,7 @@ def run(arguments: Namespace) -> int:
     units = units_of(arguments, arm)
     if arguments.model is not None and not arguments.dimensionless:
         raise RequestError(
-            '--model says by what --dimensionless divides: give both', reason='missing'
+            '--model gives the scales of --dimensionless: give both', reason='missing'
         )
     names = [sensor.name for sensor in SENSORS]
     overrides = topics_of(arguments.topic, [*names, TIP])
@@ -79,7 +79,7 @@ def run(arguments: Namespace) -> int:
     if not topics and tip_topic is None:
         raise RecordingError(
             f'{arguments.recording} has nothing to export: no topic '
-            f'{", ".join(names)} or {TIP}; images are turned into targets by `track`',
+            f'{", ".join(names)} or {TIP}; `pneunet track` finds targets in images',
             reason='nothing_usable',
         )
     sentences = [*recording.sentences]

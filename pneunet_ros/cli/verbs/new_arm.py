@@ -184,6 +184,6 @@ def size_of(option: str, text: str, kind: str) -> float:
     value = quantity_of(option, text, kind)
     if kind == 'length' and value > LONGEST and text[-1:].isdigit():
         raise RequestError(
-            f'{option} {text} is {value:g} m: is {text}mm meant?', reason='out_of_bounds'
+            f'{option} {text} is {value:g} m: did you mean {text}mm?', reason='out_of_bounds'
         )
     return value

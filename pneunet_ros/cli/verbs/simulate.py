@@ -127,7 +127,7 @@ def scenario_file(name: str) -> Path:
         return path
     if name not in shipped_names():
         raise RequestError(
-            f'{name} is no scenario file, nor a shipped scenario; shipped are '
+            f'{name} is neither a scenario file nor a shipped scenario; shipped are '
             f'{", ".join(shipped_names())}',
             reason='not_found',
         )

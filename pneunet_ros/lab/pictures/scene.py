@@ -103,7 +103,7 @@ class Label:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spot:
-    """A bright ellipse that is no target: center and half axes in px, angle in rad."""
+    """A bright ellipse that is not a target: center and half axes in px, angle in rad."""
 
     u: float
     v: float

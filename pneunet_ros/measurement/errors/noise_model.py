@@ -1,7 +1,7 @@
 """Displacement by one sigma of each reading: common errors of y = h(x) + e, as columns.
 
 Points are x, then y of all targets of a frame, as a camera measures them. A load of exactly zero
-is no reading and has no error: nothing is attached in that frame, or no moment is measured in
+is not a reading and has no error: nothing is attached in that frame, or no moment is measured in
 that recording. `attached_std` holds this rule for all.
 """
 

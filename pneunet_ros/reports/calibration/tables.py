@@ -38,7 +38,7 @@ class Row:
 
     @property
     def bending_stiffness(self) -> str:
-        """EI with its standard error, as text; '' where the number is no stiffness."""
+        """EI with its standard error, as text; '' where the number is not a stiffness."""
         unit = self.unit_stiffness
         return f'{unit * self.value:.4g} ± {unit * self.std:.2g}' if unit else ''
 
