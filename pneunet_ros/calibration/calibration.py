@@ -71,13 +71,13 @@ from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 class Calibration:
     """The result: the arm, its fits, the noise, and a comparison of moment laws.
 
-    posterior is what another calibration may go on from. free is the fit of experiment 1; joint
+    posterior: the prior for continuing this calibration. free is the fit of experiment 1; joint
     that of all recordings (the same where there is no loaded one). explained_variance is the share
-    of the shape's variance that the few columns of the model file's covariance have. notes are
-    sentences on what the data could not determine, and on recordings that do not fit the others.
-    variation: of the stiffness along the arm, beside the law; None where it was not asked.
-    motion: frames that show the arm in motion, which were left out; None: there are none.
-    settings: the numbers by which it was decided.
+    of the shape's variance that the few columns of the model file's covariance have. notes:
+    undetermined quantities, and recordings that do not fit the others. variation: of the stiffness
+    along the arm, beside the law; None where it was not asked. motion: frames that show the arm in
+    motion, which were left out; None: there are none. settings: the numbers by which it was
+    decided.
     """
 
     arm: Arm

@@ -77,9 +77,9 @@ class CameraClock:
 def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
     """Return the clocks whose rate is observable from the frames of a fit, by recording.
 
-    noise: of the fit. All clocks are found together: one that is wrong pulls at the parameters of
-    the arm, and those at the frames of the others. As this is so to first order, the surest are
-    returned alone, those with half of the greatest evidence: the others may be right without them.
+    noise: of the fit. All clocks are found together: a wrong clock biases the parameters of the
+    arm, and so the frames of the others. As this is so to first order, the surest are returned
+    alone, those with half of the greatest evidence: the others may be right without them.
     """
     posterior, last = posterior_at(fit, noise)
     prior, timed = posterior.prior, list[RecordingData]()

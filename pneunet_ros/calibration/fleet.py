@@ -394,8 +394,8 @@ def robust_start(
 def center_and_scatter(values: Array, variances: Array) -> tuple[Array, Array]:
     """Return the median of each number and its scatter beyond the error bars, (fleets, n) each.
 
-    The scatter is what brings the median of the squared deviations, each over scatter and error
-    bar together, to that of a standard normal number; zero where error bars are enough.
+    The scatter makes the median of the squared deviations, normalized by scatter and error bar,
+    equal to that of a standard normal variable; zero where error bars are enough.
     """
     center = np.nanmedian(values, axis=1)
     square = np.zeros_like(center)

@@ -1,6 +1,6 @@
 """How smooth kappa_p0 is, how many numbers it has along the arm, and whether the arm lengthens.
 
-All of it is chosen by one evidence, that of a first, linearized fit which has everything.
+One evidence chooses all of it: that of a first, linearized fit with all terms.
 """
 
 from __future__ import annotations

@@ -27,10 +27,9 @@ def low_rank(
     painted: of how many targets the placement goes with it, the first; of all where None. guessed
     (parameters, errors): further errors, of which each is a column of its own.
 
-    Of the factor Q of the full covariance those directions are kept in which the targets of the
-    fitted frames move most, `most` of them, enlarged so that the variance in total is that of all.
-    Where targets show less than the table of kappa_p0 holds, all of the arm counts, also at the
-    pressures of the table.
+    Keeps the `most` directions of the factor Q of the full covariance that move the targets of the
+    fitted frames most, enlarged to preserve the total variance. Where targets show less than the
+    table of kappa_p0 holds, all of the arm counts, also at the pressures of the table.
     """
     if guessed is None:
         guessed = np.zeros((fit.values.size, 0))
@@ -54,7 +53,7 @@ def low_rank(
 def covariance_root(covariance: Array) -> Array:
     """Return a square root (n, n) of a covariance, also of one that rounding made indefinite.
 
-    The variance of what is known exactly is that of rounding.
+    Exactly known quantities get the variance of rounding.
     """
     std = np.sqrt(np.diag(covariance))
     size, along = np.linalg.eigh(covariance / std / std[:, None])

@@ -24,7 +24,7 @@ class MomentLawParameters(abc.ABC):
     """Parameters of one kind of moment law, with a prior that the data easily outweigh.
 
     mean (n,) and prior (n, n) covariance; stiffness is a first guess of EI (N m^2). given: the law
-    of the arm that is calibrated, from which comes what is not fitted.
+    of the calibrated arm, for constants that are not fitted.
     """
 
     kind: ClassVar[str]
@@ -193,7 +193,8 @@ PAPER_SECTION = {'width': 0.015, 'thickness': 0.003, 'height': 0.012, 't1': 0.00
 class MajidiParameters(MomentLawParameters):
     """Eq 11: one elastic modulus; kappa0 is fitted as for other laws.
 
-    The section is that of the given arm where its law has one, else that of Figure 1 of the paper.
+    The section is taken from the law of the given arm if it has one, else from Figure 1 of the
+    paper.
     """
 
     kind: ClassVar[str] = MajidiLaw.kind

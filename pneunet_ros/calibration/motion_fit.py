@@ -1,9 +1,8 @@
 """Mass at the tip and damping of an arm, from recordings in which it swings.
 
-The arm's statics are known; each recording is followed reading by reading, and what the targets
-do beside the equilibrium is compared with what the chain does. Where the pressure stands still the
-arm was plucked: such a recording begins where it was let go, and how it moves there is fitted as
-well.
+The arm's statics are known; each recording is followed reading by reading, and the measured motion
+about equilibrium is compared with that of the chain. Where the pressure stands still the arm was
+plucked: such a recording begins where it was let go, and how it moves there is fitted as well.
 """
 
 from __future__ import annotations
@@ -381,9 +380,9 @@ def predicted_motion(
 ) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...], tuple[Flags, ...]]:
     """Predict recordings for a given mass and damping; nothing is fitted.
 
-    But how an arm moves where it was plucked. Returns, per run, targets beside the equilibrium and
-    beside the moving arm, each less its mean, how far that is beside its equilibrium (frames, 2,
-    targets) m, and in which frames it rests.
+    But how an arm moves where it was plucked. Returns, per run, the measured and predicted
+    deviations from equilibrium, each less its mean, their size (frames, 2, targets) m, and the
+    frames at rest.
     """
     problem = motion_problem(arm, runs)
     numbers = problem.first_numbers(0.0, 0.1)
@@ -428,9 +427,9 @@ def root_mean_square(left: Sequence[Array]) -> float:
 def standard_errors(problem: MotionProblem, jacobian: Array, left: Sequence[Array]) -> Array:
     """Return the standard errors of the numbers.
 
-    What is left of the targets goes on from frame to frame, as statics are not exact: the frames
-    of a period of the arm count as one observation. Source: cluster-robust covariance, Liang and
-    Zeger, Biometrika 73 (1986).
+    Residuals are correlated from frame to frame, as statics are not exact: the frames of a period
+    of the arm count as one observation. Source: cluster-robust covariance, Liang and Zeger,
+    Biometrika 73 (1986).
     """
     period = 2.0 * np.pi / float(problem.modes.frequency[0])
     blocks, first = [], 0

@@ -375,8 +375,8 @@ def camera(
 ) -> tuple[float | None, float | None]:
     """Return the spread of the camera's place between runs and its drift within a run (m).
 
-    Both come from few values, and what is left of their variance without the white noise may be
-    nothing by chance: it is no less than its own standard error.
+    Both are estimated from few values, and their variance beyond the white noise may be zero by
+    chance: it is no less than its own standard error.
     """
     if arclength.size == 0 or arclength[0] > settings.at_clamp * arclength[-1]:
         return None, None

@@ -37,7 +37,7 @@ class PriorState:
 
     values (k,) and placement (2 targets,) m, tangents then normals; covariance (k + 2 targets, k +
     2 targets) of both, in this order. Placement is part of it because the dots stay where they are
-    painted: what was wrongly taken for curvature would else be wrong again, and count twice.
+    painted: an earlier error of the curvature would otherwise count twice.
     """
 
     values: Array

@@ -17,7 +17,7 @@ class PosteriorState(PriorState):
     pressure (rows,) Pa and arclength (knots,) s / l of the table of kappa_p0; kind and stiffness
     (N m^2) of the moment law's parameters over low to high (Pa), kind '' where none was fitted.
     shapes, elongates: as of `Parameters`, 0 for as many as there are knots. information (n, n):
-    that of all recordings so far on the values, without what was believed before.
+    information of all recordings so far on the values, without the prior.
     """
 
     pressure: Array

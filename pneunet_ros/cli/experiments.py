@@ -111,7 +111,7 @@ def read_experiments(
 ) -> Experiments:
     """Read groups of recordings and decide which of them are without a load.
 
-    Those given by `--unloaded`; without that option those that have no `end_wrench`, and those in
+    Those given by `--unloaded`; without that option, recordings without `end_wrench`, and those in
     which every wrench is within the noise of the sensor.
     """
     paths = list(itertools.chain(*groups))

@@ -16,8 +16,8 @@ FRAME, EDGE = 3, 1  # letters beside the text: of each column, and of the table
 def print_table(console: Console, table: Table, empty: str = 'none') -> None:
     """Print a table; if it is too wide, wrap its text, then split it by columns.
 
-    Texts break between words, and a word that no width holds after a slash, where it has one.
-    Each part of a table begins with its first column. empty: what a table without rows says.
+    Texts break between words, and a word that no width holds after a slash, where it has one. Each
+    part of a table begins with its first column. empty: text for a table without rows.
     """
     if not table.row_count:
         console.print(f'{table.title}: {empty}' if table.title else empty)

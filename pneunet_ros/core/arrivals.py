@@ -67,7 +67,7 @@ class Companion:
 class ArrivalOrder(Generic[Item]):
     """Orders messages: `add` arrivals, then `take` the ones that are due.
 
-    topics: their names in the order of ties; pressure: the one of them that makes estimates, from
+    topics: their names in the order of ties; pressure: the topic that triggers estimates, from
     those before it. Without it messages are taken as they arrived.
     """
 

@@ -35,8 +35,8 @@ class Report:
 class InputHealth:
     """Collects what happens to the input that a node cannot be without: readings or images.
 
-    All times are seconds of one steady clock. What stopped the results is in every report
-    until there is a result again, all else in the next report.
+    All times are seconds of one steady clock. A fault that stopped the results is in every report
+    until there is a result, all others in the next report only.
     """
 
     def __init__(self, source: str, now: float) -> None:

@@ -10,7 +10,7 @@ class Refusal:
     """A reading that gave no estimate: `reason` is a key for counting, `sentence` for a person.
 
     error: the estimator has stopped giving estimates, not just dropped one reading.
-    `awaits_others`: what is missing comes from another node, which may still be starting.
+    `awaits_others`: the missing input comes from another node, which may still be starting.
     """
 
     stamp_ns: int

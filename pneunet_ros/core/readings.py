@@ -26,7 +26,7 @@ class PressureReading:
 class WrenchReading:
     """An end load reading: force (N) and moment about z (N m) in the frame `frame_id`.
 
-    What is out of the plane stands last; NaN where it is not measured.
+    Out-of-plane components come last; NaN where it is not measured.
     """
 
     stamp_ns: int

@@ -1,7 +1,7 @@
 """Settings: tuning constants, each with its meaning, source and bounds.
 
-One frozen dataclass per algorithm holds its numbers as fields made by `tuning`; a result says by
-`settings_used` which were used, and by `settings_changed` which of them were not the default.
+One frozen dataclass per algorithm holds its numbers as fields made by `tuning`; `settings_used`
+lists the settings of a result, and `settings_changed` the ones that differ from the default.
 """
 
 from __future__ import annotations

@@ -142,10 +142,9 @@ class Terms:
     moment_offset N m, cubic m^2, axial_compliance 1/N, rest_strain -, line loads N/m, curvature
     1/m (of the intrinsic one), push N, clamp_angle rad, clamp_compliance rad/(N m), load_offset m.
     They hold for the whole length, or on a part; those of clamp and load have no part. A push is
-    spread evenly over its part, along the normal (-sin theta, cos theta) that the arm has in the
-    middle of it, whatever its shape. Where the curvature is not that of the pressure alone,
-    row_share of it is a mixture of the rows of the table of kappa_p0, by row_weights (rows,) or
-    (pressures, rows).
+    distributed evenly over its part, along the normal (-sin theta, cos theta) at its middle, for
+    any shape. If the curvature does not follow from the pressure alone, the share row_share of it
+    is a mixture of the rows of the table of kappa_p0, by row_weights (rows,) or (pressures, rows).
     """
 
     part: Part | None = None
@@ -221,7 +220,7 @@ class Effect(abc.ABC):
 
     law_error: standard deviation, relative, of its parameters as the law of a real arm has them:
     no arm follows a law with few parameters exactly, and where it does not, the parameters depend
-    on how it was moved. An effect whose law leaves out more says so, and why.
+    on how it was moved. An effect with a coarser law states so, with the reason.
     """
 
     name: ClassVar[str]

@@ -2,8 +2,8 @@
 
 A frame stamped t shows the arm of t - delay. At the right delay the places of the targets are a
 smooth function of pressure and load; at a wrong one the same pressure is seen with many shapes.
-What a soft arm does beside that function (plays, slow relaxations) is fitted with it, so that it
-is not taken for a delay; a line that fills within a few frames looks the same as one.
+Other behavior of a soft arm (plays, slow relaxations) is fitted with it, so that it is not taken
+for a delay; a line that fills within a few frames looks the same as one.
 """
 
 from __future__ import annotations
@@ -137,9 +137,9 @@ class ClockDelay:
 
     delay, std (s): a frame shows the arm of its time minus delay, with one standard error;
     explained: share of the motion that pressure and load explain with it; frames: how many were
-    used; frame_period (s). repeated: in which of the frames the arm stands still while what drives
-    it goes on: a film that has lost some shows the one before once more. trouble: why the data
-    cannot determine it, None if they do.
+    used; frame_period (s). repeated: frames in which the arm stands still although its inputs
+    change: a film that has lost some shows the one before once more. trouble: why the data cannot
+    determine it, None if they do.
     """
 
     delay: float

@@ -1,10 +1,9 @@
 """The running disagreement of measured targets with the estimate: the trigger for a diagnosis.
 
-As the estimator: state in, state out; no clock, no topic, no file. `take_estimate` is given every
-pressure reading with what became of it, `take_targets` every frame of targets, and
-`ConsistencyState.disagreement` says where things stand. A frame is compared with what the
-estimates beside it say of its instant (`frame_prediction`); one is at most `reach` away by the
-stamps.
+As the estimator: state in, state out; no clock, no topic, no file. `take_estimate` takes every
+pressure reading with its outcome, `take_targets` every frame of targets, and
+`ConsistencyState.disagreement` gives the current result. A frame is compared with the prediction
+from the neighboring estimates (`frame_prediction`); one is at most `reach` away by the stamps.
 `agreement_of` is the verdict on a whole recording, of the same frames, each by itself and, by
 `persistent_errors`, all together.
 """
@@ -138,7 +137,7 @@ class Agreement:
     tips_outside: share of frames whose tip is outside of its 95 % ellipse, NaN where no tip was
     seen, tips_chance: how often that many are, of a model that holds, and sure: below it that is
     no chance. fewest: frames before anything is claimed. force_read: whether the end load was
-    measured in all of them. persistent: what all frames say together, None where they are too few.
+    measured in all of them. persistent: the joint test of all frames, None if they are too few.
     """
 
     frames: int
@@ -274,7 +273,7 @@ def agreement_of(
 ) -> Agreement:
     """Return how measured and predicted targets agreed over these frames, at least one.
 
-    persistent: what they say together.
+    persistent: the joint test.
     """
     rms, limit, at_tip = np.array([(one.rms, one.limit, one.at_tip) for one in compared]).T
     tips = at_tip[np.isfinite(at_tip)]

@@ -1,9 +1,8 @@
 """Where the targets of a frame must be, from the estimates before and behind it.
 
-A frame is rarely taken with a reading. The arm is taken to go on a straight line from one estimate
-to the next, under the load of the readings before and after the frame, and both have the
-errors of what lies between readings. An estimate uses the last wrench that had come; what was
-read behind it counts here, too.
+A frame is rarely taken with a reading. The arm is assumed to move linearly between estimates,
+under the load of the readings before and after the frame, and the interpolation errors of both are
+included. An estimate uses the last wrench that had come; what was read behind it counts here, too.
 """
 
 from __future__ import annotations

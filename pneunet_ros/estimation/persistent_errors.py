@@ -137,14 +137,14 @@ class KeptFrames:
 class PersistentErrors:
     """Joint evidence of the frames of a recording for errors within the model's uncertainty.
 
-    frames: that were used; repeated: how many of them tell as much as one that were independent,
-    1 where the noise is new in each. Of the columns of the model's covariance: how far they had to
+    frames: that were used; repeated: how many of them tell as much as one that were independent, 1
+    where the noise is new in each. Of the columns of the model's covariance: how far they had to
     move, moved (chi squared), over so many that the frames tell of, unknowns. Of these with the
     places of the targets: moved_with_places, unknowns_with_places. chance: how often a model that
     holds has to move as far, and sure: below it that is not chance. left: chi squared per degree
-    of freedom of what they leave, and left_limit, what noise does not exceed. tip_rms (m): how far
-    the moves of the columns take the tip; tips_outside: share of frames whose true tip is then
-    outside of its stated 95 % ellipse.
+    of freedom of the remaining residual, and left_limit, its limit for noise alone. tip_rms (m):
+    how far the moves of the columns take the tip; tips_outside: share of frames whose true tip is
+    then outside of its stated 95 % ellipse.
     """
 
     frames: int

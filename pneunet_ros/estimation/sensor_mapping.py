@@ -12,7 +12,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 def base_wrench(settings: EstimatorSettings, reading: WrenchReading) -> WrenchReading:
     """Return the end load in the base frame from a sensor reading.
 
-    Of what is out of the plane, what was not measured is taken to be zero.
+    Unmeasured out-of-plane components are taken to be zero.
     """
     sign = settings.wrench_sign * settings.wrench.size
     force = rotate(settings.wrench_yaw, sign * reading.force_x, sign * reading.force_y)

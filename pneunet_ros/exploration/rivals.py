@@ -1,7 +1,7 @@
 """Effects that may still be missing, and their probabilities.
 
-Rivals are the effects of the library, each on top of what is named so far, and that nothing more
-is missing.
+Rivals are the effects of the library, each added to the effects named so far, and the hypothesis
+that nothing more is missing.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def trial_in_question(investigation: Investigation) -> Trial | None:
 def rival_candidates(selection: Selection, trial: Trial) -> list[Candidate]:
     """Return the effects that may be missing in addition to those of a trial.
 
-    Those that the recordings so far could not show at all stand in the middle of where they are
-    tried, with no information.
+    Effects that are unobservable so far are tried at the middle of their range, with no
+    information.
     """
     scored = selection.score_candidates(trial)
     known = {*trial.names, *(item.name for item in scored)}
@@ -64,8 +64,8 @@ def rival_probabilities(investigation: Investigation) -> dict[str, float]:
     """Return the probability of each effect, and of none, to be missing.
 
     Each on top of what is named, alone where nothing is. Of an effect that was fitted by its
-    evidence; else by its score, as if points were linear in it. What no recording could have shown
-    so far is as probable as nothing.
+    evidence; else by its score, as if points were linear in it. An effect that no recording could
+    have shown so far is as probable as none.
     """
     selection, trial = investigation.selection, trial_in_question(investigation)
     if selection is None or trial is None:

@@ -146,7 +146,7 @@ _TOGETHER: ContextVar[list[_Output] | None] = ContextVar('written_together', def
 def outputs_written() -> list[str]:
     """Return the finished outputs of this process, as the user named them.
 
-    An interrupt may come between taking a name and noting it, hence a look at what is there.
+    An interrupt may occur between renaming and recording the name, hence the check on disk.
     """
     return [
         path for path, final, number in _PUT if final.exists() and final.stat().st_ino == number

@@ -44,7 +44,7 @@ CALIBRATION = (
 def load_camera(path: str | Path) -> CameraSettings:
     """Read a camera file; CameraError names the file, the key and the allowed values.
 
-    What the file leaves out has its default, that of the shipped config/camera.yaml.
+    Missing keys have the defaults of the shipped config/camera.yaml.
     """
     return CAMERA_FILE.load(path, settings_from_mapping)
 

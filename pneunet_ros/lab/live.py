@@ -1,7 +1,7 @@
 """The virtual lab in steps: commands in, readings out.
 
-The same arm, effects and sensors as in `simulate`, whose recordings it repeats when it is led
-through the same pressures and loads. There is no clock here: time is given with every step.
+The arm, effects and sensors of `simulate`; it reproduces the same recordings under the same
+pressures and loads. There is no clock here: time is given with every step.
 """
 
 from __future__ import annotations
@@ -206,8 +206,8 @@ class LiveLab:
     ) -> LiveState:
         """Advance the arm to a later time (s) with a valve command (Pa), under a load.
 
-        A command beyond what the arm is described for goes as far as that. RequestError for a
-        time before that of the state, and for what is not a number.
+        A command beyond what the arm is described for goes as far as that. RequestError for a time
+        before that of the state, or a non-finite value.
         """
         elapsed = time - state.time
         if not (elapsed >= 0.0 and math.isfinite(elapsed) and math.isfinite(command)):

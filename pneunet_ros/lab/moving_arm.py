@@ -1,7 +1,7 @@
 """The lab arm with its mass, moved by MuJoCo: a chain of hinges with the springs of the chain.
 
-A hinge stands for two elements of a `Chain` of twice as many, so that whatever effects do to the
-chain in an instant, the hinges do.
+A hinge represents two elements of a `Chain` of twice as many, so that effects act on hinges as on
+the chain.
 """
 
 from __future__ import annotations

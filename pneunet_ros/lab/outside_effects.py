@@ -110,10 +110,9 @@ class LabTouchingPeg(LabEffect):
 class LabPush(LabEffect):
     """Something pushes the arm at a place of it, along its normal there, see `Push`.
 
-    It is there from `begins` to `ends`, seconds from the beginning of the recording, between which
-    the force comes and goes in `ramp`, and again `every` so many seconds later. An arm that has
-    mass is plucked by it: it swings when a push without `ramp` ends. Live it is there all the time
-    if it begins at 0.
+    It acts from `begins` to `ends`, in seconds from the beginning of the recording, with ramps of
+    duration `ramp`, and repeats with the period `every`. An arm that has mass is plucked by it: it
+    swings when a push without `ramp` ends. Live it is there all the time if it begins at 0.
     """
 
     name: ClassVar[str] = 'push'

@@ -1,8 +1,8 @@
 """Interpolation of a sensor between two readings, with its uncertainty.
 
 On the straight line between two readings a part of their white noise averages out. But nobody read
-what happened in between: a ramp that goes on through the readings beside is on the line, a value
-that jumped was before or behind it all along, and one that began to ramp is on one side of it.
+what happened in between: a steady ramp is on the line, a value that jumped was at one of its ends
+all along, and a ramp that began in between is on one side of it.
 """
 
 from __future__ import annotations

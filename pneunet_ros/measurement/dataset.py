@@ -302,7 +302,7 @@ def frame_instants(
     """Return the times of all frames on the clock of the readings, (frames,) ns.
 
     A camera that takes its frames together with readings, to which `reading` (frames,) they
-    belong, has stamps with a jitter of their own; those of any other camera are what they say.
+    belong, has stamps with a jitter of their own; times of any other camera are their stamps.
     """
     own = reading_stamp_ns[reading]
     if len(reading_stamp_ns) < 2:

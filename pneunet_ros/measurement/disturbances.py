@@ -105,8 +105,9 @@ class Disturbances:
 def placement_prior(noise: SensorNoise, arclength: Array) -> Array:
     """Return the covariance (2 targets, 2 targets) m^2 of where targets are painted.
 
-    arclength (targets,) m. First along the arm, then across it: each target by itself, and the
-    whole row, which may lie beside the neutral line and have another spacing than the arm file.
+    arclength (targets,) m. First along the arm, then across it: each target independently, and the
+    whole row, which may be offset from the neutral line or have another spacing than in the arm
+    file.
     """
     own, row = max(noise.placement_std, SMALLEST_STD), row_shifts(arclength)
     sizes = np.array([noise.row_spacing_std, noise.row_offset_std])

@@ -334,8 +334,8 @@ def after_gap(
     """Return the covariance of q and p of a chain after a gap (s).
 
     links: the equilibrium now. It may have stepped there at any time of the gap, of which each is
-    as likely: swings that began long ago have died away, and the last ones have not. What swung
-    before the gap goes on, at a phase that is not known any more.
+    as likely: swings that began long ago have died away, and the last ones have not. The swing
+    continues through the gap with an unknown phase.
     """
     from scipy.linalg import expm, solve_continuous_lyapunov  # slow to import, and gaps are rare
 

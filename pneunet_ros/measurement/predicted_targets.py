@@ -33,14 +33,13 @@ KEPT = 64  # sets of targets seen, whose weights are kept
 class PredictedTargets:
     """Where the targets of the arm must be measured; x, y (targets,) m in the base frame.
 
-    errors (sources, 2, targets) m: what one sigma of each independent error of reading or model
-    does to all of them, of F1, F2, M, the pressure and the columns of the model's covariance; the
+    errors (sources, 2, targets) m: effect of one sigma of each independent error of reading or
+    model on all of them: F1, F2, M, the pressure and the columns of the model's covariance; the
     last `own` are of this frame alone: to second order, then of motion. The place of the camera
-    and the targets' own noise are not among these.
-    by_load (3, 2, targets): how they move by F1, F2 (m/N), M (1/N). theta (targets,) rad. share
-    (targets,): where they are, of the way to the last one. placed (2, targets) m: by how much each
-    is painted beside its place, as the calibration found it, and placed_std (targets,) m how well
-    that is known.
+    and the targets' own noise are not among these. by_load (3, 2, targets): how they move by F1,
+    F2 (m/N), M (1/N). theta (targets,) rad. share (targets,): where they are, of the way to the
+    last one. placed (2, targets) m: by how much each is painted beside its place, as the
+    calibration found it, and placed_std (targets,) m how well that is known.
     """
 
     x: Array
@@ -68,8 +67,8 @@ class PredictedTargets:
 class Innovation:
     """Whitened distance of the targets of one frame from their prediction.
 
-    chi_square is that of all `coordinates` together; at_targets (targets,) that of each target by
-    itself, per coordinate, NaN where one was not seen; at_tip that of both coordinates of the tip,
+    chi_square is that of all `coordinates` together; at_targets (targets,) the same for each
+    target, per coordinate, NaN if it was not seen; at_tip that of both coordinates of the tip,
     estimated from all targets, NaN where too few were seen.
     """
 

@@ -269,8 +269,8 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
     """Most likely meaning of the readings of a pressure sensor.
 
     alike: further meanings that are hardly less likely than the other one. low, high: of the
-    readings, in the unit of the sensor; name: of what they were compared with; strange: they are
-    what they are declared to be, and almost surely those of another kind of actuator.
+    readings, in the unit of the sensor; name: of what they were compared with; strange: the
+    declaration is right, but they are almost surely of another kind of actuator.
     """
 
     alike: tuple[PressureConvention, ...]

@@ -3,8 +3,8 @@
 An effect with a memory takes noise off the readings: a play as wide as the noise holds them still,
 and a line averages them; and so does a delay, by which a frame falls between two readings. Where
 pressure and load rest, that predicts better than the readings themselves, and such effects come
-out of recordings that have none. So they are given what the readings say beyond their noise, and
-every frame keeps the noise of its own reading, whatever the memory and the delay.
+out of recordings that have none. So they use the readings beyond their noise, and every frame
+keeps the noise of its own reading, for any memory and delay.
 """
 
 from __future__ import annotations

@@ -65,14 +65,13 @@ class Passed(NamedTuple):
 class Reference:
     """Reference of the shape coordinates, and the equilibrium at some unknowns.
 
-    heading (links,) rad: of the reference; projection (shapes, links): S, and turns
-    (shapes, links) of each shape. links: of the equilibrium at the
-    unknowns (n,), and turning (links, n): how each turns them; turned (links,) rad/s: how fast
-    they turned before. at_tip (shapes, 2) m: how each shape moves the tip. lag
-    (links,) rad: how far faster shapes are behind the equilibrium; left_out (ERRORS, links)
-    rad: one sigma of what a swing leaves out, and of what faster shapes have answered. pull
-    (4, shapes): what a load has done to places and momenta since the last reference, per force on
-    each shape. lost: nobody knows how it swings.
+    heading (links,) rad: of the reference; projection (shapes, links): S, and turns (shapes,
+    links) of each shape. links: of the equilibrium at the unknowns (n,), and turning (links, n):
+    how each turns them; turned (links,) rad/s: how fast they turned before. at_tip (shapes, 2) m:
+    how each shape moves the tip. lag (links,) rad: how far faster shapes are behind the
+    equilibrium; left_out (ERRORS, links) rad: one sigma of the truncation error of a swing, and of
+    the response of the faster modes. pull (4, shapes): what a load has done to places and momenta
+    since the last reference, per force on each shape. lost: nobody knows how it swings.
     """
 
     heading: Array

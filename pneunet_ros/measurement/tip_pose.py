@@ -18,7 +18,7 @@ def with_tip_target(
 ) -> tuple[Arm, list[RecordingData]]:
     """Append the tip as the last target of arm and runs, if any run has its pose.
 
-    A target that is painted there already is seen where it was seen, and else where the pose says.
+    A target painted at the tip keeps its own sightings, and takes the pose in the other frames.
     always: also where no run has a pose, so that another calibration has the same targets.
     """
     if not always and all(run.tip_pose is None for run in runs):

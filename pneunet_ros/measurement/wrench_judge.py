@@ -1,8 +1,8 @@
 """Most likely meaning of end wrench readings: unit x sign x yaw x tare.
 
 The reading of a force sensor as a complex number, f = F1 + i F2, is u e^(i yaw) f + tare in the
-base frame. Where targets were measured, they show the true force, and the meanings are compared
-by what they leave of it; without, by the loads that the model was calibrated for.
+base frame. Measured targets show the true force, and the conventions are compared by their
+residuals; without, by the loads that the model was calibrated for.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Building blocks of messages: a topic, a header, a path, points, an array.
 
 Nothing of ROS is imported: the classes come through `MessageTypes`. A live node (rclpy classes)
-and a recording (classes of rosbags) run the same lines, so what is published and what is written
-is equal to the last bit.
+and a recording (classes of rosbags) use the same code, so that their messages are bitwise equal.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Fast CDR decoding of sensor messages, limited to the fields that are used.
 
 What is returned has the fields of the message that are read here. Only plain little-endian CDR is
-read, which is what every middleware writes on usual computers; None says that it is something
-else, or not what it should be, which the reader of ROS then says.
+read, which is what every middleware writes on usual computers; None means an unexpected type or
+layout, which the reader of ROS then reports.
 """
 
 from __future__ import annotations

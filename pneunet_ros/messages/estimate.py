@@ -1,7 +1,7 @@
 """The outputs of the estimator: an entry for each topic, with the one layout of its messages.
 
-The live node and the replay run the same lines on message classes of their own, so what they
-publish and what they write is equal to the last bit.
+The live node and the replay use the same code on message classes of their own, so that their
+messages are bitwise equal.
 """
 
 from __future__ import annotations

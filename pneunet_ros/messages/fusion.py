@@ -150,8 +150,8 @@ def fuse_message(
 ) -> tuple[FusionState, FusionOutcome]:
     """Take a message of pressure, end wrench or targets: the same lines live and in a replay.
 
-    What comes of it is as of `Fusion.step`; a message that is not what its topic promises is
-    counted and gives a Refusal.
+    The outcome is that of `Fusion.step`; a message that is not what its topic promises is counted
+    and gives a Refusal.
     """
     event: Event
     try:

@@ -154,9 +154,9 @@ def decode_wrench(message: Any) -> WrenchReading:
 def decode_tip_pose(message: Any) -> TipPoseReading:
     """Return the planar part of a PoseStamped, unchanged; MessageError if invalid.
 
-    A quaternion that is none (all zeros, NaN) says that no heading was measured, and a position of
-    0, 0, where the clamp is, that no position was: by an inertial sensor, which measures the
-    heading alone, or by motion capture that does not see the tip, and writes no turn either.
+    An invalid quaternion (all zeros, NaN) means that no heading was measured, and a position of 0,
+    0, which is the clamp, that no position was: by an inertial sensor, which measures the heading
+    alone, or by motion capture that does not see the tip, and writes no turn either.
     """
     try:
         place, turned = message.pose.position, message.pose.orientation

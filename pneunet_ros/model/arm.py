@@ -72,18 +72,18 @@ ONE_PRESSURE = 100.0  # Pa, either side of the row of a table that has but one: 
 class Arm:
     """A pneu-net arm as a rod: the whole content of a model file.
 
-    `target_arclength` (targets,) m is the place of every target; `effects` are in the order
-    of the table of effects; `sources` says where each number comes from. `domain` is what the
-    calibration spanned, `load_hull` its loads as a body in space, None where that is not known.
-    `table_range` (Pa) is where both intrinsic curvature and moment law have rows, `pressure_range`
-    (Pa) what of it is in the domain. `gravity` says where the weight points; `motion` is None
-    where inertia is not modelled, `inertia` the same with what an effect says of it. `sensing`,
-    `seeing` and `acting` are the effects that change what a reading means, where points are seen,
-    and those that have a history; `history_dependent` are the places in `acting` of those whose
-    history changes the rod; `by_load` are the effects that go with the end load and are not
-    neutral. `parted` are the names of those that act on a
-    part of the arm: a neutral one does not, unless `divided` names it or the covariance has a
-    column for it; curved_ends (m) is where parts end that have a curvature of their own.
+    `target_arclength` (targets,) m is the place of every target; `effects` are in the order of the
+    table of effects; `sources` names the source of each number. `domain` is what the calibration
+    spanned, `load_hull` its loads as a body in space, None where that is not known. `table_range`
+    (Pa) is the common range of intrinsic curvature and moment law, `pressure_range` (Pa) its part
+    within the domain. `gravity` says where the weight points; `motion` is None without inertia;
+    `inertia` is the same, as changed by an effect. `sensing`, `seeing` and `acting` are the
+    effects on readings, the effects on seen points, and the effects with a history;
+    `history_dependent` are the indices in `acting` of effects whose history changes the rod;
+    `by_load` are the effects that go with the end load and are not neutral. `parted` are the names
+    of those that act on a part of the arm: a neutral one does not, unless `divided` names it or
+    the covariance has a column for it; curved_ends (m) is where parts end that have a curvature of
+    their own.
     """
 
     name: str

@@ -31,7 +31,7 @@ class Gravity:
 
     Both are zero where gravity is normal to the plane: then the weight bends nothing. source: who
     knows better. Empty: `base_imu`, where there is one; `FIXED`: nobody; `IMU`: only `base_imu`;
-    else the name of a tf frame whose z points up.
+    otherwise the name of a tf frame whose z points up.
     """
 
     x: float = quantity(0.0, unit='-', meaning='share of gravity along E1', bounds=(-1.0, 1.0))

@@ -22,7 +22,7 @@ from pneunet_ros.model.cubic_spline import cubic_spline
 class IntrinsicCurvature:
     """Table of kappa_p0: linear in p between rows, C2 cubic spline (not-a-knot) in s.
 
-    A single row is that of an arm whose pressure never changes, such as a beam.
+    A single row is for an arm whose pressure never changes, such as a beam.
 
     pressure (rows,) Pa; arclength (columns,) as s / l from 0 to 1; curvature (rows, columns) 1/m.
     `rotation` (rows, columns - 1, 5) holds the antiderivative in s / l, piece by piece, as

@@ -138,7 +138,7 @@ class Perturbation:
     def moved(self, rods: Rods, amounts: Array) -> Rods:
         """Return a record (the first of `rods`) moved by so much of each cause, (causes,).
 
-        Those of the loads are left out: what they change stands in the record already.
+        Those of the loads are left out: their changes are in the record already.
         """
         if not amounts.any():
             return rods
@@ -264,7 +264,7 @@ class PerturbationTable:
 
         The causes are a sudden change of the pressure, per Pa, then each column of the covariance,
         per sigma; then the end load, where effects go with it. The neighbors have the arm's own
-        history: what other parameters would have made of it is left out.
+        history: the influence of other parameters on it is left out.
         """
         arm, step = self.arm, 0.5 * float(self.distance[0])
         at = freeze(np.array([pressure]))

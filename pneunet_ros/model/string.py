@@ -151,8 +151,8 @@ def settle(
 def follows_tip(string: String, tip: Array, jacobian: Array) -> Array:
     """Return the amplification of tip changes (x, y, theta) as the string turns, (3, 3).
 
-    jacobian (3, 4): of the tip under a constant force. What it or a covariance says of that is
-    multiplied by this from the left.
+    jacobian (3, 4): of the tip under a constant force. Multiply it, or a covariance, by this from
+    the left.
     """
     turning = np.zeros((3, 3))
     turning[:, :2] = jacobian[:, 1:3] @ string.slope(tip[:2])

@@ -49,9 +49,9 @@ C = TypeVar('C', bound=Configuration)
 class ConfiguredNode(Node, ABC, Generic[C]):
     """Parameters, the services that go with them, model_info, diagnostics and the log of a node.
 
-    configured: makes ready what the values of all parameters ask for, taking from the current
-    configuration what remains, or raises PneunetError; `~/reload_model` gives no current one, so
-    that all files are read again.
+    configured: builds the configuration of all parameter values, reusing unchanged parts of the
+    current one, or raises PneunetError; `~/reload_model` gives no current one, so that all files
+    are read again.
     """
 
     INFO_TOPIC: ClassVar[str] = 'model_info'

@@ -15,7 +15,7 @@ SHARED_TOPICS = ('/diagnostics', '/tf', '/rosout', '/parameter_events', '/clock'
 def rival_sentences(node: Any, shared: Collection[str]) -> Iterator[str]:
     """Name duplicates of a node, and inputs with several publishers.
 
-    shared: topics beside those of all nodes on which several may publish.
+    shared: topics, in addition to the common ones, that may have several publishers.
     """
     own_name = node.get_fully_qualified_name()
     known = list(node.get_node_names_and_namespaces())

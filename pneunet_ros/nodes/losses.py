@@ -25,9 +25,9 @@ class Losses:
     ) -> None:
         """Note that a message was taken.
 
-        info: its message info from rclpy; publishers: counts who publishes on a topic. Each of
-        several has numbers of its own, and a message does not say whose it is: nothing is counted
-        then.
+        info: its message info from rclpy; publishers: counts who publishes on a topic. Each
+        publisher has its own numbering, and a message does not identify its publisher: nothing is
+        counted then.
         """
         number = info.get(NUMBER)
         if number is None:

@@ -1,6 +1,6 @@
 """The parameters of a node: one table, made of the fields of dataclasses of settings.
 
-Names, defaults, units, bounds and meanings stand in the fields and nowhere else.
+Names, defaults, units, bounds and meanings are defined only in the fields.
 """
 
 from __future__ import annotations

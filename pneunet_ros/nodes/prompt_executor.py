@@ -1,7 +1,7 @@
 """An executor that calls back messages at once, in order of arrival.
 
-That of rclpy takes one message of each topic in a turn, makes a task of each callback, and wakes
-once more after it: more work than an estimate, and another order than that of arrival. Its
+The executor of rclpy takes one message of each topic in a turn, makes a task of each callback, and
+wakes once more after it: more work than an estimate, and another order than that of arrival. Its
 EventsExecutor is an experiment, and in the wheels of rclpy 7.1.5 it never calls anything back.
 """
 
@@ -145,10 +145,10 @@ class PromptExecutor(SingleThreadedExecutor):
 
     Of several nodes, the message that arrived first has its turn, after the patience of its node.
     In the pauses of a callback (`core.pauses`) more urgent messages of other nodes have theirs.
-    For nodes with subscriptions, timers and services: nothing else wakes it. What else a node has,
-    such as an action, is looked at every `POLL_NS` where its `is_polled` says so. A process of
-    many nodes has over a hundred services, and waiting for all of them takes longer than an
-    estimate: while messages come, services are looked at every `SERVICE_NS` for each of them.
+    For nodes with subscriptions, timers and services: nothing else wakes it. Other entities of a
+    node, such as actions, are polled every `POLL_NS` if its `is_polled` is set. A process of many
+    nodes has over a hundred services, and waiting for all of them takes longer than an estimate:
+    while messages arrive, services are polled every `SERVICE_NS` for each of them.
     """
 
     def __init__(self, context: Context | None = None) -> None:

@@ -1,8 +1,8 @@
 """The topics of a node: their quality of service, and how it can be overridden.
 
 No publisher or subscription here has event callbacks: rclpy looks after each of them in every turn
-of the executor, which doubles the latency. They would only log what the other side logs as well,
-that a quality of service does not match.
+of the executor, which doubles the latency. They would only log a QoS mismatch, which the other
+side logs as well.
 """
 
 from __future__ import annotations
@@ -92,8 +92,8 @@ def subscription(
 ) -> Any:
     """Create a subscription with QoS of which parameters can override `policies`.
 
-    A callback that takes what rclpy knows of a message beside it is called at once. group: in the
-    order of which messages; None: of this topic alone.
+    A callback with two parameters (message, info) is called at once. group: in the order of which
+    messages; None: of this topic alone.
     """
     if group is None and len(inspect.signature(callback).parameters) == 2:
         group = group_of(node, ArrivalOrder([topic]), topic)
@@ -116,8 +116,8 @@ def group_of(
 def subscribe_in_order(node: Any, takes: Mapping[Input[Any], Callable[..., None]]) -> None:
     """Subscribe to sensor topics, and process their messages in one common order.
 
-    takes: what takes a message of a sensor and what rclpy knows of it, by sensors in the order of
-    ties. Frames are shed while the node is late, and readings never are.
+    takes: callbacks (message, info) by sensor, in the order of ties. Frames are shed while the
+    node is late, and readings never are.
     """
     order = arrival_order(takes)
     node.shedding.waiting = partial(order.waiting, PRESSURE.name)

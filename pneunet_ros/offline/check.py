@@ -104,7 +104,7 @@ def proposed(arm: Arm) -> str:
 def topics_of(recording: Recording, series: Mapping[str, ReadingSeries]) -> list[dict[str, Any]]:
     """Return type, count, rate (Hz), jitter and gaps of every topic.
 
-    Times are those of the header for readings, and of the log for all else.
+    Times are header stamps for readings, and log times for all other topics.
     """
     logged = {topic.name: array('q') for topic in recording.topics}
     for message in recording.raw_messages(tuple(logged)):

@@ -141,9 +141,9 @@ def record_fusion(
 class FusionTally:
     """Counts of a replay of the fusion.
 
-    modes: estimates by mode; determined: estimates with F1, and with F2; contacts: those with a
-    contact, and those in which it may be the tip force as well; beyond: those made while the
-    running NIS was more than noise explains; said: those that say what is wrong with the bench, by
+    modes: estimates by mode; determined: estimates with F1, and with F2; contacts: estimates with
+    a contact, and those in which it may be the tip force as well; beyond: those made while the
+    running NIS was more than noise explains; said: estimates with a warning about the bench, by
     sentence.
     """
 

@@ -43,7 +43,7 @@ Files = Mapping[str, bytes]  # by their place in the folder of the arm
 class FleetArm:
     """An arm of a fleet: its name, its arm file, and its recordings by their role, one of `ROLES`.
 
-    ignored: recordings in its folder whose name says nothing of their role.
+    ignored: recordings in its folder without a role in their name.
     """
 
     name: str
@@ -311,7 +311,7 @@ def work_on_fleet(
     """Yield the result of each arm as it finishes.
 
     A process that dies takes all others of its pool with it, so those that ran then are done again
-    one by one: the arm whose process dies alone is the one, and the others go on.
+    one by one: an arm whose process dies when it runs alone is the cause, and the others continue.
 
     Args:
         arms: of the fleet.

@@ -50,9 +50,9 @@ def look_ahead(
     """Return the initial state of the tracker, and a note if it is not empty.
 
     A recording that begins with the arm bent or hidden gets scale and base frame from the frames
-    further on in which the arm rests; one that begins at rest is tracked as it would be live, and
-    so is one whose camera_info changes or whose stamps jump before the rest. `on_frame` sees
-    each frame that was looked at. Raises CameraError where the arm is upright from the
+    further on in which the arm rests; a recording that begins at rest is tracked as it would be
+    live, and so is one whose camera_info changes or whose stamps jump before the rest. `on_frame`
+    sees each frame that was looked at. Raises CameraError where the arm is upright from the
     beginning, and nothing says which end is the clamp.
     """
     state, frames, first = TrackerState(), 0, ''

@@ -24,7 +24,7 @@ _FOOTER_CHECKSUM = struct.calcsize('<QQ')
 def write_checksums(path: Path) -> None:
     """Write the CRC-32 of every chunk, of the data section and of the summary into a whole file.
 
-    Each covers what the specification of MCAP says, so that any reader can hold it against them.
+    Each covers the range given by the specification of MCAP.
     """
     with path.open('r+b') as stream:
         position = len(MAGIC)

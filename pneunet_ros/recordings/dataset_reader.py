@@ -48,10 +48,9 @@ def read_run(
     """Read pressure, end wrench and targets of a recording, as calibration and diagnosis take it.
 
     A frame belongs to the pressure reading, and the end wrench, whose header stamp is nearest
-    within half a median period; frames without one, those in which no target was seen, and those
-    taken while the pressure jumped are left out. Without a topic of it, or with `wrench_required`
-    false, nothing was attached; a wrench that never changes, and that of a string, is a known
-    load, not a reading.
+    within half a median period; frames without one, without a seen target, or during a jump of the
+    pressure are left out. Without a topic of it, or with `wrench_required` false, nothing was
+    attached; a wrench that never changes, and that of a string, is a known load, not a reading.
     Without a topic of pressure the arm has none. The pose of the tip belongs to the nearest frame,
     too.
 

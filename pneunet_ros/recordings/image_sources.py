@@ -35,9 +35,9 @@ DECODERS = {item.type: item.decode for item in TRACKER_INPUTS}
 class SourceRequest:
     """Options for reading a source.
 
-    camera_info: file with the lens, 'none' for images without distortion, None for what the source
-    says itself. rate: frames per second of a video or a folder. topics: full name of a topic by
-    one of TOPIC_NAMES, for a recording. colored: whether colors are needed, not brightness alone.
+    camera_info: file with the lens, 'none' for images without distortion, None for the lens of the
+    source. rate: frames per second of a video or a folder. topics: full name of a topic by one of
+    TOPIC_NAMES, for a recording. colored: whether colors are needed, not brightness alone.
     """
 
     camera_info: str | None = None

@@ -33,7 +33,7 @@ class ImageStream:
     `read(others)` yields image and camera_info, and of a recording also the topics named in
     `others`, in log time order; of equal log times camera_info comes first. `image_topic` is the
     name of the images' topic, or what it would be; `lens_source` is the source of the lens.
-    `frames` is how many images to expect; `clock` says where their stamps come from.
+    `frames` is how many images to expect; `clock` describes the source of their stamps.
     """
 
     kind: str

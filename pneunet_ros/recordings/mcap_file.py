@@ -2,7 +2,7 @@
 
 Whole, unindexed (`fastwrite`) and cut-off files give the same description, so that whoever reads
 messages need not know which of them it is. Every checksum that there is, is held against what it
-covers: what is damaged is left out, and `McapFile.damage` says so. No length is believed.
+covers: damaged parts are left out and listed in `McapFile.damage`. No length is believed.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Block:
 class McapFile:
     """Contents of a file: channels and schemas by id, messages per channel, and blocks.
 
-    `damage`: sentences on what of it could not be read.
+    `damage`: notes on unreadable parts.
     """
 
     path: Path

@@ -83,7 +83,7 @@ def find_series(
 ) -> str | None:
     """Return the topic of a sensor; None if it is optional and missing.
 
-    Raises RecordingError as `Recording.find` does; where there is none, with what to type.
+    Raises RecordingError as `Recording.find` does; if it is missing, with a remedy.
     """
     name, override = sensor.name, overrides.get(sensor.name)
     if override is None and not recording.candidates(name, sensor.type):

@@ -146,8 +146,8 @@ class Recording:
     def raw_messages(self, topics: Sequence[str]) -> Iterator[RawMessage]:
         """Yield the messages of these topics in log time order, serialized.
 
-        Of equal log times, those of the topic that stands first in `topics` come first. Raises
-        RecordingError where a file turns out to be damaged.
+        Messages of equal log time come in the order of `topics`. Raises RecordingError where a
+        file turns out to be damaged.
         """
         rank = {name: place for place, name in enumerate(topics)}
         order, read, total = count(), 0, self.count(topics)

@@ -269,7 +269,7 @@ def _rows(
     """Yield rows of so many cells, with the numbers of their lines; empty lines pass by.
 
     above: lines of the file that the reader has not seen. cut: the file does not end with the end
-    of a line. left_out: what it says about comments and a last row that is not whole; added here.
+    of a line. left_out: notes on comments and on an incomplete last row; added here.
     """
     comments: list[int] = []
     for cells in reader:

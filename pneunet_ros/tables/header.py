@@ -114,8 +114,7 @@ def _is_number(cell: str) -> bool:
 def units_below(header: Sequence[str], cells: Sequence[str], request: TableRequest) -> list[str]:
     """Return the units of all columns where the line below the names holds such; else nothing.
 
-    That is a line with a unit in one of the columns to be read, and without any digit in the
-    others of them.
+    Such a line has a unit in one of the columns to be read, and no digit in the other ones.
     """
     left_out = {'', *request.ignore, *request.select}
     units = [cell.strip() for cell in cells]

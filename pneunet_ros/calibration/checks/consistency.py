@@ -74,8 +74,8 @@ def tip_distance(
 def has_rested(run: RecordingData, top: float, settings: SameArmSettings) -> npt.NDArray[np.bool_]:
     """Return the frames (frames,) before which the pressure rested long enough.
 
-    It rests for a while after them, too: the stamps of a film may be early, and its frames show
-    what comes then. top: the largest pressure (Pa).
+    It rests for a while after them, too: film stamps may be early, so that frames show a later
+    time. top: the largest pressure (Pa).
     """
     if run.static:
         return np.ones(len(run.stamp_ns), np.bool_)

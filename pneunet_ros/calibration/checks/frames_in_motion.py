@@ -1,9 +1,9 @@
 """Detect frames in which the arm swings, from targets alone, without a model of the arm.
 
 After a quick change an arm swings: beside a straight line its targets then follow a vibration that
-dies away. Where this explains them better than a smooth way of as many numbers, or a vibration
-that goes on, its frequency and decay are found, and every frame shows how far the arm is, and
-would swing, beside its equilibrium: as `measurement.moving_arm.is_settled`, without a model.
+dies away. If this explains the frames better than a smooth motion with as many numbers, or an
+undamped vibration, its frequency and decay are used, and every frame shows the current and
+remaining amplitude about equilibrium: as `measurement.moving_arm.is_settled`, without a model.
 """
 
 from __future__ import annotations
@@ -199,8 +199,8 @@ def checked_at_rest(
 ) -> tuple[list[RecordingData], list[RecordingData], FramesInMotion | None]:
     """Return recordings less the frames in motion, checked as by `check_runs`.
 
-    What these checks say of an arm that moves is not said of it. A loaded recording that rests
-    without its load alone is left out as well.
+    Results of static checks do not apply to a moving arm. A loaded recording that rests without
+    its load alone is left out as well.
     """
 
     def check(free: Sequence[RecordingData], pulled: Sequence[RecordingData]) -> None:
@@ -318,9 +318,9 @@ def gains_of(
 ) -> list[tuple[float, int]]:
     """Return the advantage of each vibration over all other explanations of the courses.
 
-    vibrations: of one frequency. The gain is that of the log likelihood in all windows, each so
-    many seconds long and with noise of its own, in which pressure and load follow straight lines;
-    beside it is their number.
+    vibrations: of one frequency. The gain is in log likelihood over all windows of this length in
+    seconds, each with its own noise, in which pressure and load are linear; beside it is their
+    number.
     """
     driven = replace(vibrations[0], rate=0.0)  # what goes on as long as it likes is driven
     others: tuple[Columns, ...] = (driven.columns, *smooth_ways(seconds))
@@ -371,8 +371,8 @@ def left_of(columns: Array, values: Array) -> Array:
 def at_rest(course: Course, vibration: Vibration, noise: float) -> Flags:
     """Return the frames (n,) in which the arm is in equilibrium and stays there.
 
-    One window of a period, before, about or after a frame, must say so: the vibration in it is
-    small beside the noise (m) of a target, all else is noise, and pressure and load have not just
+    One window of a period, before, about or after a frame, must say so: its vibration is small
+    relative to the noise (m) of a target, the rest is noise, and pressure and load have not just
     begun to change.
     """
     rest = np.zeros(course.time.size, np.bool_)

@@ -26,7 +26,7 @@ from pneunet_ros.measurement.forward_model import ForwardModel
 class LeftOutRecordings:
     """Changes of a fit when each of some recordings is left out.
 
-    changed: by how much the tip moves in the recording left out, over what errors say; excess
+    changed: tip displacement in the recording left out, relative to its standard error; excess
     (parameters, recordings): columns of the covariance that this adds, where it is more.
     """
 

@@ -1,13 +1,13 @@
 """Uneven bending that no target shows, added to the covariance of a fit.
 
-A curvature that is constant between the clamp and the tip, or a curve through a few numbers, is
-an estimate and no knowledge. What such a curve leaves out is not a parameter of the fit; it is
+A curvature that is constant between the clamp and the tip, or a curve through a few numbers, is an
+estimate and no knowledge. What such a curve leaves out is not a parameter of the fit; it is
 considered: a departure d with a known prior S changes what the fit finds by C I d, where C is the
 covariance of the fit and I the information of the data, so that the error is E d with E = C I - 1,
 and the covariance in all C + E S E^T (Schmidt's consider covariance: S. F. Schmidt, Advances in
 Control Systems 3, 1966). What the targets determine stays as sure as they make it. Where the fit
-is wrong by E d, the painted places of the targets, found from the same pictures, are wrong by
-G E d: G is what the posterior says that they take with them.
+is wrong by E d, the painted places of the targets, found from the same pictures, are wrong by G E
+d: G is the gain of the posterior from them.
 """
 
 from __future__ import annotations

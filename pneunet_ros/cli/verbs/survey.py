@@ -202,7 +202,7 @@ class Survey:
     ) -> dict[str, Any]:
         """Write the results of an arm, and return its row.
 
-        What went wrong by itself, such as a worker that died, is not kept: it is tried again.
+        Failures of the process, such as a worker that died, are not kept: it is tried again.
         """
         from pneunet_ros.cli.survey_arm import FOUND
 

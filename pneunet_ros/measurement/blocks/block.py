@@ -1,6 +1,6 @@
 """The contract of a block: one cause of error, as unknowns with a prior.
 
-A block owns the numbers of its cause and says what the engines of `measurement/inference` ask:
+A block owns the unknowns of its cause and implements the interface of `measurement/inference`:
 
 =========== ================================ =================================================
 question    answer                           it is

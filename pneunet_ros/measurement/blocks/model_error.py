@@ -5,7 +5,7 @@ has been: a part of the intrinsic curvature that follows the chamber late, and t
 a play. How large these parts are stays the same, so frames determine them even without a force
 sensor, and the force is corrected by them.
 
-Whatever else is missing is a slow error of the pressure (`pressure_error`) and one of intrinsic
+All other model error is a slow error of the pressure (`pressure_error`) and one of intrinsic
 curvature and stiffness, which move with time and with the pressure. One number says how much,
 their size: the share of what the whole range of pressure does. It is not known either
 (`inference/variance_component`). So intervals become wide where something is missing, and stay

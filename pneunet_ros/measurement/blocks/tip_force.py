@@ -154,8 +154,8 @@ class TipForce(Block):
     ) -> Walk:
         """Return the walk after a frame, by what the variances leave of the changes of forces.
 
-        frames: used before it. It rises at once and falls in `walk_time`, but not below the walk
-        of the tip force as it was on average.
+        frames: used before it. It rises immediately and falls within `walk_time`, but not below
+        the mean walk of the tip force.
         """
         found = [(one.squared - one.explained) / seconds for one in changes]
         weights = [one.explained**-2.0 if one.of_tip else 0.0 for one in changes]

@@ -96,8 +96,8 @@ def reading_errors(
     `ForwardModel.point_jacobian`, and a row more for a heading, which the camera does not move.
     The last two are the camera between the nodes of its path. A known load is wrong by the same in
     every frame, and no error of a reading: it is among `Disturbances`. Frames count as if each had
-    readings of its own; so where they share some, the errors are larger by the root of how many
-    do, and all of them together carry the information of those readings.
+    readings of its own; so if they share some, the errors are larger by the square root of their
+    number, and together carry the information of those readings.
     """
     moves = pressure_moves(model, arm, run, inputs, jacobian)
     pressure = pressure_std(noise, arm, run) * np.sqrt(frames_of_pressure(arm, run))
@@ -134,7 +134,7 @@ def shown_instants(arm: Arm, run: RecordingData) -> Stamps:
 def pressure_std(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
     """Return one sigma (Pa) of the pressure in every frame, (frames,).
 
-    That of a reading, and what the straight line between two readings misses.
+    Noise of a reading and interpolation error.
     """
     missed = missed_pressure(noise, arm, run)
     return np.asarray(np.hypot(noise.pressure_std, missed))

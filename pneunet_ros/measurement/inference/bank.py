@@ -1,8 +1,8 @@
 """A bank of hypotheses, each with its own belief.
 
-A hypothesis is a set of causes and what is believed if these, and no others, are at work. All
-take the same frames; what a frame says of each, its evidence, adds to its weight. One that is far
-less likely than the best is dropped, and its belief with it: nothing else has to be forgotten.
+A hypothesis is a set of causes and what is believed if these, and no others, are at work. All take
+the same frames; the evidence of a frame for each adds to its weight. One that is far less likely
+than the best is dropped, and its belief with it: nothing else has to be forgotten.
 
 Source: multiple models with common measurements: Magill, IEEE Trans. Automatic Control 10 (1965);
 evidence: MacKay, Neural Computation 4 (1992).

@@ -81,8 +81,8 @@ def prior_log_odds(
 ) -> float:
     """Return the log odds (nats) in favor of another prior, given all measurements so far.
 
-    Of some constant unknowns; before, after: one sigma (k,) of the prior that what is known came
-    from, and of the other one; center (k,): mean of both. -inf where one was known exactly.
+    Of some constant unknowns; before, after: one sigma (k,) of the prior in use, and of the other
+    one; center (k,): mean of both. -inf where one was known exactly.
     """
     return (
         -math.inf if not before.all() else _other_prior(known, where, (before, after), center)[2]
@@ -94,7 +94,7 @@ def with_prior(
 ) -> tuple[Known, float]:
     """Replace the prior of some constant unknowns by another one, after all measurements.
 
-    What measurements have said of them since is kept, and what they said of all others follows.
+    The information of all measurements since is kept, and the correlated unknowns follow.
 
     Args:
         known: mean and root, that came from a prior on these unknowns.

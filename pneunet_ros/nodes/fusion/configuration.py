@@ -31,7 +31,7 @@ from pneunet_ros.nodes.sensor_description import sensor_description
 class NodeSettings:
     """Settings of the node, in addition to those of its sensors.
 
-    Of the numbers by which it fuses those that hang on the stack around it.
+    The settings of the fusion that depend on the setup.
     """
 
     model_file: str = setting('', f'model file of the arm; empty: the shipped {SHIPPED_MODEL}')

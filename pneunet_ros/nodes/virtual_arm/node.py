@@ -179,7 +179,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     def measure(self) -> None:
         """Publish the readings of wrench and pressure, and the truth if it has subscribers.
 
-        Of a moment of the time of ROS there is one reading: while /clock stands still, no more.
+        Of a moment of the time of ROS there is one reading: no more while /clock stands still.
         """
         stamp_ns = self.advance()
         self.still = stamp_ns in (0, self.stamp_ns)

@@ -46,10 +46,9 @@ def write_report(
 ) -> Path:
     """Write the report of a calibration into a folder, and return the path of its page.
 
-    The folder appears whole or not at all. provenance: what is known of the inputs, nested as it
-    pleases, shown as it is; files: for the command that comes next. Raises
-    RecordingError when the folder exists (without `overwrite`), or holds something other than an
-    earlier report, or cannot be written.
+    The folder appears whole or not at all. provenance: nested information on the inputs, shown
+    unchanged; files: for the command that comes next. Raises RecordingError when the folder exists
+    (without `overwrite`), or holds something other than an earlier report, or cannot be written.
     """
     with atomic_output(directory, overwrite=overwrite, replaceable=REPLACEABLE) as folder:
         folder.mkdir()

@@ -24,8 +24,8 @@ DISCOVERED = 'discovered', THIRD  # name and color of the model with a discovere
 class RecordingErrors:
     """Errors of both models on a recording, (frames, 2, targets) m, registration removed.
 
-    noise (frames, 2, targets) m: one sigma of what noise alone does to each coordinate, that of
-    the readings of pressure and force included.
+    noise (frames, 2, targets) m: one sigma of each coordinate by noise alone, including that of
+    pressure and force readings.
     """
 
     run: RecordingData

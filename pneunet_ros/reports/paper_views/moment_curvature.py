@@ -117,9 +117,9 @@ def line(
 ) -> Line | None:
     """Fit the line through some stations of a view; None with too few targets.
 
-    The error is in kappa, not in M_est, so kappa - kappa0 is regressed on the moment; the other
-    way round the rigidity would come out too small. Stations between targets add no information:
-    standard errors count targets.
+    The error is in kappa, not in M_est, so kappa - kappa0 is regressed on the moment; the reverse
+    would underestimate the rigidity. Stations between targets add no information: standard errors
+    count targets.
     """
     if targets < LEAST_TARGETS or np.count_nonzero(inside) < LEAST_TARGETS:
         return None

@@ -14,9 +14,9 @@ GAP = 3.0  # usual distances of frames, from which there is a gap
 def heat(times: Array, statuses: Array) -> tuple[Array, Array]:
     """Return time edges (n + 1,) and cell values (n, targets) of a heat map.
 
-    statuses (frames, targets): 1 seen, 0 missing, -1 without explanation. What comes out is the
-    share of explained frames in which a target was seen, -1 where there was none of them, NaN
-    where there were no frames.
+    statuses (frames, targets): 1 seen, 0 missing, -1 without explanation. Cell values are the
+    share of explained frames in which a target was seen, -1 without explained frames, NaN without
+    frames.
     """
     together = math.ceil(len(times) / COLUMNS)
     usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0

@@ -47,7 +47,7 @@ class TrackingPage:
     source: what the user named; model: name of the arm; target_arclength (targets,) m; estimated:
     the shapes that the recording holds, None without; preview: what is drawn of all frames; film:
     the numbers of the delay of a film with a table, there when the page is made, empty without.
-    arm_options, image_options: what the user said of the arm and of the images, as it is typed.
+    arm_options, image_options: the options for the arm and for the images, as typed.
     """
 
     source: str
