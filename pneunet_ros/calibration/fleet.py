@@ -31,19 +31,21 @@ class FleetSettings:
     """Criteria for an odd arm."""
 
     level: float = tuning(
-        0.01, 'chance that one of a fleet of alike arms is called odd', source='convention'
+        0.01, 'false-alarm probability per fleet of equal arms', source='convention'
     )
-    draws: int = tuning(400, 'simulated fleets behind the threshold')
-    fewest: int = tuning(12, 'arms that know a number, below which it is not compared')
-    shown: int = tuning(2, 'arms that know a number, below which it is not shown')
+    draws: int = tuning(400, 'simulated fleets for the threshold')
+    fewest: int = tuning(12, 'fewest arms with a known value for a comparison')
+    shown: int = tuning(2, 'fewest arms with a known value for a figure')
     reached: float = tuning(0.75, 'share of the arms that reach the pressure of the comparison')
     shrunk: float = tuning(0.1, 'shrinkage of median correlations, which are poor with few arms')
     counted: float = tuning(
-        0.01, 'probability of a distance, below which an arm does not count', source='convention'
+        0.01,
+        'probability of a deviation below which an arm is excluded from the center',
+        source='convention',
     )
-    least: float = tuning(0.3, 'scatter to begin with, at least', unit='error bar')
+    least: float = tuning(0.3, 'initial scatter, at least', unit='error bar')
     even: float = tuning(
-        1e-4, 'spread of the curvature along an arm that counts as none', unit='curvature'
+        1e-4, 'largest spread of the curvature along an arm that counts as zero', unit='curvature'
     )
 
 

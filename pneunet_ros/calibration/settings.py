@@ -17,18 +17,22 @@ class PreconditionSettings:
     declared: what the pressure readings were taken to mean, which is judged; None: it is right.
     """
 
-    fewest_frames: int = tuning(3, 'frames, of all recordings together')
+    fewest_frames: int = tuning(3, 'fewest frames, of all recordings together')
     fewest_targets: int = tuning(4, 'targets seen somewhere in a recording')
-    smallest_motion: float = tuning(0.0045, 'of the tip', unit='length')
-    unloaded_force: float = tuning(0.12, 'more than the offset of a force sensor', unit='weight')
-    largest_pressure: float = tuning(1e6, 'gauge', unit='Pa')
+    smallest_motion: float = tuning(0.0045, 'least motion of the tip', unit='length')
+    unloaded_force: float = tuning(
+        0.12, 'largest force of an unloaded recording, as by the offset of a sensor', unit='weight'
+    )
+    largest_pressure: float = tuning(1e6, 'largest plausible gauge pressure', unit='Pa')
     declared: PressureConvention | None = GAUGE_PASCALS
     bending_motion: float = tuning(
-        0.05, 'pressures that bend so much are no few Pa', unit='length'
+        0.05, 'motion of the tip that shows a pressure of more than a few Pa', unit='length'
     )
-    largest_force: float = tuning(100.0, 'on an arm', unit='weight')
-    longest: float = tuning(1.3, 'from the clamp to a target', unit='length')
-    nearest: float = tuning(0.02, 'from the clamp to the last target', unit='length')
+    largest_force: float = tuning(100.0, 'largest plausible force on an arm', unit='weight')
+    longest: float = tuning(1.3, 'largest distance from the clamp to a target', unit='length')
+    nearest: float = tuning(
+        0.02, 'least distance from the clamp to the last target', unit='length'
+    )
     shortest_row: float = tuning(
         0.5,
         'the row of targets where it looks longest: chords are shorter than arcs; invented',
@@ -45,21 +49,23 @@ class PreconditionSettings:
 class SameArmSettings:
     """Criteria for recordings of one arm: one unloaded shape per pressure."""
 
-    same_pressure: float = tuning(0.01, 'how near', unit='largest pressure')
-    another_time: float = tuning(0.2, 'frames so far apart show the past', unit='recording')
-    fewest_pairs: int = tuning(5, 'pairs of frames at the same pressure')
-    rest: float = tuning(1.0, 'rest after which a line is filled', unit='s')
+    same_pressure: float = tuning(0.01, 'tolerance of an equal pressure', unit='largest pressure')
+    another_time: float = tuning(
+        0.2, 'time after which a frame at the same pressure shows the history', unit='recording'
+    )
+    fewest_pairs: int = tuning(5, 'fewest pairs of frames at the same pressure')
+    rest: float = tuning(1.0, 'rest after which a pressure line is filled', unit='s')
     clocks: float = tuning(
         0.25,
-        'rest that goes on: a film may be early by as much',
+        'rest required after a frame: a film may be early by as much',
         unit='s',
         source='the prior of camera_delay, 0.2 s, and a frame',
     )
-    two_arms: float = tuning(0.03, 'what two arms differ by at least', unit='length')
+    two_arms: float = tuning(0.03, 'least difference of two arms', unit='length')
     two_arms_unknown: float = tuning(
         0.06, 'the same, if no recording shows the effect of history', unit='length'
     )
-    times_past: float = tuning(3.0, 'as much as the past does')
+    times_past: float = tuning(3.0, 'difference relative to that by history')
     outlier: float = tuning(5.0, 'chi squared per coordinate of an outlier recording')
     misfit: float = tuning(4.0, 'chi squared per coordinate that indicates a model error')
     few_frames: float = tuning(
@@ -74,64 +80,72 @@ class SameArmSettings:
         unit='of the range',
         source='virtual lab: kappa_p0 is off by 1.4 standard errors rms at 0.015, 2.2 at 0.023',
     )
-    times_others: float = tuning(5.0, "of an outlier, over the others' median")
+    times_others: float = tuning(5.0, 'chi squared of an outlier over the median of the others')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseEstimateSettings:
     """Settings of the noise estimate."""
 
-    fewest: int = tuning(20, 'values for an estimate, and frames of a run to take them from')
-    restless: float = tuning(1.5, 'readings of a run that moves', unit='of the quietest run')
-    even: float = tuning(1.5, 'mean over targets, of an even motion', unit='sigma')
+    fewest: int = tuning(
+        20, 'fewest values for an estimate, and frames of a run to take them from'
+    )
+    restless: float = tuning(
+        1.5, 'noise of a run above which it is taken to move', unit='of the quietest run'
+    )
+    even: float = tuning(1.5, 'largest mean over targets in a steady motion', unit='sigma')
     least_target: float = tuning(
         1e-4,
         'of targets, at least: a lossy film repeats what rests, and differences show no noise',
         unit='length',
         source='measured: 5e-6 where a film has 4e-5; rounded up',
     )
-    at_clamp: float = tuning(0.01, 'so near a target does not move with the arm', unit='length')
-    blocks: int = tuning(8, 'of a run, whose means show the drift of the camera')
-    smooth_degree: int = tuning(6, 'of the polynomial that a straight arm follows, at most')
+    at_clamp: float = tuning(
+        0.01,
+        'distance from the clamp within which a target does not move with the arm',
+        unit='length',
+    )
+    blocks: int = tuning(8, 'blocks of a run whose means show the drift of the camera')
+    smooth_degree: int = tuning(6, 'largest degree of the polynomial along a straight arm')
     fewest_targets: int = tuning(8, 'for a placement')
-    freedom: int = tuning(3, 'targets more than the polynomial has numbers, at least')
+    freedom: int = tuning(3, 'targets in excess of the coefficients of the polynomial, at least')
     many_targets: int = tuning(12, 'that can resolve a small placement, and equal noise')
-    often: float = tuning(0.5, 'share of the frames, in which a target counts as seen')
-    straightest: float = tuning(0.1, 'share of the unloaded frames')
+    often: float = tuning(0.5, 'share of the frames in which a target must be seen to count')
+    straightest: float = tuning(0.1, 'share of the unloaded frames, the straightest ones')
     placement: float = tuning(
         1e-3,
-        'of the painted place of a target, if not estimated',
+        'std of the painted place of a target, if not estimated',
         unit='way to the last target',
         source='invented: twice that of the virtual lab',
     )
     registration: float = tuning(
         2e-3,
-        "of the camera's place, if not estimated",
+        "std of the camera's place, if not estimated",
         unit='way to the last target',
         source='invented: twice that of the virtual lab',
     )
     drift: float = tuning(
         1e-3,
-        'of its drift, if not estimated',
+        "std of the camera's drift, if not estimated",
         unit='way to the last target',
         source='invented: twice that of the virtual lab',
     )
-    fewest_levels: int = tuning(12, 'of readings, for a sensor that reads in steps')
+    fewest_levels: int = tuning(12, 'fewest levels of a sensor with visible quantization')
     repeats: float = tuning(
-        0.2, 'of readings that are the one before again, from a coarse sensor', source='invented'
+        0.2, 'share of repeated readings of a coarse sensor', source='invented'
     )
-    off_grid: float = tuning(0.1, 'from whole steps, by rounded decimals', unit='step')
-    on_grid: float = tuning(0.9, 'of the levels of a sensor that reads in steps')
+    off_grid: float = tuning(0.1, 'tolerance of the grid, for rounded decimals', unit='step')
+    on_grid: float = tuning(0.9, 'share of the levels of a quantized sensor that lie on the grid')
     differs: float = tuning(
-        2.5, 'as large, or small, as the noise that is stated: said', source='invented'
+        2.5, 'ratio to the stated noise from which a difference is reported', source='invented'
     )
     alike: float = tuning(
         0.3,
-        'correlation of neighboring targets at rest, from which on their noise is not their own',
+        'correlation of neighboring targets at rest that counts as common noise',
         source='invented',
     )
     heading: float = tuning(
-        0.02, 'of a measured heading, if not estimated', unit='rad', source='invented'
+        0.02, 'std of a measured heading, if not estimated', unit='rad', source='invented'
     )
 
 
@@ -139,14 +153,18 @@ class NoiseEstimateSettings:
 class ResolutionSettings:
     """Resolution of recordings, and the prior for what they do not resolve."""
 
-    knots: int = tuning(11, 'of kappa_p0 along the arm, at most')
-    apart: float = tuning(0.05, 'between targets that show two things', unit='length')
+    knots: int = tuning(11, 'most knots of kappa_p0 along the arm')
+    apart: float = tuning(
+        0.05, 'distance between targets that resolve two features', unit='length'
+    )
     noise_span: float = tuning(
         8.0, 'pressures, or loads, that differ by more are two', unit='sigma'
     )
-    few_pressures: int = tuning(6, 'fewer are said', source='invented')
+    few_pressures: int = tuning(
+        6, 'number of pressures below which a note is given', source='invented'
+    )
     law_frames: int = tuning(20, 'loaded frames to distinguish two sections of the arm')
-    law_shapes: int = tuning(3, 'the same, targets that stand apart')
+    law_shapes: int = tuning(3, 'the same in distinct targets')
     nonuniform: float = tuning(
         0.3,
         'of kappa_p0 around its mean along the arm, one sigma, where no target shows it',
@@ -164,20 +182,24 @@ class ResolutionSettings:
 class ExperimentSettings:
     """The table of kappa_p0, its prior, and the number of frames of the first fits."""
 
-    rows: int = tuning(9, 'of kappa_p0, over the span of the pressure')
+    rows: int = tuning(9, 'rows of kappa_p0 over the span of the pressure')
     amplitude: float = tuning(5.0, 'kappa_p0 at the highest pressure', unit='1/length')
-    std: float = tuning(0.5, 'of its part that is not proportional to pressure', unit='1/length')
-    length_scale: float = tuning(0.18, 'over which kappa_p0 is smooth', unit='length')
-    uniform: float = tuning(1e3, 'length scale of what is the same all along', unit='length')
-    outliers: float = tuning(0.002, 'readings beyond the range at either end', unit='share')
-    first_frames: int = tuning(40, 'of every run, for the search before the fit to all')
-    first_stiffness: float = tuning(0.05, 'alpha where the search for it begins')
+    std: float = tuning(
+        0.5, 'std of the part of kappa_p0 that is not proportional to pressure', unit='1/length'
+    )
+    length_scale: float = tuning(0.18, 'correlation length of kappa_p0', unit='length')
+    uniform: float = tuning(1e3, 'correlation length of a constant', unit='length')
+    outliers: float = tuning(
+        0.002, 'share of readings outside the range at either end', unit='share'
+    )
+    first_frames: int = tuning(40, 'frames of every run for the first search')
+    first_stiffness: float = tuning(0.05, 'initial alpha of the search')
     most_frames: int = tuning(
         5400,
-        'of all recordings, that are fitted: evenly spread over longer ones',
+        'most frames of all recordings that are fitted, evenly spread',
         source='measured: 0.27 MB a frame, so that an hour of film stays below 2 GB',
     )
-    covariance_frames: int = tuning(24, "of every run, for the covariance's few columns")
+    covariance_frames: int = tuning(24, 'frames of every run for the low-rank covariance')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -211,8 +233,8 @@ class MomentLawSettings:
 class MapEstimationSettings:
     """Stopping criteria of the search for the most probable parameters."""
 
-    small_step: float = tuning(0.05, 'size of all that is fitted that ends it', unit='sigma')
-    nearly: float = tuning(10.0, 'left where no step helps any more: still a model', unit='sigma')
+    small_step: float = tuning(0.05, 'size of a step at which the fit has converged', unit='sigma')
+    nearly: float = tuning(10.0, 'remaining gain when no step helps: still accepted', unit='sigma')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -222,7 +244,7 @@ class IdentifiabilitySettings:
     well_known: float = tuning(
         0.5, 'largest share of the prior sigma for a parameter to count as determined'
     )
-    confounded: float = tuning(0.95, 'correlation of two quantities that go together')
+    confounded: float = tuning(0.95, 'correlation of two confounded quantities')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -230,19 +252,19 @@ class StiffnessVariationSettings:
     """Criteria for a stiffness that varies along the arm, and the consequences."""
 
     modes: int = tuning(4, 'Legendre polynomials of ln EI along the arm')
-    expected: float = tuning(0.3, 'of ln EI in each of them, one sigma', source='invented')
+    expected: float = tuning(0.3, 'prior sigma of ln EI in each of them', source='invented')
     significant: float = tuning(
         100.0,
-        'chi squared that they explain, and that no noise does',
+        'chi squared that they explain beyond noise',
         source='invented: of 24 arms of the virtual lab whose law is the true one at most 34',
     )
     most_nees: float = tuning(
         0.3,
-        'mean normalized square that it may add to the error of the tip, of 2 coordinates',
+        'largest contribution to the NEES of the tip, of 2 coordinates',
         source='half of what the mean of tips that are covered well enough, 2.6, is beyond 2',
     )
     most_error: float = tuning(
-        0.5, 'of ln EI, one sigma, that a law is widened by at most', source='invented'
+        0.5, 'largest sigma of ln EI by which a law is widened', source='invented'
     )
 
 
@@ -250,19 +272,23 @@ class StiffnessVariationSettings:
 class SteadyStateSettings:
     """Criteria for steady states of a run, and for holds."""
 
-    share_of_span: float = tuning(0.01, 'that a state may span', unit='largest reading')
+    share_of_span: float = tuning(
+        0.01, 'share of the range that a steady state may span', unit='largest reading'
+    )
     noise_span: float = tuning(8.0, 'that readings of one value may span', unit='sigma')
-    hold_share: float = tuning(0.3, 'of the longest state, at least, for a hold')
-    fewest_holds: int = tuning(4, 'to look at holds alone')
-    covered: float = tuning(0.8, 'of the pressures, that holds must span')
+    hold_share: float = tuning(0.3, 'least duration of a hold, relative to the longest state')
+    fewest_holds: int = tuning(4, 'fewest holds for using holds alone')
+    covered: float = tuning(0.8, 'share of the pressures that holds must span')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipForceSettings:
     """Stopping criteria of the search for an end force, and when that force is determined."""
 
-    largest_step: float = tuning(0.6, 'of a component in one step', unit='weight')
-    largest_sigma: float = tuning(60.0, 'what is less certain is not determined', unit='weight')
+    largest_step: float = tuning(0.6, 'largest step of a component', unit='weight')
+    largest_sigma: float = tuning(
+        60.0, 'standard error beyond which a force is not determined', unit='weight'
+    )
 
 
 PRECONDITIONS, CONSISTENCY = PreconditionSettings(), SameArmSettings()

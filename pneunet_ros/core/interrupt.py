@@ -1,4 +1,4 @@
-"""Interrupts: held back while something is done that must be done whole, and over when met."""
+"""Deferred interrupts, for work that must be completed."""
 
 from __future__ import annotations
 

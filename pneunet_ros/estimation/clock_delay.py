@@ -38,7 +38,7 @@ class ClockDelaySettings:
 
     components: int = tuning(
         2,
-        'of the motion of all targets that are looked at',
+        'principal components of the motion that are used',
         unit='number',
         source=(
             'invented; '
@@ -46,7 +46,7 @@ class ClockDelaySettings:
             '0.0107'
         ),
     )
-    fewest_frames: int = tuning(40, 'in which the targets were seen', unit='frame')
+    fewest_frames: int = tuning(40, 'fewest frames with targets', unit='frame')
     seen: float = tuning(
         0.8,
         'share of the frames in which a target must be seen',
@@ -54,7 +54,7 @@ class ClockDelaySettings:
     )
     overlap: float = tuning(
         0.75,
-        'of the shorter of film and table that must be in both',
+        'least overlap of film and table, relative to the shorter one',
         source=(
             'invented; '
             'sweep: halved: triangles std 0.00821 -> 0.0166; doubled: steps known True -> False'
@@ -71,10 +71,10 @@ class ClockDelaySettings:
         'residual of the next best delay over that of the best, squared',
         source='sweep: halved: one ramp known False -> True; doubled: nothing',
     )
-    apart: float = tuning(5.0, 'from a delay to the next', unit='frame')
+    apart: float = tuning(5.0, 'distance of two separate delays', unit='frame')
     powers: int = tuning(
         6,
-        'of the pressure',
+        'highest power of the pressure',
         unit='number',
         source=(
             'invented; '
@@ -84,7 +84,7 @@ class ClockDelaySettings:
     )
     plays: tuple[Plays, ...] = tuning(
         (((0.01, 0.04, 0.16), 4), ((0.02, 0.08), 4), ((0.005, 0.015, 0.03, 0.06, 0.12), 2)),
-        'sets of plays, of which each is fitted; how far they disagree is in the standard error',
+        'sets of plays, each fitted; their spread is part of the standard error',
         unit='range of pressure',
         source=(
             'invented; '
@@ -94,7 +94,7 @@ class ClockDelaySettings:
     )
     law: float = tuning(
         0.1,
-        'error of what plays change in the delay: no arm has just these',
+        'relative error of the effect of plays on the delay',
         source=(
             'sweep: halved: ramps std 0.00784 -> 0.00578; doubled: ramps std 0.00784 -> 0.0132'
         ),
@@ -104,7 +104,7 @@ class ClockDelaySettings:
         'least share of the effect of a delay that no play can imitate',
         source='measured: 0.00 to 0.09 where pressure goes round one loop, else 0.10 to 0.95',
     )
-    law_range: float = tuning(0.5, 'in which the delay without plays is looked for', unit='s')
+    law_range: float = tuning(0.5, 'search range of the delay without plays', unit='s')
     relaxations: tuple[float, ...] = tuning(
         (1.0, 3.0, 10.0, 30.0),
         'time constants',
@@ -120,7 +120,9 @@ class ClockDelaySettings:
         unit='period',
         source='sweep: halved: steps std 0.0024 -> 0.00161; doubled: steps std 0.0024 -> 0.00431',
     )
-    blur: float = tuning(0.02, 'by which its error may move a frame', unit='range of motion')
+    blur: float = tuning(
+        0.02, 'largest displacement of a frame by the error of the delay', unit='range of motion'
+    )
 
 
 NO_PLAYS: Plays = ((), 1)

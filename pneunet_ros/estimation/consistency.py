@@ -47,7 +47,7 @@ class ConsistencySettings:
 
     reach: float = tuning(
         0.75,
-        'of a frame from the nearest reading: half of it, and half as much for stamps that jitter',
+        'distance of a frame from the nearest reading, with half as much for jitter',
         unit='period',
         source=(
             'invented; '
@@ -55,13 +55,15 @@ class ConsistencySettings:
             'doubled: nothing'
         ),
     )
-    fewest_frames: int = tuning(10, 'frames, before anything is claimed')
-    share: float = tuning(0.25, 'share of recent frames beyond the limit that is a disagreement')
+    fewest_frames: int = tuning(10, 'fewest frames for a verdict')
+    share: float = tuning(
+        0.25, 'share of recent frames beyond the limit that counts as a disagreement'
+    )
     most_beyond: float = tuning(
-        0.05, 'share of the frames of a recording beyond the limit on which a model still holds'
+        0.05, 'largest share of frames beyond the limit for a model that holds'
     )
     tip_level: float = tuning(
-        0.05, 'of the frames whose tip noise takes out of its ellipse', source='convention'
+        0.05, 'share of frames whose tip leaves its ellipse by noise', source='convention'
     )
     most_tips: float = tuning(
         0.2,
@@ -69,9 +71,7 @@ class ConsistencySettings:
         'puts more outside',
         source='invented; 24 recordings of the virtual lab by the true model: 0.01 to 0.11',
     )
-    sure: float = tuning(
-        1e-3, 'probability that so many tips are outside by chance', source='invented'
-    )
+    sure: float = tuning(1e-3, 'probability of so many tips outside by chance', source='invented')
 
 
 DEFAULTS = ConsistencySettings()

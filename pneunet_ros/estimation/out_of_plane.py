@@ -16,7 +16,7 @@ TINY = 1e-300  # no limit at all, of sensors without noise
 class OutOfPlaneSettings:
     """Limits of out-of-plane loads: more than noise, and too much for an estimate."""
 
-    noise: float = tuning(4.0, 'what the noise of the sensor explains', unit='sigma')
+    noise: float = tuning(4.0, 'sigma explained by sensor noise', unit='sigma')
     stop: float = tuning(3.0, 'error, as a multiple of the limit of a warning', source='contract')
 
 

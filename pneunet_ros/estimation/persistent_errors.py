@@ -46,13 +46,13 @@ class PersistenceSettings:
 
     frames: int = tuning(
         200,
-        'of a recording that are used, evenly spread, up to twice as many',
+        'frames of a recording that are used, evenly spread, up to twice as many',
         source=(
             'invented; sweep: halved: creep watch.agreement.persistent.chance 1e-41 -> 2.6e-31; '
             'doubled: nothing'
         ),
     )
-    fewest: int = tuning(20, 'frames, before anything is claimed')
+    fewest: int = tuning(20, 'fewest frames for a verdict')
     odd: float = tuning(
         0.05,
         'share of outlier frames, which say nothing about persistent errors',
@@ -80,7 +80,7 @@ class PersistenceSettings:
         'it left open',
         unit='placement_std',
     )
-    sure: float = tuning(1e-4, 'probability that unknowns are so far off by chance')
+    sure: float = tuning(1e-4, 'probability of such values of the unknowns by chance')
     white_error: float = tuning(
         0.05,
         'relative error of the std of white noise',

@@ -16,9 +16,11 @@ from pneunet_ros.model.arm import Arm
 class TareSettings:
     """Criteria for the zero of a sensor."""
 
-    fewest_readings: int = tuning(5, 'readings of the vented arm')
-    noise_band: float = tuning(10.0, 'largest less smallest reading, if noise', unit='sigma')
-    moved: float = tuning(0.01, 'the same, whatever the noise', unit='of the calibrated range')
+    fewest_readings: int = tuning(5, 'fewest readings of the vented arm')
+    noise_band: float = tuning(10.0, 'largest range of readings that noise explains', unit='sigma')
+    moved: float = tuning(
+        0.01, 'largest range of readings, for any noise', unit='of the calibrated range'
+    )
 
 
 DEFAULTS = TareSettings()

@@ -25,10 +25,13 @@ class WatchSettings:
     """Settings for judging live readings."""
 
     first: float = tuning(
-        10.0, 'of readings before the first verdict', unit='s', source='convention: a few breaths'
+        10.0,
+        'duration of readings before the first verdict',
+        unit='s',
+        source='convention: a few breaths',
     )
     period: float = tuning(
-        1.0, 'from one verdict to the next', unit='s', source='convention: diagnostics'
+        1.0, 'time between verdicts', unit='s', source='convention: diagnostics'
     )
 
 

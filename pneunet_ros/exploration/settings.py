@@ -12,8 +12,8 @@ class ExplorationSettings:
     """Settings of the search for the next recording."""
 
     recordings: int = tuning(8, 'recordings at most: the fixed protocol of the lab has as many')
-    stays: int = tuning(2, 'rounds in a row with the same name, so that a new one tests it')
-    frames: int = tuning(30, 'frames of an experiment that is tried out')
+    stays: int = tuning(2, 'rounds with the same name that confirm it')
+    frames: int = tuning(30, 'frames of a simulated experiment')
     between: float = tuning(2.0, 'pause between recordings', unit='s')
 
 

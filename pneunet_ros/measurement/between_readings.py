@@ -24,7 +24,9 @@ SIGMA_OF_SECOND = math.sqrt(6.0)  # of a second difference, over that of a readi
 class BetweenReadingsSettings:
     """Criteria for changes between readings that interpolation misses."""
 
-    noise: float = tuning(2.0, 'of a second difference, that is not noise', unit='sigma')
+    noise: float = tuning(
+        2.0, 'size of a second difference that noise does not explain', unit='sigma'
+    )
 
 
 BETWEEN_READINGS = BetweenReadingsSettings()

@@ -22,8 +22,10 @@ from pneunet_ros.model.uncertainty import SensorNoise
 class IdleSensorSettings:
     """Criteria for a recorded force sensor without a load."""
 
-    reach: float = tuning(4.0, 'of an idle sensor', unit='sigma', source='convention')
-    chance: float = tuning(0.01, 'that noise alone reaches further in a long recording')
+    reach: float = tuning(
+        4.0, 'largest reading of an idle sensor', unit='sigma', source='convention'
+    )
+    chance: float = tuning(0.01, 'probability that noise alone exceeds it in a long recording')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,20 +33,18 @@ class TriggerSettings:
     """Criteria for a camera that is triggered with the readings."""
 
     same_instant: float = tuning(0.1, 'distance of a frame from its reading', unit='period')
-    share: float = tuning(0.95, 'share of the frames that are as near')
+    share: float = tuning(0.95, 'share of the frames that must be as near')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureJumpSettings:
     """Criteria for a pressure step between two readings, at an unknown time."""
 
-    noise: float = tuning(8.0, 'of the readings, that no noise is', unit='sigma')
-    span: float = tuning(0.01, 'that matters', unit='of the span of the readings')
-    neighbors: float = tuning(
-        3.0, 'a change so much larger than those beside it is not a ramp', source='invented'
-    )
+    noise: float = tuning(8.0, 'size of a jump that noise does not explain', unit='sigma')
+    span: float = tuning(0.01, 'least jump that matters', unit='of the span of the readings')
+    neighbors: float = tuning(3.0, 'ratio of a jump to the changes next to it', source='invented')
     certain: float = tuning(
-        0.1, 'so near to a reading a frame shows what was read', unit='of the change'
+        0.1, 'distance from a reading within which a frame shows its value', unit='of the change'
     )
 
 

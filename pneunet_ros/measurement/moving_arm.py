@@ -186,7 +186,7 @@ class MovingArm:
     ) -> tuple[MovingState, MotionEstimate, Shape, PropagatedErrors]:
         """Advance to the equilibrium of a reading.
 
-        shape: the equilibrium, at these places; errors: of it. Returns both of the moving arm.
+        shape: the equilibrium at these places; errors: its own. Returns both for the moving arm.
         """
         assert shape.solution is not None
         assert self.arm.inertia is not None

@@ -119,7 +119,7 @@ class PressureJudgeSettings(JudgeSettings):
     )
     viable: float = tuning(
         25.0,
-        'log odds from the best beyond which targets are not asked',
+        'log odds below the best at which targets are not compared',
         source='convention: more than targets ever add',
     )
 

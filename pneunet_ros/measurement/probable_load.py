@@ -39,12 +39,12 @@ class ProbableLoadSettings:
     )
     elsewhere: float = tuning(
         0.02,
-        'rms of the targets from which on a frame may have snapped to another equilibrium',
+        'rms distance of the targets from which a frame may have snapped to another equilibrium',
         unit='length',
         source='invented',
     )
-    around: float = tuning(2.0, 'from the reading, where it is looked for', unit='sigma')
-    nearer: float = tuning(0.3, 'of the distance that is left at the equilibrium it was seen in')
+    around: float = tuning(2.0, 'search radius around the reading', unit='sigma')
+    nearer: float = tuning(0.3, 'reduction of the distance that confirms another equilibrium')
 
 
 PROBABLE_LOAD = ProbableLoadSettings()

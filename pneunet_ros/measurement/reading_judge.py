@@ -34,7 +34,7 @@ class JudgeSettings:
     )
     log_odds: float = tuning(
         3.0,
-        'log odds at which a meaning is held to be another',
+        'log odds at which another meaning is accepted',
         source='literature: Kass and Raftery (1995), strong evidence: 20 to 1',
     )
 

@@ -17,29 +17,38 @@ from pneunet_ros.core.settings import tuning
 class RowOrderSettings:
     """Criteria for targets numbered from the wrong end, and for a moving clamp."""
 
-    fewest_frames: int = tuning(5, 'in which a target was seen, to know how it moves')
-    chord: float = tuning(0.1, 'from an end to the target that shows its direction', unit='length')
+    fewest_frames: int = tuning(5, 'fewest frames with a target for its motion')
+    chord: float = tuning(
+        0.1, 'distance from an end to the target that gives its direction', unit='length'
+    )
     turns: float = tuning(
-        0.2, 'of the first targets, at least, for a wrong end', unit='rad', source='invented'
+        0.2, 'least rotation of the first targets at a wrong end', unit='rad', source='invented'
     )
     times: float = tuning(
         3.0,
-        'as much as the last targets turn: an even bend from the clamp gives a third or less',
+        'ratio to the rotation of the last targets: an even bend gives a third or less',
         source='invented',
     )
-    at_clamp: float = tuning(0.01, 'so near a target does not move with the arm', unit='length')
+    at_clamp: float = tuning(
+        0.01,
+        'distance from the clamp within which a target does not move with the arm',
+        unit='length',
+    )
     clamp_moves: float = tuning(
-        0.005, 'that a clamp moves with the pressure, to be said', unit='length', source='invented'
+        0.005,
+        'motion of the clamp with pressure that is reported',
+        unit='length',
+        source='invented',
     )
     clamp_noise: float = tuning(5.0, 'the same, by the noise of a target', unit='sigma')
     clamp_loose: float = tuning(
         0.05,
-        'that a clamp moves with the pressure, to be refused',
+        'motion of the clamp with pressure that is refused',
         unit='length',
         source='invented',
     )
     explained: float = tuning(
-        0.5, 'of the variance of its place, by the pressure', source='invented'
+        0.5, 'share of its variance that the pressure must explain', source='invented'
     )
 
 

@@ -54,7 +54,7 @@ class WrenchJudgeSettings(JudgeSettings):
         0.05, 'recordings that leave the calibrated loads', source='convention: one of twenty'
     )
     idle: float = tuning(
-        0.002, 'loads of no size in particular', source='convention: one of five hundred'
+        0.002, 'probability of loads of any size', source='convention: one of five hundred'
     )
     model_error: float = tuning(
         0.15,

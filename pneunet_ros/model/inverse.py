@@ -45,8 +45,8 @@ class TipSearchSettings:
     """Settings of the search for the end force that brings the tip to a place."""
 
     determined: float = tuning(1e-4, 'least singular value of d tip / d force', unit='m/N')
-    near: float = tuning(1e-3, 'tip error that blames the force', unit='of the length')
-    far: float = tuning(10.0, 'tip that will be in millimeters', unit='of the length')
+    near: float = tuning(1e-3, 'tip error below which the force is at fault', unit='of the length')
+    far: float = tuning(10.0, 'tip distance that must be in millimeters', unit='of the length')
 
 
 SEARCH = TipSearchSettings()

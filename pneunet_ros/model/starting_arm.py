@@ -20,7 +20,7 @@ INVENTED = 'invented, for calibration to start from'
 class StartingArmSettings:
     """Placeholder values for an arm of which only the size is known."""
 
-    turn: float = tuning(2.0, 'of the tip at the largest pressure', unit='rad')
+    turn: float = tuning(2.0, 'rotation of the tip at the largest pressure', unit='rad')
     split: float = tuning(0.1, 'l1 / l', source="representative: the paper's arm")
     rigidity: tuple[float, float] = tuning(
         (0.085, 0.05), 'B / (mg l^2)', source="representative: the paper's arm"

@@ -155,8 +155,8 @@ def uses(
     def calibrates_loaded() -> str:
         if not (has(END_WRENCH) or has(STRING_WRENCH)):
             raise RecordingError(
-                'no sensor read an end load: it is an unloaded one, or say which weight hung on '
-                f'the arm, --end-load {recording.path} FX FY',
+                'it has no end load: it is an unloaded one, or give the weight that hung on the '
+                f'arm, --end-load {recording.path} FX FY',
                 reason='not_loaded',
             )
         run, found = in_base()

@@ -29,9 +29,7 @@ class RecordingLimits:
         unit='size of the file',
         source='convention: black images are packed 1000 times',
     )
-    unpacked: int = tuning(
-        100_000_000, 'content that any file may have, however small it is', unit='byte'
-    )
+    unpacked: int = tuning(100_000_000, 'unpacked size that any file may have', unit='byte')
     records: int = tuning(
         1,
         'records in chunks per byte of the file',

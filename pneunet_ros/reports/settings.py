@@ -12,10 +12,12 @@ class ReportSettings:
     """Tuning constants of figures and tables: significance and agreement."""
 
     as_noise: float = tuning(
-        1.2, 'up to it a residual over its noise is called as good as the noise', source='invented'
+        1.2, 'largest ratio of residual to noise that is reported as noise', source='invented'
     )
     below_noise: float = tuning(
-        0.7, 'below it the noise is said to have been assumed too large', source='invented'
+        0.7,
+        'ratio of residual to noise below which the noise was overestimated',
+        source='invented',
     )
     hidden_under_load: float = tuning(
         6.0,
@@ -24,7 +26,9 @@ class ReportSettings:
         source='invented',
     )
     tracked_share: float = tuning(
-        0.99, 'share of frames from which on the tracker is said to follow', source='invented'
+        0.99,
+        'share of tracked frames from which the tracker is reported to follow',
+        source='invented',
     )
     share_p_value: float = tuning(0.01, 'p-value below which a share of the misfit is significant')
     linearity_sigmas: float = tuning(

@@ -146,7 +146,7 @@ def renamed_columns(
 
 
 def check_no_preamble(path: Path, names: int, ahead: Sequence[str], above: int) -> None:
-    """Refuse what stands above a table; names: cells in the line that should name its columns.
+    """Reject lines above a table; names: number of cells in the supposed header line.
 
     ahead: the lines below that one, which is the `above`th of the file.
     """

@@ -41,13 +41,15 @@ class LeftOutSettings:
     """The numbers of the cross-validation over pressures, and when a baseline is as good."""
 
     levels: int = tuning(
-        10, 'parts of the pressures at most', source='convention: tenfold cross-validation'
+        10, 'most groups of pressures', source='convention: tenfold cross-validation'
     )
-    fewest: int = tuning(4, 'parts', source='convention: the first, the last and two between')
-    frames: int = tuning(300, 'of all runs', source='convention: seconds of CPU')
+    fewest: int = tuning(
+        4, 'fewest groups of pressures', source='convention: the first, the last and two between'
+    )
+    frames: int = tuning(300, 'most frames of all runs', source='convention: seconds of CPU')
     as_well: float = tuning(
         1.1,
-        'ratio of the error to that of a baseline',
+        'largest ratio of the error to that of a baseline',
         source='convention: a tenth is negligible',
     )
 

@@ -25,7 +25,7 @@ class Push(Block):
         0.018, 'length of the arm that a contact presses on', unit='of the length'
     )
     places: tuple[float, float] = tuning(
-        (0.05, 0.98), 'where on the arm there may be a contact', unit='of the length'
+        (0.05, 0.98), 'positions along the arm at which a contact is tried', unit='of the length'
     )
     largest_walk: float = tuning(
         0.3, 'random walk of a contact force, at most', unit='of the force scale/sqrt(s)'

@@ -26,8 +26,7 @@ class ForceSensor(Block):
 
     tolerance: float = tuning(
         0.015,
-        'offset, and error of the gain, that call for nothing; known so exactly a sensor is '
-        'confirmed',
+        'harmless error of offset and gain; a sensor known this well is confirmed',
         unit='of the force scale',
     )
 

@@ -52,15 +52,15 @@ class ModelDiscrepancy(SizedBlock):
     )
     size_time: float = tuning(60.0, 'forgetting time of frames for its size', unit='s')
     lag_times: tuple[float, ...] = tuning(
-        (4.0, 40.0), 'in which a part of the curvature follows that the model misses', unit='s'
+        (4.0, 40.0), 'time constants of the delayed part of the curvature', unit='s'
     )
     play: float = tuning(0.06, 'width of a play that the model misses', unit='of the range')
     late_share: float = tuning(
-        0.1, 'std of the part of the curvature that comes late, with each time'
+        0.1, 'std of the delayed part of the curvature, for each time constant'
     )
-    play_share: float = tuning(0.5, 'std of the part of that play')
+    play_share: float = tuning(0.5, 'std of the share of that play')
     memory_time: float = tuning(
-        200.0, 'correlation time of how much comes late, and of the part of that play', unit='s'
+        200.0, 'correlation time of the delayed part and of the play', unit='s'
     )
 
     grid: SizeGrid = field(init=False, repr=False, compare=False)

@@ -15,7 +15,9 @@ from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 class PressureError(SizedBlock):
     """Error (Pa) of the chamber pressure relative to its reading."""
 
-    unread: float = tuning(0.5, 'std of a pressure that is not read any more', unit='of the range')
+    unread: float = tuning(
+        0.5, 'std of a pressure that is no longer measured', unit='of the range'
+    )
 
     @property
     def std(self) -> Array:

@@ -17,7 +17,7 @@ class Tilt(Block):
 
     level_std: float = tuning(
         0.012,
-        'std of a base that stands as the model file says',
+        'std of the direction of gravity in the model file',
         unit='rad',
         source='convention: 0.7 degree, as of a table put up with a level',
     )

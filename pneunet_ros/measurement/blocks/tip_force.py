@@ -64,10 +64,10 @@ class TipForce(Block):
         unit='of the force scale/sqrt(s)',
     )
     least_walk: float = tuning(
-        0.0015, 'random walk of a force that rests', unit='of the force scale/sqrt(s)'
+        0.0015, 'random walk of a constant force', unit='of the force scale/sqrt(s)'
     )
     largest_walk: float = tuning(
-        0.9, 'random walk of a force, at most', unit='of the force scale/sqrt(s)'
+        0.9, 'largest random walk of a force', unit='of the force scale/sqrt(s)'
     )
     steady_after: float = tuning(
         0.1,
@@ -76,11 +76,9 @@ class TipForce(Block):
         source='tried on one rig: 0.05 s leaves the force almost unobservable, 9 s makes it '
         'overconfident',
     )
-    walk_time: float = tuning(0.5, 'time in which a force that rests is trusted again', unit='s')
-    usual_time: float = tuning(30.0, 'time over which the walk of the force is averaged', unit='s')
-    guess_counts: float = tuning(
-        5.0, 'time of frames for which the walk before any frame counts', unit='s'
-    )
+    walk_time: float = tuning(0.5, 'time after which a constant force is trusted again', unit='s')
+    usual_time: float = tuning(30.0, 'averaging time of the walk of the force', unit='s')
+    guess_counts: float = tuning(5.0, 'weight of the initial walk, as a time of frames', unit='s')
 
     @property
     def std(self) -> Array:

@@ -157,8 +157,8 @@ def pressure_moves(
     """Return the displacement per pascal of a reading, (frames, coordinates) m.
 
     By the table of kappa_p0; where effects go with the pressure, too, or change a wrench by it, by
-    central differences. Else a law on the pressure would take the place of the table, and be free
-    of its noise.
+    central differences. Otherwise a law of the pressure would replace the table, and avoid
+    its noise.
     """
     slope = arm.intrinsic_curvature.slope(inputs.pressure)
     knots = jacobian[:, :, LOADS : LOADS + slope.shape[1]]
