@@ -75,7 +75,7 @@ class Calibration:
     that of all recordings (the same where there is no loaded one). explained_variance is the share
     of the shape's variance that the few columns of the model file's covariance have. notes:
     undetermined quantities, and recordings that do not fit the others. variation: of the stiffness
-    along the arm, beside the law; None where it was not asked. motion: frames that show the arm in
+    along the arm, beside the law; None if it was not asked. motion: frames that show the arm in
     motion, which were left out; None: there are none. settings: the numbers by which it was
     decided.
     """

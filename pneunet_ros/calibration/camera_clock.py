@@ -144,7 +144,7 @@ def middle_of(run: RecordingData) -> int:
 def velocities(arm: Arm, run: RecordingData) -> Array:
     """Return how fast targets, and the heading of the last, move (frames, coordinates) m/s.
 
-    By what is read just before and just after each frame; zero where the arm has no shape.
+    By what is read just before and just after each frame; zero if the arm has no shape.
     """
     others = tuple(item for item in arm.effects if not item.frame_delay)
     arms = [

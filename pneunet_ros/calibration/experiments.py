@@ -62,7 +62,7 @@ class LawScore:
 class FitSequence:
     """The fits one after the other, each starting where the one before has ended.
 
-    planned, done: how many fits there will be, 0 where that is not known, and were.
+    planned, done: how many fits there will be, 0 if that is not known, and were.
     low, high (Pa): what the recordings span. uniform: kappa_p0 is the same all along the arm; that
     is part of the model. resolution: what the recordings can resolve; None: all that is fitted.
     shapes, elongates: as of `Parameters`, the most that is tried until the first experiment has
@@ -249,7 +249,7 @@ class FitSequence:
     def at_one_pressure(self, runs: Sequence[RecordingData], kind: str) -> Fit:
         """Fit the curvature at rest and the moment law jointly; different loads separate them.
 
-        Raises RecordingError where no recording has a load.
+        Raises RecordingError if no recording has a load.
         """
         if not any(run.loaded for run in runs):
             raise RecordingError(

@@ -337,7 +337,7 @@ def deviations_and_precision(
 ) -> tuple[Array, Array]:
     """Return the deviations of arms (fleets, arms, n) and their inverse covariance.
 
-    Both are zero where an arm does not know a number.
+    Both are zero if an arm does not know a number.
     """
     known = np.isfinite(values)
     both = known[..., :, None] & known[..., None, :]

@@ -166,7 +166,7 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
 def let_go(run: SwingingRun) -> SwingingRun:
     """Return a recording from where the arm was let go: behind the last frame of a large swing.
 
-    Raises RequestError where there are no two frames with targets.
+    Raises RequestError if there are no two frames with targets.
     """
     away = np.hypot(*run.beside.transpose(1, 0, 2))
     seen = np.isfinite(away).any(axis=1)
@@ -194,7 +194,7 @@ def let_go(run: SwingingRun) -> SwingingRun:
 class MotionProblem:
     """Recordings, and the numbers that are fitted to them.
 
-    The numbers: mass at the tip, in units of the arm's share there, less than zero where the arm
+    The numbers: mass at the tip, in units of the arm's share there, less than zero if the arm
     itself is lighter; log of the damping time (s);
     then, of each plucked recording, q and p where it begins. std (m): white noise of a target.
     """

@@ -67,9 +67,7 @@ def numbers_of(calibration: Calibration, files: Files) -> dict[str, Any]:
             }
             for law in calibration.laws
         ],
-        'left_out_levels': None
-        if calibration.left_out is None
-        else left_out_numbers(calibration.left_out),
+        'left_out_levels': left_out_numbers(calibration.left_out),
         'stiffness_variation': variation_numbers(calibration.variation),
         'in_motion': None if calibration.motion is None else calibration.motion.summary,
         'covariance_share': calibration.explained_variance,

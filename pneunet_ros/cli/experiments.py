@@ -199,7 +199,7 @@ def reason_unloaded(run: RecordingData, noise: SensorNoise) -> str:
 
 
 def with_known_load(run: RecordingData, load: tuple[float, float]) -> RecordingData:
-    """Return a run under its known load; RequestError where a sensor has read another."""
+    """Return a run under its known load; RequestError if a sensor has read another."""
     if run.loaded:
         raise RequestError(
             f'--end-load or --string {run.name}: the recording contains end_wrench readings, and '
@@ -226,7 +226,7 @@ def end_loads(
 
 
 def strings(given: Sequence[Sequence[str]], paths: Sequence[Path]) -> Mapping[Path, String]:
-    """Return the string by recording; RequestError where one is none of a recording."""
+    """Return the string by recording; RequestError if one is none of a recording."""
     found: dict[Path, String] = {}
     for name, *numbers in given:
         place = resolved(name)

@@ -98,9 +98,9 @@ def reading_doubts(
 def joined(
     readings: FilmReadings, trackings: Sequence[Tracking], arm: Arm
 ) -> tuple[FilmedRun | None, dict[str, Any]]:
-    """Return frames and readings on one clock, None where the delay is not known, and a summary.
+    """Return frames and readings on one clock, None if the delay is not known, and a summary.
 
-    Raises RequestError where a delay that was given leaves no frame within the table.
+    Raises RequestError if a delay that was given leaves no frame within the table.
     """
     found: ClockDelay | None = None
     delay = readings.delay

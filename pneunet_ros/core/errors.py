@@ -22,7 +22,7 @@ class PneunetError(Exception):
     """Base of all errors of this package; its text is one sentence for the user.
 
     `reason` is the key by which programs and tests know what was wrong, as that of a `Refusal`
-    (meanings: `reasons.REASONS`); empty where it has none. A sentence that is too long to read
+    (meanings: `reasons.REASONS`); empty if it has none. A sentence that is too long to read
     keeps its beginning and end.
     """
 

@@ -34,7 +34,7 @@ class FrameTree:
     def between(self, frame: str, other: str) -> tuple[Quaternion, int | None] | None:
         """Return the turn that takes vectors of one frame into another.
 
-        And the stamp (ns) of the oldest reading in it that is not fixed, None where all are. None
+        And the stamp (ns) of the oldest reading in it that is not fixed, None if all are. None
         where no chain of readings joins the two.
         """
         ups = self._upwards(frame), self._upwards(other)

@@ -26,7 +26,7 @@ class Layout(NamedTuple):
     """Conversion of the bytes of an encoding to grey levels.
 
     channels: values per pixel of a row; deep: whether a value has two bytes; grey: (height, width,
-    channels) to (height, width); bgr: to (height, width, 3), None where there are no colors or
+    channels) to (height, width); bgr: to (height, width, 3), None if there are no colors or
     they are in planes that follow the brightness (nv12), which are not read.
     """
 
@@ -191,7 +191,7 @@ class Image:
     def closeness(self, color: tuple[float, float, float]) -> Image:
         """Return an image in grey: 255 where a pixel has this color (red, green, blue), or nearly.
 
-        0 where it is as far from it as a grey is, or farther, in CIE L*a*b*; differences of
+        0 if it is as far from it as a grey is, or farther, in CIE L*a*b*; differences of
         lightness count half, as light differs along an arm. Raises MessageError for an image
         without colors.
         """

@@ -22,7 +22,7 @@ LATEST_STAMP = 2**31 * NANOSECONDS_PER_SECOND  # a header holds its seconds in 3
 def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str]:
     """Return why a reading cannot follow the last one of its kind, as a key and a sentence.
 
-    Both are empty where it can. A stamp that jumps back by more than a second (a looping bag, a
+    Both are empty if it can. A stamp that jumps back by more than a second (a looping bag, a
     restarted simulation) is a new start of time, with the key `STARTS_ANEW`.
     """
     if stamp_ns <= 0:

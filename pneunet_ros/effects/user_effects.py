@@ -83,7 +83,7 @@ def add_installed_effects() -> tuple[type[Effect], ...]:
 
 
 def module_of(file: Path) -> ModuleType:
-    """Return the module of an effect file, imported once; ModelError where that fails."""
+    """Return the module of an effect file, imported once; ModelError if that fails."""
     # Of a path, so that processes that work for this one find it under the same name.
     name = f'pneunet_effects_{file.stem}_{zlib.crc32(str(file).encode()):08x}'
     if name in sys.modules:

@@ -28,7 +28,7 @@ class ShapeEstimate:
     noise (sources, causes), the noise input matrix, and curved, to second order, with the
     linearization in it: from these covariance and standard deviations come, so that nobody has to
     linearize again. What is allowed for the model beyond its domain is not in noise. motion: how
-    the arm moves, None where the model has no `motion`; then shape and standard deviations are
+    the arm moves, None if the model has no `motion`; then shape and standard deviations are
     those of the moving arm; jacobian, noise and curved are those of its equilibrium.
     """
 

@@ -44,8 +44,8 @@ class Estimator:
     arm: with the noise of its sensors and the covariance of its model; settings: what the sensors
     report and when a reading is too old. Then follow arclength (stations,) m of the stations, and
     the table of how the record of the rod changes with pressure and model, the moving arm with
-    stations and targets on it, None where the model has no `motion`, and who says where gravity
-    points. Raises ModelError where a column of the model's covariance leads out of bounds.
+    stations and targets on it, None if the model has no `motion`, and who says where gravity
+    points. Raises ModelError if a column of the model's covariance leads out of bounds.
     """
 
     arm: Arm

@@ -33,7 +33,7 @@ def with_measured_tip(
     """Return the estimate as one of a measured tip.
 
     estimate: at the force found, whose tip is where it was measured; the moment is exact. tip_std:
-    one sigma (m) of x, and of y, of that place. None where no covariance follows.
+    one sigma (m) of x, and of y, of that place. None if no covariance follows.
     """
     if estimate.noise is None or estimate.curved is None or estimate.position is None:
         return None

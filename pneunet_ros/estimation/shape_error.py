@@ -67,7 +67,7 @@ class Centerlines:
 class Tips:
     """The free end over time: place (frames, 2) m, heading (frames,) rad, NaN where not known.
 
-    covariance (frames, 2, 2) m^2 of the place, None where nothing says how sure it is.
+    covariance (frames, 2, 2) m^2 of the place, None if nothing says how sure it is.
     """
 
     topic: str
@@ -188,7 +188,7 @@ class Comparison:
 def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None) -> Comparison:
     """Compare the shapes of one source with those of another, frame by frame.
 
-    length: of the arm, m; None: as far as the centerlines reach. Raises RecordingError where the
+    length: of the arm, m; None: as far as the centerlines reach. Raises RecordingError if the
     two have nothing in common that could be compared, whatever their stamps.
     """
     if of.frame and to.frame and of.frame != to.frame:
@@ -346,7 +346,7 @@ def compare_centerlines(of: Centerlines, to: Centerlines) -> CenterlineErrors | 
     """Compare at the places of one side, as far along the arm as both reach.
 
     That is the side that does not know all points, or else has fewer; the other one is
-    interpolated by cubic splines over arclength. None where no frame matches.
+    interpolated by cubic splines over arclength. None if no frame matches.
     """
     coarse, fine = sorted(
         (of, to), key=lambda item: (bool(np.isfinite(item.points).all()), len(item.arclength))

@@ -124,7 +124,7 @@ def informations(
 ) -> tuple[Array, list[Array]] | None:
     """Return the information (n, n) of the effects, with all nuisance parameters fitted jointly.
 
-    In the training runs, and in them with each experiment. None where the arm has no shape.
+    In the training runs, and in them with each experiment. None if the arm has no shape.
     """
     at_fit = linearize_all_runs(linearization, refit, settings.refit)
     if at_fit is None or not candidates:

@@ -214,7 +214,7 @@ def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
 def pushed_shape(chain: Chain, start: Array | None = None) -> ChainShape:
     """Return the chain in equilibrium without its peg, with a push along its normal.
 
-    RequestError where the push turns the arm, and the arm the push, without end.
+    RequestError if the push turns the arm, and the arm the push, without end.
     """
     push = chain.push
     shape = free_shape(chain, start)
@@ -247,7 +247,7 @@ def pushed_shape(chain: Chain, start: Array | None = None) -> ChainShape:
 def equilibrium_shape(chain: Chain, start: Array | None = None) -> ChainShape:
     """Return the chain in equilibrium under its loads, with contact at its peg.
 
-    The peg acts on the joint nearest to its place, along -y. RequestError where no push balances.
+    The peg acts on the joint nearest to its place, along -y. RequestError if no push balances.
     """
     free, peg = pushed_shape(chain, start), chain.peg
     if peg is None or peg.stiffness <= 0.0:

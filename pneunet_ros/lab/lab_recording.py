@@ -62,7 +62,7 @@ class LabRecording:
     (wrenches, 2), wrench_moment (wrenches,): all wrench readings, none where nothing hangs on the
     arm all the time (`loaded` False); stamp_ns (frames,), x, y (frames, targets): frames, NaN
     where a target was not seen. reading (frames,) is the pressure reading nearest to each frame,
-    force (frames, 2) and moment (frames,) the nearest wrench reading, exactly zero where nothing
+    force (frames, 2) and moment (frames,) the nearest wrench reading, exactly zero if nothing
     hangs on the arm. motion: additional truth of an arm with mass. imu_stamp_ns, imu (n, 3) m/s^2:
     what an accelerometer at the clamp reads, in the base frame.
     """

@@ -92,8 +92,8 @@ def gauss_newton(
     """Search from a linearization for the lowest cost.
 
     newton_step: the full step from a linearization and its gain, in any measure; below `small` the
-    search ends. lower: where a step leads, None where that is not lower by enough. relinearize:
-    there; None where it cannot be. foresee: the search ends one step earlier, where gains fall so
+    search ends. lower: where a step leads, None if that is not lower by enough. relinearize:
+    there; None if it cannot be. foresee: the search ends one step earlier, where gains fall so
     fast that the step after the next one would gain less than `small`; the caller takes the next
     one, which is then as good as linear. on_step: called with the number of each step and where it
     starts.

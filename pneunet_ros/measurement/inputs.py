@@ -20,7 +20,7 @@ class Inputs:
     """True inputs of the arm at the frames of a run.
 
     pressure (frames,) Pa in the chamber; loads (frames, 3): F1, F2 (N), M (N m); histories: per
-    acting effect one row per frame, None where there is no effect with a history. gravity (frames,
+    acting effect one row per frame, None if there is no effect with a history. gravity (frames,
     2): along x and y, in g; None: as the arm has it.
     """
 

@@ -169,7 +169,7 @@ def linearize(
     """Return a recording linearized at values (n,) of parameters and its disturbance (m,).
 
     inputs: what acted on the arm with these values. model: where the search for the equilibria
-    starts. ModelError where there is no such arm.
+    starts. ModelError if there is no such arm.
     """
     arm = parameters.arm(values)
     fitted, targets = predict(model, arm, run, inputs, disturbance)

@@ -122,7 +122,7 @@ class MotionEstimate:
 
 
 def likely_motion(arm: Arm) -> Motion | None:
-    """Return how an arm likely swings by its weight; None where no unloaded shape is stable."""
+    """Return how an arm likely swings by its weight; None if no unloaded shape is stable."""
     modes = unloaded_modes(replace(arm, motion=Motion()))
     if modes is None:
         return None
@@ -139,7 +139,7 @@ class MovingArm:
 
     modes: about the unloaded arm in the middle of its pressures; it swings under the moments of
     the slowest. relative (2,): errors of mass (at the stiffness that there is) and of damping, one
-    sigma. Raises ModelError where the unloaded arm has no stable equilibrium to swing about.
+    sigma. Raises ModelError if the unloaded arm has no stable equilibrium to swing about.
     """
 
     arm: Arm

@@ -214,7 +214,7 @@ def record_of(stamp_ns: Iterable[int], readings: Iterable[float]) -> PressureRec
 class ExpectedPressure:
     """Calibrated gauge pressures (Pa) of an arm.
 
-    std (Pa): noise of its sensor, 0 where it is not known; share: prior of this arm among others.
+    std (Pa): noise of its sensor, 0 if it is not known; share: prior of this arm among others.
     """
 
     low: float
@@ -336,7 +336,7 @@ def judge_pressure(
         settings: priors, and the odds that are enough.
 
     Returns:
-        The verdict; None where there is no reading, or all are the same number, zero.
+        The verdict; None if there is no reading, or all are the same number, zero.
 
     """
     if not record.count or (record.low == record.high == 0.0):
@@ -538,7 +538,7 @@ def log_noise(
     expected: ExpectedPressure,
     settings: PressureJudgeSettings,
 ) -> float:
-    """Return the log likelihood of the noise of readings; 0 where they show or expect none."""
+    """Return the log likelihood of the noise of readings; 0 if they show or expect none."""
     if noise <= 0.0 or expected.std <= 0.0:
         return 0.0
     decades = abs(math.log10(noise * meaning.size / expected.std))

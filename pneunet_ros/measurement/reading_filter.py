@@ -138,7 +138,7 @@ class Lines:
         return pieces
 
     def corner(self, first: int, last: int) -> int | None:
-        """Return after which reading a part is best split; None where a line explains it."""
+        """Return after which reading a part is best split; None if a line explains it."""
         count = last - first + 1
         if count < 3:
             return None

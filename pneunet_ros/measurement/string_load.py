@@ -17,7 +17,7 @@ CURVE = 3  # targets through which a curve goes on to a tip beyond the last one
 def with_string(run: RecordingData, arm: Arm, string: String) -> tuple[RecordingData, int]:
     """Return a run under the load of a string, and the number of frames without a seen tip.
 
-    Those are left out. Raises RecordingError where none shows it, and RequestError where the eye
+    Those are left out. Raises RecordingError where none shows it, and RequestError if the eye
     lies on the arm.
     """
     string.check_beside(run.x, run.y, radius_of(arm))

@@ -144,7 +144,7 @@ def is_elsewhere(run: RecordingData, arm: Arm, settings: TipFrameSettings = TIP_
 def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) -> FoundBase | None:
     """Find the rigid motion that brings poses (frames, 3) onto arcs from the clamp.
 
-    None where they do not determine it. Headings may be NaN: each frame then has a curvature of
+    None if they do not determine it. Headings may be NaN: each frame then has a curvature of
     its own, which the place of the tip shows.
     """
     poses = poses[np.isfinite(poses[:, :2]).all(axis=1)]

@@ -200,7 +200,7 @@ def judge_wrench(
         settings: priors, and the odds that are enough.
 
     Returns:
-        The verdict; None where all readings are zero, or nothing is there to compare with.
+        The verdict; None if all readings are zero, or nothing is there to compare with.
 
     """
     largest = float(np.max(np.abs(readings), initial=0.0))

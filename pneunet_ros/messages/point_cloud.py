@@ -20,7 +20,7 @@ def cloud_points(message: Any) -> npt.NDArray[Any]:
     """Return the points of a PointCloud2, one record per point, a field of it by its name.
 
     Fields may stand in any order and anywhere in a point, in either byte order; fields of more
-    than one number are left out. Raises MessageError where the message contradicts itself.
+    than one number are left out. Raises MessageError if the message contradicts itself.
     """
     try:
         order = '>' if message.is_bigendian else '<'
@@ -62,7 +62,7 @@ def cloud_points(message: Any) -> npt.NDArray[Any]:
 def point_type(fields: tuple[tuple[str, str, int], ...], size: int) -> np.dtype[Any]:
     """Return the record type of fields (name, kind, offset) in a point of this many bytes.
 
-    Raises MessageError where a name stands twice, a field beyond the point, or the point is
+    Raises MessageError if a name stands twice, a field beyond the point, or the point is
     larger than any.
     """
     if size > _LARGEST_POINT:

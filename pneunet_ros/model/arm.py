@@ -74,7 +74,7 @@ class Arm:
 
     `target_arclength` (targets,) m is the place of every target; `effects` are in the order of the
     table of effects; `sources` names the source of each number. `domain` is what the calibration
-    spanned, `load_hull` its loads as a body in space, None where that is not known. `table_range`
+    spanned, `load_hull` its loads as a body in space, None if that is not known. `table_range`
     (Pa) is the common range of intrinsic curvature and moment law, `pressure_range` (Pa) its part
     within the domain. `gravity` says where the weight points; `motion` is None without inertia;
     `inertia` is the same, as changed by an effect. `sensing`, `seeing` and `acting` are the

@@ -27,7 +27,7 @@ class DomainPosition:
     pressure_beyond, load_beyond: how far outside, of the range and of the size of the hull of
     loads; 0 inside, load_beyond NaN where the model has no domain. error: one sigma of the model's
     own error out there, as independent errors of F1, F2 (N), M (N m) and p (Pa), 0 inside. reason
-    and sentence: why there must be no estimate, as a key and in words; empty where there may be
+    and sentence: why there must be no estimate, as a key and in words; empty if there may be
     one. notes: what limits an estimate, in words without numbers.
     """
 

@@ -42,7 +42,7 @@ def hinge_chain(
 
     damping_time: s, damping of a hinge / its stiffness (Kelvin-Voigt); radius: m, of the capsules,
     a sixteenth of the length without one; links: how many. Effects of sensors are no part of the
-    finger, and those with a history are at rest. Raises RequestError where the arm has an effect
+    finger, and those with a history are at rest. Raises RequestError if the arm has an effect
     that a chain of hinges cannot carry.
     """
     pressure = table_pressures(arm)

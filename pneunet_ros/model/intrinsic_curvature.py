@@ -96,7 +96,7 @@ class IntrinsicCurvature:
 def rotation_pieces(arclength: Array, curvature: Array) -> Array:
     """Return the antiderivative of curvature (rows, columns) over s / l, (rows, columns - 1, 5).
 
-    Ascending powers of the distance from the start of each piece; 0 where the arm starts.
+    Ascending powers of the distance from the start of each piece; 0 if the arm starts.
     """
     slopes = cubic_spline(arclength, curvature) / np.arange(1.0, 5.0)
     turned = (slopes * np.diff(arclength)[:, None] ** np.arange(1.0, 5.0)).sum(axis=-1)

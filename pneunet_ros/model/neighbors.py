@@ -14,7 +14,7 @@ def neighbors(arm: Arm, column: Mapping[str, float]) -> tuple[Arm, Arm, float]:
     """Return the arms on both sides along a column of its covariance, and their distance.
 
     column: by how much each quantity moves in one sigma; the distance is in sigma. A side on which
-    a quantity would leave its bounds is the arm itself. Raises ModelError where both would.
+    a quantity would leave its bounds is the arm itself. Raises ModelError if both would.
     """
     sides, distance = [arm, arm], 0.0
     for side, sign in enumerate((-1.0, 1.0)):

@@ -101,7 +101,7 @@ class ModelCovariance:
 
     quantities: names such as `moment_law.rigidity.0.1` or `effects.extensibility.axial_stiffness`;
     factor (quantities, columns), SI, at most 12 columns; placement: of the targets that it was
-    calibrated with, None where that is not known. guessed: how many of the columns, the last, are
+    calibrated with, None if that is not known. guessed: how many of the columns, the last, are
     no constants: model error, of the size that the calibration has guessed.
     """
 

@@ -38,7 +38,7 @@ def vibration(arm: Arm, shape: Shape, count: int = 2) -> Modes | None:
         count: how many vibrations.
 
     Returns:
-        Frequencies (rad/s), damping (1/s) and shapes; None where the equilibrium is not stable.
+        Frequencies (rad/s), damping (1/s) and shapes; None if the equilibrium is not stable.
 
     Raises:
         RequestError: the shape is none, or the count not within 1 and the number of links.

@@ -20,7 +20,7 @@ def come_to_rest(model: Any, data: Any, apply_loads: Callable[[], None]) -> None
     """Move all joints, by Newton, to where MuJoCo's forces balance; velocities are 0 then.
 
     apply_loads: sets `data.qfrc_applied` and `data.xfrc_applied` at the positions in `data`.
-    Contacts count for nothing. Raises RequestError where no equilibrium is found.
+    Contacts count for nothing. Raises RequestError if no equilibrium is found.
     """
     mujoco = load_mujoco()
 

@@ -21,7 +21,7 @@ class Finger:
     >>> finger.set_pressure(31e3)
     >>> mujoco.mj_step(model, data)
 
-    Raises RequestError where the model holds no such finger, or MuJoCo is not installed.
+    Raises RequestError if the model holds no such finger, or MuJoCo is not installed.
     """
 
     def __init__(self, model: Any, data: Any, prefix: str = '') -> None:

@@ -62,7 +62,7 @@ def describe_launch(
 
 
 def check_installed(started: Iterable[Any]) -> None:
-    """Raise RequestError where an executable to be started is not installed."""
+    """Raise RequestError if an executable to be started is not installed."""
     for item in started:
         package = getattr(item, 'node_package', None)
         if package is None:

@@ -18,7 +18,7 @@ _WILDCARDS = {'*': '/[^/]+', '**': '(?:/[^/]+)*'}
 
 
 def check_names_some(path: str | Path, nodes: Sequence[str]) -> None:
-    """Raise RequestError where a file has parameters for none of these nodes (full names)."""
+    """Raise RequestError if a file has parameters for none of these nodes (full names)."""
     try:
         names = _names_in_file(path)
     except PneunetError:  # ROS reads the file, and says itself what it does not like
@@ -32,7 +32,7 @@ def check_names_some(path: str | Path, nodes: Sequence[str]) -> None:
 def parameters_of(path: str | Path, node: str) -> dict[str, Any]:
     """Return the parameters of a node (full name) in a file, of later keys before earlier ones.
 
-    RequestError where the file cannot be read.
+    RequestError if the file cannot be read.
     """
     given: dict[str, Any] = {}
     for name, parameters in _FILE.load(path, lambda content: list(_parameters(content, []))):

@@ -63,7 +63,7 @@ def file_hash(path: Path) -> str:
 
 
 def check_recordings(paths: Iterable[Path]) -> None:
-    """Raise RecordingError where a recording is missing, or none, before any is read."""
+    """Raise RecordingError if a recording is missing, or none, before any is read."""
     for path in paths:
         for file in stored_files(path):
             check_is_mcap(plain_mcap(file), file)

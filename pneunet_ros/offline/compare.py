@@ -49,7 +49,7 @@ class CompareRequest:
 def compare_files(request: CompareRequest) -> list[Comparison]:
     """Compare A with B and, if given, both with the truth.
 
-    Raises RequestError where there is nothing to compare with, RecordingError where a file cannot
+    Raises RequestError if there is nothing to compare with, RecordingError if a file cannot
     be read or two have nothing in common.
     """
     if request.b is None and request.truth is None:

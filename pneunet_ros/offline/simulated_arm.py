@@ -68,7 +68,7 @@ def corners_of(experiment: Experiment, safe: SafeSet) -> Corners:
 def scenario_of_model(arm: Arm) -> Scenario:
     """Return a model as an arm of the virtual lab, which shares no solver with it.
 
-    Curvature along the arm becomes a sum of Legendre polynomials. RequestError where the lab has
+    Curvature along the arm becomes a sum of Legendre polynomials. RequestError if the lab has
     no such arm: another moment law than `piecewise_linear` or `linear`, or an effect of its own.
     """
     law = arm.moment_law

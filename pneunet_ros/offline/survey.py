@@ -216,7 +216,7 @@ def expanded(cell: str, folder: Path) -> tuple[Path, ...]:
 def arm_key(arm: FleetArm, decided: Mapping[str, Any]) -> tuple[str, list[dict[str, str]]]:
     """Return the key of a piece of work, and the recordings with their hashes.
 
-    decided: all else that the outcome depends on. RecordingError where a file cannot be read.
+    decided: all else that the outcome depends on. RecordingError if a file cannot be read.
     """
     inputs = inputs_of([(role, arm.roles[role]) for role in ROLES])
     try:
@@ -256,7 +256,7 @@ class SurveyFolder:
     def kept(self, name: str, key: str) -> dict[str, Any] | None:
         """Return the row of a finished arm; None if it must be done.
 
-        Raises RecordingError where it was done with other recordings, arm file or options, unless
+        Raises RecordingError if it was done with other recordings, arm file or options, unless
         outputs may be replaced. Where it failed with others it is simply done again.
         """
         row = self.row(name)

@@ -52,7 +52,7 @@ def look_ahead(
     A recording that begins with the arm bent or hidden gets scale and base frame from the frames
     further on in which the arm rests; a recording that begins at rest is tracked as it would be
     live, and so is one whose camera_info changes or whose stamps jump before the rest. `on_frame`
-    sees each frame that was looked at. Raises CameraError where the arm is upright from the
+    sees each frame that was looked at. Raises CameraError if the arm is upright from the
     beginning, and nothing says which end is the clamp.
     """
     state, frames, first = TrackerState(), 0, ''
@@ -269,7 +269,7 @@ class TrackTally:
 
 
 def check_row_order(tracker: Tracker, tally: TrackTally) -> None:
-    """Raise CameraError where the arm was tracked from its free end to the clamp.
+    """Raise CameraError if the arm was tracked from its free end to the clamp.
 
     Then its first targets turn, as the free end does, or move while the last ones rest.
     """

@@ -190,7 +190,7 @@ def read_truth(path: Path) -> ShapeSeries:
 def memory_after(path: Path) -> LabMemory:
     """Return the memory of the arm after a recording of the lab, from its truth.
 
-    Raises RequestError where there is no such truth.
+    Raises RequestError if there is no such truth.
     """
     truth = truth_file(path)
     try:

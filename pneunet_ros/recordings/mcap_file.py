@@ -104,7 +104,7 @@ def open_mcap(path: Path, name: Path | None = None) -> McapFile:
 
 
 def check_is_mcap(path: Path, name: Path | None = None) -> None:
-    """Raise RecordingError where a file does not begin as an MCAP file, or cannot be read."""
+    """Raise RecordingError if a file does not begin as an MCAP file, or cannot be read."""
     name = name or path
     try:
         with open_regular(path) as stream:

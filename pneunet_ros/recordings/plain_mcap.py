@@ -32,7 +32,7 @@ SQLITE_MAGIC = b'SQLite format 3\0'
 def plain_mcap(path: Path) -> Path:
     """Return a file of a recording, or a plain MCAP copy if it is packed or sqlite3.
 
-    Raises RecordingError where there is no room for the copy, or the file is damaged.
+    Raises RecordingError if there is no room for the copy, or the file is damaged.
     """
     try:
         kind = path.suffix
@@ -119,7 +119,7 @@ def _unpack(path: Path, plain: Path) -> None:
 def unpacked_message(raw: bytes) -> bytes:
     """Return a message, unpacked if the recording compresses single messages.
 
-    Raises RecordingError where it is damaged.
+    Raises RecordingError if it is damaged.
     """
     if not raw.startswith(PACKED_MESSAGE):
         return raw

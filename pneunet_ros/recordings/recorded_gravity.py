@@ -79,7 +79,7 @@ def read_gravity(
 ) -> RecordedGravity | None:
     """Return where gravity pointed, as the estimator takes it; None: where the model has it.
 
-    gravity: that of the model. Raises RecordingError where nothing usable says it, and must.
+    gravity: that of the model. Raises RecordingError if nothing usable says it, and must.
     """
     source = GravitySource(settings=settings, gravity=gravity)
     found = {

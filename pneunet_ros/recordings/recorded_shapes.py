@@ -49,7 +49,7 @@ def read_shapes(path: Any, overrides: Mapping[str, str], target_arclength: Array
 
     overrides: full topic names by SHAPE_TOPICS; they choose what is read, too: of a recording with
     estimates, what was measured. target_arclength (targets,) m: where the targets are painted.
-    Raises RecordingError where there is nothing of both, or it cannot be read.
+    Raises RecordingError if there is nothing of both, or it cannot be read.
     """
     recording = open_recording(path)
     if set(overrides) & set(ESTIMATES) or (not overrides and estimate_topics(recording, {})):
@@ -60,7 +60,7 @@ def read_shapes(path: Any, overrides: Mapping[str, str], target_arclength: Array
 def estimate_topics(recording: Recording, overrides: Mapping[str, str]) -> dict[str, str]:
     """Return the topics of tip and shape that are there, full names by last names.
 
-    Raises RecordingError where there are two of one name.
+    Raises RecordingError if there are two of one name.
     """
     return {
         name: recording.find(name, kind, overrides.get(name))
@@ -181,7 +181,7 @@ def read_pressures(recording: Recording) -> Pressures | None:
 def read_rows(recording: Recording, topic: str, row_of: Callable[[Any], Array]) -> StampedRows:
     """Return the numbers of every message of a topic, in the order of their header stamps.
 
-    Of messages of one stamp the first counts. Raises RecordingError where a message is not usable.
+    Of messages of one stamp the first counts. Raises RecordingError if a message is not usable.
     """
     stamps: list[int] = []
     rows: list[Array] = []

@@ -146,7 +146,7 @@ class Recording:
     def raw_messages(self, topics: Sequence[str]) -> Iterator[RawMessage]:
         """Yield the messages of these topics in log time order, serialized.
 
-        Messages of equal log time come in the order of `topics`. Raises RecordingError where a
+        Messages of equal log time come in the order of `topics`. Raises RecordingError if a
         file turns out to be damaged.
         """
         rank = {name: place for place, name in enumerate(topics)}

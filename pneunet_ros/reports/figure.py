@@ -1,7 +1,7 @@
 """The contract of a figure of a report, and how a report draws its table of them.
 
 A figure is a function in a file of its report's room: it takes the report's data and returns a
-`Picture`, or None where the data have nothing to show. The room's `figures.py` lists it under the
+`Picture`, or None if the data have nothing to show. The room's `figures.py` lists it under the
 part of the page in which it stands.
 """
 

@@ -153,7 +153,7 @@ class Course:
 
 
 def frames_in_motion(runs: Sequence[RecordingData], arm: Arm) -> FramesInMotion | None:
-    """Return which frames show an arm in motion; None where no recording shows it swing.
+    """Return which frames show an arm in motion; None if no recording shows it swing.
 
     A recording whose stamps mean nothing shows nothing of the kind. Of the arm only the length
     counts: it says how slowly a soft arm may swing at most.

@@ -119,7 +119,7 @@ def leave_levels_out(
 ) -> LeftOutLevels | None:
     """Fit without each part of the pressures but the first and the last, and predict it.
 
-    runs: unloaded; full: the fit to all of them; refit: does that with other runs. None where the
+    runs: unloaded; full: the fit to all of them; refit: does that with other runs. None if the
     pressures are too few, or the tip is not seen.
     """
     share = max(settings.frames // len(runs), 1)

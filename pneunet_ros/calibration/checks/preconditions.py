@@ -43,7 +43,7 @@ def check_runs(
     first: bool = True,
     settings: CalibrationSettings = CALIBRATION,
 ) -> None:
-    """Raise RequestError or RecordingError where the recordings cannot give a calibration.
+    """Raise RequestError or RecordingError if the recordings cannot give a calibration.
 
     first: nothing is known of the arm yet.
     """
@@ -109,7 +109,7 @@ def same_pressure(arm: Arm, settings: ResolutionSettings) -> float:
 def check_loads(
     run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
 ) -> None:
-    """Raise RecordingError where a loaded recording has no load, or one that no arm carries."""
+    """Raise RecordingError if a loaded recording has no load, or one that no arm carries."""
     if not (run.loaded and run.load.any()) or run.is_idle(arm.sensors):
         raise RecordingError(
             f'{run.name} was given as loaded, but its end force never exceeds the noise of the '
@@ -126,7 +126,7 @@ def check_loads(
 
 
 def check_bending(runs: Sequence[RecordingData], arm: Arm, settings: PreconditionSettings) -> None:
-    """Raise RecordingError where the targets stay in one place under all loads."""
+    """Raise RecordingError if the targets stay in one place under all loads."""
     if motion(runs, arm.reach) < settings.smallest_motion * arm.length:
         raise RecordingError(
             f'{names_of(runs)}: the targets hardly move, so they say nothing of the moment law; '
@@ -217,7 +217,7 @@ def largest_force(run: RecordingData) -> float:
 def check_unloaded(
     run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
 ) -> None:
-    """Raise RecordingError where a recording that was given as unloaded has an end force."""
+    """Raise RecordingError if a recording that was given as unloaded has an end force."""
     if run.loaded and largest_force(run) > settings.unloaded_force * arm.weight:
         raise RecordingError(
             f'{run.name} was given as unloaded, but its end force reaches '
@@ -230,7 +230,7 @@ def check_unloaded(
 def check_targets(
     run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
 ) -> None:
-    """Raise RecordingError where a recording has too few targets or others."""
+    """Raise RecordingError if a recording has too few targets or others."""
     if run.x.shape[1] != arm.target_arclength.size:
         raise RecordingError(
             f'{run.name} has {run.x.shape[1]} targets and the arm {arm.target_arclength.size}; '
@@ -295,7 +295,7 @@ def row_share(run: RecordingData, arm: Arm, settings: PreconditionSettings) -> f
 
 
 def check_clamp(run: RecordingData, arm: Arm, settings: RowOrderSettings = ROW_ORDER) -> None:
-    """Raise RecordingError where the first target is that at the free end, or the clamp moves."""
+    """Raise RecordingError if the first target is that at the free end, or the clamp moves."""
     places = arm.target_arclength
     if numbered_from_tip(run.points, places, settings):
         first, last = np.degrees(end_turns(run.points, places, settings) or (0.0, 0.0))

@@ -171,7 +171,7 @@ def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
 
     No number of the law can do what such an arm does; each section's stiffness is given an error
     of its own, so large that the tips of the loaded frames lie in their ellipses, and so that the
-    sections together move the tip alike in all directions they can. None where it does not matter.
+    sections together move the tip alike in all directions they can. None if it does not matter.
     """
     if variation is None or not variation.matters:
         return np.zeros((fit.values.size, 0))

@@ -17,7 +17,7 @@ class Placement(Block):
     """Places along the arm, then across it (m), of each dot, in the arm's tangent and normal.
 
     one_std (m): of a dot that nobody has found; known: of those that the model was calibrated
-    with, None where it is not known.
+    with, None if it is not known.
     """
 
     dots: int

@@ -179,7 +179,7 @@ class Unknowns:
     ) -> tuple[Array, Array]:
         """Return mean and square root after the process noise, forward or backward in time.
 
-        noise: one sigma of what is new in every reading, None where it stays. One column of the
+        noise: one sigma of what is new in every reading, None if it stays. One column of the
         root follows for all that moves, then those of the noise.
         """
         moving, before = self.moving, known.root.shape[1]

@@ -30,7 +30,7 @@ class Whitening:
     ) -> None:
         """Take std (coordinates,) or one for all, columns P (..., coordinates, errors).
 
-        seen (..., coordinates): None where all were.
+        seen (..., coordinates): None if all were.
         """
         self.std = np.broadcast_to(np.asarray(std, np.float64), columns.shape[-2:-1])[:, None]
         self.seen = None if seen is None else seen[..., None]

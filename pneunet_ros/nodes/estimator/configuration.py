@@ -14,7 +14,6 @@ from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.files.model_file import model_label
-from pneunet_ros.measurement.wrench_judge import WrenchConvention
 from pneunet_ros.messages.builders import Output
 from pneunet_ros.messages.link_chain import JOINT_STATES
 from pneunet_ros.messages.markers import ArmInUse, markers_output, TIP_FRAME, transform_output
@@ -137,7 +136,7 @@ class EstimatorConfiguration:
         new, old = self.estimator, before.estimator
         if new.arm is not old.arm:
             return state.fresh()
-        if select_wrench_settings(new.settings) != select_wrench_settings(old.settings):
+        if new.settings.wrench != old.settings.wrench:
             return replace(state, wrench=None)
         return state
 
@@ -167,8 +166,3 @@ def configured_estimator(
     if current is not None:
         check_source(found.estimator.gravity, current.estimator.gravity)
     return found
-
-
-def select_wrench_settings(settings: EstimatorSettings) -> WrenchConvention:
-    """Return the settings by which a wrench message is taken."""
-    return settings.wrench

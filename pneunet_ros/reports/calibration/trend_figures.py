@@ -94,7 +94,7 @@ def travel(variation: Variation) -> str:
 def linearity(data: FigureData) -> Picture | None:
     """Figure 11: kappa0, and kappa - kappa0, over pressure at four places.
 
-    None where the pressure never changes.
+    None if the pressure never changes.
     """
     free = intrinsic_linearity(data.calibration.joint)
     if not free:

@@ -65,7 +65,7 @@ class MomentView:
 
 
 def moment_view(fit: Fit, smoother: Smoother, steady_state: SteadyState) -> MomentView | None:
-    """Return the view of one steady state; None where too few targets were seen for a curve."""
+    """Return the view of one steady state; None if too few targets were seen for a curve."""
     arm = fit.arm
     curve = smoother.smooth(steady_state.sightings(arm.sensors.target_std))
     if curve is None or curve.arclength.size < 2:

@@ -15,9 +15,9 @@ from pneunet_ros.model.arm import Arm
 class SurveyedArm:
     """An arm that is done, or one that failed.
 
-    failed: why, in a sentence, empty where it did not. found: what calibration and diagnosis came
+    failed: why, in a sentence, empty if it did not. found: what calibration and diagnosis came
     to, with the keys of `diagnosis.json`, `loaded`, `target_std`, `checks` and `notes`; arm: its
-    model with what was missing. Both are empty where it failed. folder: of its files, relative to
+    model with what was missing. Both are empty if it failed. folder: of its files, relative to
     the page; recordings: its files;
     arm_file: that it was calibrated from.
     """
