@@ -1,6 +1,6 @@
 """Effects of the virtual lab that the model does not have, and their table.
 
-A diagnosis must not put a name of its own to these. They know no richness.
+A diagnosis must not mistake these for a cause that it knows. None has the setting `richness`.
 """
 
 from __future__ import annotations

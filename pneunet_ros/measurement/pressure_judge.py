@@ -454,7 +454,7 @@ def log_prior(
     expected: ExpectedPressure,
     settings: PressureJudgeSettings,
 ) -> float:
-    """Return the log prior of a meaning where another may be declared."""
+    """Return the log prior of a pressure convention, given the declared one."""
     weight = 0.0
     if meaning.unit != declared.unit:
         rare = meaning.unit in RARE_UNITS

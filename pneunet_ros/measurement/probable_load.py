@@ -61,11 +61,11 @@ def probable_load_errors(
 ) -> Array:
     """Return the difference between load and reading, (frames, 3) N, N m.
 
-    Zero where nothing was read, where no noise of the reading would explain it, and in a frame
-    that has no shape there. A known load is taken as it is: its error is the same in all frames.
+    Zero where no load was read, where its noise cannot explain the difference, and in frames
+    without a shape. A known load is not corrected: its error is the same in all frames.
 
     inputs: with the load as read; disturbance (frames, 2, targets) m: what placement and camera
-    add; model: where the search for the equilibria starts.
+    add; model: start of the search for the equilibria.
     """
     shift = np.zeros_like(inputs.loads)
     std = attached_std(noise, run)

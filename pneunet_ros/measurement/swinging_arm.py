@@ -169,7 +169,7 @@ class SwingingArm:
         object.__setattr__(self, 'next_shapes', modes.shape[Motion.SHAPES :])
 
     def part(self, which: slice) -> slice:
-        """Return where a part of its unknowns is, as `Motion` names them."""
+        """Return the slice of one part of the unknowns of this frame; which: one of `Motion`."""
         return slice(self.where.start + which.start, self.where.start + which.stop)
 
     def headings(self, sensitivity: Sensitivity) -> Array:

@@ -53,7 +53,7 @@ def ends_of(parts: Sequence[Part], length: float) -> Array:
 
 
 def cut_sections(sections: Array, places: Array, length: float) -> tuple[Array, Indices]:
-    """Return sections (n, sections, 8) cut at places (m), and of which each is a piece, (n, k).
+    """Return sections (n, sections, 8) cut at places (m), and the index of the original of each.
 
     length (m) of the arm.
     """

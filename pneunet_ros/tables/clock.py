@@ -79,7 +79,7 @@ class Clock:
 
 
 def _clock_seconds(match: re.Match[str]) -> Decimal | None:
-    """Return the seconds of a time of day in UTC, since 1970 where a date is before it."""
+    """Return the time of day in UTC (s); after a date, the seconds since 1970."""
     hour, minute = int(match['hour']), int(match['minute'])
     if match['half']:
         hour = hour % 12 + (12 if match['half'].lower() == 'pm' else 0)

@@ -212,9 +212,9 @@ def _read(
 
 
 def _check_decimals(path: Path, line: int, written: str, seen: dict[str, str]) -> None:
-    """Refuse a number that looks like one with thousands apart where decimals have another mark.
+    """Refuse a mark used both for decimals and, it seems, between thousands.
 
-    seen: where each mark stood first for decimals, and for what may be thousands; noted here.
+    seen: the place where each mark was first used for decimals or, it seems, thousands; updated.
     """
     marks = [mark for mark in '.,' if mark in written]
     if len(marks) != 1 or ':' in written:  # a time of day, or no number

@@ -131,9 +131,9 @@ def units_below(header: Sequence[str], cells: Sequence[str], request: TableReque
 def renamed_columns(
     header: Sequence[str], units: Sequence[str], request: TableRequest
 ) -> list[str]:
-    """Return the names that were asked for, with the units below them.
+    """Return the column names after renaming, with the units from the row below the header.
 
-    A new name that says a unit is the last word on it.
+    A unit in a new name takes precedence over the one below.
     """
     names = [request.rename.get(name, name) for name in header]
     if not units:

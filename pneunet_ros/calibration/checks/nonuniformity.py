@@ -85,7 +85,7 @@ def known_departure(prior: Array, information: Array, covariance: Array, missed:
 
 
 def shape_std(fit: Fit, settings: ExperimentSettings = EXPERIMENTS) -> tuple[float, float]:
-    """Return the largest standard error (m) of where the arm is, and at which s / l."""
+    """Return the largest standard error (m) of the position of the centerline, and its s / l."""
     places = fit.arm.length * fit.parameters.arclength
     moved = shape_jacobian(fit, settings.covariance_frames, places)
     variance = np.einsum('ij,jk,ik->i', moved, fit.covariance, moved)
