@@ -1,14 +1,17 @@
 """Make the pictures of the gallery that the commands draw themselves, with fewer colors.
 
-python docs/images/make_gallery.py [NAME ...]     # lab_day, explore, motion, control
+python docs/images/make_gallery.py [NAME ...]     # by default all of PICTURES
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+import re
 import sys
 import tempfile
+from types import SimpleNamespace
+from typing import Any
 
 import matplotlib
 
@@ -21,6 +24,11 @@ from pneunet_ros.cli.main import main as pneunet
 from pneunet_ros.files.scenario_file import load_lab
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.lab.live import LiveLab, Load
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.fusion import FUSION_OUTPUTS
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS
+from pneunet_ros.messages.tracker import TRACKER_INPUTS, TRACKER_OUTPUTS
+from pneunet_ros.recordings.dataset_reader import read_run
 
 FOLDER = Path(__file__).resolve().parent
 BAGS = FOLDER.parents[1] / 'bags/lab_day'
@@ -145,11 +153,65 @@ def control(scratch: Path) -> None:
     keep(scratch / 'control.png', 'gallery_control')
 
 
+def launch(scratch: Path) -> None:
+    """Draw the nodes of the demo launch with their topics, by the tables of the messages."""
+    boxes = {
+        'virtual_arm\n(or your arm)': (0.08, 0.5),
+        'tracker': (0.34, 0.86),
+        'estimator': (0.53, 0.5),
+        'fusion': (0.53, 0.08),
+        'controller,\ndisplays': (0.93, 0.5),
+    }
+    arm, tracker, estimator, fusion, user = boxes
+    images = [item.name for item in TRACKER_INPUTS if 'compressed' not in item.name]
+    edges = [
+        (arm, tracker, images),
+        (arm, estimator, [PRESSURE.name, END_WRENCH.name]),
+        (arm, fusion, [PRESSURE.name, END_WRENCH.name]),
+        (tracker, estimator, [TARGETS.name]),
+        (tracker, fusion, []),
+        (tracker, user, [item.name for item in TRACKER_OUTPUTS[1:]]),
+        (estimator, user, [item.name for item in OUTPUTS]),
+        (fusion, user, [item.name for item in FUSION_OUTPUTS]),
+    ]
+    figure, axes = plt.subplots(figsize=(9.6, 5.2), dpi=110)
+    axes.set(xlim=(0.0, 1.0), ylim=(-0.05, 1.0))
+    axes.set_axis_off()
+    arrow = {'arrowstyle': '->', 'color': '0.55', 'shrinkA': 34, 'shrinkB': 34}
+    for begin, end, topics in edges:
+        (x, y), (to_x, to_y) = boxes[begin], boxes[end]
+        axes.annotate('', (to_x, to_y), (x, y), arrowprops=arrow)
+        lines = '\n'.join(', '.join(topics[at : at + 2]) for at in range(0, len(topics), 2))
+        middle = 0.5 * (x + to_x), 0.5 * (y + to_y)
+        white = {'facecolor': 'white', 'edgecolor': 'none', 'pad': 1.5}
+        axes.text(*middle, lines, fontsize=7.5, ha='center', va='center', bbox=white)
+    for name, place in boxes.items():
+        box = {'boxstyle': 'round,pad=0.5', 'facecolor': '#dce9f5', 'edgecolor': '#1f5a96'}
+        axes.text(*place, name, ha='center', va='center', bbox=box)
+    figure.tight_layout()
+    figure.savefig(scratch / 'launch.png')
+    keep(scratch / 'launch.png', 'gallery_launch')
+
+
+def extending(scratch: Path) -> None:
+    """Draw the report figure that the page on extending adds, of the lab day."""
+    page = (FOLDER.parent / 'extending.md').read_text(encoding='utf-8')
+    (code,) = re.findall(r'```python\n(# \S+/pressure_figures.py\n.*?)```', page, re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(code, names)  # the page is ours, and its test runs it as well
+    run_of_day, _ = read_run(BAGS / 'loaded.mcap', load_model(ARM).target_arclength.size)
+    drawn = names['pressures'](SimpleNamespace(loaded=[SimpleNamespace(run=run_of_day)]))
+    (scratch / drawn.file).write_bytes(drawn.png)
+    keep(scratch / drawn.file, 'gallery_extending')
+
+
 PICTURES: dict[str, Callable[[Path], None]] = {
     'lab_day': lab_day,
     'explore': explore,
     'motion': motion,
     'control': control,
+    'launch': launch,
+    'extending': extending,
 }
 
 
