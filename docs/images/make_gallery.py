@@ -153,6 +153,17 @@ def control(scratch: Path) -> None:
     keep(scratch / 'control.png', 'gallery_control')
 
 
+def survey(scratch: Path) -> None:
+    """Draw the numbers of 27 real actuators side by side."""
+    sys.path.insert(0, str(FOLDER.parents[1] / 'acceptance'))
+    from real_data_fit import DATA, read_actuators
+    from survey_real_data import write_fleet
+
+    write_fleet(read_actuators(DATA), scratch / 'fleet', 0.3)
+    run('survey', scratch / 'fleet', '--static', '--output', scratch / 'out')
+    keep(next((scratch / 'out').glob('figure_01*.png')), 'gallery_survey')
+
+
 def launch(scratch: Path) -> None:
     """Draw the nodes of the demo launch with their topics, by the tables of the messages."""
     boxes = {
@@ -210,6 +221,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     'explore': explore,
     'motion': motion,
     'control': control,
+    'survey': survey,
     'launch': launch,
     'extending': extending,
 }
