@@ -149,6 +149,7 @@ class PromptExecutor(SingleThreadedExecutor):
     node, such as actions, are polled every `POLL_NS` if its `is_polled` is set. A process of many
     nodes has over a hundred services, and waiting for all of them takes longer than an estimate:
     while messages arrive, services are polled every `SERVICE_NS` for each of them.
+    The `settle` of a node that `is_unsettled` is called when no message waits.
     """
 
     def __init__(self, context: Context | None = None) -> None:
@@ -164,6 +165,7 @@ class PromptExecutor(SingleThreadedExecutor):
         self._owners: list[Any] = []  # the node of each timer
         self._services: list[Any] = []
         self._polled = False  # some node is
+        self._settling: list[Any] = []  # nodes that leave work for when no message waits
         self._sets: dict[bool, Any] = {}
         self._prompt_until_ns = self._services_due_ns = self._pause_ns = 0
         self._due_ns: int | None = None  # when a message has waited for another long enough
@@ -197,6 +199,8 @@ class PromptExecutor(SingleThreadedExecutor):
         arrived = set(waiting.get_ready_entities('subscription'))
         if self.call_messages(arrived, looked_ns, whole=whole):
             self._prompt_until_ns = time.time_ns() + SERVICE_NS * len(self._services)
+        elif (node := self.unsettled()) is not None:
+            self.work(self.at_work_beside(node), node.settle)
         ready = set(waiting.get_ready_entities('timer'))
         for timer, node in list(zip(self._timers, self._owners, strict=True)):
             if timer.handle.pointer in ready:
@@ -226,6 +230,8 @@ class PromptExecutor(SingleThreadedExecutor):
         waiting.add_guard_condition(self._wake.handle)
         waiting.add_guard_condition(self._signal.handle)
         ends = [] if self._due_ns is None else [self._due_ns]
+        if self.unsettled() is not None:
+            ends.append(begin_ns)
         if not whole:
             ends.append(self._services_due_ns)
         elif self._polled:
@@ -318,13 +324,22 @@ class PromptExecutor(SingleThreadedExecutor):
                 timer.handle.call_timer()
         except InvalidHandle:
             return
+        self.work(self.at_work_beside(node), timer.callback)
+
+    def at_work_beside(self, node: Any) -> AtWork:
+        """Return work of a node than which the messages of all other nodes are more urgent."""
         own = [queue for queue in self._queues if queue.node is node]
-        self.work(AtWork(own, NEVER, time.time_ns()), timer.callback)
+        return AtWork(own, NEVER, time.time_ns())
+
+    def unsettled(self) -> Any | None:
+        """Return a node that has left work for when no message waits; None if there is none."""
+        return next((node for node in self._settling if node.is_unsettled), None)
 
     def list_entities(self) -> None:
         """List the entities to wait for, which nodes may add and remove at any time."""
         self._changed = False
         nodes = self.get_nodes()
+        self._settling = [node for node in nodes if hasattr(node, 'settle')]
         self._polled = any(getattr(node, 'is_polled', False) for node in nodes)
         subscriptions = [item for node in nodes for item in node.subscriptions]
         self._prompt = [item for item in subscriptions if is_at_once(item)]

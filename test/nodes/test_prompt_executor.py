@@ -153,6 +153,31 @@ def test_in_pauses_of_a_callback_more_urgent_messages_of_others_have_their_turn(
     end()
 
 
+def test_what_a_node_left_is_done_when_no_message_waits(executor, node):
+    heard = []
+
+    def take(message, info):
+        heard.append(message.data)
+        node.is_unsettled = True
+        time.sleep(0.02)  # longer than messages are called back before others are looked for
+
+    def settle():
+        node.is_unsettled = False
+        heard.append('settled')
+
+    node.is_unsettled, node.settle = False, settle
+    subscription(node, STRING, 'words', take, output_qos())
+    out = node.create_publisher(String, 'words', 10)
+    turn_until(executor, node, out.get_subscription_count)
+    for words in ('one', 'two'):
+        out.publish(String(data=words))
+    time.sleep(1.0)  # both are there
+    while 'settled' not in heard:
+        executor.take_turn()
+    executor.take_turn()
+    assert heard == ['one', 'two', 'settled']
+
+
 def test_timers_services_and_other_subscriptions_have_their_turns(executor, node):
     called = set()
     node.create_timer(0.01, lambda: called.add('timer'))

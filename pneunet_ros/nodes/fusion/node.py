@@ -55,6 +55,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         """Declare all parameters, get everything warm, and only then open the topics."""
         super().__init__('fusion', PARAMETERS, configured_fusion, place)
         self.state = FusionState()
+        self.is_unsettled = False
         self.take_frame: Callable[[], None] | None = None  # of a gripper: there is a new one
         self.frame_ns = 0
         node, fusion = self.configuration.node, self.configuration.fusion
@@ -85,6 +86,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
     def take(self, sensor: Input[Any], topic: str, message: Any, info: dict[str, int]) -> None:
         """Take a message, and publish the estimate that it gives."""
         self.note_message(topic, info)
+        self.settle()
         resets, begin = self.state.readings.resets, time.monotonic()
         self.state, outcome = fuse_message(self.configuration.fusion, self.state, sensor, message)
         end = time.monotonic()
@@ -95,12 +97,19 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
             self.log_refusal(outcome)
         if sensor is PRESSURE and not (isinstance(outcome, Refusal) and not outcome.error):
             self.zero.take(PRESSURE.decode(message))
-        self.state = self.configuration.fusion.settle(self.state)
+        self.is_unsettled = True
         self.health.took(sensor.name, outcome, end, end - begin)
         if self.state.readings.resets > resets:
             self.zero.forget()
             sentence = 'time jumped back: the fusion was reset'
             self.log.warn('reset', sentence, time.monotonic())
+
+    def settle(self) -> None:
+        """Do what no estimate waits for; the executor calls this when no message waits."""
+        if not self.is_unsettled:
+            return
+        self.is_unsettled = False
+        self.state = self.configuration.fusion.settle(self.state)
         belief = self.state.belief
         if self.take_frame is not None and belief is not None:
             before, self.frame_ns = self.frame_ns, belief.stamp_ns
@@ -109,6 +118,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
 
     def diagnose(self) -> None:
         """Publish how the fusion is doing."""
+        self.settle()
         now, configuration = time.monotonic(), self.configuration
         report = self.health.report(
             self.state, configuration.fusion, now, left_out=configuration.left_out
@@ -126,11 +136,13 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
 
     def forget(self) -> str:
         """Forget all readings and frames."""
+        self.settle()
         self.state = self.state.restarted()
         self.zero.forget()
         return 'the fusion was reset'
 
     def take_over(self, configuration: FusionConfiguration) -> None:
         """Keep what remains valid of the state, and use the new rate."""
+        self.settle()
         self.state = configuration.take_over(self.state, self.configuration)
         self.outputs.centerline_rate = configuration.node.centerline_rate
