@@ -315,7 +315,7 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
     if not math.isfinite(value):
         hint = ' (use a decimal point)' if ',' in text else ''
         if name == CLOCK and not hint:
-            hint = ' and no time such as 10:15:03.12 or 2026-11-22 10:15:03.12'
+            hint = ' (nor a time such as 10:15:03.12 or 2026-11-22 10:15:03.12)'
         if _APART.fullmatch(text):
             hint = ' (no thousands separators; use a decimal point)'
         if is_unit(text.lstrip('+-.0123456789 ')):
