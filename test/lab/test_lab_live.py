@@ -190,8 +190,8 @@ def test_the_pressure_follows_its_equation(start, command, time_constant, rate_l
     seconds = np.linspace(0.0, 3.0, 30_001)
     pressure = valve.pressure(start, command, seconds)
     expected, now = [start], start
-    for step in np.diff(seconds):
-        now += step * np.clip((command - now) / time_constant, -rate_limit, rate_limit)
+    for step in np.diff(seconds).tolist():
+        now += step * min(max((command - now) / time_constant, -rate_limit), rate_limit)
         expected.append(now)
     assert pressure[0] == start
     assert pressure == pytest.approx(np.array(expected), abs=30.0)

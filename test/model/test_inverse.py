@@ -204,7 +204,7 @@ def test_a_straight_extensible_arm_tells_its_pull():
 
 
 @pytest.mark.parametrize(
-    'tip', [(0.2, 0.0), (0.0, -0.13), (0.08, 0.08), (10.0, 10.0), (-1e6, 1e6), (0.1135, 0.0)]
+    'tip', [(0.2, 0.0), (0.0, -0.13), (0.08, 0.08), (-1e6, 1e6), (0.1135, 0.0)]
 )
 def test_a_tip_out_of_reach_is_said(tip):
     found = solve_tip(paper_arm(), 40e3, tip)
