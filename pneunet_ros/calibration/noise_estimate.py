@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import itertools
 import math
+from statistics import NormalDist
 
 import numpy as np
 from pneunet_ros.calibration.settings import NOISE_ESTIMATE, NoiseEstimateSettings
@@ -23,6 +24,12 @@ from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import END_LOAD_MOMENT
 
 MEDIAN_OF_TWO = math.log(2.0)  # of half the sum of two squares of normal numbers
+NORMAL = NormalDist()
+QUARTILE = NORMAL.inv_cdf(0.625)  # the lower one of the size of a normal number, over its std
+CLIPPED = 3.0  # sigma, from where on a difference is a change: the usual three
+# What is left of the variance of normal numbers within that.
+LEFT_OF_VARIANCE = 1.0 - 2.0 * CLIPPED * NORMAL.pdf(CLIPPED) / (2.0 * NORMAL.cdf(CLIPPED) - 1.0)
+MOST_CLIPPINGS = 30  # until nothing changes: five are usual
 RESTS = 3.0  # sigma of a pressure reading, that it changes by from frame to frame
 ASSUMED = 'assumed; these recordings do not determine it'
 # What an arm file states of its sensors, and the unit.
@@ -60,19 +67,8 @@ def estimate_noise(
     headings = [run.heading for run in runs if run.heading is not None]
     if headings and assumed.heading_std == 0.0:
         assumed = replace(assumed, heading_std=settings.heading)
-    runs = [run for run in runs if len(run.stamp_ns) >= settings.fewest and not run.static]
-    loaded = [run for run in runs if run.loaded and not run.load_known]
-    loads = [load_readings(run) for run in loaded]
-    readings = {
-        'pressure': [run.pressure for run in runs],
-        'force': [values for load in loads for values in load.T[:END_LOAD_MOMENT]],
-        'moment': [load[:, END_LOAD_MOMENT] for load in loads if np.any(load[:, END_LOAD_MOMENT])],
-        'heading': [
-            np.unwrap(run.heading[np.isfinite(run.heading)])
-            for run in runs
-            if run.heading is not None
-        ],
-    }
+    runs = in_time(runs, settings)
+    readings = readings_of(runs)
     found: dict[str, tuple[float | None, str]] = {
         f'{name}_std': (
             second_differences(quiet_series(series, settings), settings),
@@ -102,7 +98,8 @@ def estimate_noise(
     alike, neighbors = likeness(runs, pressure_std, settings)
     notes = []
     # Both components of a force are read by one sensor.
-    stepped = readings | {'force': [load[:, :END_LOAD_MOMENT].T.ravel() for load in loads]}
+    forces = [load[:, :END_LOAD_MOMENT].T.ravel() for load in loads_of(runs)]
+    stepped = readings | {'force': forces}
     for name, unit in STEPPED:
         step, key = resolution_of(stepped[name], settings), f'{name}_std'
         coarse, sentence = with_step(found[key][0], getattr(assumed, key), step, unit)
@@ -150,6 +147,44 @@ def estimate_noise(
         noise = replace(noise, **{name: float(f'{max(std, SMALLEST):.3g}')})
     notes += differing_noise(noise, assumed, sources, settings)
     return NoiseEstimate(noise=noise, sources=sources, notes=tuple(notes))
+
+
+def in_time(
+    runs: Sequence[RecordingData], settings: NoiseEstimateSettings = NOISE_ESTIMATE
+) -> list[RecordingData]:
+    """Return the recordings whose order in time shows noise."""
+    return [run for run in runs if len(run.stamp_ns) >= settings.fewest and not run.static]
+
+
+def readings_of(runs: Sequence[RecordingData]) -> dict[str, list[Array]]:
+    """Return the series of readings (values,) of every sensor in some recordings.
+
+    A component of the load that is zero throughout was not measured.
+    """
+    components = [column for load in loads_of(runs) for column in enumerate(load.T)]
+    measured = [(place, values) for place, values in components if np.any(values)]
+    headings = [run.heading for run in runs if run.heading is not None]
+    return {
+        'pressure': [run.pressure for run in runs],
+        'force': [values for place, values in measured if place < END_LOAD_MOMENT],
+        'moment': [values for place, values in measured if place == END_LOAD_MOMENT],
+        'heading': [np.unwrap(values[np.isfinite(values)]) for values in headings],
+    }
+
+
+def with_noise_of_readings(
+    stated: SensorNoise,
+    runs: Sequence[RecordingData],
+    settings: NoiseEstimateSettings = NOISE_ESTIMATE,
+) -> SensorNoise:
+    """Return the noise as stated, and of pressure and load as the readings show if it is more."""
+    larger = {}
+    for name, series in readings_of(in_time(runs, settings)).items():
+        key = f'{name}_std'
+        found = second_differences(quiet_series(series, settings), settings)
+        if name != 'heading' and found is not None and found > getattr(stated, key):
+            larger[key] = found
+    return replace(stated, **larger)
 
 
 def with_places_uncertain(
@@ -233,6 +268,11 @@ def with_step(
     return total, f'steps of {step:.3g} {unit} in which it is read, and {source}'
 
 
+def loads_of(runs: Sequence[RecordingData]) -> list[Array]:
+    """Return the loads (n, 3) that were read in each loaded recording."""
+    return [load_readings(run) for run in runs if run.loaded and not run.load_known]
+
+
 def load_readings(run: RecordingData) -> Array:
     """Return F1, F2 (N) and M (N m) of all loaded frames, (n, 3).
 
@@ -267,10 +307,28 @@ def second_differences(
     or a sensor coarser than its noise.
     """
     differences = np.concatenate([np.zeros(0), *(np.diff(values, 2) for values in series)])
-    sizes = np.abs(differences[np.isfinite(differences)])
-    if sizes.size < settings.fewest:
+    differences = differences[np.isfinite(differences)]
+    if differences.size < settings.fewest:
         return None
-    return SIGMA_OF_MEDIAN * float(np.median(sizes)) / math.sqrt(6.0) or None
+    return clipped_std(differences) / math.sqrt(6.0) or None
+
+
+def clipped_std(values: Array) -> float:
+    """Return the standard deviation of white noise among values (n,), by three-sigma clipping.
+
+    Up to three quarters of the values may be changes: it begins with the lower quartile, and is
+    the root mean square of what lies within three of it, again and again. 0 where most are zero.
+    """
+    sizes = np.abs(values)
+    std, low = SIGMA_OF_MEDIAN * float(np.median(sizes)), float(np.quantile(sizes, 0.25))
+    if low > 0.0:
+        std = min(std, low / QUARTILE)
+    for _ in range(MOST_CLIPPINGS):
+        inside = sizes[sizes <= CLIPPED * std]
+        before, std = std, float(np.sqrt(np.mean(inside**2) / LEFT_OF_VARIANCE))
+        if std == before:
+            break
+    return std
 
 
 def white_of_targets(
@@ -296,7 +354,7 @@ def white_of_targets(
     residuals = np.concatenate([values[np.isfinite(values)] for values in even])
     if residuals.size < settings.fewest:
         return first
-    return SIGMA_OF_MEDIAN * float(np.median(np.abs(residuals))) / math.sqrt(6.0)
+    return clipped_std(residuals) / math.sqrt(6.0)
 
 
 def likeness(

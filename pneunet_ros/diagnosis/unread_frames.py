@@ -9,14 +9,10 @@ frame, and one from beyond the readings, is left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-import math
-from statistics import NormalDist
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.calibration.settings import NOISE_ESTIMATE
-from pneunet_ros.core.arrays import Array
+from pneunet_ros.calibration.noise_estimate import with_noise_of_readings
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.measurement.dataset import RecordingData
@@ -27,11 +23,8 @@ from pneunet_ros.measurement.errors.noise_model import (
 )
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
-from pneunet_ros.solver.columns import END_LOAD_MOMENT
 
 Flags = npt.NDArray[np.bool_]
-# The lower quartile of second differences of white noise, over its standard deviation.
-QUARTILE = NormalDist().inv_cdf(0.625) * math.sqrt(6.0)
 
 
 def without_unread(
@@ -42,7 +35,7 @@ def without_unread(
     A loaded recording that is left with no load is left out as well. RecordingError where no
     recording of the first group is left, or none without a load, or none with one.
     """
-    noise = reading_noise(arm.sensors, [run for group in groups for run in group])
+    noise = with_noise_of_readings(arm.sensors, [run for group in groups for run in group])
     read = [[(run, read_frames(arm, run, noise)) for run in group] for group in groups]
     every = [flags for group in read for _, flags in group]
     left = sum(int((~flags).sum()) for flags in every)
@@ -73,34 +66,6 @@ def read_part(run: RecordingData, flags: Flags, noise: SensorNoise) -> Recording
     part = run.subset(np.flatnonzero(flags))
     lost = run.loaded and part.is_idle(noise) and not run.is_idle(noise)
     return None if lost else part
-
-
-def reading_noise(stated: SensorNoise, runs: Sequence[RecordingData]) -> SensorNoise:
-    """Return the noise of pressure and load: as stated, or more if readings at rest have more."""
-    runs = [run for run in runs if not run.static]
-    wrenches = [run.wrench.T for run in runs if run.wrench is not None and not run.load_known]
-    forces = [values for wrench in wrenches for values in wrench[:END_LOAD_MOMENT]]
-    moments = [wrench[END_LOAD_MOMENT] for wrench in wrenches]
-    return replace(
-        stated,
-        pressure_std=max(stated.pressure_std, noise_at_rest([run.pressure for run in runs])),
-        force_std=max(stated.force_std, noise_at_rest(forces)),
-        moment_std=max(stated.moment_std, noise_at_rest(moments)),
-    )
-
-
-def noise_at_rest(series: Sequence[Array]) -> float:
-    """Return one sigma of white noise of the quietest of some series, 0 if none has any.
-
-    By the lower quartile of second differences: of rare readings most show changes, and the median
-    of all of them (`estimate_noise`) would be no noise. What is zero throughout was not measured.
-    """
-    stds = [
-        float(np.quantile(np.abs(np.diff(values, 2)), 0.25)) / QUARTILE
-        for values in series
-        if len(values) >= NOISE_ESTIMATE.fewest
-    ]
-    return min((std for std in stds if std > 0.0), default=0.0)
 
 
 def read_frames(arm: Arm, run: RecordingData, noise: SensorNoise) -> Flags:
