@@ -91,10 +91,12 @@ def interpolation_error(
     same way, the course between them is bent: it lies between the line and the courses that go on
     from either side, anywhere alike. Where one takes back the other, the value jumped: with a
     share w of the time gone it had jumped already with probability w, so that the error has a
-    standard deviation of the root of w (1 - w) of the jump. What went on alike through two
-    intervals, and neither before nor behind, began in the first of them and ended in the second,
-    at any time: a bent course in both. Before the first reading and behind the last the value is
-    taken to be at rest; beyond the last it may go on changing as it did.
+    standard deviation of the root of w (1 - w) of the jump. What went on the same way through
+    two intervals, and neither before nor behind, began in the first of them and ended in the
+    second, at any time: with a share w of the time gone since the reading between them it has
+    ended with probability w, and the line misses what is left. Before the first reading and
+    behind the last the value is taken to be at rest; beyond the last it may go on changing as it
+    did.
     """
     if len(stamp_ns) < 2:
         return np.zeros((len(shown), *values.shape[1:]))
@@ -113,8 +115,10 @@ def interpolation_error(
     jump = np.minimum(first, second) * np.sqrt(share * (1.0 - share))
     bent = np.minimum(share * first, (1.0 - share) * second) / math.sqrt(3.0)
     missed = np.where(bend[1] * bend[2] < 0.0, jump, bent)
-    short = np.maximum(np.minimum(earlier, second), np.minimum(first, later))
-    missed = np.maximum(missed, short * np.minimum(share, 1.0 - share) / math.sqrt(3.0))
+    began = np.where(bend[0] * bend[2] < 0.0, np.minimum(earlier, second), 0.0)
+    ended = np.where(bend[1] * bend[3] < 0.0, np.minimum(first, later), 0.0)
+    for change, left in ((began, 1.0 - share), (ended, share)):
+        missed = np.maximum(missed, change * left * np.sqrt(1.0 - left**2))
     if late.any():
         beyond = np.abs(slope[..., -2:-1]) * np.minimum(late, apart)
         missed = np.where(late > 0, beyond, missed)

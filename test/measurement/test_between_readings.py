@@ -66,6 +66,23 @@ def test_nothing_is_further_off_than_is_said():
     assert furthest_error(np.array([9]), STAMPS[:1]).tolist() == [np.sqrt(3.0)]
 
 
+@pytest.mark.parametrize('share', [0.05, 0.5, 0.9])
+def test_a_step_that_a_reading_interrupts_is_missed_by_as_much_as_is_said(share):
+    """It began before reading 3 and ended behind it, half of it on either side."""
+    random = np.random.default_rng(6)
+    found, told = [], []
+    for half in random.uniform(0.01, 1.0, 4000) * PERIOD:
+
+        def course(t, half=half):
+            return 5e3 * np.clip((t - 3 * PERIOD) / half, -1.0, 1.0)
+
+        for shown in ((3 + share) * PERIOD, (3 - share) * PERIOD):
+            off, said = missed(course, round(shown))
+            found.append(off)
+            told.append(said)
+    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(np.mean(told), rel=0.15)
+
+
 def test_a_smooth_course_keeps_most_of_its_weight():
     off, said = missed(lambda t: 2e4 * np.sin(t / (5 * PERIOD)), int(3.5 * PERIOD))
     assert abs(off) < said < 3.0 * abs(off)
