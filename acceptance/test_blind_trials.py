@@ -235,6 +235,19 @@ def test_labels_go_through_all_effects_and_sizes():
         labelled('some', 1, random)
 
 
+def test_an_arm_with_mass_hides_what_mujoco_can_do():
+    random = np.random.default_rng(0)
+    places = range(4 * len(HIDEABLE))
+    labels = [labelled('moving_single', SCORING + place, random) for place in places]
+    names = {next(iter(label.effects)) for label in labels}
+    assert names == set(HIDEABLE) - {'extensibility', 'pressure_elongation'}
+    for label in labels:
+        for name in {'clamp_compliance', 'stiffening'} & set(label.effects):
+            assert label.effects[name]['richness'] == 0.0
+    others = [labelled('moving_outside', SCORING + place, random) for place in range(8)]
+    assert not any('touching_peg' in label.outside for label in others)
+
+
 @pytest.fixture(scope='module')
 def hidden_trial():
     return made('single', DEVELOPMENT + SIZES * 8 + 5)

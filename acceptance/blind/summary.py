@@ -48,7 +48,23 @@ TARGETS = (
     ('rated_single', 'wrong', '    wrong name', ''),
     ('rated_single', 'size_covered', '    95 % interval covers its size', '0.92 to 0.98'),
     ('rated_pairs', 'both_right', '    two effects: both right', '>= 0.85'),
+    ('moving_nothing', 'any_name', 'an arm with mass, nothing hidden: any name', ''),
+    ('moving_single', 'alone', '    one effect: right name alone', ''),
+    ('moving_single', 'wrong', '    wrong name', ''),
+    ('moving_pairs', 'both_right', '    two effects: both right', ''),
+    ('moving_outside', 'false_name', '    outside the library: false name', ''),
 )
+
+
+LIBRARY = (
+    'single',
+    'pairs',
+    'confusable',
+    'rated_single',
+    'rated_pairs',
+    'moving_single',
+    'moving_pairs',
+)  # blocks that hide effects of the library
 
 
 def summary_of(pairs: Sequence[Pair]) -> dict[str, Any]:
@@ -57,11 +73,7 @@ def summary_of(pairs: Sequence[Pair]) -> dict[str, Any]:
     for pair in pairs:
         blocks.setdefault(pair[0]['block'], []).append(pair)
     failed = [pair for pair in pairs if pair[1]['failed']]
-    library = [
-        pair
-        for name in ('single', 'pairs', 'confusable', 'rated_single', 'rated_pairs')
-        for pair in blocks.get(name, [])
-    ]
+    library = [pair for name in LIBRARY for pair in blocks.get(name, [])]
     result: dict[str, Any] = {
         'trials': len(pairs),
         'failed': sorted({f'{truth["key"]}: {answer["failed"]}' for truth, answer in failed}),
@@ -211,4 +223,8 @@ SCORERS = {
     'rare_readings': nothing,
     'rated_single': single,
     'rated_pairs': several,
+    'moving_nothing': nothing,
+    'moving_single': single,
+    'moving_pairs': several,
+    'moving_outside': outside,
 }

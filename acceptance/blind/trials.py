@@ -20,6 +20,7 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
+from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.outside_effects import OUTSIDE_EFFECTS
 from pneunet_ros.lab.scenario import Detail, lab_effect, Scenario
 from pneunet_ros.lab.simulation import simulate
@@ -58,10 +59,16 @@ BLOCKS = {
     'rated_single': 2 * 4 * len(HIDEABLE),
     'rated_pairs': 60,
     'rare_readings': 40,
-}  # trials by default; the rated ones go through all designs of `RATED`
+    'moving_nothing': 20,
+    'moving_single': 4 * len(HIDEABLE),
+    'moving_pairs': 20,
+    'moving_outside': 20,
+}  # trials by default; the rated ones go through all designs of `RATED`, MuJoCo moves the moving
 NO_TRIALS = ('harmless_mismatch', 'push', 'pulley')
 OUTSIDE = tuple(name for name in OUTSIDE_EFFECTS if name not in NO_TRIALS)
-RATED_PREFIX = 'rated_'
+RATED_PREFIX, MOVING_PREFIX = 'rated_', 'moving_'
+# What hinges of MuJoCo cannot do at all, and what only by a plain law.
+STRETCHING, PLAIN = ('extensibility', 'pressure_elongation'), ('clamp_compliance', 'stiffening')
 MOST_TRIES = 20  # of effects that an arm can stand
 
 
@@ -131,15 +138,17 @@ def labelled(block: str, seed: int, random: np.random.Generator) -> Label:
     outside: dict[str, Parameters] = {}
     slipping: tuple[int, ...] = ()
     place = seed - 1 if seed < SCORING else seed - SCORING
-    names = list(HIDEABLE)
-    asked, block = block, block.removeprefix(RATED_PREFIX)
-    rated = asked != block
+    moving = block.startswith(MOVING_PREFIX)
+    names = [name for name in HIDEABLE if not (moving and name in STRETCHING)]
+    others = [name for name in OUTSIDE if not (moving and name == 'touching_peg')]
+    asked, block = block, block.removeprefix(RATED_PREFIX).removeprefix(MOVING_PREFIX)
+    rated = asked.startswith(RATED_PREFIX)
     design = 'free' if block == 'unobservable' else 'full'
     if rated:
         # One further with every round of the effects, so that every effect meets every design.
         rounds, step = divmod(place, len(names))
         design = list(RATED)[(rounds + step) % len(RATED)]
-    if rated and block == 'single':
+    if (rated or moving) and block == 'single':
         name = names[place % len(names)]
         effects[name] = hidden_effect(name, int(random.integers(3, 6)), random)
     elif block == 'single':
@@ -159,7 +168,7 @@ def labelled(block: str, seed: int, random: np.random.Generator) -> Label:
         pair = ((first,), (second,), (first, second))[place % 3]
         effects |= {name: hidden_effect(name, int(random.integers(3, 6)), random) for name in pair}
     elif block == 'outside':
-        name = OUTSIDE[place % len(OUTSIDE)]
+        name = others[place % len(others)]
         outside[name] = outside_effect(name, random)
         if name == 'slipping_base':
             count = int(random.integers(2, 5))
@@ -174,6 +183,11 @@ def labelled(block: str, seed: int, random: np.random.Generator) -> Label:
         design = list(RARE)[place % len(RARE)]
     elif block != 'nothing':
         raise RequestError(f'no block is called {asked}; there are {", ".join(BLOCKS)}')
+    if moving:
+        effects = {
+            name: values | ({'richness': 0.0} if name in PLAIN else {})
+            for name, values in effects.items()
+        }
     outside['harmless_mismatch'] = {'size': MISMATCH, 'phase': random.uniform(-3.0, 3.0)}
     return Label(
         block=asked,
@@ -210,6 +224,7 @@ def recorded(label: Label) -> tuple[Sealed, Trial]:
             noise=NOISE,
             rates=design.rates,
             detail=Detail(elements=float(label.elements)),
+            motion=LabMotion() if label.block.startswith(MOVING_PREFIX) else None,
         )
         recordings.append(simulate(scenario, memory))
         memory = recordings[-1].memory
