@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 from pneunet_ros.calibration.checks.frames_in_motion import FramesInMotion, without_motion
@@ -314,6 +315,7 @@ def conclude(
         )
         for trial in (first, verdict.trial)
     )
+    left, worst = verdict.trial.record.tests, min(first.record.tests, key=attrgetter('p_value'))
     cosines = effect_cosines(first.refit.gaussian, candidates, settings.score_test)
     wanted = wanted_candidates(verdict, candidates, detectable)
     rivals = wanted if verdict.alternatives else ()
@@ -333,8 +335,11 @@ def conclude(
         noise_floor=floor,
         noise_floor_std=floor_std,
         closed=None if first.record.adequate else removed,
-        adequacy_before=worst_test(first.record.tests, level),
-        adequacy_after=worst_test(verdict.trial.record.tests, level),
+        adequacy_before=adequacy(first.record.tests, worst, level),
+        adequacy_after=adequacy(left, min(left, key=attrgetter('p_value')), level),
+        adequacy_same=adequacy(
+            left, next((item for item in left if item.name == worst.name), worst), level
+        ),
         detectable=detectable,
         shift=parameter_shifts(before.fit, after.fit) if added else {},
         evidence=collect_evidence(selection, candidates, cosines),
@@ -485,13 +490,13 @@ def evaluate(
     )
 
 
-def worst_test(tests: Sequence[LackOfFit], level: float) -> Adequacy:
-    """Return the test with the least p-value, at the level of all of them together."""
-    worst = min(tests, key=lambda item: item.p_value)
+def adequacy(tests: Sequence[LackOfFit], test: LackOfFit, level: float) -> Adequacy:
+    """Return one of the tests, at the level of all of them together."""
     return Adequacy(
-        statistic=worst.statistic,
-        threshold=worst.threshold(level / len(tests)),
-        p_value=worst_p_value(tests),
+        test=test.name,
+        statistic=test.statistic,
+        threshold=test.threshold(level / len(tests)),
+        p_value=min(1.0, test.p_value * len(tests)),
     )
 
 

@@ -24,7 +24,8 @@ class Frames:
     """All frames of the training runs: squared whitened residuals and what acted.
 
     squares (frames, targets), NaN where not seen, 2 on average by noise alone; arclength
-    (targets,) s / l; axes: per axis (frames,) its value, NaN where a frame belongs to none.
+    (targets,) s / l; axes: per axis on which frames differ (frames,) its value, NaN where a frame
+    belongs to none.
     """
 
     squares: Array
@@ -87,7 +88,7 @@ def collect_frames(
         axes={
             name: value
             for name, value in zip(names, by_axis, strict=True)
-            if np.isfinite(value).any()
+            if np.unique(value[np.isfinite(value)]).size > 1
         },
         settings=settings,
     )
@@ -162,7 +163,7 @@ def describe_misfit(frames: Frames) -> str:
     settings = frames.settings
     known = frames.squares[np.isfinite(frames.squares)]
     if scipy.stats.chi2.sf(known.sum(), 2 * known.size) > settings.significant:
-        return 'the residuals are consistent with noise everywhere'
+        return 'no part of the recordings stands out from noise'
     words = []
     names: dict[Axis, str] = {'force': 'the force', 'pressure': 'the pressure', 'time': 'time'}
     for axis, name in names.items():
@@ -203,8 +204,12 @@ def rising_to_falling_ratio(frames: Frames) -> float:
     Only frames of like pressure and force are compared: what hangs on the arm on the way up, and
     not on the way down, is no hysteresis.
     """
-    pressure, force = frames.bin_indices('pressure'), frames.bin_indices('force')
-    cells = pressure * (int(force.max()) + 1) + force
+    cells = np.zeros(len(frames.squares), np.int64)
+    axes: tuple[Axis, ...] = ('pressure', 'force')
+    for axis in axes:
+        if axis in frames.axes:
+            bins = frames.bin_indices(axis)
+            cells = cells * (int(bins.max()) + 1) + bins
     excess = target_means(frames.squares.T) - 2.0
     direction = frames.axes['direction']
     sums = np.zeros(2)

@@ -92,8 +92,9 @@ class Evaluation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Adequacy:
-    """The worst lack-of-fit test: statistic, what clean data stay below, and p-value."""
+    """A lack-of-fit test by its name: statistic, what clean data stay below, and p-value."""
 
+    test: str
     statistic: float
     threshold: float
     p_value: float
@@ -168,12 +169,13 @@ class Diagnosis:
     shares of the misfit, in words `where_sentence`; heat_maps: over arclength and another axis.
     before, after: the base model, and the one with the effects (the same where none was added).
     noise_floor (m): the rms that a perfect model would have, and how far its rms may be from that
-    on these recordings. closed: share of the reducible error
-    on held-out recordings that was removed, None where there was none. adequacy_before, _after:
-    the worst lack-of-fit test. detectable: detection limit by effect. shift: base quantities, by
-    dotted name, that were biased by the missing effect. evidence: what was tried, best first.
-    cosines: of the directions of two effects, -1 to 1, where worth a word. proposal: the
-    next recording that would tell more, empty if none. seed: of the simulated clean data.
+    on these recordings. closed: share of the reducible error on held-out recordings that was
+    removed, None where there was none. adequacy_before, _after: the worst lack-of-fit test of
+    each; adequacy_same: the worst before, once more after. detectable: detection limit by effect.
+    shift: base quantities, by dotted name, that were biased by the missing effect. evidence: what
+    was tried, best first. cosines: of the directions of two effects, -1 to 1, where worth a word.
+    proposal: the next recording that would tell more, empty if none. seed: of the simulated clean
+    data.
     """
 
     answer: Answer
@@ -191,6 +193,7 @@ class Diagnosis:
     closed: float | None
     adequacy_before: Adequacy
     adequacy_after: Adequacy
+    adequacy_same: Adequacy
     detectable: Mapping[str, Detectable]
     shift: Mapping[str, Shift]
     evidence: tuple[Evidence, ...]

@@ -30,7 +30,6 @@ class ReportSettings:
         'share of tracked frames from which the tracker is reported to follow',
         source='invented',
     )
-    share_p_value: float = tuning(0.01, 'p-value below which a share of the misfit is significant')
     linearity_sigmas: float = tuning(
         3.0, 'departure from a straight line that counts as significant'
     )

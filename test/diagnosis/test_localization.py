@@ -196,5 +196,13 @@ def test_a_recording_of_one_frame_has_no_direction():
     assert found is not None
     frames = collect_frames(found)
     assert len(frames.squares) == 8 * (len(TRAINING) - 1) + 1
-    assert np.isnan(frames.axes['direction'][8])
+    assert 'direction' not in frames.axes  # of eight frames the pressure goes one way
     assert frames.axes['time'][8] == 0.0
+
+
+def test_an_axis_on_which_frames_do_not_differ_is_none():
+    runs = [replace(run, static=True) for run in design().runs[: len(TRAINING)]]
+    free = [replace(run, loaded=False, force=0.0 * run.force, wrench=None) for run in runs]
+    found = refit(design().at(design().point, free), (), np.zeros(0), 1)
+    assert found is not None
+    assert list(collect_frames(found).axes) == ['pressure']

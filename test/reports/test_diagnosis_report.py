@@ -9,7 +9,7 @@ import re
 
 import numpy as np
 from pneunet_ros import load_model, solve
-from pneunet_ros.diagnosis.result import Adequacy, Estimated
+from pneunet_ros.diagnosis.result import Estimated
 from pneunet_ros.diagnosis.settings import SelectionSettings
 from pneunet_ros.discovery.result import NOTHING_SEARCHED
 from pneunet_ros.reports import figure as report_figure
@@ -133,9 +133,9 @@ def test_a_table_and_its_note_never_contradict_each_other():
     for p_value in (0.0, 0.5 * level, 2.0 * level, 0.6):
         passes = p_value > level
         first = replace(found.evidence[0], adequate=True, p_value=p_value)
-        test = Adequacy(statistic=41.0 if passes else 90.0, threshold=60.0, p_value=p_value)
+        test = replace(found.adequacy_after, statistic=41.0 if passes else 90.0, p_value=p_value)
         item = replace(found, evidence=(first,), adequacy_after=test)
-        cells = evidence_table(item).rows[0][3], adequacy_table(item).rows[1][-1]
+        cells = evidence_table(item).rows[0][3], adequacy_table(item).rows[-1][-1]
         assert [cell.startswith('yes') for cell in cells] == [passes, passes], (p_value, cells)
     assert adequacy_table(replace(found, effects=())).rows[0][-1] == 'no'
 
@@ -164,6 +164,22 @@ def test_whether_something_is_missing_is_said_against_noise_alone():
     clean = replace(found, adequacy_before=found.adequacy_after)
     assert missing_sentence(clean).startswith('Yes, ')
     assert not missing_sentence(replace(clean, answer='none')).startswith('Yes')
+    # What an uneven arm explains as well has evidence all the same.
+    assert missing_sentence(replace(clean, answer='unobservable')).startswith('Yes, ')
+    without = replace(clean, answer='unobservable', evidence=())
+    assert not missing_sentence(without).startswith('Yes')
+
+
+def test_before_and_after_are_the_same_test():
+    found, *_ = diagnosis()
+    other = replace(found.adequacy_after, test='held out: windows of time', p_value=0.01)
+    rows = adequacy_table(replace(found, adequacy_after=other)).rows
+    assert [row[:2] for row in rows] == [
+        ('before', 'training: smooth fields'),
+        ('after', 'training: smooth fields'),
+        ('after, worst', 'held out: windows of time'),
+    ]
+    assert len(adequacy_table(found).rows) == 2
 
 
 def test_every_fact_of_the_first_screen_stands_there_once(page):
@@ -199,7 +215,7 @@ def test_the_numbers_are_those_of_the_contract(written):
         assert set(gap[group]) == {'before', 'after', 'discovered'}
         assert set(gap[group]['before']) == {'rms_m', 'p95_m', 'chi2_per_dof'}
     assert gap['heldout']['before']['rms_m'] == found.before.held_out.rms
-    assert set(content['adequacy']['after']) == {'statistic', 'threshold', 'p_value'}
+    assert set(content['adequacy']['after']) == {'test', 'statistic', 'threshold', 'p_value'}
     assert set(content['detectable']['gravity']) >= {'observable', 'smallest', 'unit'}
     assert content['detectable']['creep']['smallest'] is None  # JSON has no infinity
     assert set(content['parameter_shift']['moment_law.rigidity.0.1']) >= {'before', 'after', 'std'}

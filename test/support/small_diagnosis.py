@@ -216,8 +216,15 @@ def diagnosis(
         noise_floor=1.1e-4,
         noise_floor_std=4e-6,
         closed=0.97,
-        adequacy_before=Adequacy(statistic=900.0, threshold=60.0, p_value=1.0 / 301.0),
-        adequacy_after=Adequacy(statistic=41.0, threshold=60.0, p_value=0.43),
+        adequacy_before=Adequacy(
+            test='training: smooth fields', statistic=900.0, threshold=60.0, p_value=1.0 / 301.0
+        ),
+        adequacy_after=Adequacy(
+            test='training: smooth fields', statistic=41.0, threshold=60.0, p_value=0.43
+        ),
+        adequacy_same=Adequacy(
+            test='training: smooth fields', statistic=41.0, threshold=60.0, p_value=0.43
+        ),
         detectable={
             'extensibility': Detectable(
                 parameter='axial_stiffness', observable=True, smallest=410.0, unit='N'

@@ -13,7 +13,6 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.errors.noise_model import coordinate_stds
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.reports.diagnosis.tables import added_effects
-from pneunet_ros.reports.settings import REPORT_SETTINGS, ReportSettings
 from pneunet_ros.reports.style import FIRST, SECOND, THIRD
 
 BEFORE, AFTER = SECOND, FIRST  # colors
@@ -56,7 +55,6 @@ class FigureData:
     training: Sequence[RecordingData]
     held_out: Sequence[RecordingData]
     discovery: Discovery = NOTHING_SEARCHED
-    settings: ReportSettings = REPORT_SETTINGS
 
     @property
     def tested_on(self) -> str:

@@ -197,6 +197,7 @@ def diagnosis_content(
         'adequacy': {
             'before': asdict(diagnosis.adequacy_before),
             'after': asdict(diagnosis.adequacy_after),
+            'same': asdict(diagnosis.adequacy_same),
         },
         'detectable': {name: asdict(item) for name, item in diagnosis.detectable.items()},
         'parameter_shift': {name: asdict(item) for name, item in diagnosis.shift.items()},

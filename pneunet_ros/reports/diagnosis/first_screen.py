@@ -33,7 +33,8 @@ def missing_sentence(diagnosis: Diagnosis) -> str:
     )
     if test.statistic > test.threshold:
         return f'Yes: {values}.'
-    if diagnosis.answer in ('none', 'unobservable'):
+    seen = any(item.evidence > 0.0 for item in diagnosis.evidence)
+    if diagnosis.answer == 'none' or (diagnosis.answer == 'unobservable' and not seen):
         return f'Nothing that these recordings show: {values}.'
     return (
         f'Yes, by the score of single effects; a test of any smooth error is too blunt: {values}.'

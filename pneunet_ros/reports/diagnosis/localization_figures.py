@@ -84,17 +84,17 @@ def direction_names(count: int) -> list[str]:
 
 
 def borders(places: Array) -> Array:
-    """Return the borders of cells around places that increase, one more than those."""
+    """Return the borders on the arm (s / l) of cells around places that increase."""
     if places.size == 1:
         return np.array([places[0] - 0.5 * ALONE, places[0] + 0.5 * ALONE])
     middle = 0.5 * (places[1:] + places[:-1])
     first, last = 2.0 * places[0] - middle[0], 2.0 * places[-1] - middle[-1]
-    return np.concatenate([[first], middle, [last]])
+    return np.concatenate([[max(first, 0.0)], middle, [min(last, 1.0)]])
 
 
 def shares(data: FigureData) -> Picture | None:
     """Shares of the misfit over every axis."""
-    where, p_value = data.diagnosis.where, data.settings.share_p_value
+    where, p_value = data.diagnosis.where, data.diagnosis.settings.localization.significant
     shown = [axis for axis in AXES if any(item.axis == axis for item in where)]
     if not shown:
         return None
@@ -108,7 +108,7 @@ def shares(data: FigureData) -> Picture | None:
         '05_shares',
         'Which share of the misfit lies where',
         'What the model before leaves over, split along each axis. Blue bars hold more than '
-        f'noise alone puts there in {100 * (1.0 - p_value):.0f} of 100 cases, grey ones do not '
+        f'noise alone does (p-value below {p_value:g}), grey ones do not '
         'stand out. Dashed: which share of all that was seen lies there; a bar as high as its '
         'outline is an even misfit. A cause shows itself by the axis on which the bars differ '
         'from their outlines: along force what carries the load, along direction or time an '

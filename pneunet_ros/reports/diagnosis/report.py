@@ -145,6 +145,8 @@ def next_steps(
         model = shlex.quote(f'{given.folder}/model.yaml')
         return step, f'pneunet replay FRESH.mcap --model {model}'
     step = diagnosis.proposal or 'Record more, and ask again.'
+    if diagnosis.answer == 'unobservable' and not diagnosis.proposal:
+        step = 'Paint more targets along the arm, and record again.'
     model = shlex.quote(given.model)
     names = shlex.join(item.run.name for item in diagnosis.before.fit.runs)
     return step, (

@@ -132,10 +132,22 @@ def passes_text(item: Evidence, diagnosis: Diagnosis) -> str:
 
 
 def adequacy_table(diagnosis: Diagnosis) -> Table:
-    """Return whether the residuals are consistent with noise, before and after."""
+    """Return whether the residuals are consistent with noise, before and after.
+
+    By the worst of all tests before, by the same one after, and by the worst one after.
+    """
+    before, same, after = (
+        diagnosis.adequacy_before,
+        diagnosis.adequacy_same,
+        diagnosis.adequacy_after,
+    )
+    rows = [('before', before)]
+    if added_effects(diagnosis):
+        rows += [('after', same)] + ([] if after == same else [('after, worst', after)])
     return Table(
         columns=(
             'model',
+            'test',
             'statistic',
             'clean data stay below',
             'p-value',
@@ -144,18 +156,15 @@ def adequacy_table(diagnosis: Diagnosis) -> Table:
         rows=tuple(
             (
                 when,
+                item.test,
                 f'{item.statistic:.4g}',
                 f'{item.threshold:.4g}',
                 p_value_text(item.p_value),
-                consistent_text(item, added),
+                consistent_text(item, item is not before),
             )
-            for when, item, added in (
-                ('before', diagnosis.adequacy_before, False),
-                ('after', diagnosis.adequacy_after, True),
-            )
-            if not added or added_effects(diagnosis)
+            for when, item in rows
         ),
-        numbers=(1, 2, 3),
+        numbers=(2, 3, 4),
     )
 
 
