@@ -67,6 +67,14 @@ class Swings:
             f'noise alone would be {millimeters(math.sqrt(allowed)):.2g} mm'
         )
 
+    def fall(self, floor: float) -> float:
+        """Return by how much chi squared is lower beside the moving arm; floor (m): of noise."""
+        squares = (
+            one[~rest] ** 2 - other[~rest] ** 2
+            for one, other, rest in zip(self.still, self.left, self.rest, strict=True)
+        )
+        return sum(float(np.nansum(item)) for item in squares) / floor**2
+
 
 def mean_square(residuals: Sequence[Array], chosen: Sequence[Flags]) -> float:
     """Return the mean square (m^2) of residuals in some of the frames; 0 where there are none."""
@@ -114,6 +122,8 @@ def with_inertia(
         for part, rest in zip((known, others), rested, strict=True)
     ]
     objections = [one.objection(floor) for one, floor in zip(swings, floors, strict=False)]
+    if others and swings[-1].fall(floors[-1]) < diagnosis.settings.confirmation.fall:
+        objections.append('the held-out error does not fall significantly with it')
     if any(objections) or diagnosis.answer == 'unknown':
         why = next((one for one in objections if one), 'the arm at rest is not explained')
         note = f'{fit.sentence}. inertia is not named: {why}'

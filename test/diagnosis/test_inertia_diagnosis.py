@@ -9,7 +9,7 @@ import numpy as np
 from pneunet_ros.calibration.checks.frames_in_motion import frames_in_motion
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis.diagnosis import diagnose
-from pneunet_ros.diagnosis.inertia import with_inertia
+from pneunet_ros.diagnosis.inertia import Swings, with_inertia
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.effects.inertia import Inertia
@@ -87,6 +87,20 @@ def test_steps_of_an_arm_with_mass_are_called_inertia():
     assert found.before.held_out.rms > 5.0 * found.after.held_out.rms
     assert found.closed > 0.98
     assert found.detectable['inertia'].observable
+
+
+def test_held_out_swings_that_fall_by_nothing_are_no_name():
+    random = np.random.default_rng(1)
+    still = 1e-4 * random.standard_normal((30, 2, 5))
+    rest = (np.arange(30) < 10,)
+
+    def fall(share: float) -> float:
+        left = np.where(rest[0][:, None, None], still, share * still)
+        return Swings((still,), (left,), (np.zeros_like(still),), rest).fall(1e-4)
+
+    assert fall(1.0) == 0.0
+    assert fall(1.01) < 0.0 < DEFAULTS.confirmation.fall < fall(0.9)
+    assert fall(0.9) == pytest.approx(0.19 * 200, rel=0.2)
 
 
 def test_who_does_not_want_the_name_or_knows_it_gets_none():
