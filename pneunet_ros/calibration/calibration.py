@@ -315,8 +315,8 @@ def describe_thinning(
         return ()
     return (
         Note(
-            f'{frames} of {all_frames} frames are fitted, evenly spread over the recordings, to '
-            'stay within 2 GB of memory; the noise is estimated from all of them',
+            f'{frames} of {all_frames} frames are used, evenly spread over time and the course of '
+            'pressure and load, to stay within 2 GB of memory; the noise is estimated from all',
             reason='thinned',
         ),
     )

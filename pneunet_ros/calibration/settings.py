@@ -196,7 +196,7 @@ class ExperimentSettings:
     first_stiffness: float = tuning(0.05, 'initial alpha of the search')
     most_frames: int = tuning(
         5400,
-        'most frames of all recordings that are fitted, evenly spread',
+        'most frames of all recordings that are fitted, spread over time and course',
         source='measured: 0.27 MB a frame, so that an hour of film stays below 2 GB',
     )
     covariance_frames: int = tuning(24, 'frames of every run for the low-rank covariance')

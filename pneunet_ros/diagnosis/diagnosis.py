@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from operator import attrgetter
 
 import numpy as np
+from pneunet_ros.calibration.calibration import describe_thinning
 from pneunet_ros.calibration.checks.frames_in_motion import FramesInMotion, without_motion
 from pneunet_ros.calibration.elongation import without_fitted
 from pneunet_ros.core.errors import RecordingError
@@ -67,7 +68,7 @@ from pneunet_ros.diagnosis.verdict import (
     describe_verdict,
     Verdict,
 )
-from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.dataset import RecordingData, thinned
 from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.model.arm import Arm
 
@@ -169,6 +170,10 @@ def investigate(
         settings.base_fit,
         settings.calibration,
     )
+    rested, count = [*training, *held_out], len(training)
+    few = thinned(rested, settings.calibration.experiments.most_frames)
+    training, held_out = few[:count], few[count:]
+    notes = (*describe_thinning(few, rested), *notes)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
     known = tuple(effect.name for effect in base.frame.effects)
     asked = hypotheses(known, settings.hypothesis)

@@ -287,10 +287,30 @@ class RecordingData:
 def thinned(runs: Sequence[RecordingData], most: int) -> list[RecordingData]:
     """Return runs with at most this many frames in all, each thinned by the same factor.
 
-    An hour of film shows the same shapes over and over.
+    An hour of film shows the same shapes over and over, most of them of an arm at rest.
     """
     frames = sum(len(run.stamp_ns) for run in runs)
-    return [run.thin(max(most * len(run.stamp_ns) // max(frames, most), 1)) for run in runs]
+    if frames <= most:
+        return [*runs]
+    return [thinned_by_course(run, max(most * len(run.stamp_ns) // frames, 1)) for run in runs]
+
+
+def thinned_by_course(run: RecordingData, most: int) -> RecordingData:
+    """Return a run with at most so many frames, evenly spread over time and what acted, together.
+
+    Half of the way is time, half what pressure and load went through, so that a frame in ten that
+    shows them change is half of the frames.
+    """
+    ways = [
+        np.abs(np.diff(values)) / np.ptp(values)
+        for values in (run.frame_pressure, *run.load.T)
+        if np.ptp(values) > 0.0
+    ]
+    if run.static or not ways:
+        return run.thin(most)
+    apart = np.diff(run.stamp_ns).astype(np.float64)
+    way = np.cumsum([0.0, *(np.sum(ways, axis=0) / np.sum(ways) + apart / apart.sum())])
+    return run.subset(np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], most))))
 
 
 def frame_instants(

@@ -1,0 +1,56 @@
+"""Long recordings are thinned: where nothing acts, frames repeat each other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.measurement.dataset import RecordingData, thinned
+
+FRAMES, MOVING = 4000, 400
+SECOND = 1_000_000_000
+
+
+def run(pressure: np.ndarray) -> RecordingData:
+    """Return a recording in which nothing was seen."""
+    frames = len(pressure)
+    stamps = SECOND * np.arange(1, frames + 1)
+    return RecordingData(
+        name='long',
+        reading_stamp_ns=stamps,
+        pressure=pressure,
+        stamp_ns=stamps,
+        reading=np.arange(frames),
+        loaded=False,
+        force=np.zeros((frames, 2)),
+        moment=np.zeros(frames),
+        x=np.zeros((frames, 3)),
+        y=np.zeros((frames, 3)),
+    )
+
+
+def resting() -> np.ndarray:
+    """Return a pressure that rests for nine tenths of the time."""
+    way = np.clip(np.arange(FRAMES) - 2000, 0, MOVING)
+    return 2e4 + 2e4 * np.sin(2.0 * np.pi * way / 100)
+
+
+def test_half_of_the_frames_show_what_acts_for_a_tenth_of_the_time():
+    (few,) = thinned([run(resting())], 100)
+    assert 95 <= len(few.stamp_ns) <= 100
+    moving = np.count_nonzero(np.abs(few.stamp_ns / SECOND - 2200) < 201)
+    assert 45 <= moving <= 60
+    assert (few.stamp_ns[0], few.stamp_ns[-1]) == (SECOND, FRAMES * SECOND)
+
+
+def test_short_recordings_stay_and_long_ones_keep_their_shares():
+    every = [run(resting()), run(resting()[:1000])]
+    assert thinned(every, 5000) == every
+    assert [len(item.stamp_ns) for item in thinned(every, 500)] in ([400, 100], [399, 100])
+
+
+def test_frames_in_no_order_and_those_on_which_nothing_acts_are_thinned_evenly():
+    for item in (run(np.full(FRAMES, 2e4)), replace(run(resting()), static=True)):
+        (few,) = thinned([item], 101)
+        apart = np.diff(few.stamp_ns) / SECOND
+        assert apart.max() - apart.min() <= 1.0
