@@ -74,14 +74,6 @@ class Trial:
     cost: float
     swung: Swung | None = None
 
-    @property
-    def arm(self) -> Complex:
-        """Where the arm is at its targets (targets,) m: x + i y, in the frame of the base."""
-        shape, beside = self.bent.shape, 0.0
-        if self.swung is not None:
-            beside = self.swung.beside[0] + 1j * self.swung.beside[1]
-        return np.asarray(shape.x + 1j * shape.y + beside)
-
 
 def solve_factored(factor: Array, sides: Array) -> Array:
     """Return S^-1 sides, by the Cholesky factor of S below its diagonal."""
@@ -175,9 +167,9 @@ class FrameProblem:
     targets count.
 
     Of an arm that swings: swinging; late: the columns of the root from which on forces have walked
-    since the last frame, and answered: the share to which the arm has bent by that already; aside
-    (unknowns, k): columns of the root that the frame does not tell of; left_out: the first of the
-    columns of what a swing leaves out, which are of this frame alone.
+    since the last frame, and answered: the share to which the arm has bent by that already;
+    considered: a direction (2, 1) of the tip force, and the share that it learns of all it could;
+    left_out: the first of the columns of what a swing leaves out, which are of this frame alone.
 
     What stays while it is searched: std (coordinates,) m of white noise; measured (targets,) m, x
     + i y; causes (causes, unknowns): what unknowns change of every cause; cause_root: what one
@@ -198,7 +190,7 @@ class FrameProblem:
     swinging: SwingingArm | None = None
     late: int | None = None
     answered: float = 1.0
-    aside: Array | None = None
+    considered: tuple[Array, float] | None = None
     left_out: int | None = None
     still_root: Array = field(init=False)
     touched: bool = field(init=False)
@@ -495,15 +487,16 @@ class FrameProblem:
         step, gain = fit.newton_step()
         if gain > self.settings.small_gain:
             root = np.column_stack([root, self.root @ step])
-        if self.aside is not None:
-            root = np.column_stack([root, self.aside])
+        mean = self.mean + self.root @ fit.trial.xi
+        if self.considered is not None:
+            mean, root = self.consider(mean, root, *self.considered)
         sizes, growth = self.prior.sizes, self.growth
         if growth is not None:
             grid = self.unknowns.block(ModelDiscrepancy).grid
             sizes = grid.after(sizes, growth, fit.size_information(growth))
         return replace(
             self.prior,
-            mean=freeze(self.mean + self.root @ fit.trial.xi),
+            mean=freeze(mean),
             root=freeze(np.ascontiguousarray(root)),
             sizes=sizes,
             chamber=math.nan if growth is None else self.inputs.chamber,
@@ -511,6 +504,21 @@ class FrameProblem:
             frames=self.prior.frames + 1,
             reference=self.reference_after(fit),
         )
+
+    def consider(self, mean: Array, root: Array, axis: Array, told: float) -> tuple[Array, Array]:
+        """Return a posterior in which a direction of the tip force learns a share of all it could.
+
+        All other unknowns learn with that force as uncertain as it was (Schmidt's filter).
+        axis (2, 1); told: the share. Source: Brink, J. Guidance, Control, and Dynamics 40 (2017).
+        """
+        tip = self.unknowns.at(TipForce)
+        before, after = axis.T @ self.root[tip], axis.T @ root[tip]
+        kept = max(float(np.sum(before**2) - np.sum(after**2)), 0.0)
+        column = np.zeros((len(root), 1))
+        column[tip] = math.sqrt((1.0 - told) * kept) * axis
+        mean = mean.copy()
+        mean[tip] -= (1.0 - told) * axis[:, 0] * float(axis[:, 0] @ (mean - self.mean)[tip])
+        return mean, np.hstack([root, column])
 
     def walk_information(self, fit: FrameLinearization) -> tuple[Array, Array, float] | None:
         """Return H^T S^-1 v (2,), H^T S^-1 H of the walk of the tip force, and its assumed size.

@@ -215,21 +215,23 @@ def hold_force(found: Fit) -> Fit:
     """Return the fit with the force as believed before in the direction that is not determined.
 
     Along it the cost is flat until the arm buckles, and where noise is fitted best it is about to:
-    there all that moves the arm sideways seems to be seen to a hair. Of an arm that swings the
-    next frame inherits what this one tells: there it is told as far as it is known how the arm
-    bends under such a force.
+    there all that moves the arm sideways seems to be seen to a hair. Of an arm that swings under a
+    force that nobody reads the next frame inherits what this one tells: that is as much as it is
+    known how the arm bends under such a force.
     """
     problem, fit = found
-    if problem.late is None and problem.knows_force(fit, problem.settings.determined):
+    if problem.swinging is not None:
+        return found if problem.late is None else consider_force(found)
+    if problem.knows_force(fit, problem.settings.determined):
         return found
-    unknown, told = untold_by(problem, fit)
+    largest = problem.settings.determined * problem.unknowns.block(TipForce).scale
+    variances, axes = np.linalg.eigh(fit.force)
+    unknown = axes[:, variances > largest**2]
     if not unknown.size:
         return found
     along = np.linalg.qr(problem.root[problem.unknowns.at(TipForce)].T @ unknown)[0]
-    moved = problem.root @ along
-    root = problem.root - (1.0 - math.sqrt(told)) * moved @ along.T
-    aside = None if problem.swinging is None else math.sqrt(1.0 - told) * moved
-    held = replace(problem, prior=replace(problem.prior, root=root), aside=aside)
+    root = problem.root - (problem.root @ along) @ along.T
+    held = replace(problem, prior=replace(problem.prior, root=root))
     again = held.search(np.zeros(root.shape[1]), problem.prior.solution)
     if again is None or again.cost > fit.cost + problem.settings.flat**2:
         return found
@@ -242,39 +244,52 @@ def hold_force(found: Fit) -> Fit:
     return problem, linear
 
 
-def untold_by(problem: FrameProblem, fit: FrameLinearization) -> tuple[Array, float]:
-    """Return directions (2, k) in which a frame does not determine the tip force.
+def consider_force(found: Fit) -> Fit:
+    """Return the fit that learns of the force along a swinging arm what its bending can tell.
 
-    And the share of what it says of these forces that counts: none, unless the arm swings under a
-    force that nobody reads.
+    It is linearized where that force is as believed before, as far as it is not told: noise is
+    fitted best where the arm is about to buckle. Not where the frame contradicts that force.
     """
-    if problem.late is None:
-        largest = problem.settings.determined * problem.unknowns.block(TipForce).scale
-        variances, axes = np.linalg.eigh(fit.force)
-        return np.asarray(axes[:, variances > largest**2]), 0.0
-    return known_bending(problem)
+    problem, fit = found
+    bending = known_bending(problem)
+    if bending is None:
+        return found
+    axis, told = bending
+    along = problem.root[problem.unknowns.at(TipForce)].T @ axis
+    along /= np.linalg.norm(along)
+    less = 1.0 - math.sqrt(told)
+    root = problem.root - less * (problem.root @ along) @ along.T
+    held = replace(problem, prior=replace(problem.prior, root=root))
+    again = held.search(np.zeros(root.shape[1]), problem.prior.solution)
+    if again is not None and again.cost <= fit.cost + problem.settings.flat**2:
+        xi = again.trial.xi - less * along[:, 0] * float(along[:, 0] @ again.trial.xi)
+        trial = problem.try_at(xi, again.trial.bent.solution)
+        there = None if trial is None else problem.linearize(trial)
+        fit = fit if there is None else there.stepped()
+    return replace(problem, considered=bending), fit
 
 
-def known_bending(problem: FrameProblem) -> tuple[Array, float]:
+def known_bending(problem: FrameProblem) -> tuple[Array, float] | None:
     """Return the direction (2, 1) of force that bends an arm least, and how well that is known.
 
     How links turn per newton along it is a derivative at the arm as it was believed before, which
     is not known exactly: the share is what its own error leaves of its square. Of a straight arm
     nothing is left, and filters that take the error for a derivative see what cannot be seen.
+    None where the force is known exactly, or nobody saw how the arm swings.
+
     Source: Huang, Mourikis & Roumeliotis, Int. J. Robotics Research 29 (2010).
     """
-    all_known = np.zeros((2, 0)), 1.0
     start = np.zeros(problem.root.shape[1])
     turning = turning_at(problem, start)
     if turning is None:
-        return all_known
+        return None
     tip, own = problem.unknowns.at(TipForce), len(problem.causes)
     by_force = turning[:, :own] @ problem.causes[:, tip]
     axis = np.linalg.eigh(by_force.T @ by_force)[1][:, :1]
     pull = problem.root[tip].T @ axis
     std = float(np.linalg.norm(pull))
     if not std > 0.0:
-        return all_known
+        return None
     along = pull / std
     step = DERIVATIVE * problem.unknowns.block(TipForce).scale / std
     beside = turning_at(problem, start + step * along[:, 0])
@@ -296,7 +311,8 @@ def turning_at(problem: FrameProblem, xi: Array) -> Array | None:
 
 def apart_by(first: Trial, second: Trial) -> float:
     """Return how far (m) the arms of two trials are apart, at any target, also a hidden one."""
-    return float(np.abs(first.arm - second.arm).max())
+    one, other = first.bent.shape, second.bent.shape
+    return float(np.hypot(one.x - other.x, one.y - other.y).max())
 
 
 def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial]:

@@ -172,7 +172,7 @@ def test_an_arm_that_swings_by_a_model_without_motion_accuses_nothing_else():
     assert all(one.contact is None for _, one in later)
     assert any(MotionCause.sentence in one.estimate.warnings for _, one in later)
     known = [one.force for _, one in later if np.isfinite(one.force).all()]
-    assert len(known) > 0.4 * len(later)
+    assert len(known) > 0.2 * len(later)
     assert rms(np.array(known)) < 0.02
 
 
@@ -263,7 +263,9 @@ def test_a_straight_arm_tells_nothing_of_a_force_along_it():
             frame = sightings(recording, instant - LATE)
             if state.belief is not None and truth.time[instant - LATE] > 0.4:
                 problem = problem_of(by.bench, by.read_frame(state, frame), state.belief)
-                axis, told = known_bending(problem)
+                bending = known_bending(problem)
+                assert bending is not None
+                axis, told = bending
                 known.append([truth.time[instant - LATE], abs(float(axis[0, 0])), told])
             state, _ = by.step(state, frame)
         reading = PressureReading(stamp_ns=stamp, pressure=float(recording.pressure[instant]))
