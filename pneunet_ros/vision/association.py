@@ -18,6 +18,7 @@ from pneunet_ros.vision.beam_search import (
     BEAM_SEARCH,
     BeamSearchSettings,
     BlobColumns,
+    COST,
     FARTHEST,
     grow_rows,
     HEADING,
@@ -141,16 +142,18 @@ def rows_anywhere(
     settings: AssociationSettings = ASSOCIATION,
     search: BeamSearchSettings = BEAM_SEARCH,
     shapes: Array | None = None,
+    costs: Array | None = None,
 ) -> list[TargetRow]:
     """Find all rows whose place and scale are not known; both ends of a row must be seen.
 
-    points (blobs, 2) in any coordinates that are true to shape; shapes: as of `row_from_clamp`. A
-    row that goes on beyond its ends with more blobs alike is none. The best reading of each row
-    comes first, and of a crowd of rows the best ones; the same blobs may be read from either end.
+    points (blobs, 2) in any coordinates that are true to shape; shapes: as of `row_from_clamp`;
+    costs (blobs,): of each blob in a row, None where all are as good. A row that goes on beyond
+    its ends with more blobs alike is none. The best reading of each row comes first, and of a
+    crowd of rows the best ones; the same blobs may be read from either end.
     """
     if len(points) < arclength.size:
         return []
-    blobs = _columns(points, areas, shapes)
+    blobs = _columns(points, areas, shapes, costs)
     chosen, costs = _grown_from_pairs(blobs, arclength, search)
     order = np.argsort(costs, kind='stable')
     rows: list[TargetRow] = []
@@ -181,20 +184,27 @@ def _is_whole(
 def _grown_from_pairs(
     blobs: BlobColumns, arclength: Array, search: BeamSearchSettings
 ) -> tuple[Indices, Array]:
-    """Grow a row from every blob and each of its neighbors; rows (seeds, targets) and costs."""
-    x, y, looks = blobs
+    """Grow a row from every blob and each of its neighbors; rows (seeds, targets) and costs.
+
+    Where only some blobs cost nothing, the second of a row is any of these.
+    """
+    x, y, looks, costs = blobs
     targets = arclength.size
     apart = np.hypot(x[:, None] - x, y[:, None] - y)
     np.fill_diagonal(apart, math.inf)
-    many = min(search.neighbors, x.size - 1)
-    neighbors = np.argpartition(apart, many - 1, axis=1)[:, :many]
+    free, many = np.flatnonzero(costs == 0.0), min(search.neighbors, x.size - 1)
+    if free.size < x.size:  # few of them are likely: no pair with one is too many
+        neighbors = np.tile(free, (x.size, 1))
+    else:
+        neighbors = np.argpartition(apart, many - 1, axis=1)[:, :many]
     first, second = np.repeat(np.arange(x.size), neighbors.shape[1]), neighbors.ravel()
-    distinct = apart[first, second] > 0.0
+    distinct = (apart[first, second] > 0.0) & (first != second)
     first, second = first[distinct], second[distinct]
     starts = np.zeros((len(first), LAST + 1))
     starts[:, LAST], starts[:, X], starts[:, Y] = 1.0, x[second], y[second]
     starts[:, HEADING] = np.arctan2(y[second] - y[first], x[second] - x[first])
     starts[:, SCALE] = apart[first, second] / (arclength[1] - arclength[0])
+    starts[:, COST] = costs[first] + costs[second]
     starts[:, SIZE:LAST] = 0.5 * (looks[:, first] + looks[:, second]).T
     rows = np.full((len(first), targets), NOTHING)
     rows[:, 0], rows[:, 1] = first, second
@@ -270,11 +280,13 @@ def _direction(row: TargetRow, size: int) -> Array:
     return ranks
 
 
-def _columns(points: Array, areas: Array, shapes: Array | None) -> BlobColumns:
-    """Return x, y and looks of blobs."""
+def _columns(
+    points: Array, areas: Array, shapes: Array | None, costs: Array | None = None
+) -> BlobColumns:
+    """Return x, y, looks and costs of blobs."""
     x, y = np.ascontiguousarray(points.T)
     looks = np.zeros((LOOKS, len(areas)))
     looks[0] = np.log(areas)
     if shapes is not None:
         looks[1:] = shapes.T
-    return BlobColumns(x, y, looks)
+    return BlobColumns(x, y, looks, np.zeros(len(areas)) if costs is None else costs)

@@ -28,6 +28,8 @@ USUAL = 4.0  # cost of a target that is seen, of a usual row: what a few squares
 # `BlobColumns`; NaN while that is not known.
 COST, X, Y, HEADING, BENDING, SCALE, SIZE, SHAPE_X, SHAPE_Y, BLUR, LAST = range(11)
 LOOKS = 4
+OWN_COST = 2 + LOOKS
+BLOB_ROWS = OWN_COST + 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,15 +80,22 @@ def search_numbers(settings: BeamSearchSettings) -> Any:
 
 
 class BlobColumns(NamedTuple):
-    """Blobs in the working plane: x, y (blobs,), and how they look, (LOOKS, blobs).
+    """Blobs in the working plane: x, y (blobs,), looks (LOOKS, blobs), and costs (blobs,).
 
     looks: logarithms of the size, of the elongation (two, along and aslant of the axes of the
-    picture) and of the blur; 0 of what is not known of any blob.
+    picture) and of the blur; 0 of what is not known of any blob. costs: of a blob in a row, beside
+    where it is and how it looks.
     """
 
     x: Array
     y: Array
     looks: Array
+    costs: Array
+
+    @property
+    def table(self) -> Array:
+        """Return them as kernels take them, (BLOB_ROWS, blobs)."""
+        return np.vstack([self.x, self.y, self.looks, self.costs])
 
 
 def grow_rows(
@@ -110,7 +119,7 @@ def grow_rows(
     sides = (1, 0) if len(blobs.x) and np.ptp(blobs.y) > np.ptp(blobs.x) else (0, 1)
     order = np.argsort(blobs[sides[0]], kind='stable')
     grow_all(
-        np.vstack([blobs[sides[0]], blobs[sides[1]], blobs.looks])[:, order],
+        np.vstack([blobs[sides[0]], blobs[sides[1]], blobs.looks, blobs.costs])[:, order],
         order,
         np.array(sides),
         np.array(arclength),
@@ -137,7 +146,7 @@ def grow_all(
 ) -> None:
     """Grow a row from each start; fills best (starts, targets) and costs, as `grow_rows`.
 
-    blobs (2 + LOOKS, blobs): place along two sides, and looks, in the order of the first; order
+    blobs (BLOB_ROWS, blobs): along two sides, looks and costs, in the order of the first; order
     (blobs,): which they are; sides (2,): 0 where a side is x, and 1 where it is y.
     """
     targets, kept = arclength.size, int(search.kept)
@@ -356,8 +365,8 @@ def look_cost(blobs: Array, blob: int, row: Array, search: BeamSearchSettings) -
     """Cost of a blob that looks otherwise than a row.
 
     It costs no more than `odd` sigma do, as one target may be far larger (a truncated square), cut
-    off or touched by a glint.
+    off or touched by a glint; and what it costs in any row.
     """
     size, shape, blur = look_differences(blobs, blob, row, search)
-    odd = search.odd
-    return min(size, odd) ** 2 + min(shape, odd) ** 2 + min(blur, odd) ** 2
+    odd, own = search.odd, float(blobs[OWN_COST, blob])
+    return own + min(size, odd) ** 2 + min(shape, odd) ** 2 + min(blur, odd) ** 2

@@ -15,6 +15,7 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.vision.association import rows_anywhere, share_of_blobs, TargetRow
 from pneunet_ros.vision.camera.camera_settings import CurvedRestPlane, PlaneMethod
 from pneunet_ros.vision.camera.working_plane import Plane, plane_from_rest
+from pneunet_ros.vision.dots.blobs import Blobs
 from pneunet_ros.vision.gating import consistent_spacing, gating_numbers
 from pneunet_ros.vision.settings import RestPlaneSettings, VISION, VisionSettings
 
@@ -155,13 +156,15 @@ def spacing_of(points: Array, arclength: Array) -> float:
 class Failure:
     """Why a frame does not show the arm: a key for counting, a sentence for a person.
 
-    seen: how many targets stand in a row all the same; found (areas, 2) px: what was looked at.
+    seen: how many targets stand in a row all the same; found (areas, 2) px: what was looked at,
+    and blobs: all of it where it was measured.
     """
 
     reason: str
     sentence: str
     seen: int = 0
     found: Array = field(default_factory=lambda: np.empty((0, 2)))
+    blobs: Blobs | None = None
 
 
 def row_at_rest(
@@ -173,16 +176,18 @@ def row_at_rest(
     straightness: float,
     vision: VisionSettings = VISION,
     shapes: Array | None = None,
+    costs: Array | None = None,
 ) -> TargetRow | Failure:
     """Find the row of targets at rest among blobs, first target at the clamp.
 
     points (blobs, 2) normalized; pixels (blobs, 2); areas (blobs,) px^2; arclength (targets,) m;
     clamp_pixel: (u, v) of the first target, None for the left-most end; straightness: largest
     distance from the line between the ends, of its length; infinite for an arm that is bent;
-    shapes (blobs, 3), as `Blobs` has them, None where they are not known.
+    shapes (blobs, 3), as `Blobs` has them, None where they are not known; costs (blobs,): as of
+    `rows_anywhere`.
     """
     count = arclength.size
-    rows = regular_rows(points, areas, arclength, vision, shapes)
+    rows = regular_rows(points, areas, arclength, vision, shapes, costs)
     if not rows:
         return Failure(
             reason='no_row',
@@ -202,8 +207,8 @@ def row_at_rest(
     if any(share_of_blobs(row, best) < vision.association.alike for row in rows):
         return Failure(
             reason='several_rows',
-            sentence=f'there is more than one row of {count} targets: give clamp_pixel, or remove '
-            'the others from the view',
+            sentence=f'there is more than one row of {count} targets: move the arm, which the '
+            'background does not do, give clamp_pixel, or remove the others from the view',
         )
     if clamp_pixel is None:
         best = min(rows, key=lambda row: float(pixels[row.chosen[0], 0]))
@@ -249,9 +254,12 @@ def regular_rows(
     arclength: Array,
     vision: VisionSettings = VISION,
     shapes: Array | None = None,
+    costs: Array | None = None,
 ) -> list[TargetRow]:
     """Find all rows of targets that lie on a smooth line; arguments as of `row_at_rest`."""
-    rows = rows_anywhere(points, areas, arclength, vision.association, vision.beam_search, shapes)
+    rows = rows_anywhere(
+        points, areas, arclength, vision.association, vision.beam_search, shapes, costs
+    )
     return [row for row in rows if _is_regular(row_points(row, points), arclength, vision)]
 
 

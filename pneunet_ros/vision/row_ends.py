@@ -91,7 +91,7 @@ def continues_beyond(
     cost: of the row. A blob that fits far worse than those in the row is there by chance, as many
     are in printed text.
     """
-    x, y, looks = blobs
+    x, y, looks, _ = blobs
     seen = np.flatnonzero(chosen >= 0)
     if seen.size < 2:
         return False
@@ -106,7 +106,7 @@ def continues_beyond(
     of_row = (cost - search.missing * (chosen.size - seen.size)) / seen.size
     alike = min(search.alike, search.odd**2 * of_row)
     numbers = search_numbers(search)
-    return bool(_any_alike(np.vstack([x, y, looks]), row, b, spacing, unit, alike, numbers))
+    return bool(_any_alike(blobs.table, row, b, spacing, unit, alike, numbers))
 
 
 @kernel
@@ -121,8 +121,8 @@ def _any_alike(
 ) -> bool:
     """Whether a blob goes on a row at a cost below `alike`; last: the blob at its end.
 
-    blobs (2 + LOOKS, blobs): x, y and looks; row (LAST + 1,); spacing m; unit: the same in the
-    picture.
+    blobs (BLOB_ROWS, blobs): x, y, looks and costs; row (LAST + 1,); spacing m; unit: the same in
+    the picture.
     """
     for blob in range(blobs.shape[1]):
         x, y = blobs[0, blob], blobs[1, blob]

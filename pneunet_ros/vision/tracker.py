@@ -42,10 +42,11 @@ from pneunet_ros.vision.rows.row import ObservedRow, target_sightings, TrackedRo
 from pneunet_ros.vision.rows.row_gate import is_at_clamp
 from pneunet_ros.vision.rows.row_motion import at_stamp, start_row
 from pneunet_ros.vision.rows.row_search import search_around, search_row
-from pneunet_ros.vision.rows.row_search_at_rest import search_at_rest
+from pneunet_ros.vision.rows.row_search_at_rest import search_at_rest, search_what_moved
 from pneunet_ros.vision.rows.view import NONE_TAKEN, View
 from pneunet_ros.vision.settings import VISION, VisionSettings
 from pneunet_ros.vision.smoother import FEWEST_TARGETS, MeasuredCurve, smoother_for
+from pneunet_ros.vision.still_areas import StillAreas
 
 # Reasons of frames that do not show the arm, those that tell most first.
 TELLING = ('not_straight', 'wrong_clamp', UPRIGHT, 'several_rows', 'no_row', 'no_areas')
@@ -95,8 +96,9 @@ class TrackerState:
 
     `frames` were looked at, `explained` of them show the arm; `unexplained` counts the others by
     reason, `rejected` the images that were not looked at. `trouble` says why there is no working
-    plane for this lens; `polarity` is None until a row of targets has shown it, `leading` the one
-    that alone has shown a row so far. `lost` is the last row that was followed, while there is
+    plane for this lens; `still` holds, by polarity, what stays in its place while no frame shows
+    the arm; `polarity` is None until a row of targets has shown it, `leading` the one that alone
+    has shown a row so far. `lost` is the last row that was followed, while there is
     none, and `searched_ns` the stamp of the frame that was last searched for one everywhere.
     """
 
@@ -104,6 +106,7 @@ class TrackerState:
     plane: Plane | None = None
     trouble: str = ''
     rest: RestSearch = field(default_factory=RestSearch)
+    still: Mapping[str, StillAreas] = field(default_factory=lambda: MappingProxyType({}))
     polarity: Polarity | None = None
     leading: str = ''
     row: TrackedRow | None = None
@@ -213,9 +216,9 @@ class Tracker:
         found = None if state.leading else self._bright_and_dark(image)
         areas = dict(zip((BRIGHT, DARK), found or (None, None), strict=True))
         looks: dict[str, tuple[TrackerState, Tracking]] = {}
-        for shallow in (True, False):
+        for again in (False, True):
             for name in sorted((BRIGHT, DARK), key=lambda name: name != state.leading):
-                looks[name] = self._look(state, image, name, areas[name], shallow, taken)
+                looks[name] = self._look(state, image, name, areas[name], not again, again, taken)
                 if name == state.leading and looks[name][1].reason == RESTING:
                     return looks[name]
             if any(it.reason in ('', RESTING) for _, it in looks.values()):
@@ -233,6 +236,8 @@ class Tracker:
                 f'{other}: {said[other]}'
             )
             return replace(state, polarity=Polarity(name=name, evidence=evidence)), tracking
+        still = {name: it.still[name] for name, (it, _) in looks.items() if name in it.still}
+        state = replace(state, still=MappingProxyType({**state.still, **still}))
         if shown:
             sentence = 'bright and dark areas both show a row of targets: set polarity'
             return self._unexplained(
@@ -264,9 +269,10 @@ class Tracker:
         polarity: str,
         areas: RoundAreas | None = None,
         shallow: bool = False,
+        again: bool = False,
         taken: Array | None = None,
     ) -> tuple[TrackerState, Tracking]:
-        """Look for targets of a polarity; areas, shallow and taken: as of `View`."""
+        """Look for targets of a polarity; areas, shallow, again and taken: as of `View`."""
         assert state.lens is not None
         settings = self.settings
         if polarity == DARK:
@@ -282,10 +288,11 @@ class Tracker:
             vision=self.vision,
             areas=areas,
             shallow=shallow,
+            again=again,
             taken=NONE_TAKEN if taken is None else taken,
         )
         if state.plane is None:
-            state, failure = self._at_rest(state, view)
+            state, failure = self._at_rest(state, view, polarity)
             if state.plane is None:
                 return self._unexplained(state, image, failure)
             view = replace(view, plane=state.plane)
@@ -350,11 +357,15 @@ class Tracker:
         state = replace(state, plane=None, trouble=sentence)
         return self._unexplained(state, image, Failure(reason='wrong_clamp', sentence=sentence))
 
-    def _at_rest(self, state: TrackerState, view: View) -> tuple[TrackerState, Failure]:
+    def _at_rest(
+        self, state: TrackerState, view: View, polarity: str
+    ) -> tuple[TrackerState, Failure]:
         """Take a frame into what is known of the rest; why there is no plane yet, if so."""
         wanted, settings = self.settings.rest_frames, self.vision.rest_plane
         found = search_at_rest(view, state.rest)
         if isinstance(found, Failure):
+            if not view.shallow:
+                state, found = self._at_rest_before(state, view, found, polarity)
             lacks = state.rest.lacks(wanted)
             sentence = f'{found.sentence}; so far {lacks}' if lacks else found.sentence
             return state, replace(found, sentence=sentence)
@@ -365,6 +376,29 @@ class Tracker:
             plane = plane_at_rest(rest.places[0].points, self.arclength, self.settings.plane)
         failure = Failure(reason=RESTING, sentence=f'scale and base frame: {lacks}')
         return replace(state, rest=rest, plane=plane), failure
+
+    def _at_rest_before(
+        self, state: TrackerState, view: View, failure: Failure, polarity: str
+    ) -> tuple[TrackerState, Failure]:
+        """Take what rested and moved for the arm, where no frame shows it on its own.
+
+        The row must be found again where it is now, from its clamp.
+        """
+        wanted = self.settings.rest_frames
+        if failure.blobs is None:
+            return state, failure
+        still = state.still.get(polarity, StillAreas()).with_frame(failure.blobs, wanted)
+        state = replace(state, still=MappingProxyType({**state.still, polarity: still}))
+        place = search_what_moved(view, still, wanted)
+        if place is None:
+            return state, failure
+        plane = plane_at_rest(place.points, self.arclength, self.settings.plane)
+        row = search_row(replace(view, plane=plane))
+        if row.seen < self.arclength.size:
+            return state, failure
+        nothing: Mapping[str, StillAreas] = MappingProxyType({})
+        rest = RestSearch(places=(place,))
+        return replace(state, plane=plane, rest=rest, still=nothing), failure
 
     def _unexplained(
         self, state: TrackerState, image: Image, failure: Failure

@@ -6,14 +6,15 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from pneunet_ros.core.arrays import Array
-from pneunet_ros.vision.association import near_rows_anywhere
-from pneunet_ros.vision.camera.camera_settings import CurvedRestPlane
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.vision.association import near_rows_anywhere, TargetRow
+from pneunet_ros.vision.beam_search import FARTHEST, Mask
 from pneunet_ros.vision.dots.areas import RoundAreas
 from pneunet_ros.vision.dots.blobs import Blobs, measure_areas
 from pneunet_ros.vision.rest_plane import (
     Failure,
     plane_at_rest,
+    RestAverage,
     RestSearch,
     row_at_rest,
     row_points,
@@ -22,6 +23,7 @@ from pneunet_ros.vision.rest_plane import (
 from pneunet_ros.vision.rows.row import ObservedRow
 from pneunet_ros.vision.rows.row_search import row_among
 from pneunet_ros.vision.rows.view import NO_AREAS, View
+from pneunet_ros.vision.still_areas import is_moved, StillAreas
 
 
 def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
@@ -33,9 +35,10 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     areas = view.round_areas()
     if len(areas.centers) == 0:
         return NO_AREAS
-    first = _search_what_stands_out(view, areas)
-    if view.shallow or not (isinstance(first, Failure) or np.isnan(first).any()):
-        return first
+    if not view.again:
+        first = _search_what_stands_out(view, areas)
+        if view.shallow or not (isinstance(first, Failure) or np.isnan(first).any()):
+            return first
     blobs = measure_areas(view.image, areas, view.appearance)
     if len(blobs) == 0:
         return NO_AREAS
@@ -43,7 +46,7 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     found = _search_anew(view, blobs, points)
     if not isinstance(found, Failure):
         return found
-    found = replace(found, found=blobs.centers)
+    found = replace(found, found=blobs.centers, blobs=blobs)
     if found.reason != 'no_row':
         return found
     seen = points[np.isfinite(points[:, 0])]
@@ -132,6 +135,58 @@ def _begins_at_clamp_pixel(view: View, row: ObservedRow) -> bool:
     return math.hypot(*(row.table[0, :2] - view.settings.clamp_pixel)) < 0.5 * spacing
 
 
+def search_what_moved(view: View, still: StillAreas, wanted: int) -> RestAverage | None:
+    """Find where the arm rested, among areas that stayed in their places until it moved.
+
+    wanted: frames in which an area must have been there, and gone since. What stays is as bad in
+    a row as a missing target: near the clamp an arm hardly moves. None where nothing moved, or
+    what moved is no row of all targets.
+    """
+    known = still.only(still.seen >= wanted)
+    gone, search = known.unseen >= wanted, view.vision.beam_search
+    most_of_all = np.argsort(~gone, kind='stable')[: view.arclength.size]
+    if not is_moved(gone, most_of_all, view.vision.rest_plane.odds):
+        return None
+    straight = view.rest_straightness * (view.arclength.size - 1) / FARTHEST
+    straight_rows = replace(search, across_std=min(search.across_std, straight))
+    points = view.lens.undistort(known.centers)
+    row = row_at_rest(
+        points,
+        known.centers,
+        known.area,
+        view.arclength,
+        view.settings.clamp_pixel,
+        view.rest_straightness,
+        replace(view.vision, beam_search=straight_rows),
+        known.shapes,
+        np.where(gone, 0.0, search.missing),
+    )
+    if isinstance(row, Failure) or not _has_moved(view, row, points, gone):
+        return None
+    seen = np.where(row.chosen >= 0, known.seen[row.chosen], 0)
+    return RestAverage(
+        frames=int(seen[seen > 0].min()), points=freeze(row_points(row, points)), seen=seen
+    )
+
+
+def _has_moved(view: View, row: TargetRow, points: Array, gone: Mask) -> bool:
+    """Whether a row among points (areas, 2) moved as an arm does, with all of its targets.
+
+    gone (areas,): which are gone. Those of an arm are all of its targets but some at the clamp,
+    and where the next target would be beyond its tip nothing is gone.
+    """
+    chosen = row.chosen[row.chosen >= 0]
+    if np.any(np.diff(gone[chosen].astype(np.int64)) < 0):
+        return False
+    step = np.diff(view.arclength)[-1] / np.ptp(view.arclength)
+    beyond = points[chosen[-1]] + step * (points[chosen[-1]] - points[chosen[0]])
+    reach = FARTHEST * view.vision.beam_search.along_std
+    reach *= spacing_of(row_points(row, points), view.arclength)
+    if np.any(np.hypot(*(points[gone] - beyond).T) <= reach):
+        return False
+    return is_moved(gone, chosen, view.vision.rest_plane.odds)
+
+
 def _row_at_rest(view: View, blobs: Blobs, points: Array, arclength: Array) -> Array | Failure:
     """Return the targets of a resting arm among blobs, normalized (targets, 2), NaN where missing.
 
@@ -144,7 +199,7 @@ def _row_at_rest(view: View, blobs: Blobs, points: Array, arclength: Array) -> A
         blobs.area[usable],
         arclength,
         settings.clamp_pixel,
-        math.inf if isinstance(settings.plane, CurvedRestPlane) else settings.rest_straightness,
+        view.rest_straightness,
         view.vision,
         blobs.shapes[usable],
     )

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.image import Image
 from pneunet_ros.vision.camera.camera_model import Lens
-from pneunet_ros.vision.camera.camera_settings import CameraSettings
+from pneunet_ros.vision.camera.camera_settings import CameraSettings, CurvedRestPlane
 from pneunet_ros.vision.camera.working_plane import Plane
 from pneunet_ros.vision.dots.areas import Appearance, RoundAreas
 from pneunet_ros.vision.dots.blobs import find_areas, same_blobs
@@ -28,8 +29,8 @@ class View:
     """A frame with all that is needed to look at it.
 
     areas: what may be a blob, where that has been found already; shallow: whether to look only at
-    what stands out, as long as another look can follow; taken (n, COLUMNS): blobs that are targets
-    of other rows.
+    what stands out, as long as another look can follow; again: whether this is the other look;
+    taken (n, COLUMNS): blobs that are targets of other rows.
     """
 
     image: Image
@@ -41,6 +42,7 @@ class View:
     vision: VisionSettings
     areas: RoundAreas | None = None
     shallow: bool = False
+    again: bool = False
     taken: Array = field(default_factory=lambda: NONE_TAKEN)
 
     def is_taken(self, table: Array) -> Mask:
@@ -52,6 +54,12 @@ class View:
         if self.areas is None:
             return find_areas(self.image, self.appearance)
         return self.areas.only(slice(self.appearance.blobs.most))
+
+    @property
+    def rest_straightness(self) -> float:
+        """Largest distance of an arm at rest from the line between its ends, of its length."""
+        bent = isinstance(self.settings.plane, CurvedRestPlane)
+        return math.inf if bent else self.settings.rest_straightness
 
     @property
     def appearance(self) -> Appearance:

@@ -1,0 +1,88 @@
+"""Areas that stay in their places over frames: what does so while the arm moves is background.
+
+However much background looks like targets in one frame, the arm is what rests and then moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.vision.association import ENOUGH
+from pneunet_ros.vision.beam_search import FARTHEST
+from pneunet_ros.vision.dots.blobs import Blobs
+from pneunet_ros.vision.gating import Mask
+import scipy
+
+Counts = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StillAreas:
+    """Areas seen in a place, in some frames one after the other: how often, and when last.
+
+    centers (areas, 2) px: on average over the frames in which each was seen; std (areas,) px: of
+    a single one; area (areas,) px^2 and shapes (areas, 3): as `Blobs` has them; seen (areas,): in
+    how many frames; unseen (areas,): in how many since.
+    """
+
+    centers: Array = field(default_factory=lambda: np.empty((0, 2)))
+    std: Array = field(default_factory=lambda: np.empty(0))
+    area: Array = field(default_factory=lambda: np.empty(0))
+    shapes: Array = field(default_factory=lambda: np.empty((0, 3)))
+    seen: Counts = field(default_factory=lambda: np.empty(0, np.int64))
+    unseen: Counts = field(default_factory=lambda: np.empty(0, np.int64))
+
+    def with_frame(self, blobs: Blobs, wanted: int) -> StillAreas:
+        """Return them with one more frame; what moved on before it stayed so long is forgotten."""
+        new, seen, unseen, centers = (
+            np.ones(len(blobs), np.bool_),
+            self.seen,
+            self.unseen,
+            self.centers,
+        )
+        if len(seen) and len(blobs):
+            away, nearest = scipy.spatial.cKDTree(blobs.centers).query(centers)
+            there = away <= FARTHEST * np.hypot(self.std, blobs.std[nearest])
+            seen, unseen = seen + there, np.where(there, 0, unseen + 1)
+            step = (blobs.centers[nearest] - centers) / seen[:, None]
+            centers = np.where(there[:, None], centers + step, centers)
+            new[nearest[there]] = False
+        with_new = StillAreas(
+            centers=np.concatenate([centers, blobs.centers[new]]),
+            std=np.concatenate([self.std, blobs.std[new]]),
+            area=np.concatenate([self.area, blobs.area[new]]),
+            shapes=np.concatenate([self.shapes, blobs.shapes[new]]),
+            seen=np.concatenate([seen, np.ones(np.count_nonzero(new), np.int64)]),
+            unseen=np.concatenate([unseen, np.zeros(np.count_nonzero(new), np.int64)]),
+        )
+        return with_new.only((with_new.seen >= wanted) | (with_new.unseen < wanted))
+
+    def only(self, which: Mask) -> StillAreas:
+        """Return some of them."""
+        return StillAreas(
+            centers=self.centers[which], std=self.std[which], area=self.area[which],
+            shapes=self.shapes[which], seen=self.seen[which], unseen=self.unseen[which],
+        )  # fmt: skip
+
+
+def is_moved(gone: Mask, row: Counts, odds: float) -> bool:
+    """Whether a row of areas (indices) has gone because it moved, and not by chance as others do.
+
+    gone (areas,): which have. Fisher's exact test, of the best of ENOUGH rows; odds: of chance.
+    """
+    return (
+        ENOUGH * _chance_of_more(len(gone), int(gone.sum()), len(row), int(gone[row].sum())) < odds
+    )
+
+
+def _chance_of_more(areas: int, gone: int, row: int, gone_of_row: int) -> float:
+    """Return the chance that as many of a row or more are among those gone (hypergeometric)."""
+    ways = sum(
+        math.comb(gone, many) * math.comb(areas - gone, row - many)
+        for many in range(gone_of_row, min(row, gone) + 1)
+    )
+    return ways / math.comb(areas, row)
