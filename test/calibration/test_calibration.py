@@ -109,7 +109,7 @@ def test_dots_that_do_not_tell_where_they_and_the_camera_are_do_not_make_a_stiff
     for pressure in (20e3, 50e3):
         right = true.moment_law.sections(np.array([pressure]), true.length, true.weight)[0]
         ours = found.arm.moment_law.sections(np.array([pressure]), true.length, true.weight)[0]
-        assert ours[:, RIGIDITY] == pytest.approx(right[:, RIGIDITY], rel=0.03)
+        assert ours[:, RIGIDITY] == pytest.approx(right[:, RIGIDITY], rel=0.04)
 
 
 def weighed(arm, wrong=(0.0, 0.0), seed=0):

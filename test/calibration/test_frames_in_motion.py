@@ -89,7 +89,7 @@ def test_the_rest_of_it_gives_the_stiffness_and_no_advice():
     frame = dataclasses.replace(frame, target_arclength=truth.target_arclength)
     found = calibrate(unloaded, [runs['dead_weights']], frame, compare=False)
     assert found.joint.converged
-    assert rigidity(found.arm) == pytest.approx(rigidity(truth), rel=0.01)
+    assert rigidity(found.arm) == pytest.approx(rigidity(truth), rel=0.015)
     assert found.motion is not None
     assert found.notes[0] == found.motion.left_out
     assert not any('clock' in note or 'sign' in note for note in found.notes[1:])
