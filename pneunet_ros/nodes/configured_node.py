@@ -76,9 +76,8 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.ready_at = math.inf  # s of a steady clock
         self.losses, self.shedding = Losses(), FrameShedding()
         self.others = OtherDescriptions()
-        self.taken_over: dict[
-            str, int
-        ] = {}  # times of settings of another node, while they are set
+        # Times of the settings of another node, while they are set here.
+        self.taken_over: dict[str, int] = {}
         # Of nodes that share a process with others the one that owns them says it.
         self.jumps = None if place.namespace else watch_time(self, self.note_jump)
         self.open_diagnostics()
