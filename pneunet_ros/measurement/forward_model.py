@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.equilibrium import HeadingSearch
@@ -69,10 +69,10 @@ class ForwardModel:
     )
 
     def __init__(self, arclength: Array, measured: Array | None = None) -> None:
-        self.arclength, self.measured = arclength, measured
+        self.arclength, self.measured = frozen_array(arclength), measured
         self.push_place = np.zeros(0)
         self.heading = np.zeros((0, 0))
-        self.stations = arclength
+        self.stations = self.arclength
         self.counts = np.zeros(0, dtype=np.int64)
 
     @property
@@ -94,7 +94,7 @@ class ForwardModel:
         )
         if not np.array_equal(rods.push_place, self.push_place):
             self.push_place = rods.push_place
-            self.stations = np.union1d(self.arclength, rods.push_place)
+            self.stations = freeze(np.union1d(self.arclength, rods.push_place))
             self.counts = counts[:0]
         if self.counts.size != counts.size or np.any(counts > self.counts):
             self.remesh(counts, len(inputs.pressure))

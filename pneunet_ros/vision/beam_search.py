@@ -119,7 +119,9 @@ def grow_rows(
     sides = (1, 0) if len(blobs.x) and np.ptp(blobs.y) > np.ptp(blobs.x) else (0, 1)
     order = np.argsort(blobs[sides[0]], kind='stable')
     grow_all(
-        np.vstack([blobs[sides[0]], blobs[sides[1]], blobs.looks, blobs.costs])[:, order],
+        np.vstack([blobs[sides[0]], blobs[sides[1]], blobs.looks, blobs.costs]).take(
+            order, axis=1
+        ),
         order,
         np.array(sides),
         np.array(arclength),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from pneunet_ros.core.arrays import freeze
 
-ARCLENGTH = 0.005 * np.arange(23)
+ARCLENGTH = freeze(0.005 * np.arange(23))  # as that of a model
 SPACING = 0.005
 
 

@@ -41,6 +41,7 @@ def test_compiled_and_numpy_fits_are_the_same(way, radius, monkeypatch):
     other = draw_dot((side, side), (middle, middle), 4.0, blur=0.8)
     dots = np.concatenate([dot, other], axis=1)
     grey = np.clip(dots + 3.0 * random.standard_normal(dots.shape), 0, 255).astype(np.uint8)
+    grey.flags.writeable = False  # as that of an image
     one = np.ones(2)
     starts = outlines(
         np.array([[middle, middle], [middle + side, middle]]),
