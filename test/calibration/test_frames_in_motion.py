@@ -32,6 +32,7 @@ import pytest
 from support.lab_run import run_of, true_model
 from support.refusals import refused
 
+MOTION = LabMotion(timestep=2e-3)
 PLUCKS = {'push': {'force': 0.03, 'place': 0.9, 'begins': 3.0, 'ends': 3.6, 'every': 9.0}}
 SECONDS = {'unloaded_ramp': 45.0, 'unloaded_staircase': 45.0, 'dead_weights': 60.0}
 
@@ -49,7 +50,7 @@ def recording_of(name: str, motion: LabMotion | None, effects: dict, ramp: float
 @cache
 def plucked() -> LabRecording:
     """Return a recording of an unloaded ramp with plucks."""
-    return recording_of('unloaded_ramp', LabMotion(), PLUCKS)
+    return recording_of('unloaded_ramp', MOTION, PLUCKS)
 
 
 @cache
@@ -58,8 +59,8 @@ def swinging() -> tuple[dict[str, RecordingData], Arm]:
     pytest.importorskip('mujoco', reason="needs MuJoCo: pip install '.[mujoco]'")
     made = {
         'unloaded_ramp': plucked(),
-        'unloaded_staircase': recording_of('unloaded_staircase', LabMotion(), {}),
-        'dead_weights': recording_of('dead_weights', LabMotion(), {}),
+        'unloaded_staircase': recording_of('unloaded_staircase', MOTION, {}),
+        'dead_weights': recording_of('dead_weights', MOTION, {}),
     }
     truth = true_model(dataclasses.replace(made['dead_weights'].scenario, effects=()))
     return {name: run_of(one) for name, one in made.items()}, truth
@@ -75,7 +76,7 @@ def test_what_swings_is_named_by_its_frequency_and_decay():
     found = frames_in_motion(list(runs.values()), truth)
     modes = vibration(truth, solve(truth, 0.5 * truth.pressure_range[1]))
     assert found.hertz == pytest.approx(modes.hertz, rel=0.15)  # it goes with the pressure
-    rate = 0.5 * LabMotion().damping_time * (2.0 * math.pi * found.hertz) ** 2
+    rate = 0.5 * MOTION.damping_time * (2.0 * math.pi * found.hertz) ** 2
     assert 1.0 / found.decay_time == pytest.approx(rate, rel=0.2)
     assert found.frames == sum(len(run.stamp_ns) for run in runs.values())
     assert 0.3 * found.frames < found.count < 0.9 * found.frames

@@ -308,8 +308,7 @@ CREEP = LabCreep(amplitude=0.15, time_constant=30.0)
 HYSTERESIS = LabHysteresis(width=4e3)
 
 
-@pytest.mark.parametrize('effect', [CREEP, HYSTERESIS])
-@pytest.mark.parametrize('with_wrench', [False, True])
+@pytest.mark.parametrize('effect, with_wrench', [(CREEP, True), (HYSTERESIS, False)])
 def test_what_the_model_lacks_is_covered(effect, with_wrench):
     found = usual(with_wrench=with_wrench, effects=(effect,))
     assert found.force_covered() > 0.85
@@ -422,8 +421,6 @@ def test_swapped_dots_do_not_move_the_force():
     [
         ((0.02, 0.0), 1.0),
         ((0.0, -0.01), 1.0),
-        ((-0.02, -0.02), 1.0),
-        ((-0.04, 0.0), 1.0),
         ((0.08, 0.0), 1.0),
         ((0.0, 0.0), 1.1),
         ((0.0, 0.0), 0.0),
@@ -483,7 +480,7 @@ def test_a_noisy_force_sensor_in_order_is_not_called_off(std, seed):
     assert rms(found.tip_error) < 1.6e-4
 
 
-@pytest.mark.parametrize('std', [0.005, 0.01, 0.02])
+@pytest.mark.parametrize('std', [0.005, 0.02])
 def test_a_force_sensor_that_is_noisier_than_the_model_knows_is_heard_to_be(std):
     found = fuse(with_wrench=True, sensor=partial(noisy, std=std, seed=4))
     assert not any(one.force_sensor for one in found.estimates)
@@ -620,8 +617,10 @@ def moved_camera(frame, seen, turn=0.0, along=0.0, since=60):
     return sightings_at(seen.stamp_ns, x, y)
 
 
-@pytest.mark.parametrize('with_wrench', [False, True])
-@pytest.mark.parametrize('turn, along', [(0.0, 3e-4), (0.0, 4e-3), (0.035, 0.0), (-0.05, 2e-3)])
+@pytest.mark.parametrize(
+    'turn, along, with_wrench',
+    [(0.0, 3e-4, False), (0.0, 4e-3, False), (0.035, 0.0, True), (-0.05, 2e-3, True)],
+)
 def test_a_camera_that_is_moved_is_found_and_the_tip_stays_right(turn, along, with_wrench):
     change = partial(moved_camera, turn=turn, along=along)
     found = fuse(calibrated(), change=change, with_wrench=with_wrench, frames=range(120))
@@ -679,8 +678,10 @@ def is_unplugged(frame):
     return replace(pressure(frame), pressure=30e3)
 
 
-@pytest.mark.parametrize('with_wrench', [False, True])
-@pytest.mark.parametrize('gauge, since', [(hangs, 61), (reads_nothing, 0), (is_unplugged, 0)])
+@pytest.mark.parametrize(
+    'gauge, since, with_wrench',
+    [(hangs, 61, False), (hangs, 61, True), (reads_nothing, 0, True), (is_unplugged, 0, False)],
+)
 def test_a_pressure_that_is_not_what_is_read_is_found_and_the_tip_stays_right(
     gauge, since, with_wrench
 ):

@@ -21,10 +21,8 @@ from support.scaled import Size
 from support.small_calibration import ARM, NOISE, runs_of
 
 SIZES = [
-    Size(length=0.125, force=0.0625),  # a finger of 14 mm
-    Size(length=8.0, force=64.0),
-    Size(pressure=0.125),
-    Size(length=2.0, force=0.25, pressure=8.0),
+    Size(length=0.125, force=0.0625, pressure=8.0),  # a finger of 14 mm
+    Size(length=8.0, force=64.0, pressure=0.125),
 ]
 
 
