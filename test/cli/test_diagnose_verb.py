@@ -18,11 +18,10 @@ from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.recordings.lab_files import write_lab
-from pneunet_ros.reports import figure as report_figure
 from pneunet_ros.reports.diagnosis.files import NUMBERS, PAGE
 import pytest
 from support.refusals import refusal
-from support.small_diagnosis import diagnosis, discovery
+from support.small_diagnosis import diagnosis, discovery, without_figures
 
 NAMES = ('unloaded_ramp', 'strings', 'random_mix')
 ARM = share_path('config/paper_arm.yaml')
@@ -46,7 +45,7 @@ def run(capsys, monkeypatch, lab, tmp_path):
     """Run the verb in a folder of its own; returns its exit code, stdout and stderr."""
     monkeypatch.setenv('COLUMNS', '200')
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(report_figure, 'DOTS_PER_INCH', 20)
+    without_figures(monkeypatch)
 
     def run(*arguments):
         try:

@@ -18,9 +18,9 @@ from pneunet_ros.exploration.experiments import BEGINNING, experiments
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.offline import live_arm
 from pneunet_ros.offline.live_arm import LiveArm
-from pneunet_ros.reports import figure as report_figure
 import pytest
 from support.refusals import refusal, refused
+from support.small_diagnosis import without_figures
 
 ARM = share_path('scenarios/lab_arm.yaml')
 SCENARIO = """schema_version: 1
@@ -35,7 +35,7 @@ detail: {elements: 64, stations: 9}
 @pytest.fixture
 def run(capsys, monkeypatch, tmp_path):
     """Run the verb in a folder of its own; returns exit code, stdout and stderr."""
-    monkeypatch.setattr(report_figure, 'DOTS_PER_INCH', 20)
+    without_figures(monkeypatch)
     monkeypatch.chdir(tmp_path)
     Path('small.yaml').write_text(SCENARIO)
     Path('lab_arm.yaml').write_bytes(ARM.read_bytes())

@@ -21,6 +21,7 @@ from pneunet_ros.recordings.recording_writer import write_recording
 from pneunet_ros.reports import figure as report_figure
 import pytest
 from support.html_pages import Page
+from support.small_diagnosis import without_figures
 
 LENGTH, TOP = 0.1, 4e4  # m, Pa
 SHARES = np.linspace(0.0, 1.0, 8)
@@ -72,6 +73,7 @@ def run(capsys, monkeypatch, tmp_path):
 
     monkeypatch.setattr(survey, 'open_executor', here)
     monkeypatch.setattr(report_figure, 'DOTS_PER_INCH', 20)
+    without_figures(monkeypatch)
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments):

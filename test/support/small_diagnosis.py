@@ -40,6 +40,8 @@ from pneunet_ros.effects.effect import Effect
 from pneunet_ros.effects.extensibility import Extensibility
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.reports.diagnosis import files
+import pytest
 
 from support.example_arms import paper_arm
 from support.made_datasets import made, USUAL
@@ -298,3 +300,8 @@ def discovery(found: Diagnosis) -> Discovery:
         closed=0.97,
         notes=('a note of it',),
     )
+
+
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let reports of a diagnosis have no figures: they are drawn in test/reports."""
+    monkeypatch.setattr(files, 'FIGURES', dict.fromkeys(files.FIGURES, ()))
