@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import itertools
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-from pneunet_ros.calibration.checks.preconditions import check_unloaded
 from pneunet_ros.calibration.settings import CalibrationSettings, judging
 from pneunet_ros.cli.quantity_option import quantity_of, string_of
 from pneunet_ros.cli.verb import (
@@ -24,15 +23,13 @@ from pneunet_ros.cli.verb import (
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.paths import resolved
 from pneunet_ros.core.progress import heard
-from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.string_load import with_string
-from pneunet_ros.measurement.tip_frame import in_base_frame
-from pneunet_ros.messages.readings import SENSORS
-from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.string import String
-from pneunet_ros.model.uncertainty import SensorNoise
-from pneunet_ros.recordings.dataset_reader import read_run
-from rich.progress import Progress
+
+if TYPE_CHECKING:
+    from pneunet_ros.measurement.dataset import RecordingData
+    from pneunet_ros.model.arm import Arm
+    from pneunet_ros.model.string import String
+    from pneunet_ros.model.uncertainty import SensorNoise
+    from rich.progress import Progress
 
 STATIC = (
     '--static: every frame is a steady state and its stamp means nothing; no noise is estimated '
@@ -114,6 +111,12 @@ def read_experiments(
     Those given by `--unloaded`; without that option, recordings without `end_wrench`, and those in
     which every wrench is within the noise of the sensor.
     """
+    from pneunet_ros.calibration.checks.preconditions import check_unloaded
+    from pneunet_ros.measurement.string_load import with_string
+    from pneunet_ros.measurement.tip_frame import in_base_frame
+    from pneunet_ros.messages.readings import SENSORS
+    from pneunet_ros.recordings.dataset_reader import read_run
+
     paths = list(itertools.chain(*groups))
     loads = end_loads(arguments.end_load, paths)
     threads = strings(arguments.string, paths)
@@ -177,6 +180,8 @@ def read_experiments(
 
 def as_measured(frame: Arm, runs: Sequence[RecordingData]) -> Arm:
     """Return an arm with the mean measured direction of gravity, if any was measured."""
+    import numpy as np
+
     measured = [run.gravity for run in runs if run.gravity is not None]
     if not measured:
         return frame

@@ -6,22 +6,24 @@ from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 import platform
+from typing import TYPE_CHECKING
 
-import numpy as np
 from pneunet_ros import __version__
-from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.cli.verb import PAPER_ARM
 from pneunet_ros.core.printable import printable
 from pneunet_ros.core.settings import settings_changed
-from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.offline.calibration_files import inputs_of
-import scipy
+
+if TYPE_CHECKING:
+    from pneunet_ros.calibration.calibration import Calibration
+    from pneunet_ros.measurement.dataset import RecordingData
 
 
 def provenance_of(
     arguments: Namespace, calibration: Calibration, roles: Mapping[str, Sequence[RecordingData]]
 ) -> dict[str, object]:
     """Return the provenance of a calibrated model; nothing in it is random, so no seed."""
+    from pneunet_ros.offline.calibration_files import inputs_of
+
     joint = calibration.joint
     paths = [(role, [Path(run.name) for run in runs]) for role, runs in roles.items()]
     return {
@@ -38,6 +40,9 @@ def provenance_of(
 
 def versions() -> dict[str, str]:
     """Return the versions of the software that determines the numbers."""
+    import numpy as np
+    import scipy
+
     return {
         'pneunet_ros': __version__,
         'python': platform.python_version(),

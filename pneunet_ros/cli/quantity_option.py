@@ -6,10 +6,13 @@ from argparse import ArgumentTypeError
 from collections.abc import Callable, Sequence
 import math
 import re
+from typing import TYPE_CHECKING
 
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import PRESSURE_UNITS, SI_PER_UNIT
-from pneunet_ros.model.string import String
+
+if TYPE_CHECKING:
+    from pneunet_ros.model.string import String
 
 _NUMBER_AND_UNIT = re.compile(
     r'\s*([-+]?[0-9.]+(?:[eE][-+]?\d+)?)\s*([A-Za-z][A-Za-z0-9_ .*·]*)?\s*', re.ASCII
@@ -76,6 +79,8 @@ def quantity_of(option: str, text: str, kind: str) -> float:
 
 def string_of(option: str, texts: Sequence[str]) -> String:
     """Return the string of tension, X and Y of an option; RequestError names the option."""
+    from pneunet_ros.model.string import String
+
     kinds = ('force', 'length', 'length')
     tension, x, y = (quantity_of(option, *pair) for pair in zip(texts, kinds, strict=True))
     try:

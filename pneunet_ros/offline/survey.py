@@ -26,7 +26,6 @@ from pneunet_ros.core.printable import printable
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.json_text import json_text
 from pneunet_ros.files.regular_file import open_regular
-from pneunet_ros.offline.calibration_files import inputs_of
 from pneunet_ros.recordings.bag_folder import is_recording
 from pneunet_ros.tables.header import delimiter
 
@@ -218,6 +217,8 @@ def arm_key(arm: FleetArm, decided: Mapping[str, Any]) -> tuple[str, list[dict[s
 
     decided: all else that the outcome depends on. RecordingError if a file cannot be read.
     """
+    from pneunet_ros.offline.calibration_files import inputs_of
+
     inputs = inputs_of([(role, arm.roles[role]) for role in ROLES])
     try:
         with open_regular(arm.arm) as stream:

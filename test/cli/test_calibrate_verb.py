@@ -12,10 +12,9 @@ from pathlib import Path
 
 import numpy as np
 from pneunet_ros import load_model, solve
+from pneunet_ros.calibration import calibration
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.cli import experiments
 from pneunet_ros.cli.main import main
-from pneunet_ros.cli.verbs import calibrate
 from pneunet_ros.core.errors import ModelError, RecordingError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
@@ -194,7 +193,8 @@ def test_what_is_wrong_is_one_sentence(run, lab, arguments, reason):
 
 @pytest.mark.parametrize('taken', ['model.yaml', 'model.knowledge.npz', 'report'])
 def test_nothing_is_overwritten_unasked(run, lab, taken, monkeypatch):
-    monkeypatch.setattr(experiments, 'read_run', lambda *_: pytest.fail('read before it refused'))
+    read = 'pneunet_ros.recordings.dataset_reader.read_run'
+    monkeypatch.setattr(read, lambda *_: pytest.fail('read before it refused'))
     Path(taken).write_text('mine')
     said = run(*all_of(lab), '--output', 'model.yaml', '--report', 'report', '--json')
     assert refusal(said) == 'exists'
@@ -214,7 +214,7 @@ def test_a_report_that_cannot_be_written_leaves_no_model_either(run, lab, monkey
 
 
 def test_without_convergence_there_is_no_model(run, lab, monkeypatch):
-    whole = calibrate.calibrate
+    whole = calibration.calibrate
 
     def stopped(*arguments, **options):
         found = whole(*arguments, **options)
@@ -222,7 +222,7 @@ def test_without_convergence_there_is_no_model(run, lab, monkeypatch):
         joint = Fit(**(parts | {'converged': False, 'status': 'on-purpose'}))
         return dataclasses.replace(found, joint=joint)
 
-    monkeypatch.setattr(calibrate, 'calibrate', stopped)
+    monkeypatch.setattr(calibration, 'calibrate', stopped)
     code, out, _ = run('--unloaded', *files(lab, FREE[:1]), '--output', 'model.yaml')
     assert code == 1
     assert 'on-purpose' in out

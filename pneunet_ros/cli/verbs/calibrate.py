@@ -9,9 +9,6 @@ from pathlib import Path
 import time
 from typing import TYPE_CHECKING
 
-from pneunet_ros.calibration.calibration import calibrate
-from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
-from pneunet_ros.calibration.motion_fit import fit_motion, MotionFit
 from pneunet_ros.cli.experiments import (
     add_experiments,
     as_measured,
@@ -37,17 +34,12 @@ from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.atomic import written_together
 from pneunet_ros.files.model_file import load_model, save_model
-from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
-from pneunet_ros.offline.calibration_files import (
-    described_arm,
-    knowledge_file,
-    load_knowledge,
-    save_knowledge,
-)
+from pneunet_ros.model.moment_law import LinearLaw, MOMENT_LAWS, PiecewiseLinearLaw
 
 if TYPE_CHECKING:
+    from pneunet_ros.calibration.motion_fit import MotionFit
+    from pneunet_ros.measurement.dataset import RecordingData
+    from pneunet_ros.model.arm import Arm
     from pneunet_ros.reports.calibration.verdict import Files
 
 
@@ -88,7 +80,7 @@ def options(parser: ArgumentParser) -> None:
     )
     parser.add_argument(
         '--law',
-        choices=tuple(MOMENT_LAW_PARAMETERS),
+        choices=tuple(MOMENT_LAWS),
         help=f'moment law to fit (default: {PiecewiseLinearLaw.kind}, Eq 10; where the loaded '
         f'frames are too few for it, {LinearLaw.kind})',
     )
@@ -114,7 +106,14 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Read, fit, write."""
+    from pneunet_ros.calibration.calibration import calibrate
     from pneunet_ros.cli.calibrate_summary import numbers_of, show
+    from pneunet_ros.offline.calibration_files import (
+        described_arm,
+        knowledge_file,
+        load_knowledge,
+        save_knowledge,
+    )
     from pneunet_ros.reports.calibration.report import write_report
 
     started = time.perf_counter()
@@ -188,6 +187,8 @@ def run(arguments: Namespace) -> int:
 
 def fitted_motion(arm: Arm, runs: Sequence[RecordingData]) -> tuple[MotionFit | None, str]:
     """Fit how an arm swings; None and why, where the recordings do not show it."""
+    from pneunet_ros.calibration.motion_fit import fit_motion
+
     try:
         fit = fit_motion(arm, runs)
     except RequestError as error:
@@ -211,6 +212,8 @@ def files_of(arguments: Namespace) -> Files:
 
 def check_outputs(arguments: Namespace) -> None:
     """Refuse outputs that exist before a long computation, not after it."""
+    from pneunet_ros.offline.calibration_files import knowledge_file
+
     knowledge = knowledge_file(arguments.output)
     for path in (arguments.output, knowledge, arguments.report):
         if path is not None and path.exists() and not arguments.overwrite:

@@ -10,7 +10,6 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from pneunet_ros.cli.provenance import versions
 from pneunet_ros.cli.quantity_option import quantity_type, seed
 from pneunet_ros.cli.verb import (
     add_effects_path,
@@ -22,36 +21,28 @@ from pneunet_ros.cli.verb import (
     progress_bar,
     progress_of,
 )
-from pneunet_ros.cli.verbs.simulate import scenario_file
 from pneunet_ros.core.errors import ModelError, RecordingError, RequestError
 from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals
-from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.exploration.settings import EXPLORATION
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.json_text import json_text
-from pneunet_ros.files.model_file import load_model, model_hash
-from pneunet_ros.files.scenario_file import changes_of, load_scenario
-from pneunet_ros.lab.lab_arm import vary_arm
-from pneunet_ros.lab.scenario import Scenario
-from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.model.arm import Arm
-from pneunet_ros.offline.calibration_files import inputs_of
-from pneunet_ros.offline.live_arm import LiveArm, NAMESPACE
-from pneunet_ros.offline.simulated_arm import scenario_of_model, SimulatedArm
-from pneunet_ros.recordings.dataset_reader import read_run
 from rich.console import Console
 
 if TYPE_CHECKING:
     from pneunet_ros.diagnosis.experiment_design import Experiment
     from pneunet_ros.discovery.result import Discovery
     from pneunet_ros.exploration.exploration import Round
+    from pneunet_ros.exploration.safe_set import SafeSet
+    from pneunet_ros.lab.scenario import Scenario
+    from pneunet_ros.measurement.dataset import RecordingData
+    from pneunet_ros.model.arm import Arm
     from pneunet_ros.reports.diagnosis.report import Given
 
 LAB_MODEL = 'config/lab_arm.yaml'
 PAGE, NUMBERS, DIAGNOSIS = 'exploration.html', 'exploration.json', 'diagnosis'
-WriteRecording = Callable[['Experiment', SafeSet, Path], None]
+WriteRecording = Callable[['Experiment', 'SafeSet', Path], None]
 
 
 def options(parser: ArgumentParser) -> None:
@@ -93,7 +84,7 @@ def options(parser: ArgumentParser) -> None:
         '--namespace',
         default=None,
         metavar='NAME',
-        help=f'of the topics of a live arm (default: {NAMESPACE})',
+        help='of the topics of a live arm (default: /pneunet)',
     )
     parser.add_argument(
         '--arm-seed', type=seed, default=0, metavar='N', help='another simulated arm of its make'
@@ -138,9 +129,12 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Explore, and report after every recording."""
+    from pneunet_ros.cli.provenance import versions
     from pneunet_ros.diagnosis.result import Diagnosis
     from pneunet_ros.discovery.discovery import discover
     from pneunet_ros.exploration.exploration import explore, is_clear
+    from pneunet_ros.files.model_file import load_model, model_hash
+    from pneunet_ros.recordings.dataset_reader import read_run
     from pneunet_ros.reports.diagnosis.report import Given, next_steps
     from pneunet_ros.reports.exploration.report import (
         exploration_content,
@@ -217,6 +211,8 @@ def run(arguments: Namespace) -> int:
 
 def safe_set(arguments: Namespace, model: Arm) -> SafeSet:
     """Return the safe set of the arm: the requested range within the calibrated one."""
+    from pneunet_ros.exploration.safe_set import SafeSet
+
     known = SafeSet.of(model)
     low, high = arguments.pressure or (known.low, known.high)
     if low < known.low or high > known.high:
@@ -237,6 +233,9 @@ def safe_set(arguments: Namespace, model: Arm) -> SafeSet:
 
 def writer_of(arguments: Namespace, model: Arm) -> WriteRecording:
     """Return the recorder for the chosen kind of arm."""
+    from pneunet_ros.offline.live_arm import LiveArm, NAMESPACE
+    from pneunet_ros.offline.simulated_arm import SimulatedArm
+
     if arguments.simulated is not None:
         return SimulatedArm(scenario=simulated_scenario(arguments, model)).record
     if arguments.effect or arguments.arm_seed:
@@ -250,6 +249,12 @@ def writer_of(arguments: Namespace, model: Arm) -> WriteRecording:
 
 def simulated_scenario(arguments: Namespace, model: Arm) -> Scenario:
     """Return the arm to record, including its hidden effects."""
+    from pneunet_ros.cli.verbs.simulate import scenario_file
+    from pneunet_ros.files.model_file import load_model
+    from pneunet_ros.files.scenario_file import changes_of, load_scenario
+    from pneunet_ros.lab.lab_arm import vary_arm
+    from pneunet_ros.offline.simulated_arm import scenario_of_model
+
     try:
         scenario = load_scenario(scenario_file(arguments.simulated))
     except RequestError as first:
@@ -322,6 +327,7 @@ def write_end(
     last: Round, discovery: Discovery, model: Arm, provenance: dict[str, object], given: Given
 ) -> None:
     """Write the last diagnosis as `diagnose` does, if there is one."""
+    from pneunet_ros.offline.calibration_files import inputs_of
     from pneunet_ros.reports.diagnosis.files import write_diagnosis
 
     if last.diagnosis is None:

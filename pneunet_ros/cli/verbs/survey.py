@@ -39,7 +39,6 @@ from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.json_text import json_text
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.messages.readings import SENSORS
-from pneunet_ros.offline.calibration_files import file_hash
 from pneunet_ros.offline.survey import (
     arm_key,
     FleetArm,
@@ -165,6 +164,7 @@ class Survey:
     ) -> dict[str, dict[str, Any]]:
         """Return the row of every arm by name, finished before or now."""
         from pneunet_ros.cli.survey_arm import SurveyWork
+        from pneunet_ros.offline.calibration_files import file_hash
 
         decided = asdict(self.request) | {'versions': versions()}
         if self.request.effects_path:
