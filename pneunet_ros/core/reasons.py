@@ -89,6 +89,7 @@ REASONS: Mapping[str, str] = MappingProxyType({
     'no_topic': 'a topic is not there',
     'no_truth': 'a file is not a truth of the virtual lab',
     'no_unit': 'a column has no unit',
+    'json': 'a file holds JSON where a table is expected',
     'not_csv': 'a file is not a table of separated cells',
     'nothing_in_common': 'two sources have no frame or quantity in common',
     'nothing_usable': 'a topic or table holds nothing that can be used',

@@ -52,7 +52,7 @@ SI_PER_UNIT: dict[str, dict[str, float]] = {
         'kg': STANDARD_GRAVITY,
     },
     'moment': {'n_m': 1.0, 'n_mm': 1e-3, 'mn_m': 1e-3},
-    'length': {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'um': 1e-6},
+    'length': {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'um': 1e-6, 'in': 25.4e-3},
     'angle': {'rad': 1.0, 'deg': math.pi / 180.0},
     'acceleration': {'m_s2': 1.0, 'mm_s2': 1e-3, 'g': STANDARD_GRAVITY},
 }

@@ -61,6 +61,8 @@ _UNIT_SPELLINGS = {
     'minutes': 'min',
     'hours': 'h',
     'days': 'd',
+    'inch': 'in',
+    'inches': 'in',
 }
 _LETTERS = {
     ord('µ'): 'u',
@@ -69,6 +71,7 @@ _LETTERS = {
     ord('²'): '2',
     ord('₂'): '2',
     ord('^'): '',
+    ord('″'): 'in',
 }
 _UNITS = {'ns', *(unit for units in SI_PER_UNIT.values() for unit in units)}
 # How names end that tables of ROS messages have, in any folder of topics.

@@ -55,6 +55,7 @@ _SEPARATOR = re.compile(r'"?sep=(?P<mark>[;,\t])"?\s*', re.IGNORECASE)  # as Exc
 _MONITOR = re.compile(
     r'\d\d:\d\d:\d\d\.\d{3} -> '
 )  # as the serial monitor of Arduino begins lines
+_JSON = re.compile(rb'(\xef\xbb\xbf)?\s*(\{\s*["}]|\[\s*[\[{"])')
 _THOUSANDS = re.compile(r'[-+]?[1-9]\d{0,2}(?:[.,]\d{3})+', re.ASCII)
 _APART = re.compile(r"[-+]?\d{1,3}([.,'’\s])\d{3}(?:\1\d{3})*(?:[.,]\d+)?", re.ASCII)
 
@@ -96,6 +97,13 @@ def read_csv(
                 )
             binary.seek(max(size - 1, 0))
             cut = binary.read(1) not in (b'\n', b'\r')
+            binary.seek(0)
+            if _JSON.match(binary.read(LONGEST_CELL)):
+                raise RecordingError(
+                    f'{path} holds JSON, whatever its name: write its numbers as a table whose '
+                    'first line names the columns, such as time_s,pressure_kpa',
+                    reason='json',
+                )
             binary.seek(0)
             stream = io.TextIOWrapper(binary, encoding='utf-8-sig', newline='')
             return _read(path, stream, cut, request, exact, check_names, size)

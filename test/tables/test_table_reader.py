@@ -83,6 +83,7 @@ def test_the_pose_of_the_tip_may_be_known_in_part(tmp_path):
         ('moment_mn_m', 1e-3),
         ('x3_um', 1e-6),
         ('y17_cm', 1e-2),
+        ('tip_x_in', 0.0254),
         ('angle_a_deg', math.pi / 180.0),
         ('time_ms', 1e-3),
     ],
@@ -370,6 +371,15 @@ def test_where_nothing_names_the_columns_this_is_said(tmp_path, text, reason):
         read(tmp_path, text)
 
 
+@pytest.mark.parametrize(
+    'text',
+    ['{"time": [0, 1]}', '[\n  {"t": 0}\n]', '[[0, 1], [1, 2]]', '\ufeff{"t": 0}\n{"t": 1}'],
+)
+def test_json_under_the_name_of_a_table_is_called_so(tmp_path, text):
+    with refused(RecordingError, 'json'):
+        read(tmp_path, text)
+
+
 def test_columns_that_are_called_by_numbers_are_renamed(tmp_path):
     table = read(tmp_path, '0,1\n1,2\n', rename={'0': 'time_s', '1': 'pressure_kpa'})
     assert table.values['pressure'][:, 0].tolist() == [2000.0]
@@ -389,6 +399,8 @@ def test_columns_that_are_called_by_numbers_are_renamed(tmp_path):
         ('Moment [N\u00b7mm]', 'moment_n_mm'),
         ('moment (Nm)', 'moment_n_m'),
         ('X3 (mm)', 'x3_mm'),
+        ('x3 [inch]', 'x3_in'),
+        ('Y3 (″)', 'y3_in'),
         ('Tip-Heading [\u00b0]', 'tip_heading_deg'),
         ('Temperature (K)', 'Temperature (K)'),
         ('Pressure [in Hg]', 'pressure_inhg'),
