@@ -214,8 +214,9 @@ def solve_rod(
     """Shape of the first of these records, taken at the chamber pressure, under a true load.
 
     start: a neighboring solution, or None to solve from nothing; arclength (stations,) m. quick:
-    give up where that would take many small steps. Pushes along the normal of the arm are solved
-    for where they point; what is said of stability holds for them as dead loads.
+    give up where that would take many small steps, or seems to diverge. Pushes along the normal
+    of the arm are solved for where they point; what is said of stability holds for them as dead
+    loads.
     """
     if not rods.push.any():
         return solve_dead_loads(arm, rods, load, start, arclength, settings, quick)
@@ -233,6 +234,8 @@ def solve_rod(
             return shape
         if search.turn(headings(start, rods)[None]) <= TURNED:
             return shape
+        if quick and search.diverges:
+            break
     sentence = 'no equilibrium found with a push that turns with the arm'
     return failed_shape(arm, load, arclength, sentence, shape.residual, shape.iterations)
 
@@ -240,13 +243,15 @@ def solve_rod(
 class HeadingSearch:
     """The search for headings (rods, pushes) rad that a rod has when it is pushed along them.
 
-    Each by itself by the secant method; the first step is to what was found.
+    Each by itself by the secant method; the first step is to what was found. It diverges where a
+    step missed by more than the one before, twice: once is common where the search converges.
     """
 
-    __slots__ = ('before', 'found', 'heading')
+    __slots__ = ('before', 'diverges', 'found', 'grew', 'heading', 'most')
 
     def __init__(self, heading: Array) -> None:
         self.heading, self.before, self.found = heading, heading, heading
+        self.most, self.grew, self.diverges = math.inf, False, False
 
     def turn(self, found: Array) -> float:
         """Take what the rod had along `heading`; return by how much (rad) that was missed."""
@@ -257,7 +262,12 @@ class HeadingSearch:
         slope = np.clip(slope, *SLOPES)
         self.before, self.found = self.heading, found
         self.heading = self.heading + missed / (1.0 - slope)
-        return float(np.abs(missed).max(initial=0.0))
+        most = float(np.abs(missed).max(initial=0.0))
+        grows = most > self.most
+        self.diverges = self.diverges or (grows and self.grew)
+        self.grew = self.grew or grows
+        self.most = most
+        return most
 
 
 def headings(solution: SolverNodes, rods: Rods) -> Array:

@@ -10,7 +10,13 @@ from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import lab_effect, Scenario
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
-from pneunet_ros.model.equilibrium import headings, linearize_shape, solve_rod
+from pneunet_ros.model import equilibrium
+from pneunet_ros.model.equilibrium import (
+    headings,
+    HeadingSearch,
+    linearize_shape,
+    solve_rod,
+)
 from pneunet_ros.model.part_load import (
     PartLoad,
     pushed_on_panels,
@@ -72,6 +78,38 @@ def test_the_lab_pushes_the_arm_to_the_same_shape(force, place):
             bare.target_y[frame] - truth.target_y[frame],
         )
         assert missed.max() < 2e-6 < 1e-3 < moved.max()
+
+
+def heading_search(*misses):
+    """Return a search that has missed by so much (rad), turn by turn."""
+    search = HeadingSearch(np.zeros((1, 1)))
+    for missed in misses:
+        search.turn(search.heading + missed)
+    return search
+
+
+def test_a_heading_that_is_missed_by_more_twice_diverges():
+    assert not heading_search(0.1, 0.2, 0.05, 0.01).diverges
+    assert heading_search(0.1, 0.2, 0.05, 0.06).diverges
+
+
+def test_a_push_without_an_equilibrium_is_given_up_soon_where_asked(monkeypatch):
+    solve, solves = equilibrium.solve_dead_loads, []
+
+    def counted(*given, **options):
+        solves.append(given)
+        return solve(*given, **options)
+
+    monkeypatch.setattr(equilibrium, 'solve_dead_loads', counted)
+    rods, _ = TABLE.at(LOAD.pressure)
+    pushed = with_part_load(rods, PartLoad(force=-40.0, place=0.06, width=WIDTH))
+    counts = []
+    for quick in (False, True):
+        solves.clear()
+        shape = solve_rod(ARM, pushed, LOAD, None, ARM.target_arclength, quick=quick)
+        assert not shape.converged
+        counts.append(len(solves))
+    assert counts[1] < counts[0]
 
 
 def test_force_place_and_tip_force_move_it_as_differences_say():
