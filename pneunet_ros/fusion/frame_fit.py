@@ -267,7 +267,6 @@ class FrameProblem:
     def try_at(self, xi: Array, start: SolverNodes | None) -> Trial | None:
         """Predict the targets; None where there is no stable shape."""
         pause()
-        unknowns, arm = self.unknowns, self.table.arm
         x = self.mean + self.still_root @ xi
         contact = self.contact_of(x) if self.touched else None
         if contact is None and self.touched:
@@ -277,13 +276,18 @@ class FrameProblem:
             self.inputs,
             self.causes @ x,
             start,
-            arm.target_arclength,
+            self.table.arm.target_arclength,
             quick=True,
             contact=contact,
         )
-        shape = bent.shape
-        if not shape.converged or shape.stable is False:
+        if not bent.shape.converged or bent.shape.stable is False:
             return None
+        return self.trial_of(xi, bent)
+
+    def trial_of(self, xi: Array, bent: BentArm) -> Trial | None:
+        """Compare the targets of an arm that is solved at xi with the frame; None at no number."""
+        unknowns, arm, shape = self.unknowns, self.table.arm, bent.shape
+        x = self.mean + self.still_root @ xi
         there_x, there_y, theta, swung = shape.x, shape.y, shape.theta, self.swung(bent, x)
         curvature = shape.curvature
         if swung is not None:

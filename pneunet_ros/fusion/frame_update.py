@@ -93,19 +93,21 @@ def take_frame(
     found_better: bool = False,
     force_read: bool,
     widely: bool = True,
+    believed: bool = True,
 ) -> FrameUpdate:
     """Take a frame.
 
     cold: nothing is known of the force; found_better: another one explained the last frame better;
     with either the search begins everywhere, as it does where no shape near the last one explains
     the frame. force_read: a sensor tells the force, and no other one is looked for, unless no
-    shape at it explains the frame. widely: False to look near the last shape alone.
+    shape at it explains the frame. widely: False to look near the last shape alone. believed:
+    False to search only, without what is to be believed then (see `with_belief`).
     """
     if np.count_nonzero(problem.used) < problem.settings.fewest_targets:
         return FrameUpdate(belief=None, reason='too_few_targets')
     tracked = None if cold and not force_read else follow(problem)
     fits = tracked is not None and not found_better and excess(tracked) <= 1.0
-    read = tracked is not None and force_read and excess(tracked) <= problem.settings.frame_gate
+    read = tracked is not None and force_read and not is_inconsistent(tracked)
     if read or fits or not widely:
         unchecked = None if force_read else tracked
         update = FrameUpdate(belief=None, unchecked=unchecked, settled=force_read)
@@ -114,7 +116,8 @@ def take_frame(
         update = FrameUpdate(belief=None, ambiguous=ambiguous, settled=True)
     if tracked is None:
         return FrameUpdate(belief=None, reason='no_equilibrium')
-    return with_fit(update, tracked, hold_force(tracked), int(np.count_nonzero(problem.used)))
+    found = replace(update, fit=tracked)
+    return with_belief(problem, found) if believed else found
 
 
 def follow(problem: FrameProblem) -> Fit | None:
@@ -142,19 +145,27 @@ def search_everywhere(problem: FrameProblem, tracked: Fit | None) -> tuple[Fit |
 
     tracked: the one from where the force was believed, if there is one.
     """
-    found = solutions(problem, first_starts(problem))
+    starts, most = cold_starts(problem), problem.settings.starts_followed
+    found = solutions(problem, starts[:most])
     begun = leave_out(*found[0]) if found else None
     fits = [fit for fit in (tracked, begun) if fit is not None]
     if not fits:
         return None, False
     best = min(fits, key=excess)
     if best[0] is not problem:  # without some targets
-        found = solutions(best[0], first_starts(best[0]))
+        found = solutions(best[0], compared(best[0], starts)[:most])
     rival = best_rival(best, found)
     if rival is None:  # all are ends of one search, of which some may have got stuck
         return min([best, *found], key=laplace_cost), False
     gain, margin = gain_over(best, rival), problem.settings.rival
     return (rival, False) if gain > margin else (best, gain > -margin)
+
+
+def with_belief(problem: FrameProblem, found: FrameUpdate) -> FrameUpdate:
+    """Return the result of a search with the belief after it; problem: of all targets seen."""
+    if found.fit is None:
+        return found
+    return with_fit(found, found.fit, hold_force(found.fit), int(np.count_nonzero(problem.used)))
 
 
 def with_fit(update: FrameUpdate, best: Fit, used: Fit, seen: int) -> FrameUpdate:
@@ -163,7 +174,7 @@ def with_fit(update: FrameUpdate, best: Fit, used: Fit, seen: int) -> FrameUpdat
     seen: how many targets were.
     """
     problem, fit = used
-    inconsistent = excess(best) > problem.settings.frame_gate
+    inconsistent = is_inconsistent(best)
     return replace(
         update,
         belief=None if inconsistent else problem.posterior(fit),
@@ -173,6 +184,11 @@ def with_fit(update: FrameUpdate, best: Fit, used: Fit, seen: int) -> FrameUpdat
         left_out=seen - int(np.count_nonzero(problem.used)),
         fit=best,
     )
+
+
+def is_inconsistent(fit: Fit) -> bool:
+    """Whether a fit is so far from the frame that the frame is not used."""
+    return excess(fit) > fit[0].settings.frame_gate
 
 
 def excess(fit: Fit) -> float:
@@ -327,9 +343,10 @@ def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial
     return sorted(known, key=lambda trial: trial.cost)
 
 
-def first_starts(problem: FrameProblem) -> list[Trial]:
-    """Return the best of all cold starts, from which the search begins."""
-    return cold_starts(problem)[: problem.settings.starts_followed]
+def compared(problem: FrameProblem, trials: list[Trial]) -> list[Trial]:
+    """Return the same trials compared with the targets that count in a problem, best first."""
+    known = [problem.trial_of(trial.xi, trial.bent) for trial in trials]
+    return sorted((one for one in known if one is not None), key=lambda trial: trial.cost)
 
 
 def solutions(problem: FrameProblem, starts: list[Trial]) -> list[Fit]:

@@ -16,9 +16,11 @@ from pneunet_ros.fusion.frame_update import (
     evidence_cost,
     excess,
     FrameUpdate,
+    is_inconsistent,
     left_out_cost,
     misfits,
     take_frame,
+    with_belief,
 )
 from pneunet_ros.fusion.readings import path_of, ReadFrame
 from pneunet_ros.fusion.swinging import swung_on
@@ -92,7 +94,8 @@ def taken_by(
 
     Of an arm that swings an unread load may walk faster or slower than it did recently: a frame
     that this does not explain, or that alone speaks for another walk, is taken by the most likely
-    of all walks. Frames that are not due for a wide search are tried with the fastest walk only.
+    of all walks. A slower walk explains nothing that the fastest does not: where that fits no
+    shape to the frame, or no wide search is due, the others are not tried.
     """
     once = partial(taken_once, bench, frame, before, found_better=found_better, widely=widely)
     taken = once()
@@ -102,9 +105,16 @@ def taken_by(
         return taken
     if taken.explained and not tells_another_walk(taken):
         return taken
-    walks = own.unknowns.block(TipForce).walks.sizes
-    others = [once(size) for size in (walks[-1:] if widely is False else walks)]
-    return max([taken, *others], key=lambda one: one.log_evidence)
+    *slower, fastest = own.unknowns.block(TipForce).walks.sizes
+    freest = once(fastest, believed=False)
+    fit = freest.update.fit
+    if widely is False or fit is None or is_inconsistent(fit):
+        slower = []
+    others = (once(size, believed=False) for size in slower)
+    best = max([taken, *others, freest], key=lambda one: one.log_evidence)
+    if best is taken:
+        return taken
+    return replace(best, update=with_belief(best.problem, best.update))
 
 
 def tells_another_walk(taken: TakenFrame) -> bool:
@@ -128,11 +138,12 @@ def taken_once(
     *,
     found_better: bool = False,
     widely: bool | None = None,
+    believed: bool = True,
 ) -> TakenFrame:
     """Return a frame taken by a belief, near the last shape where there is one.
 
-    walk (N/sqrt(s)): of the tip force, as `problem_of` takes it; found_better, widely: as of
-    `take_frame`; widely None: only if the belief has seen no frame yet.
+    walk (N/sqrt(s)): of the tip force, as `problem_of` takes it; found_better, widely, believed:
+    as of `take_frame`; widely None: only if the belief has seen no frame yet.
     """
     problem, cold = problem_of(bench, frame, before, walk), not before.frames
     update = take_frame(
@@ -141,6 +152,7 @@ def taken_once(
         found_better=found_better,
         force_read=bench.used(frame, before.causes).wrench is not None,
         widely=cold if widely is None else widely,
+        believed=believed,
     )
     return TakenFrame(frame=frame, before=before, problem=problem, update=update)
 

@@ -11,7 +11,14 @@ from pneunet_ros.core.readings import PressureReading, TargetSightings
 from pneunet_ros.core.share import share_path
 from pneunet_ros.fusion import taken_frame
 from pneunet_ros.fusion.frame_fit import Complex, FrameLinearization, FrameProblem
-from pneunet_ros.fusion.frame_update import excess, leave_out, take_frame
+from pneunet_ros.fusion.frame_update import (
+    cold_starts,
+    compared,
+    excess,
+    leave_out,
+    take_frame,
+    with_belief,
+)
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
@@ -146,6 +153,25 @@ def test_a_swapped_dot_is_left_out_and_no_other(problem):
     without = take_frame(replace(problem, used=used), cold=False, force_read=False)
     tip = problem.unknowns.at(TipForce)
     assert update.belief.mean[tip] == pytest.approx(without.belief.mean[tip], abs=1e-4)
+
+
+def test_cold_starts_without_a_target_are_the_same_shapes_compared_again(problem):
+    used = problem.used.copy()
+    used[TARGET] = False
+    without = replace(problem, used=used)
+    again, anew = compared(without, cold_starts(problem)), cold_starts(without)
+    assert [one.cost for one in again] == [one.cost for one in anew]
+    for one, other in zip(again, anew, strict=True):
+        np.testing.assert_array_equal(one.residual, other.residual)
+
+
+def test_what_is_believed_after_a_search_may_follow_later(problem):
+    at_once = take_frame(problem, cold=False, force_read=False)
+    searched = take_frame(problem, cold=False, force_read=False, believed=False)
+    assert searched.belief is None
+    later = with_belief(problem, searched)
+    np.testing.assert_array_equal(later.belief.mean, at_once.belief.mean)
+    np.testing.assert_array_equal(later.belief.root, at_once.belief.root)
 
 
 def test_frames_that_cannot_be_used_have_their_reason(problem):
