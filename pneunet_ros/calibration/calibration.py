@@ -105,7 +105,7 @@ def calibrate(
     on_progress: OnProgress = say_nothing,
     settings: CalibrationSettings = CALIBRATION,
 ) -> Calibration:
-    """Calibrate an arm: its kappa_p0(p, s), its moment law, and how sure both are.
+    """Calibrate an arm: kappa_p0(p, s), the moment law, and their uncertainty.
 
     Args:
         unloaded: recordings with nothing attached: pressure in Pa gauge, targets in m in the base

@@ -52,7 +52,7 @@ class CameraClock:
 
     @property
     def evidence(self) -> float:
-        """Log odds, by its frames, that it is wrong and not in order."""
+        """Log odds that the clock is wrong, given its frames."""
         observed = 1.0 - (self.rate_std / RATE_STD) ** 2  # the rest is the prior
         if not observed > 0.0:
             return -ODDS_AGAINST
@@ -158,12 +158,12 @@ def velocities(arm: Arm, run: RecordingData) -> Array:
 
 
 def seconds_after(run: RecordingData, middle_ns: int) -> Array:
-    """Return when frames were stamped, after the middle of a recording, (frames,) s."""
+    """Return the stamps of frames relative to the middle of a recording, (frames,) s."""
     return np.asarray((run.stamp_ns - middle_ns) / NANOSECONDS_PER_SECOND)
 
 
 def retimed(run: RecordingData, clock: CameraClock | None) -> RecordingData:
-    """Return a recording with the stamps of its frames as the clock of the readings has them."""
+    """Return a recording with frame stamps converted to the clock of the readings."""
     if clock is None:
         return run
     late = clock.late + clock.rate * seconds_after(run, clock.middle_ns)

@@ -44,7 +44,7 @@ COMPARED_FRAMES = 60  # of every run, where moment laws are compared: CPU
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LawScore:
-    """A moment law on recordings that were left out of its fit, one score per loaded recording.
+    """Scores of a moment law, one per loaded recording left out of its fit.
 
     fits: those without each of them.
     """
@@ -139,7 +139,7 @@ class FitSequence:
 
     @property
     def first_stiffness(self) -> float:
-        """EI (N m^2) where the search for it begins."""
+        """EI (N m^2) at the start of the search."""
         return self.settings.experiments.first_stiffness * self.frame.weight * self.frame.length**2
 
     def law(
@@ -167,7 +167,7 @@ class FitSequence:
         most: int | None = None,
         earlier: PosteriorState | None = None,
     ) -> Fit:
-        """Fit, reporting progress; most: at most this many frames of every run."""
+        """Fit, reporting progress; most: the maximum number of frames of every run."""
         parameters = Parameters(
             frame=self.frame,
             pressure=self.rows if earlier is None else earlier.pressure,
@@ -193,7 +193,7 @@ class FitSequence:
         return found
 
     def first_experiment(self, unloaded: Sequence[RecordingData]) -> Fit:
-        """Fit kappa_p0 to the unloaded recordings, as smooth as the data say.
+        """Fit kappa_p0 to the unloaded recordings, with its smoothness chosen by the evidence.
 
         The first time, they also say how many numbers it has along the arm, and whether the arm
         lengthens.
@@ -214,7 +214,7 @@ class FitSequence:
         return self.fit('kappa_p0', unloaded, best.hyperparameters, start=start)
 
     def stiffness(self, runs: Sequence[RecordingData], free: Fit) -> float:
-        """Return the one stiffness EI (N m^2) that explains the loads best, to begin with."""
+        """Return the uniform stiffness EI (N m^2) that explains the loads best, as a start."""
         likely = self.likely_stiffness(runs, free.arm, free.placement)
         law = self.law(LinearLaw.kind, likely)
         frames = self.settings.experiments.first_frames
@@ -224,7 +224,7 @@ class FitSequence:
     def likely_stiffness(
         self, runs: Sequence[RecordingData], arm: Arm, placement: Array | None = None
     ) -> float:
-        """Return the EI (N m^2) with which the targets fit best, to begin with.
+        """Return the EI (N m^2) that fits the targets best, as a start.
 
         placement (2, targets) m: of the targets, as far as it is known.
 
@@ -307,7 +307,7 @@ class FitSequence:
         free: Fit,
         stiffness: float,
     ) -> tuple[LawScore, ...]:
-        """Fit each law without each loaded recording in turn, and score it on that one."""
+        """Score each law on each loaded recording, with that one left out of the fit."""
         results = []
         for kind in MOMENT_LAW_PARAMETERS:
             fits = self.without_each(unloaded, loaded, free, self.law(kind, stiffness))

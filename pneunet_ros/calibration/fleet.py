@@ -1,4 +1,4 @@
-"""Many calibrated arms side by side: their numbers at one pressure, and which arm is the odd one.
+"""Comparison of calibrated arms at one pressure, and outlier detection.
 
 Arms of a kind differ: what they share is a center and a scatter, both robust, so that odd arms do
 not hide themselves. How far an arm is from the center is counted by scatter and error bars
@@ -142,7 +142,7 @@ class Fleet:
 
 
 def compared_pressure(arms: Sequence[Arm], settings: FleetSettings = FLEET) -> float:
-    """Return the pressure (Pa) at which arms are compared: the highest that most of them reach."""
+    """Return the highest pressure (Pa) that most arms reach, at which they are compared."""
     tops = sorted((arm.pressure_range[1] for arm in arms), reverse=True)
     return tops[max(int(np.ceil(settings.reached * len(tops))) - 1, 0)]
 
@@ -236,7 +236,7 @@ def compare_arms(
     seed: int = 0,
     settings: FleetSettings = FLEET,
 ) -> Fleet:
-    """Find center and scatter of a fleet, and the arms that are not of it.
+    """Estimate center and scatter of a fleet, and its outliers.
 
     Args:
         arms: the numbers of each arm by its name.
@@ -298,7 +298,7 @@ def table(arms: Sequence[ArmNumbers], numbers: Sequence[ArmNumber]) -> tuple[Arr
 def distances(
     values: Array, covariance: Array, settings: FleetSettings = FLEET
 ) -> tuple[Array, Array, Array]:
-    """Return center, scatter and how probable each arm's distance is, for many fleets at once.
+    """Return center, scatter and the probability of each arm's distance, for many fleets at once.
 
     A robust start says which arms may be counted; of those, center and scatter are the most
     probable ones.
@@ -470,5 +470,5 @@ def simulate_furthest(
 
 
 def rescued(covariance: Array) -> Array:
-    """Return a covariance that has a Cholesky factor, whatever the last digits of it."""
+    """Return a covariance adjusted by rounding errors so that it has a Cholesky factor."""
     return np.asarray(covariance + 1e-9 * np.diag(np.diag(covariance)))

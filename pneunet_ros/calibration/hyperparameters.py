@@ -1,4 +1,4 @@
-"""How smooth kappa_p0 is, how many numbers it has along the arm, and whether the arm lengthens.
+"""Model selection: smoothness of kappa_p0, numbers along the arm, and elongation.
 
 One evidence chooses all of it: that of a first, linearized fit with all terms.
 """
@@ -52,7 +52,7 @@ def most_likely_parameters(
 def smoothnesses(
     first: Fit, parameters: Parameters, choices: HyperparameterSettings
 ) -> Iterator[Parameters]:
-    """Yield parameters of every smoothness; the size of kappa_p0 is taken from a fit."""
+    """Yield parameters for every smoothness; the amplitude of kappa_p0 comes from a fit."""
     largest = float(np.max(np.abs(first.values[: parameters.cells])))
     for length_scale, std, size in itertools.product(
         choices.length_scales, choices.stds, choices.amplitudes

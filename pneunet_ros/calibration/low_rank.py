@@ -107,7 +107,7 @@ def shape_jacobian(fit: Fit, count: int, places: Array | None = None) -> Array:
 
 
 def run_inputs(fitted: FittedRun, count: int) -> Inputs:
-    """Return the inputs of this many evenly spaced frames of a run."""
+    """Return the inputs of a run thinned to this many frames."""
     frames = np.unique(np.linspace(0, len(fitted.solved) - 1, count).astype(int))
     return fitted.inputs.subset(frames[fitted.solved[frames]])
 

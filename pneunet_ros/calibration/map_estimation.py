@@ -1,4 +1,4 @@
-"""The most probable model given recordings, and how sure that is: Gauss-Newton on target points.
+"""MAP estimation of the model by Gauss-Newton on target points.
 
 What is fitted are the points, not differentiated curvature. Parameters of the model, disturbances
 of the measurement and the errors of pressure and force readings have Gaussian priors; readings are
@@ -83,7 +83,7 @@ class LinearizedPosterior:
     bounds: Bounds
 
     def newton_step(self) -> tuple[Array, float]:
-        """Return the full step, and Newton's decrement: its size in standard deviations."""
+        """Return the full step, and the Newton decrement: its size in standard deviations."""
         factor = scipy.linalg.cho_factor(self.normal + np.eye(self.scaled.size))
         downhill = self.gradient - self.scaled
         step = scipy.linalg.cho_solve(factor, downhill)
@@ -178,7 +178,7 @@ def fit(
     on_progress: Callable[[int, float], None] = lambda step, cost: None,
     settings: MapEstimationSettings = MAP_ESTIMATION,
 ) -> Fit:
-    """Find the most probable parameters of a model, given recordings.
+    """Find the maximum a posteriori parameters of a model, given recordings.
 
     Args:
         parameters: what is fitted, with its prior.
@@ -267,7 +267,7 @@ def finalize(
 
 
 def posterior_at(fit: Fit, noise: SensorNoise) -> tuple[Posterior, LinearizedPosterior]:
-    """Return the posterior of a fit, linearized where its search has ended; noise: of the fit."""
+    """Return the posterior linearized at the end of the search of a fit; noise: of the fit."""
     runs, targets = [item.run for item in fit.runs], fit.parameters.frame.target_arclength
     posterior = Posterior(fit.parameters, runs, noise, targets)
     prior, values = posterior.prior, np.concatenate([fit.values, fit.disturbance])

@@ -1,4 +1,4 @@
-"""Mass at the tip and damping of an arm, from recordings in which it swings.
+"""Tip mass and damping of an arm, from recordings of its oscillations.
 
 The arm's statics are known; each recording is followed reading by reading, and the measured motion
 about equilibrium is compared with that of the chain. Where the pressure stands still the arm was
@@ -164,7 +164,7 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
 
 
 def let_go(run: SwingingRun) -> SwingingRun:
-    """Return a recording from where the arm was let go: behind the last frame of a large swing.
+    """Return a recording starting after the last frame of a large swing.
 
     Raises RequestError if there are no two frames with targets.
     """
@@ -192,7 +192,7 @@ def let_go(run: SwingingRun) -> SwingingRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionProblem:
-    """Recordings, and the numbers that are fitted to them.
+    """Recordings, and the fitted parameters.
 
     The numbers: mass at the tip, in units of the arm's share there, less than zero if the arm
     itself is lighter; log of the damping time (s);
@@ -222,7 +222,7 @@ class MotionProblem:
         return own._replace(mass=freeze(own.mass * max(1.0 + mass, LIGHTEST)))
 
     def first_numbers(self, mass: float, ratio: float) -> Array:
-        """Return numbers to begin with: mass at the tip, of the share; damping ratio."""
+        """Return initial parameters: tip mass as a share of the effective mass; damping ratio."""
         frequency = float(self.modes.frequency[0]) / math.sqrt(1.0 + mass)
         starts = [value for run in self.runs if run.plucked for value in self.first_start(run)]
         return np.array([mass, math.log(2.0 * ratio / frequency), *starts])
@@ -378,7 +378,7 @@ def fit_motion(arm: Arm, runs: Sequence[RecordingData]) -> MotionFit:
 def predicted_motion(
     arm: Arm, motion: Motion, runs: Sequence[RecordingData]
 ) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...], tuple[Flags, ...]]:
-    """Predict recordings for a given mass and damping; nothing is fitted.
+    """Predict recordings for given mass and damping, without a fit.
 
     But how an arm moves where it was plucked. Returns, per run, the measured and predicted
     deviations from equilibrium, each less its mean, their size (frames, 2, targets) m, and the

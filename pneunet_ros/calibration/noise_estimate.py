@@ -1,4 +1,4 @@
-"""The noise of a set of recordings, from the recordings themselves and never from model residuals.
+"""Sensor noise estimated from the recordings themselves, without model residuals.
 
 White noise from second differences in time, in which smooth motion cancels; the camera's place
 and drift from the target at the clamp, which does not move with the arm; placement of the targets
@@ -57,7 +57,7 @@ def estimate_noise(
     assumed: SensorNoise,
     settings: NoiseEstimateSettings = NOISE_ESTIMATE,
 ) -> NoiseEstimate:
-    """Estimate all standard deviations; those that the runs do not determine stay `assumed`.
+    """Estimate all standard deviations; undetermined ones stay `assumed`.
 
     arclength (targets,) m of the targets. Runs of a few frames say nothing: they are not a motion;
     nor do static ones, which have no order in time. A load of exactly zero is not a reading.
@@ -177,7 +177,7 @@ def with_noise_of_readings(
     runs: Sequence[RecordingData],
     settings: NoiseEstimateSettings = NOISE_ESTIMATE,
 ) -> SensorNoise:
-    """Return the noise as stated, and of pressure and load as the readings show if it is more."""
+    """Return the noise with pressure and load increased to the scatter of the readings."""
     larger = {}
     for name, series in readings_of(in_time(runs, settings)).items():
         key = f'{name}_std'
@@ -231,7 +231,7 @@ def differing_noise(
 def resolution_of(
     series: Sequence[Array], settings: NoiseEstimateSettings = NOISE_ESTIMATE
 ) -> float:
-    """Return the resolution of a sensor from its readings (values,); 0 if they lie on no grid.
+    """Return the resolution of a sensor from its readings (values,); 0 if they are on no grid.
 
     Readings of a sensor that is coarser than its noise repeat, and all lie whole steps apart.
     """
@@ -360,7 +360,7 @@ def white_of_targets(
 def likeness(
     runs: Sequence[RecordingData], pressure_std: float, settings: NoiseEstimateSettings
 ) -> tuple[float, float]:
-    """Return how many targets err as one while the arm rests, and the correlation of neighbors.
+    """Return the number of targets with a common error at rest, and the correlation of neighbors.
 
     1 where each errs by itself, and where too few frames rest: motion is alike in them, too. Every
     frame counts the same, so that a few in which the arm moves after all do not matter. What all
@@ -431,7 +431,7 @@ def placement(
 def camera(
     runs: Sequence[RecordingData], arclength: Array, white: float, settings: NoiseEstimateSettings
 ) -> tuple[float | None, float | None]:
-    """Return the spread of the camera's place between runs and its drift within a run (m).
+    """Return the scatter of the camera position between runs and its drift within a run (m).
 
     Both are estimated from few values, and their variance beyond the white noise may be zero by
     chance: it is no less than its own standard error.

@@ -142,7 +142,7 @@ class Parameters:
         return np.append(table.ravel(), lengthening)
 
     def arm(self, values: Array) -> Arm:
-        """Return the arm with these values; ModelError if they give none."""
+        """Return the arm with these values; ModelError if they are invalid."""
         table = self.nearest(values)[: self.cells]  # the prior allows others by its nugget
         table = table.reshape(self.pressure.size, self.arclength.size)
         curvature = IntrinsicCurvature(

@@ -41,12 +41,12 @@ class PosteriorState(PriorState):
         object.__setattr__(self, 'covariance', frozen_array(self.covariance, (size, size)))
 
     def has_tip(self, painted: int) -> bool:
-        """Whether the last target is the measured tip, in addition to this many."""
+        """Whether the last target is the measured tip, added to this many targets."""
         return self.placement.size == 2 * (painted + 1)
 
 
 def all_information(fit: Fit) -> Array:
-    """Return the information of the recordings of a fit and of those it continues."""
+    """Return the information of the recordings of a fit and of the previous ones it continues."""
     total, earlier = np.array(fit.information), fit.parameters.earlier
     if isinstance(earlier, PosteriorState):
         size = earlier.values.size

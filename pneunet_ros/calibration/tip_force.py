@@ -1,4 +1,4 @@
-"""The end force behind measured targets, with its standard deviation (result (b) of the paper).
+"""End force estimated from measured targets, with its standard deviation (result (b)).
 
 All targets of a frame, or the last one alone, the pressure known: the force is what brings the
 model there. From the tip alone it is badly conditioned; `sigma` says how badly.
@@ -47,7 +47,7 @@ def end_forces(
     tip_only: bool = False,
     settings: TipForceSettings = TIP_FORCE,
 ) -> EndForces:
-    """Find the end force of every frame of a recording, without looking at its force readings.
+    """Estimate the end force of every frame of a recording, ignoring its force readings.
 
     The errors: targets, their placement, the camera's place, pressure, and the model's covariance.
     The search begins with the force that was read where there is one.

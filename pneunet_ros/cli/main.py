@@ -21,7 +21,7 @@ from pneunet_ros.core.printable import printable
 
 
 class WrongUsageError(SystemExit):
-    """The command line was wrong, which stderr says; `sentence` is for programs."""
+    """The command line was wrong; stderr has the message, `sentence` is for programs."""
 
     def __init__(self, sentence: str) -> None:
         """Exit with the code of a wrong request."""
@@ -39,7 +39,7 @@ class CommandParser(ArgumentParser):
         self._words: Sequence[str] | None = None
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse; words that belong nowhere are refused by the verb that was given them."""
+        """Parse; each verb reports its own unknown words."""
         self._words = args
         given, stray = super().parse_known_args(args, namespace)
         if stray:
@@ -89,7 +89,7 @@ class CommandParser(ArgumentParser):
 
 
 def likely(word: str, known: Sequence[str]) -> str:
-    """Return the known word that may be meant, as a question."""
+    """Return the closest known word as a question."""
     near = get_close_matches(word, known, 1, 0.75)
     return f' ({near[0]}?)' if near else ''
 
@@ -306,7 +306,7 @@ def verbs_in_groups() -> str:
 
 
 def negative_number(argument: str) -> str:
-    """Return a negative number so that argparse takes it for no option: -0.00001, '-3 mm'."""
+    """Return a negative number such that argparse does not take it for an option: '-3 mm'."""
     if NEGATIVE_NUMBER.fullmatch(argument):
         return f'{Decimal(argument):f}'
     if match := NEGATIVE_WITH_UNIT.fullmatch(argument):
@@ -315,7 +315,7 @@ def negative_number(argument: str) -> str:
 
 
 def complete() -> None:
-    """Answer the shell that asks how the command line may go on, and exit."""
+    """Print the shell completions of a command line, and exit."""
     import argcomplete  # an extra: who asks has it
 
     words = os.environ.get('COMP_LINE', '').split()[1:]

@@ -51,7 +51,7 @@ class SurveyRequest:
     effects_path: str = ''
 
     def arguments(self, unloaded: Sequence[Path]) -> Namespace:
-        """Return it as the arguments of `calibrate` and `diagnose`."""
+        """Return the work as arguments of `calibrate` and `diagnose`."""
         return Namespace(
             static=self.static,
             topic=self.topic,

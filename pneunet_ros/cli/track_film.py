@@ -45,7 +45,7 @@ class FilmReadings:
 
 
 def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | None:
-    """Return the table that was given; None without one; RequestError for what cannot be."""
+    """Return the given table; None without one; RequestError if it is unusable."""
     if arguments.readings is None:
         for option in ('delay', 'end_load', 'string', 'select', 'rename', 'offset', 'ignore'):
             if getattr(arguments, option):

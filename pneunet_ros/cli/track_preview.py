@@ -27,7 +27,7 @@ def open_preview(
     film: Mapping[str, Any],
     **options: Any,
 ) -> AbstractContextManager[Preview | TrackingPage]:
-    """Return a preview that collects all frames and is written when its context ends well.
+    """Return a preview of all frames that is written when its context ends without an error.
 
     film: the numbers of the delay, which are known by then.
     """
@@ -60,7 +60,7 @@ def open_preview(
 
 
 def typed(arguments: Namespace, *names: str) -> list[str]:
-    """Return the given options of these names as command-line words."""
+    """Return the options of these names that were given, as command-line words."""
     words: list[str] = []
     for name in names:
         given = getattr(arguments, name)

@@ -182,7 +182,7 @@ def add_dimensionless(parser: ArgumentParser, what: str) -> None:
 
 
 def units_of(arguments: Namespace, arm: Arm, otherwise: UnitSystem = SI) -> UnitSystem:
-    """Return the units that were asked for: the scales of this arm, or the others."""
+    """Return the scales of this arm with --dimensionless, else the other units."""
     return dimensionless(arm.length, arm.weight) if arguments.dimensionless else otherwise
 
 
@@ -195,7 +195,7 @@ def scales_sentence(arm: Arm) -> str:
 
 
 def model_of(arguments: Namespace) -> Arm:
-    """Return the model that was asked for."""
+    """Return the requested model."""
     return with_gravity(load_model(arguments.model or share_path(PAPER_ARM)), arguments)
 
 
@@ -244,7 +244,7 @@ def add_settings(parser: ArgumentParser, names: Collection[str] | None = None) -
 
 
 def settings_of(arguments: Namespace) -> EstimatorSettings:
-    """Return the settings that were asked for."""
+    """Return the requested settings."""
     names = [item.name for item in dataclasses.fields(EstimatorSettings)]
     given = {name: getattr(arguments, name) for name in names if hasattr(arguments, name)}
     return EstimatorSettings(**given)

@@ -37,7 +37,7 @@ class Arrival(NamedTuple, Generic[Item]):
 
 @dataclass(slots=True)
 class Companion:
-    """A topic whose messages may carry the stamps of pressures.
+    """A topic whose messages may share the stamps of the pressure readings.
 
     missed: number of successive pressures without its message; after two, pressures no longer
     wait until a message has the stamp of a pressure again.
@@ -49,11 +49,11 @@ class Companion:
 
     @property
     def joins(self) -> bool:
-        """Whether its messages carry the stamps of pressures, as far as is known."""
+        """Whether the messages of this topic share the stamps of the pressure, as far as known."""
         return self.missed < MOST_MISSED
 
     def is_due(self, stamp_ns: int) -> bool:
-        """Whether a message of this stamp is under way."""
+        """Whether a message with this stamp is still expected."""
         since = stamp_ns - self.last_ns
         return self.joins and since > 0 and since >= EARLIEST * self.interval_ns
 
@@ -100,7 +100,7 @@ class ArrivalOrder(Generic[Item]):
             yield arrival.item
 
     def waiting(self, topic: str) -> int:
-        """Return how many messages of a topic have arrived and not had their turn."""
+        """Return the number of queued messages of a topic."""
         tie = self.topics.index(topic)
         return sum(one.tie == tie for one in self._waiting)
 
@@ -115,7 +115,7 @@ class ArrivalOrder(Generic[Item]):
         return self._waiting[0].at_ns + LONGEST_WAIT_NS if self._waiting else None
 
     def _next(self, until_ns: float) -> int | None:
-        """Return the place of the next message, None while it is still to come."""
+        """Return the position of the next message; None if it has not arrived yet."""
         first = self._waiting[0]
         end_ns = first.at_ns + LONGEST_WAIT_NS
         ties = self._due_before(first)
@@ -132,7 +132,7 @@ class ArrivalOrder(Generic[Item]):
         return 0
 
     def _due_before(self, arrival: Arrival[Item]) -> list[int]:
-        """Return the topics that have a message of this one's stamp, and before it, under way."""
+        """Return the topics whose message with this stamp must come first and has not arrived."""
         own = self._companions.get(arrival.tie)
         if arrival.tie > len(self._companions) or (own is not None and not own.joins):
             return []

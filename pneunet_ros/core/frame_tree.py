@@ -1,4 +1,4 @@
-"""Frames that are turned in one another, as the topics /tf and /tf_static say."""
+"""Relative rotations of frames, from the topics /tf and /tf_static."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from pneunet_ros.core.readings import FrameReading
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameTree:
-    """The last reading of every frame, by its name; places are not kept, only directions."""
+    """The last rotation of every frame, by name; translations are not stored."""
 
     frames: Mapping[str, FrameReading] = field(default_factory=lambda: MappingProxyType({}))
 
     def after(self, readings: Iterable[FrameReading]) -> FrameTree:
-        """Return the tree after readings of frames, of which the later one counts."""
+        """Return the tree updated with readings of frames; the latest reading wins."""
         found = dict(self.frames)
         for reading in readings:
             known = found.get(reading.frame_id)

@@ -37,7 +37,7 @@ def heading_quaternion(theta: float) -> tuple[float, float]:
 
 
 def is_rotation(quaternion: Quaternion) -> bool:
-    """Whether a quaternion (x, y, z, w) is one of a rotation, however it is rounded."""
+    """Whether a quaternion (x, y, z, w) has unit length up to rounding."""
     return 0.25 < sum(part * part for part in quaternion) < 4.0
 
 

@@ -98,12 +98,12 @@ class InputHealth:
         return float(np.percentile(self._latencies, percent)) if self._latencies else None
 
     def begin_next(self, now: float) -> None:
-        """Begin the time up to the next report."""
+        """Start the period up to the next report."""
         self._reported, self._results, self._problems = now, 0, {}
 
 
 def age(at: float | None, now: float) -> float | None:
-    """Return how long ago something was; None if it never was."""
+    """Return the age of an event; None if it never happened."""
     return None if at is None else now - at
 
 

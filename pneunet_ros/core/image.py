@@ -161,7 +161,7 @@ class Image:
         return ENCODINGS[self.encoding].bgr is not None
 
     def once(self, key: Hashable, make: Callable[[], Made]) -> Made:
-        """Return what is made of this image, the same for all who ask for it by this key."""
+        """Return a value derived from this image, computed once per key."""
         if key not in self._made:
             self._made[key] = make()
         made: Made = self._made[key]
@@ -175,7 +175,7 @@ class Image:
         return eight_bits(ENCODINGS[self.encoding].grey(self._pixels()))
 
     def _pixels(self) -> Levels:
-        """Return all values as they came, (height, width, channels)."""
+        """Return all values as received, (height, width, channels)."""
         layout = ENCODINGS[self.encoding]
         kind = np.dtype(np.uint16 if layout.deep else np.uint8)
         pixels: Any = np.ndarray(

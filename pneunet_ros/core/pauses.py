@@ -1,4 +1,4 @@
-"""Points at which a long computation lets more urgent work of its thread run.
+"""Points at which a long computation lets urgent work of its thread run.
 
 A computation of milliseconds calls `pause` between its steps. `pause` does nothing by itself; a
 caller registers urgent work with `work_in_pauses`. That work must not touch the data of the
@@ -22,12 +22,12 @@ IN_PAUSES = InPauses()
 
 
 def pause() -> None:
-    """Let more urgent work go first."""
+    """Run more urgent work now."""
     for work in IN_PAUSES.work:
         work()
 
 
 def work_in_pauses(work: Callable[[], None]) -> Callable[[], None]:
-    """Do `work` in every pause of this thread from now on; returns what ends that, there."""
+    """Run `work` in every pause of this thread; returns a function that ends this."""
     IN_PAUSES.work.append(work)
     return lambda: IN_PAUSES.work.remove(work)

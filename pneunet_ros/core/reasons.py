@@ -1,4 +1,4 @@
-"""Meaning of every `reason`: of an error (`--json` prints it), a note, or a refused message.
+"""Meaning of every `reason` of an error (`--json` prints it), a note or a refused message.
 
 One cause has one word. Sentences may be rewritten, reasons may not; a test keeps this list whole.
 """

@@ -26,7 +26,7 @@ def share_path(relative: str) -> Path:
 
 
 def _folders() -> Iterator[Path]:
-    """Where shipped files may be: the checkout, the prefix of this package, other prefixes."""
+    """Return where shipped files may be: the checkout, or the prefix of any package."""
     package = Path(__file__).resolve().parent.parent
     if (package.parent / 'package.xml').is_file():
         yield package.parent

@@ -1,4 +1,4 @@
-"""Which reading may follow which, by the stamps of their headers; and counting of what may not.
+"""Admissible order of readings by their header stamps, and counts of those refused.
 
 And which reading belongs to which frame: the nearest by their stamps, within half a period.
 """
@@ -59,7 +59,7 @@ class StampGate:
         return reason, sentence
 
     def after(self, stamp_ns: int) -> StampGate:
-        """Return it after one more message."""
+        """Return the counter after one more message."""
         last_ns = self.last_ns
         gap = last_ns is not None and seconds_since(last_ns, stamp_ns) > BACKWARD_JUMP
         return StampGate(last_ns=stamp_ns, before_ns=last_ns if gap else None)

@@ -21,7 +21,7 @@ STATIONS = (0.2, 0.5, 0.8)  # s / l, where shifts of kappa_p0 are shown
 
 
 def fit_with_effects(refit: Refit, settings: DiagnosisSettings = DEFAULTS) -> Fit:
-    """Fit the base to the training runs, with the effects held as they were refitted."""
+    """Fit the base to the training runs, with the effects fixed at their refitted values."""
     linearization, point = refit.linearization, refit.point
     return fit(
         point.with_effects(),

@@ -1,4 +1,4 @@
-"""The base model refitted to the recordings of a diagnosis, with the effects that it has."""
+"""Refit of the base model to the recordings of a diagnosis, with its effects."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class Confirmer:
         )
 
     def confirm(self, record: Record, alternatives: Collection[str] = ()) -> Confirmation:
-        """Hold a set of effects against the requirements; alternatives: names it may be, too."""
+        """Check a set of effects against the requirements for a name; alternatives: others."""
         return Confirmation(
             objections=(
                 *self.refutations(record),
@@ -90,7 +90,7 @@ class Confirmer:
         return sum(record.run_chi_squared[part]) / max(sum(record.coordinates[part]), 1)
 
     def what_is_left(self, record: Record) -> tuple[Note, ...]:
-        """Object to a law that leaves more than laws may."""
+        """Object to a law whose residual exceeds the limit for laws."""
         left, most = self.chi_squared(record), self.settings.confirmation.most_left
         worst = min(record.tests, key=attrgetter('p_value'))
         if left <= most or worst.p_value > self.settings.lack_of_fit.level / len(record.tests):
@@ -137,7 +137,7 @@ class Confirmer:
         )
 
     def held_out_untested(self) -> tuple[Note, ...]:
-        """Report that nothing new tests a name."""
+        """Report that no new recording tests a name."""
         if self.has_held_out:
             return ()
         return (
@@ -148,7 +148,7 @@ class Confirmer:
         )
 
     def untried(self) -> tuple[Note, ...]:
-        """Object where nothing tests a name: no second recording, and none held out.
+        """Object to a name without an independent recording.
 
         Of frames that are steady states each is an experiment of its own.
         """

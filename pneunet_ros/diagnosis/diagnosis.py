@@ -1,4 +1,4 @@
-"""Find what a model lacks: detect, localize, name, test, and evaluate before and after."""
+"""Diagnosis: detect, localize, name, test, and evaluate a model error."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ PARTS = 5  # of the work: base fit, search, evaluation; of the command also disc
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Investigation:
-    """A diagnosis, and what it rests on, for who goes on from there.
+    """A diagnosis with its intermediate results, for further analysis.
 
     selection: all that was tried; base: the fit of the model without any further effect; trial:
     the model of the answer; recordings: training and held out; notes: on these, whatever the
@@ -108,7 +108,7 @@ def diagnose(
     on_progress: OnProgress = say_nothing,
     settings: DiagnosisSettings = DEFAULTS,
 ) -> Diagnosis | UnsettledDiagnosis:
-    """Diagnose a model by recordings: what it lacks, or what the recordings could have shown.
+    """Diagnose a model by recordings: its missing effects, or the detection limits.
 
     The base model is refitted to the training recordings together with every hypothesis; held-out
     ones are used for scores and tests only. docs/diagnosis.md says how.
@@ -212,7 +212,7 @@ def investigate(
 def limits_of(
     selection: Selection, first: Trial, asked: Sequence[Hypothesis]
 ) -> Mapping[str, Detectable]:
-    """Return the detection limits of effects, where the arm may bend as unevenly as it may."""
+    """Return the detection limits of effects, allowing for nonuniform bending."""
     uneven = nonuniform_columns(
         first.refit.linearization, selection.settings.calibration.resolution
     )
@@ -221,7 +221,7 @@ def limits_of(
 
 
 def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:
-    """Whether a step more would gain next to nothing: as of a calibration, or beside the misfit.
+    """Whether a further step would gain almost nothing, absolutely or relative to the misfit.
 
     Of a model that lacks a strong effect the cost need not come to rest from one linearization to
     the next, so that is not asked.
@@ -253,7 +253,7 @@ def considered_hypotheses(
     training: Sequence[RecordingData],
     settings: HypothesisSettings = DEFAULTS.hypothesis,
 ) -> tuple[Hypothesis, ...]:
-    """Return the effects that may be named, without those that act as another pressure scale.
+    """Return the effects that may be named, except those equivalent to a pressure scale.
 
     One with a memory only if a recording can show it: frames in time, and not too few.
     """
@@ -361,7 +361,7 @@ def conclude(
 def decide(
     selection: Selection, first: Trial, best: Trial, detectable: Mapping[str, Detectable]
 ) -> Verdict:
-    """Decide on the answer by the base model, the best set of effects, and all that was tried."""
+    """Decide on the answer from the base model, the best set of effects, and all trials."""
     if not best.record.adequate:
         notes = closest_notes(closest_set(selection))
         return Verdict(answer='unknown', trial=first, notes=notes)
@@ -404,7 +404,7 @@ def decide(
 
 
 def take_back(investigation: Investigation, objection: str) -> Diagnosis:
-    """Return the diagnosis without the name that it gave: the answer is `unknown`.
+    """Return the diagnosis with its name withdrawn: the answer is `unknown`.
 
     objection: what speaks against the name, which the notes say.
     """
@@ -452,7 +452,7 @@ def comparable(records: Sequence[Record]) -> list[Added]:
 def effect_probabilities(
     records: Sequence[Record], settings: DiagnosisSettings = DEFAULTS, *, confirmed: bool = True
 ) -> dict[str, float]:
-    """Return how probable it is that each effect is missing, over sets that may be the answer.
+    """Return the probability that each effect is missing, over all candidate sets.
 
     Evidence counts by what laws of effects are worth, as it does for the answer. None is surer
     than names were right in blind trials; confirmed: nothing of the name is untested.
@@ -496,7 +496,7 @@ def evaluate(
 
 
 def adequacy(tests: Sequence[LackOfFit], test: LackOfFit, level: float) -> Adequacy:
-    """Return one of the tests, at the level of all of them together."""
+    """Return a test at the joint level of all tests."""
     return Adequacy(
         test=test.name,
         statistic=test.statistic,
@@ -551,7 +551,7 @@ def collect_evidence(
 def alike_effects(
     names: tuple[str, ...], same_class: Sequence[tuple[str, str]]
 ) -> tuple[str, ...]:
-    """Return the other effects that differ from these in nothing but their size."""
+    """Return the other effects that differ from these only in size."""
     pairs = [pair for pair in same_class if set(pair) & set(names)]
     return tuple(sorted({name for pair in pairs for name in pair} - set(names)))
 
@@ -574,7 +574,7 @@ def closest_notes(best: Record, objections: Sequence[str] = ()) -> tuple[str, ..
 
 
 def notes_on_rest(selection: Selection, best: Trial) -> tuple[str, ...]:
-    """Describe what else could be missing, too faint beside a strong effect to have a name."""
+    """Describe other possibly missing effects, too faint next to a strong effect to be named."""
     item = selection.significant_candidate(best)
     if item is None:
         return ()
@@ -591,7 +591,7 @@ def notes_on_rest(selection: Selection, best: Trial) -> tuple[str, ...]:
 
 
 def notes_on_time(selection: Selection, training: Sequence[RecordingData]) -> tuple[str, ...]:
-    """Name the effects that no recording could show and that were not considered."""
+    """List the time-dependent effects that static recordings cannot show."""
     settings = selection.settings.hypothesis
     if any(carries_time(run, settings) for run in training):
         return ()
@@ -614,7 +614,7 @@ def at_rest(
     held_out: Sequence[RecordingData],
     notes: tuple[str, ...],
 ) -> tuple[list[RecordingData], list[RecordingData], tuple[str, ...], FramesInMotion | None]:
-    """Return recordings less the frames that show the arm in motion, which a note says first.
+    """Return recordings without frames in motion; a note on these comes first.
 
     And these frames.
 
@@ -633,7 +633,7 @@ def at_rest(
 def with_tips(
     model: Arm, training: Sequence[RecordingData], held_out: Sequence[RecordingData]
 ) -> tuple[Arm, list[RecordingData], list[RecordingData], tuple[str, ...]]:
-    """Return model and recordings whose last target is the tip, where no target but it was seen.
+    """Return model and recordings with the tip as last target if only the tip was seen.
 
     The fourth value says what of the poses of the tip was not used. Raises RecordingError where
     its heading is all there is.

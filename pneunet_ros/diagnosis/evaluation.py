@@ -1,4 +1,4 @@
-"""The model error on recordings, in meters, and the floor that noise puts under it."""
+"""Model error on recordings, in meters, and its noise floor."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def misfit(
 
 
 def distances(error: Array) -> Array:
-    """Return the length of errors (frames, 2, targets) where they are known."""
+    """Return the lengths of errors (frames, 2, targets) where known."""
     lengths = np.hypot(error[:, 0], error[:, 1]).ravel()
     return lengths[np.isfinite(lengths)]
 
@@ -48,7 +48,7 @@ def distances(error: Array) -> Array:
 def noise_floor(
     arm: Arm, runs: Sequence[RecordingData], noise: SensorNoise
 ) -> tuple[float, float]:
-    """Return the rms (m) that a perfect model would have, and how far it scatters about that.
+    """Return the rms (m) of a perfect model, and its scatter.
 
     White noise, placement, readings. White noise is every coordinate's own, what readings move is
     one error of a frame, and a painted place one error of a target: of one that the calibration

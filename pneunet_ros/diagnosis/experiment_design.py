@@ -31,7 +31,7 @@ class Experiment:
 
     @property
     def loaded(self) -> bool:
-        """Whether anything is hung on the arm."""
+        """Whether a load is attached."""
         return any(x or y for _, _, x, y in self.corners)
 
     def recording(
@@ -109,7 +109,7 @@ def propose_experiment(
     rivals: Sequence[Candidate],
     settings: DiagnosisSettings = DEFAULTS,
 ) -> str:
-    """Name the experiment that shows most of a wanted effect, its rivals fitted jointly.
+    """Propose the experiment most informative about a wanted effect, its rivals fitted jointly.
 
     Counted is the chi squared of each wanted effect at the far end of its prior range. Empty where
     nothing is wanted.
@@ -161,7 +161,7 @@ def linearize_experiments(
     force: float,
     settings: ExperimentDesignSettings = DEFAULTS.experiment_design,
 ) -> Linearization | None:
-    """Return the training runs, and after them each experiment as if it came next, at a refit.
+    """Linearize the training runs and each candidate experiment at a refit.
 
     pressure_range (Pa) and force (N): what the shares of an experiment are of. None where the arm
     has no shape in one.

@@ -48,7 +48,7 @@ class Regressors:
         all_inputs: Sequence[Inputs],
         settings: LinearizationSettings = DEFAULTS.linearization,
     ) -> Regressors:
-        """Collect them; the highest pressure so far is carried on by the runs' stamps."""
+        """Collect the frames; the maximum pressure carries over by the runs' stamps."""
         low, high = arm.table_range
         span = high - low
         load = max((float(np.abs(item.loads).max()) for item in all_inputs), default=0.0) or 1.0
@@ -138,7 +138,7 @@ class Fields:
         return products(self.shapes, self.weights)
 
     def single(self) -> Array:
-        """Every target for itself, with what acts on the arm."""
+        """Residuals of single targets, with pressure and load."""
         return products(np.eye(self.shapes.shape[1])[None], self.regressors)
 
 

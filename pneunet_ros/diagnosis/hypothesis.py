@@ -1,4 +1,4 @@
-"""An effect as a hypothesis: its parameters as free numbers that are zero where it is neutral."""
+"""An effect as a hypothesis: its parameters as free numbers, zero at the neutral value."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Hypothesis:
 
     @property
     def has_memory(self) -> bool:
-        """Whether it lives by earlier pressures, so that points are not linear in it."""
+        """Whether the effect depends on past pressures, so that points are nonlinear in it."""
         return self.kind.implements('actuate') or self.kind.implements('frame_delay')
 
     @property
@@ -93,7 +93,7 @@ class Hypothesis:
 
     @property
     def confounded_with_pressure_scale(self) -> bool:
-        """Whether it is just another pressure scale, which a refitted kappa_p0(p) absorbs."""
+        """Whether the effect equals a pressure scale, which a refitted kappa_p0(p) absorbs."""
         if self.kind.sense is Effect.sense:
             return False
         load = Load(pressure=1e4, force_x=1.0, force_y=1.0)
@@ -197,7 +197,7 @@ def coordinate_of(parameter: Any, shape_margin: float) -> Coordinate:
 def hypotheses(
     without: tuple[str, ...] = (), settings: HypothesisSettings = DEFAULTS.hypothesis
 ) -> tuple[Hypothesis, ...]:
-    """Return all effects on an arm at rest as hypotheses, without these and what is withheld."""
+    """Return all quasi-static effects as hypotheses, except these and the withheld ones."""
     left_out = {*without, *settings.withheld}
     return tuple(
         hypothesis(kind, settings)

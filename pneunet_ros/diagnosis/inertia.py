@@ -1,4 +1,4 @@
-"""Inertia as what a model lacks: frames that swing, beside the arm at rest and the moving one.
+"""Inertia as a missing effect: swinging frames, with a static and a moving arm.
 
 A diagnosis judges statics by frames at rest. What the others show is either the arm with its mass
 and damping, which are fitted to the training recordings, or nothing of the library. Held-out
@@ -52,7 +52,7 @@ class Swings:
         )
 
     def objection(self, floor: float) -> str:
-        """Explain why the moving arm does not explain its swings; empty where it does.
+        """Explain why the moving arm fails to explain the swings; empty if it does.
 
         It may be beside them by what noise does (rms floor, m), and by what no arm follows its
         law.
@@ -68,7 +68,7 @@ class Swings:
         )
 
     def fall(self, floor: float) -> float:
-        """Return by how much chi squared is lower beside the moving arm; floor (m): of noise."""
+        """Return the reduction of chi squared by the moving arm; floor (m): of noise."""
         squares = (
             one[~rest] ** 2 - other[~rest] ** 2
             for one, other, rest in zip(self.still, self.left, self.rest, strict=True)
@@ -92,7 +92,7 @@ def with_inertia(
     motion: FramesInMotion | None,
     noise: SensorNoise,
 ) -> Diagnosis:
-    """Return a diagnosis that also says whether the model lacks inertia.
+    """Return a diagnosis extended by whether inertia is missing.
 
     training, held_out: with the frames that swing; motion: which these are, None: none;
     noise: of the sensors in these recordings.
@@ -132,7 +132,7 @@ def with_inertia(
 
 
 def in_motion(runs: Sequence[RecordingData], moving: Sequence[Flags]) -> list[RecordingData]:
-    """Return the recordings in which an arm swings, those without a load alone if there are some.
+    """Return the recordings of a swinging arm, only unloaded ones if there are any.
 
     Under a load the noise of the force sensor shakes what is expected of the arm.
     """
@@ -155,7 +155,7 @@ def named(
     *,
     tested: bool,
 ) -> Diagnosis:
-    """Return a diagnosis that names inertia beside what it names.
+    """Return a diagnosis that names inertia in addition.
 
     swings: with the misfit of the same recordings where the arm is at rest.
     """
@@ -197,5 +197,5 @@ def named(
 
 
 def moving(arm: Arm, fit: MotionFit) -> Arm:
-    """Return an arm with the motion that was fitted."""
+    """Return an arm with the fitted motion."""
     return replace(arm, motion=fit.motion, sources={**arm.sources, 'motion': fit.sentence})

@@ -23,7 +23,7 @@ DRAWS = 2000  # simulations of clean data
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LackOfFit:
-    """A test: its name and statistic, and the mean and standard deviation that clean data have.
+    """A test: name and statistic, and its mean and standard deviation in clean data.
 
     Clean data are taken to follow a gamma law of these.
     """
@@ -56,7 +56,7 @@ class LackOfFit:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScoreStatistic:
-    """A statistic before it is known what clean data reach.
+    """A statistic without its distribution in clean data.
 
     disturbances: how its normal scores (dof, n) answer to each disturbance of which the standard
     deviation is known from few values only, and from how many.
@@ -143,7 +143,7 @@ def tested_fields(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TestedProblem:
-    """A linear problem, and what moves its residuals by more than is expected.
+    """A linear problem with its unusually large residual directions.
 
     residuals (rows,) of each run after the best step; placement (rows, n) and camera (rows, k):
     what these move in each run, and over both what they share with the columns of the problem.

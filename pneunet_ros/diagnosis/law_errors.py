@@ -63,14 +63,14 @@ class LawErrors:
 
 
 def smaller_numbers(fit: Refit, which: int, share: float) -> Array:
-    """Return the numbers of a fit, the sizes of one of its effects less by a share."""
+    """Return the parameters of a fit with the sizes of one effect reduced by a share."""
     parts = split_numbers(fit.hypotheses, fit.numbers.copy())
     parts[which][fit.hypotheses[which].sizes] *= 1.0 - share
     return np.concatenate(parts)
 
 
 def along_arm(field: Array, shapes: Array) -> Array:
-    """Return a field (frames, 2, targets) that grows along the arm as it does, times shapes.
+    """Return a field (frames, 2, targets) that grows along the arm, times shapes.
 
     shapes (targets, n): factors of its growth from target to target; (frames, 2, targets, n).
     """
@@ -110,13 +110,13 @@ class OpenLaws:
         return cls(gaussian=opened, filters=filters)
 
     def white(self, direction: Sequence[Array]) -> tuple[Array, ...]:
-        """Return a direction of whitened residuals (rows,) per run as it is in this problem."""
+        """Return whitened directions (rows,) per run in the coordinates of this problem."""
         return tuple(
             self.columns(which, item[:, None])[:, 0] for which, item in enumerate(direction)
         )
 
     def columns(self, run: int, white: Array) -> Array:
-        """Return whitened columns (rows, n) of a run as they are in this problem."""
+        """Return whitened columns (rows, n) of a run in the coordinates of this problem."""
         return self.filters[run](white) if self.filters else white
 
     @property

@@ -1,4 +1,4 @@
-"""Recordings linearized around a fit: how whitened points answer to all that could move them.
+"""Recordings linearized around a fit: derivatives of whitened points.
 
 The camera's path and the errors of readings are integrated out run by run. What is left unknown,
 each scaled so that its prior is normal with unit variance: the base model, the placement of the
@@ -35,7 +35,7 @@ from pneunet_ros.solver.columns import CURVATURE, THETA, X, Y
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LinearizedRun:
-    """One run: whitened columns, and what whitens more of them.
+    """One run: whitened columns, and its additional whitening.
 
     base (rows, n): model and placement, scaled; path (rows, k): the camera's, which `path_filter`
     integrates out of whitened columns (rows, n); placed (frames, 2, targets) m: the part of the
@@ -76,7 +76,7 @@ class LinearizedRun:
         return self.path_filter(self.whitening(columns).reshape(-1, columns.shape[2]))
 
     def white_by_frame(self, columns: Array) -> Array:
-        """Whiten columns (frames, 2 targets, n) m of every frame alone, (rows, frames n)."""
+        """Whiten columns (frames, 2 targets, n) m frame by frame, (rows, frames n)."""
         frames, coordinates, count = columns.shape
         alone = np.zeros((frames, coordinates, frames, count))
         which = np.arange(frames)
@@ -147,14 +147,14 @@ class KnownInputs:
         return self.known[key]
 
     def at_instants(self, delay: float) -> list[RecordingData]:
-        """Return all runs with what was read a delay (s) before each frame."""
+        """Return all runs with readings taken a delay (s) before each frame."""
         if delay not in self.shown:
             self.shown[delay] = [item.run.at_instants(delay) for item in self.filtered]
         return self.shown[delay]
 
 
 class Linearization:
-    """All runs around one point. `training` says how many of the runs, the first, are to fit."""
+    """All linearized runs; the first `training` of them are fitted."""
 
     def __init__(
         self,
@@ -206,7 +206,7 @@ class Linearization:
         return Linearization(point, runs, self.training, self.noise, self.settings, known)
 
     def of_training(self) -> Linearization:
-        """Return the training runs alone, around the same point."""
+        """Return only the training runs, linearized at the same point."""
         return self.at(self.point, self.runs[: self.training])
 
     def block(
@@ -263,7 +263,7 @@ class Linearization:
         return np.where(rms > 0.0, tolerance / np.maximum(rms, 1e-300), 0.0)
 
     def bounds(self, base: Array, unknowns: int) -> Bounds:
-        """Return the bounds of a step of so many unknowns, the first of them scaled ones here."""
+        """Return the bounds of a step of this many unknowns, the first ones scaled."""
         size = self.size
         rows = np.zeros((size, unknowns))
         rows[:, :size] = self.scale[:size, :size]
@@ -273,7 +273,7 @@ class Linearization:
     def residual(
         self, values: Array, effects: Sequence[Effect], which: range
     ) -> list[Array] | None:
-        """Return the whitened residuals (rows,) of runs for a model; None if it has no shape.
+        """Return the whitened residuals (rows,) of runs for a model; None without a solution.
 
         Placement and departures are not taken off; effects come beside those of the model.
         """
@@ -292,7 +292,7 @@ class Linearization:
         return out
 
     def points(self, arm: Arm, which: range) -> list[Array] | None:
-        """Return the measured points (frames, 2, targets) m of an arm; None where it has none.
+        """Return the predicted points (frames, 2, targets) m of an arm; None without a solution.
 
         Under the loads around which the runs are linearized. Of the placement only how it differs
         from its linearization.

@@ -21,7 +21,7 @@ FALLING, RISING = -1.0, 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Frames:
-    """All frames of the training runs: squared whitened residuals and what acted.
+    """All training frames: squared whitened residuals, pressure and load.
 
     squares (frames, targets), NaN where not seen, 2 on average by noise alone; arclength
     (targets,) s / l; axes: per axis on which frames differ (frames,) its value, NaN where a frame
@@ -159,7 +159,7 @@ def describe_interval(axis: Axis, start: float, stop: float) -> str:
 
 
 def describe_misfit(frames: Frames) -> str:
-    """Describe in one sentence how the misfit depends on what acted and where it is."""
+    """Describe in one sentence how the misfit depends on operating conditions and position."""
     settings = frames.settings
     known = frames.squares[np.isfinite(frames.squares)]
     if scipy.stats.chi2.sf(known.sum(), 2 * known.size) > settings.significant:
@@ -199,7 +199,7 @@ def end_ratio(frames: Frames, axis: Axis) -> float:
 
 
 def rising_to_falling_ratio(frames: Frames) -> float:
-    """Return the misfit beyond noise while pressure rises over that while it falls.
+    """Return the ratio of excess misfit with rising to falling pressure.
 
     Only frames of like pressure and force are compared: what hangs on the arm on the way up, and
     not on the way down, is no hysteresis.
@@ -223,13 +223,13 @@ def rising_to_falling_ratio(frames: Frames) -> float:
 
 
 def floored_ratio(upper: float, lower: float, mean: float, floor: float) -> float:
-    """Return a ratio of which neither side counts as less than a share of the mean."""
+    """Return a ratio with both sides bounded below by a share of the mean."""
     least = floor * max(mean, floor)
     return float(max(upper, least) / max(lower, least))
 
 
 def target_means(squares: Array) -> Array:
-    """Return the mean of squares (frames, targets) per target, NaN where it was never seen."""
+    """Return the mean of squares (frames, targets) per target, NaN where never seen."""
     count = np.isfinite(squares).sum(axis=0)
     return np.where(count > 0, np.nansum(squares, axis=0) / np.maximum(count, 1), np.nan)
 

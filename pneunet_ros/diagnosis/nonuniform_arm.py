@@ -1,4 +1,4 @@
-"""Whether an arm that bends unevenly, where no target shows it, explains what an effect does.
+"""Whether nonuniform bending between targets explains what an effect does.
 
 With a target at the tip alone a constant curvature is an assumption, and what an arm does beside
 it looks like an effect. `calibration.checks.nonuniformity` puts the departure into the covariance
@@ -44,7 +44,7 @@ def nonuniform_columns(
 def beside_nonuniform(
     candidates: Sequence[Candidate], gaussian: GaussianModel, columns: list[Array]
 ) -> list[Candidate]:
-    """Return effects with the information that is left of them where the arm may bend unevenly.
+    """Return effects with their information reduced by nonuniform bending.
 
     gaussian: of the training runs without them; columns: `nonuniform_columns`, may be none.
     """
@@ -70,5 +70,5 @@ def with_columns(gaussian: GaussianModel, columns: list[Array]) -> GaussianModel
 
 
 def log_probability_nonuniform(gaussian: GaussianModel, columns: list[Array]) -> float:
-    """Return the log probability of the training runs where the arm may bend unevenly."""
+    """Return the log probability of the training runs, allowing for nonuniform bending."""
     return with_columns(gaussian, columns).log_probability()

@@ -20,7 +20,7 @@ from pneunet_ros.diagnosis.settings import DEFAULTS, ReadingNoiseSettings
 def with_reading_noise(
     refit: Refit, seed: int, settings: ReadingNoiseSettings = DEFAULTS.reading_noise
 ) -> Refit:
-    """Return a fit in whose covariance is the noise of readings that its effects remember."""
+    """Return a fit whose covariance includes the reading noise that its effects remember."""
     if not any(item.has_memory for item in refit.hypotheses):
         return refit
     linearization = refit.linearization
@@ -46,7 +46,7 @@ def residuals_of(refit: Refit, linearization: Linearization) -> list[Array] | No
 
 
 def with_more_noise(linearization: Linearization, random: np.random.Generator) -> Linearization:
-    """Return the same around the same point, as much noise again on what effects remember."""
+    """Return the linearization with twice the reading noise in effects with memory."""
     std, settings = linearization.noise.pressure_std, linearization.settings
     noisy = [
         replace(run, pressure=run.pressure + std * random.standard_normal(run.pressure.size))

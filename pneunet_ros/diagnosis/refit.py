@@ -106,7 +106,7 @@ class Iterate:
 
 
 class JointFit:
-    """The search for the numbers of hypotheses, in the training runs or in all of them."""
+    """Joint fit of hypotheses to the training runs, or to all runs."""
 
     def __init__(
         self,
@@ -146,7 +146,7 @@ class JointFit:
         return Iterate(base=base, numbers=numbers, residuals=residuals, cost=0.5 * cost)
 
     def without_departures(self, base: Array, residuals: Sequence[Array]) -> list[Array]:
-        """Return residuals with placement and departures taken off."""
+        """Return residuals after subtracting placement and departures."""
         size = self.linearization.size
         pairs = zip(self.fixed, residuals, strict=True)
         return [values - fixed[:, size:] @ base[size:] for fixed, values in pairs]
@@ -231,7 +231,7 @@ class JointFit:
         return [first + int(place) for place in np.flatnonzero(low | high)]
 
     def newton_step(self, last: tuple[Iterate, GaussianModel]) -> tuple[Array, float]:
-        """Return the full step within the bounds, and by how much it lowers the cost."""
+        """Return the full step within the bounds, and its reduction of the cost."""
         at, gaussian = last
         bounds = self.linearization.bounds(at.base, gaussian.position.size)
         active = self.active_bounds(at.numbers, gaussian.step)
@@ -251,13 +251,13 @@ class JointFit:
         return following if following is not None and following.cost < at.cost else None
 
     def relinearize(self, at: Iterate) -> tuple[Iterate, GaussianModel] | None:
-        """Return the linear problem at a point of the search; None where it has none."""
+        """Return the linear problem at a point of the search; None without a solution."""
         gaussian = self.linearize(at)
         return None if gaussian is None else (at, gaussian)
 
 
 def complete_gram(known: Array, columns: Array) -> Array:
-    """Return columns^T columns (n, n), of which the first part is known."""
+    """Complete columns^T columns (n, n), of which the first block is known."""
     size = known.shape[0]
     gram = np.empty((columns.shape[1],) * 2)
     gram[:size, :size] = known
@@ -273,13 +273,13 @@ def refit(
     rounds: int,
     settings: RefitSettings = DEFAULTS.refit,
 ) -> Refit | None:
-    """Fit jointly with so many relinearizations at most; None where the start has no shapes."""
+    """Fit jointly with a limited number of relinearizations; None without a solution."""
     first = JointFit(linearization, hypotheses, settings).fit(numbers)
     return None if first is None else settle(first, rounds, settings)
 
 
 def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) -> Refit:
-    """Relinearize and fit again, so many times at most, until that changes nothing.
+    """Relinearize and fit until nothing changes, a limited number of times.
 
     What errors of readings move is that of the model around which is linearized, so that a search
     may swing from one model to another and back: where the cost rises, it goes on halfway. Where
@@ -306,12 +306,12 @@ def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) ->
 
 
 def has_ended(fit: Refit, settings: RefitSettings = DEFAULTS.refit) -> bool:
-    """Whether the search of a fit ended where a step more gains next to nothing of the misfit."""
+    """Whether the search of a fit has converged, relative to its misfit."""
     return fit.gain < max(settings.least_gain, settings.unsettled * fit.misfit)
 
 
 def halfway(one: Refit, other: Refit) -> Refit:
-    """Return a fit with the unknowns halfway between those of two."""
+    """Return a fit with the average of the unknowns of two."""
     return replace(
         other, numbers=0.5 * (one.numbers + other.numbers), base=0.5 * (one.base + other.base)
     )
@@ -320,7 +320,7 @@ def halfway(one: Refit, other: Refit) -> Refit:
 def linearize_all_runs(
     linearization: Linearization, fit: Refit, settings: RefitSettings = DEFAULTS.refit
 ) -> tuple[Iterate, GaussianModel] | None:
-    """Return all runs of a linearization at a fit to some of them; None where one has no shape.
+    """Linearize all runs at a fit to some of them; None where one has no solution.
 
     Scores of fields in held-out recordings are then those of what the training ones predict of
     them: V^-1 of all, with the fields of a part, is that of the part given the others.

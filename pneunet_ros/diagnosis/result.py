@@ -92,7 +92,7 @@ class Evaluation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Adequacy:
-    """A lack-of-fit test by its name: statistic, what clean data stay below, and p-value."""
+    """A lack-of-fit test: statistic, limit in clean data, and p-value."""
 
     test: str
     statistic: float
@@ -206,7 +206,7 @@ class Diagnosis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnsettledDiagnosis:
-    """A diagnosis that ended with the base model: its fit has not settled, so no number is one.
+    """A diagnosis that stopped because the base fit did not converge; it has no numbers.
 
     sentence: what happened; notes: what else should be known; seed and settings as asked for.
     """

@@ -1,4 +1,4 @@
-"""Score test: how well each effect would explain the residuals, before it is fitted.
+"""Score test of each effect, before it is fitted.
 
 And detectability: from which size on its score would have been significant.
 """
@@ -25,7 +25,7 @@ NUGGET = 1e-9  # variance that is added, as directions of effects may be equal
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Candidate:
-    """An effect on top of a refit: by how much chi squared would fall, and where to begin.
+    """An effect added to a refit: the reduction of chi squared, and the start of its fit.
 
     start (numbers,): where to begin a fit; tried (numbers,): where the effect was tried; which:
     the size that was moved there. information: chi squared of that size on these recordings, after

@@ -77,13 +77,13 @@ class Record:
 
     @property
     def excess(self) -> float:
-        """The most that is left in any test, beyond what clean data have."""
+        """The largest excess in any test over clean data."""
         return max((item.excess for item in self.tests), default=0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trial:
-    """Effects that were fitted jointly, ready to go on from."""
+    """A joint fit of effects, ready for refinement."""
 
     record: Record
     refit: Refit
@@ -144,7 +144,7 @@ class Selection:
     def test_trial(
         self, trial: Refit, base: Trial | None, known: Trial | None = None
     ) -> Trial | None:
-        """Test a joint fit on all recordings, and keep what came of it.
+        """Test a joint fit on all recordings, and store the result.
 
         known: the set to which an effect was added. None where the arm has no shape in a held-out
         recording with it.
@@ -234,7 +234,7 @@ class Selection:
         return best
 
     def fit_rivals(self, base: Trial, best: Trial) -> Trial:
-        """Fit what scores as well as the strongest effect of a set in its place; return the best.
+        """Replace the strongest effect of a set by those with similar scores; return the best fit.
 
         The rest of the set stays: what is an effect more was chosen among its own rivals.
         """
@@ -316,7 +316,7 @@ class Selection:
     def fit_finalists(
         self, base: Trial, trial: Trial, candidates: Sequence[Candidate]
     ) -> list[Trial]:
-        """Refit once with each candidate, and those that come near the best until settled.
+        """Refit once with each candidate, then the best ones to convergence.
 
         A strong effect may not have arrived after one refit: its score says what it will gain.
         """
@@ -363,7 +363,7 @@ class Selection:
         return base if is_absent(trial.refit, trial.names[0], absent) else trial
 
     def leave_out(self, base: Trial, trial: Trial, name: str, least: float) -> Trial | None:
-        """Return the set without one of its effects; None where its evidence is not enough."""
+        """Return the set without one of its effects; None if its evidence is insufficient."""
         pairs = zip(trial.refit.hypotheses, trial.refit.effects, strict=True)
         rest = [(item, effect) for item, effect in pairs if item.name != name]
         known = self.tried.get(frozenset(item.name for item, _ in rest))
@@ -383,7 +383,7 @@ class Selection:
 def choose_best(
     trial: Trial, extended: Sequence[Trial], settings: SelectionSettings = DEFAULTS.selection
 ) -> Trial | None:
-    """Return the most probable of the sets that are better than the one they extend.
+    """Return the most probable set that is better than the set it extends.
 
     Adequate and plausible ones come first, unless a more probable one explains far more: an effect
     more may be all that it lacks. Of those with like evidence, the fewest numbers.
@@ -416,13 +416,13 @@ def choose_best(
 def is_worth_adding(
     trial: Trial, better: Trial, settings: SelectionSettings = DEFAULTS.selection
 ) -> bool:
-    """Whether one more effect explains everything, or most of what is left."""
+    """Whether one more effect explains everything, or most of the remaining misfit."""
     record = better.record
     return record.adequate or record.excess < settings.most_left * trial.record.excess
 
 
 def is_absent(fit: Refit, name: str, most: float) -> bool:
-    """Whether the sizes of an effect of a fit are within so many of their errors from nothing.
+    """Whether the sizes of an effect are within this many standard errors of zero.
 
     Together, with their correlations. It led the fit out of a poor minimum of the others, and is
     not what explains.
@@ -442,7 +442,7 @@ def is_absent(fit: Refit, name: str, most: float) -> bool:
 
 
 def is_plausible(fit: Refit, most: float) -> bool:
-    """Whether no size of the effects is further from its prior mean than so many deviations."""
+    """Whether all effect sizes are within this many deviations of their prior means."""
     parts = split_numbers(fit.hypotheses, fit.numbers)
     return all(
         bool(np.all(np.abs(numbers - item.mean) <= most * item.std))
@@ -451,7 +451,7 @@ def is_plausible(fit: Refit, most: float) -> bool:
 
 
 def parameters_outside_prior(fit: Refit, ends: float) -> tuple[str, ...]:
-    """Return a sentence on every parameter that is beyond its prior range by two of its errors.
+    """Return a note on every parameter outside its prior range by two standard errors.
 
     An error has that of the law of the effect in it. ends: of the range of a size, in prior
     standard deviations; that of a shape ends at one.
@@ -487,6 +487,6 @@ def evidence_margin(evidence: float, settings: SelectionSettings = DEFAULTS.sele
 
 
 def is_adequate(tests: Sequence[LackOfFit], level: float, allowed: float = 0.0) -> bool:
-    """Whether nothing is left but what clean data have, or an excess that a law may miss."""
+    """Whether the residuals look like clean data, or have an excess acceptable for a law."""
     level /= max(len(tests), 1)
     return bool(tests) and all(item.p_value > level or item.excess < allowed for item in tests)

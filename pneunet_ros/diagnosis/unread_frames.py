@@ -1,4 +1,4 @@
-"""Frames that show what no sensor read: pressure or load changed between two readings.
+"""Frames with unread changes: pressure or load changed between two readings.
 
 What a straight line between two readings misses is an error of the readings, which a fit takes up
 along the tangent of the shape, as if it were normal. Where it is more than the noise of a reading,
@@ -69,7 +69,7 @@ def read_part(run: RecordingData, flags: Flags, noise: SensorNoise) -> Recording
 
 
 def read_frames(arm: Arm, run: RecordingData, noise: SensorNoise) -> Flags:
-    """Return of which frames (frames,) the readings say what they show."""
+    """Return the frames (frames,) whose state is covered by readings."""
     if run.static or len(run.reading_stamp_ns) < 2:
         return np.ones(len(run.stamp_ns), np.bool_)
     shown = shown_instants(arm, run)

@@ -73,7 +73,7 @@ def describe_verdict(
 
 
 def describe_gain(record: Record, before: float, after: float, noise: tuple[float, float]) -> str:
-    """Describe what adding a set of effects gains: in rms (m), where it can show that.
+    """Describe the improvement by a set of effects: in rms (m), where that shows it.
 
     noise: rms (m) of a perfect model, and how far it scatters.
     """
@@ -91,7 +91,7 @@ def describe_gain(record: Record, before: float, after: float, noise: tuple[floa
 
 
 def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
-    """Describe what was compared, and by how much it differs."""
+    """Describe what was compared, and the size of the difference."""
     confirmer, base, record = Confirmer.of(selection, first.record), first.record, best.record
     worst = min(base.tests, key=lambda item: item.p_value)
     tested = (
@@ -136,6 +136,6 @@ def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
 
 
 def closest_set(selection: Selection) -> Record:
-    """Return the set of effects with most evidence, of those with which chi squared falls."""
+    """Return the set of effects with most evidence among those that reduce chi squared."""
     lower = [item for item in selection.tried.values() if item.gain >= 0.0]
     return max(lower, key=lambda item: item.evidence)

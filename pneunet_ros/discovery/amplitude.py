@@ -122,7 +122,7 @@ class Columns:
 
 
 class FrameColumns:
-    """A field by frames: one column per frame of every run, of which each run has its own.
+    """A field with one column per frame of every run.
 
     Evidence is over all frames of all runs in turn, zero for those of other runs. parts: per run,
     columns^T columns, X^T columns, columns^T residuals.
@@ -159,7 +159,7 @@ class FrameColumns:
         )
 
     def of_run(self, which: int) -> Array:
-        """Return which of all frames are those of a run, (frames,)."""
+        """Return the mask (frames,) of the frames of a run."""
         own = self.frames[which]
         return np.arange(own.start, own.stop)
 

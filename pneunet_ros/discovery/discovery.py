@@ -1,4 +1,4 @@
-"""From a diagnosis that leaves something to a law in words, and to an effect that runs.
+"""Discovery: from an unexplained diagnosis to a law in words, and an executable effect.
 
 Nothing is looked for where residuals are consistent with noise. A law is given only if one half of
 the recordings predicts it in the other, and if held-out recordings do not speak against it.
@@ -56,7 +56,7 @@ from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Finding:
-    """A suspect, with its joint fit where it runs, and what both come to.
+    """A suspect with its joint fit if there is one, and the share that both explain.
 
     gain: in log probability of every training recording predicted from the others.
     """
@@ -68,12 +68,12 @@ class Finding:
 
     @property
     def explains(self) -> bool:
-        """Whether its joint fit leaves no more than the law of an effect may."""
+        """Whether its joint fit leaves at most the excess acceptable for a law."""
         return self.proposal is not None and self.proposal.trial.record.adequate
 
     @property
     def goes_by_itself(self) -> bool:
-        """Whether nothing measured predicts it."""
+        """Whether no measured quantity predicts it."""
         return self.proposal is None and self.suspect.goes_by_itself
 
 
@@ -83,7 +83,7 @@ def discover(
     on_progress: OnProgress = say_nothing,
     settings: DiscoverySettings = DISCOVERY,
 ) -> Discovery:
-    """Look for a law in what no effect of the library explains.
+    """Search for a law of the model error that no effect of the library explains.
 
     Args:
         investigation: a diagnosis, with the fits it rests on.
@@ -182,7 +182,7 @@ def overrule(
 
 
 def predicts_better(law: Record, named: Record, limits: LawConfirmationSettings) -> bool:
-    """Whether a law may take the place of a name: it meets what a name has to meet, by far better.
+    """Whether a law may replace a name: it meets the same requirements by a wide margin.
 
     Held-out recordings must not be predicted worse.
     """
@@ -287,7 +287,7 @@ def by_itself(
 
 
 def starting_point(investigation: Investigation) -> Trial | None:
-    """Return the model on top of which something is looked for; None where nothing is left."""
+    """Return the model to which a law is added; None if there is no model error."""
     selection, base, trial = investigation.selection, investigation.base, investigation.trial
     assert selection is not None
     assert base is not None
@@ -302,7 +302,7 @@ def starting_point(investigation: Investigation) -> Trial | None:
 
 
 def judge(fits: JointFits, suspects: Sequence[Suspect], on_progress: OnProgress) -> list[Finding]:
-    """Fit the best suspects jointly where a model can follow them, and say what they explain.
+    """Fit the best suspects jointly where a model can follow them, and evaluate them.
 
     Where none of them leaves as little as a law may, the calibration has bent itself so far that
     their order means little: then more of them are fitted, and also as constants.
@@ -444,7 +444,7 @@ def objections_to(
 
 
 def split_p_value(suspect: Suspect, search: Search, seed: int) -> float:
-    """Return how often noise alone confirms as well what half of the recordings says of the other.
+    """Return the p-value of a split test: how often noise confirms one half by the other as well.
 
     Place, terms and coefficients are those of one half; 1 where neither half says anything. The
     other half is taken by itself: of a base that both halves fit it would expect the same errors.
@@ -522,7 +522,7 @@ def tied_kinds(
     suspects: Sequence[Suspect],
     settings: DiscoverySettings,
 ) -> tuple[str, ...]:
-    """Return the other kinds that explain as much, by joint fits or else by left-out gain."""
+    """Return the other kinds that explain as much, by joint fits or left-out gain."""
     margin = max(settings.confirmation.tied, evidence_margin(best.gain))
     fitted = {item.suspect.kind.name: item.gain for item in findings}
     linear = best.suspect.left_out_gain

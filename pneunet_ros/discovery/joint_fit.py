@@ -70,14 +70,14 @@ class JointFits:
         self.covariates = {item.name: item for item in search.covariates}
 
     def propose(self, law: Law) -> Proposal | None:
-        """Fit a law, and add terms that it lacks where it is in the rod, at its place.
+        """Fit a law with a fixed position, and add missing terms.
 
         None where the arm has no shape with it.
         """
         return self.lengthened(self.fit(law.cause.kind, law.terms, self.start(law)))
 
     def propose_constant(self, kind: Kind) -> Proposal | None:
-        """Fit a constant amplitude, and add terms that it lacks where it is in the rod.
+        """Fit a constant amplitude, and add missing terms.
 
         A calibration bends itself towards a cause, and towards a constant one most: what is left
         of it then looks like a law. Its place is held at first, from place to place.
@@ -101,7 +101,7 @@ class JointFits:
         return None
 
     def lengthened(self, proposal: Proposal | None) -> Proposal | None:
-        """Return a fit with the terms that it lacks, as long as they gain enough."""
+        """Return a fit extended by missing terms while they gain enough."""
         for _ in range(self.settings.law.rounds):
             if proposal is None:
                 return None
@@ -112,7 +112,7 @@ class JointFits:
         return proposal
 
     def with_missing_terms(self, proposal: Proposal) -> Proposal | None:
-        """Return the fit with terms that it lacks; None where they gain too little."""
+        """Return the fit with missing terms; None if they gain too little."""
         more = self.missing_terms(proposal)
         if not more:
             return None
@@ -165,7 +165,7 @@ class JointFits:
         *,
         held: bool = False,
     ) -> Proposal | None:
-        """Fit jointly from these numbers until settled; held: the place stays where it begins.
+        """Fit jointly from these start values until converged; held: the position is fixed.
 
         None where the arm has no shape with it, in a training recording or in a held-out one.
         """
@@ -225,11 +225,11 @@ class JointFits:
 
 
 def with_held_position(free: Hypothesis, number: float) -> Hypothesis:
-    """Return a hypothesis whose place, the last of its numbers, cannot move."""
+    """Return a hypothesis with fixed position, the last of its numbers."""
     position = replace(free.coordinates[-1], low=number, high=number)
     return replace(free, coordinates=(*free.coordinates[:-1], position))
 
 
 def is_followed(kind: Kind, covariate: Covariate) -> bool:
-    """Whether an effect of a kind can follow a covariate when it runs."""
+    """Whether an effect of a kind can follow a covariate at run time."""
     return covariate.meaning.group in kind.follows

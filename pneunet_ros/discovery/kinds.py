@@ -19,7 +19,7 @@ Method = Literal['terms', 'sense', 'actuate', 'see', 'frame_delay']
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Native:
-    """A covariate that comes out of the equilibrium itself, so that no amplitude can follow it.
+    """A covariate computed from the equilibrium, which no amplitude can follow.
 
     code: what it gives to `Terms`, with `coefficient`; words as of a covariate; unit and prior std
     (SI) of the coefficient, which is never negative.

@@ -44,7 +44,7 @@ class Cause:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Law:
-    """Terms of a cause, and what they gain.
+    """Terms of a cause, and their gain.
 
     coefficients (terms,) and covariance, in units of the kind's prior per scaled covariate;
     left_out_gain: in log probability of every run predicted from the others; explained: by how
@@ -70,7 +70,7 @@ def cause_of(
     *,
     play: float,
 ) -> Cause | None:
-    """Return a kind at a place around a fit; None where the arm has no shape with it.
+    """Return a kind of cause at a position around a fit; None without a solution.
 
     before: points (frames, 2, targets) m of the fit itself, per run.
     """

@@ -326,7 +326,7 @@ def sum_text(parameters: Sequence[Parameter], expressions: Mapping[str, str]) ->
 
 
 def terms_text(kind: Kind, amplitude: str, natives: Mapping[str, str] | None = None) -> str:
-    """Return a record of terms as Python; natives: parameter of each that comes by itself."""
+    """Return a record of terms as Python; natives: parameter of each term of the equilibrium."""
     entries = [kind.code.replace('amplitude', amplitude)] if amplitude else []
     for term, name in (natives or {}).items():
         entries.append(kind.natives[term].code.replace('coefficient', f'self.{name}'))

@@ -1,4 +1,4 @@
-"""All kinds of cause around one fit, each at its best place with its best law."""
+"""Search over all kinds of cause around one fit, each at its best position with its best law."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Suspect:
 
     @property
     def goes_by_itself(self) -> bool:
-        """Whether nothing measured predicts it."""
+        """Whether no measured quantity predicts it."""
         if self.swing is not None:
             return True
         return self.law is not None and any(
@@ -97,7 +97,7 @@ class Search:
 
     @cached_property
     def points(self) -> list[Array] | None:
-        """Points (frames, 2, targets) m of the fit in all runs; None where it has no shape."""
+        """Points (frames, 2, targets) m of the fit in all runs; None without a solution."""
         linearization = self.fit.linearization
         return linearization.points(self.fit.point.arm, range(len(linearization.blocks)))
 
@@ -173,7 +173,7 @@ class Search:
         return sorted(found, key=lambda item: -item.left_out_gain)
 
     def wandering_at(self, kind: Kind, positions: Sequence[float | None]) -> Suspect | None:
-        """Return a kind at the best of some places; None where nothing wanders."""
+        """Return the best position of a kind whose amplitude wanders; None if it does not."""
         causes = [self.cause(kind, position) for position in positions]
         found = [
             Suspect(cause=cause, law=None, swing=swing)
@@ -183,7 +183,7 @@ class Search:
         return max(found, key=lambda item: item.left_out_gain, default=None)
 
     def suspect(self, kind: Kind, runs: Runs) -> Suspect | None:
-        """Return a kind with what predicts left-out recordings best; None where nothing does."""
+        """Return a kind with its best prediction of left-out recordings; None if it has none."""
         law = self.best_law(kind, runs)
         cause = self.cause(kind, self.positions(kind)[0]) if law is None else law.cause
         if cause is None:

@@ -31,7 +31,7 @@ def law_sentence(
 def swing_sentence(
     kind: Kind, location: Estimated | None, swing: Swing, tied: Sequence[str]
 ) -> str:
-    """Describe a cause that oscillates: its kind, its period, and that nothing predicts it."""
+    """Describe an oscillating cause: its kind, its period, and that no measurement predicts it."""
     grows = (
         ' and is the larger, the higher the pressure is' if swing.modulation != CONSTANT else ''
     )
@@ -84,7 +84,7 @@ def term_size(term: TermOfLaw) -> str:
 
 
 def tied_words(tied: Sequence[str]) -> str:
-    """Describe what explains as much."""
+    """Describe the equally good explanations."""
     if not tied:
         return ''
     subjects = [f'{name} ({KINDS[name].subject})' for name in tied[:MOST_TIED]]

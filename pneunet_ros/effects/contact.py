@@ -1,4 +1,4 @@
-"""Something pushes the arm at a place of it, as hard all the time."""
+"""A constant push along the normal, at one place of the arm."""
 
 from __future__ import annotations
 

@@ -112,12 +112,12 @@ class Part:
 
     @classmethod
     def around(cls, place: float, width: float) -> Part:
-        """Return the part of this width around a place, less what would lie beyond the arm."""
+        """Return the interval of this width around a place, clipped to the arm."""
         return cls(start=max(place - 0.5 * width, 0.0), end=min(place + 0.5 * width, 1.0))
 
     @property
     def middle(self) -> float:
-        """Where its middle is, in s / l."""
+        """The middle of the interval, in s / l."""
         return 0.5 * (self.start + self.end)
 
 
@@ -272,12 +272,12 @@ class Effect(abc.ABC):
         return NO_TERMS
 
     def motion(self) -> tuple[float, float] | None:
-        """Return mass at the tip (kg) and damping time (s); None: the arm is taken to rest."""
+        """Return mass at the tip (kg) and damping time (s); None for a quasi-static arm."""
         return None
 
     @property
     def is_neutral(self) -> bool:
-        """Whether it has no effect: all magnitude parameters have their defaults."""
+        """Whether the effect is off: all magnitude parameters have their defaults."""
         return all(
             item.metadata['shape'] or getattr(self, item.name) == item.default
             for item in quantities(self)

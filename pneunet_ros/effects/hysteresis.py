@@ -36,13 +36,13 @@ class Hysteresis(Effect):
     def actuate(
         self, history: History, seconds: float, pressure: float, scale: PressureScale
     ) -> tuple[History, float]:
-        """Push the chamber where the play has come to its end."""
+        """Move the chamber pressure when the play reaches an end."""
         half = 0.5 * self.width
         chamber = min(max(history[1], pressure - half), pressure + half)
         return (pressure, chamber), chamber
 
     def in_play(self, history: History) -> bool:
-        """Whether the play is at none of its ends; the same sums as in `actuate`, so exactly."""
+        """Whether the play is inside its gap, with the sums of `actuate` so that it is exact."""
         pressure, chamber = history
         half = 0.5 * self.width
         return pressure - half < chamber < pressure + half

@@ -45,7 +45,7 @@ class Softening(Effect):
     def actuate(
         self, history: History, seconds: float, pressure: float, scale: PressureScale
     ) -> tuple[History, float]:
-        """Remember the largest pressure, and whether this one is below it."""
+        """Store the maximum pressure, and whether this one is below it."""
         largest = max(history[0], pressure)
         below = pressure < largest - NOISE_BAND * scale.std
         return (largest, float(below)), pressure

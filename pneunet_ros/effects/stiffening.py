@@ -1,4 +1,4 @@
-"""The arm resists more, the further it is bent away from its intrinsic curvature."""
+"""The arm stiffens with its deviation from the intrinsic curvature."""
 
 from __future__ import annotations
 

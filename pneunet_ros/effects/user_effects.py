@@ -1,4 +1,4 @@
-"""Effects of a user: files of a folder that was named, and what installed packages offer.
+"""User-defined effects: files of a given folder, and those that installed packages provide.
 
 Effect files are code: they are run only where a person names their folder, never because a model
 file has their effects.

@@ -1,4 +1,4 @@
-"""Gravity as the base of an arm feels it: by an accelerometer on it, or by a frame of tf.
+"""Direction of gravity at the base, from an accelerometer on it or a tf frame.
 
 The specific force that an accelerometer reads is that against gravity and against the acceleration
 of the base: what pulls at the arm in the frame of its base is its opposite. A frame knows where
@@ -73,11 +73,11 @@ class GravitySource:
 
     @property
     def uses_imu(self) -> bool:
-        """Whether `base_imu` is asked."""
+        """Whether `base_imu` is used."""
         return not self.frame and self.gravity.source != FIXED
 
     def take(self, known: BaseGravity, reading: BaseReading) -> tuple[BaseGravity, Refusal | None]:
-        """Take a reading of an accelerometer or of frames, which alone stops no estimate."""
+        """Accept a reading of the accelerometer or of frames; it never stops an estimate."""
         if not isinstance(reading, ImuReading):
             return self.take_frames(known, reading)
         if not self.uses_imu:
@@ -135,7 +135,7 @@ class GravitySource:
     def direction_of(
         self, frames: FrameTree, reading: ImuReading
     ) -> tuple[Direction | None, Refusal | None]:
-        """Return gravity in the base frame, in g, or why it is not known."""
+        """Return gravity in the base frame, in g, or why it is unknown."""
         turn = self.turn_of_imu(frames, reading.frame_id)
         if turn is None:
             base = self.settings.frame_id
@@ -159,7 +159,7 @@ class GravitySource:
         return None if found is None else found[0]
 
     def at(self, known: BaseGravity, stamp_ns: int) -> tuple[Direction | None, Refusal | None]:
-        """Return gravity at a stamp, in g; None: as in the model file; or why it is unknown."""
+        """Return gravity at a stamp, in g; None: use the model file; or why it is unknown."""
         if self.frame:
             return self.by_frame(known, stamp_ns)
         if not self.uses_imu:
@@ -203,12 +203,12 @@ class GravitySource:
         return (0.0 - x, 0.0 - y), None
 
     def moves(self, known: BaseGravity) -> bool:
-        """Whether the frame may turn in the base."""
+        """Whether the frame may rotate in the base frame."""
         found = known.frames.between(self.frame, self.settings.frame_id)
         return found is None or found[1] is not None
 
     def stale(self, what: str, age: float) -> str:
-        """Report that something is too old."""
+        """Report that a reading is too old."""
         return (
             f'{what} is {age:.3g} s away from the pressure, more than gravity_timeout = '
             f'{self.settings.gravity_timeout:.3g} s'

@@ -318,7 +318,7 @@ def motion_components(motion: Array, settings: ClockDelaySettings) -> tuple[Arra
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitDetails:
-    """Standard error (s) of one fit, the share of the motion that it explains, its frames.
+    """Standard error (s) of one fit, the share of motion it explains, and its frames.
 
     distinct: share of what a delay does to the motion that no other column does. rate: of the
     motion (1/s), its mean in shares of its range.
@@ -332,7 +332,7 @@ class FitDetails:
 
 
 class DelayFit:
-    """Motion over what drove it with one set of plays, at any delay."""
+    """A linear fit of the motion to its inputs with one set of plays, at any delay."""
 
     def __init__(
         self,

@@ -97,7 +97,7 @@ class Disagreement:
     force_read: bool
 
     def exceeds(self, other: Disagreement) -> bool:
-        """Whether it is worse than another: beyond noise first, then by size."""
+        """Whether this disagreement exceeds another: first beyond noise, then by size."""
         return (self.beyond, self.rms / self.limit) > (other.beyond, other.rms / other.limit)
 
     @property
@@ -154,7 +154,7 @@ class Agreement:
 
     @property
     def tips_hold(self) -> bool:
-        """Whether the tips lie in their ellipses, but for what may be chance."""
+        """Whether the tips lie in their confidence ellipses, apart from chance outliers."""
         return self.tips_chance >= self.sure
 
     @property
@@ -232,7 +232,7 @@ class ConsistencyState:
     unmatched: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
 
     def fresh(self) -> ConsistencyState:
-        """Forget readings and frames; only the counts go on."""
+        """Return the state without readings and frames; the counters continue."""
         return ConsistencyState(matched=self.matched, unmatched=self.unmatched)
 
     def without_frames_after(self, stamp_ns: int) -> ConsistencyState:
@@ -299,7 +299,7 @@ def take_estimate(
     outcome: Outcome,
     settings: ConsistencySettings = DEFAULTS,
 ) -> ConsistencyState:
-    """Take what became of a pressure reading, and compare the frames that have waited for it."""
+    """Process the outcome of a pressure reading, and compare the frames that waited for it."""
     state = replace(state, compared=())
     if not isinstance(outcome, ShapeEstimate):
         return state

@@ -1,4 +1,4 @@
-"""Where the targets of a frame must be, from the estimates before and behind it.
+"""Predicted targets of a frame, from the estimates before and after it.
 
 A frame is rarely taken with a reading. The arm is assumed to move linearly between estimates,
 under the load of the readings before and after the frame, and the interpolation errors of both are
@@ -109,7 +109,7 @@ def in_motion(
     shares: Sequence[float],
     nearest: ShapeEstimate,
 ) -> PredictedTargets:
-    """Return the predicted targets of a moving arm, given those of its equilibrium.
+    """Return the predicted targets of a moving arm, given its equilibrium targets.
 
     pair, shares: the estimates around the frame, and how near it is to each; nearest: whose
     motion has the errors.

@@ -26,7 +26,7 @@ NO_CONSISTENCY = ConsistencyState()
 
 
 class EstimatorHealth(InputHealth):
-    """Collects what happens to readings.
+    """Collects counts and latencies of readings.
 
     The level of a report is the worst since the last one: ERROR while there are no estimates, WARN
     where readings were dropped or estimates are limited.
@@ -44,7 +44,7 @@ class EstimatorHealth(InputHealth):
     def took_pressure(
         self, outcome: ShapeEstimate | Refusal, now: float, solve_time: float | None
     ) -> None:
-        """Note what became of a pressure reading, and how long that took (s); None: not live."""
+        """Record the outcome of a pressure reading and its processing time (s); None: not live."""
         self.take(outcome, now)
         if isinstance(outcome, ShapeEstimate):
             self._estimate = outcome
@@ -54,14 +54,14 @@ class EstimatorHealth(InputHealth):
                 self._settled.append(outcome.motion.settled)
 
     def took_wrench(self, refusal: Refusal | None, now: float) -> None:
-        """Note what became of a wrench reading."""
+        """Record the outcome of a wrench reading."""
         if refusal is None:
             self._wrench_at = now
         else:
             self.note_refusal(refusal)
 
     def note_comparison(self, now: float) -> None:
-        """Note that a frame of targets was compared with an estimate."""
+        """Record that a frame of targets was compared with an estimate."""
         self._targets_at = now
 
     def disagreement(
@@ -80,7 +80,7 @@ class EstimatorHealth(InputHealth):
         consistency: ConsistencyState = NO_CONSISTENCY,
         left_out: str = '',
     ) -> Report:
-        """Sum up the time since the last report, and begin the next one.
+        """Summarize the time since the last report, and start the next period.
 
         left_out: which error of the model its standard deviations leave out.
         """

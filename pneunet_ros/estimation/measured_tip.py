@@ -1,4 +1,4 @@
-"""An estimate where the tip was measured instead of the force: how sure the force found is.
+"""Uncertainty of the force found from a measured tip.
 
 The force is the one that brings the model's tip to the measured place. What is wrong in tip,
 pressure and model is wrong in the force by d F = (d tip / d F)^-1 (d tip_measured - d tip_model),

@@ -25,7 +25,7 @@ DEFAULTS = OutOfPlaneSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutOfPlane:
-    """The component out of the plane that is largest against its limit.
+    """The out-of-plane component that is largest relative to its limit.
 
     component: Fz, Mx or My; value and limit in N or N m; warns, stops: whether it is beyond the
     limit of a warning, of an estimate.

@@ -124,7 +124,7 @@ class KeptFrames:
     def after(
         self, frame: FrameEvidence, settings: PersistenceSettings = PERSISTENCE
     ) -> KeptFrames:
-        """Return them with one more frame; of too many every other one is dropped."""
+        """Return the record with one more frame; a full record drops every other frame."""
         kept, stride = self.frames, self.stride
         if self.count % stride == 0:
             kept = (*kept, frame)
@@ -268,7 +268,7 @@ def persistent_errors(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LinearProblem:
-    """Frames as one linear problem, white but for the unknowns that they share.
+    """Frames as one linear problem, whitened except for their common unknowns.
 
     residual (frames, coordinates); shared (frames, coordinates, unknowns): what one sigma of each
     moves: columns of the model's covariance, so many, places of the targets along and across the

@@ -40,7 +40,7 @@ WATCH = WatchSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureWatch:
-    """The record of the readings so far, when they were last judged, and the verdict.
+    """Pressure readings so far, the time of the last check, and its verdict.
 
     since: the record since a verdict that doubted them; it takes the place of the whole one where
     it shows that the sensor was mended.

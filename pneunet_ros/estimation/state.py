@@ -87,7 +87,7 @@ class EstimatorState:
     def watch_pressure(
         self, reading: PressureReading, arm: Arm, settings: EstimatorSettings
     ) -> EstimatorState:
-        """After a pressure reading, as far as its unit, reference and sign are concerned."""
+        """Return the state after checking unit, reference and sign of a pressure reading."""
         return EstimatorState(
             pressure_stamp_ns=self.pressure_stamp_ns,
             history_ns=self.history_ns,
@@ -104,7 +104,7 @@ class EstimatorState:
         )
 
     def with_impossible(self, stamp_ns: int) -> EstimatorState:
-        """After a pressure reading that no arm can have, and that leaves no trace in it."""
+        """Return the state after an impossible pressure reading, which leaves it unchanged."""
         return replace(self, pressure_stamp_ns=stamp_ns, solution=None)
 
     def with_estimate(
@@ -145,7 +145,7 @@ class EstimatorState:
 
 
 def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refusal | None, str]:
-    """Whether a reading may be used: finite, stamped, and later than the last one of its kind.
+    """Whether a reading is admissible: finite, stamped, and later than the last one of its kind.
 
     A stamp that jumps back by more than a second restarts (a looping bag, a restarted
     simulation), unless it only shows that the one before was wrong. The third value says which.

@@ -1,1 +1,1 @@
-"""The next recording: remaining causes, and the experiment that separates them."""
+"""Experiment choice: the remaining causes, and the experiment that separates them."""

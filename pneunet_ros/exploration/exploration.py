@@ -120,13 +120,13 @@ def explore(
 
 
 def name_stayed(rounds: Sequence[Round], settings: ExplorationSettings = EXPLORATION) -> bool:
-    """Whether the last name was there in the rounds before, too, so that a recording tested it."""
+    """Whether the last name appeared in earlier rounds, so that a recording tested it."""
     names = [named_effects(item.investigation) for item in rounds[-settings.stays :]]
     return len(names) == settings.stays and bool(names[-1]) and len({*names}) == 1
 
 
 def is_clear(rounds: Sequence[Round], settings: ExplorationSettings = EXPLORATION) -> bool:
-    """Whether the last answer is final: a confirmed name, or `none` with nothing hidden."""
+    """Whether the last answer is final: a confirmed name, or `none` with nothing undetectable."""
     last = rounds[-1]
     nothing_missing = last.investigation.diagnosis.answer == 'none' and not last.undetectable
     return nothing_missing or name_stayed(rounds, settings)

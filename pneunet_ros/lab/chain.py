@@ -115,7 +115,7 @@ class Chain:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ChainShape:
-    """A chain in equilibrium: angles (frames, n + 2) rad, x, y (frames, n + 1) m of its joints."""
+    """A chain in equilibrium: angles (frames, n + 2) rad, joints x, y (frames, n + 1) m."""
 
     chain: Chain
     angles: Array
@@ -165,7 +165,7 @@ def middle_joints(length: float, elements: int) -> Array:
 
 
 def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
-    """Return the chain in equilibrium without its peg and push, frame after frame.
+    """Return the equilibrium of the chain without peg and push, frame by frame.
 
     A frame starts from the one before, the first one from the angles `start` (n + 2,) where they
     are given, so that a branch of equilibria is followed as long as it exists. Raises RequestError
@@ -212,7 +212,7 @@ def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
 
 
 def pushed_shape(chain: Chain, start: Array | None = None) -> ChainShape:
-    """Return the chain in equilibrium without its peg, with a push along its normal.
+    """Return the equilibrium of the chain with a push along its normal, without the peg.
 
     RequestError if the push turns the arm, and the arm the push, without end.
     """
@@ -245,7 +245,7 @@ def pushed_shape(chain: Chain, start: Array | None = None) -> ChainShape:
 
 
 def equilibrium_shape(chain: Chain, start: Array | None = None) -> ChainShape:
-    """Return the chain in equilibrium under its loads, with contact at its peg.
+    """Return the equilibrium of the chain under its loads, with contact at its peg.
 
     The peg acts on the joint nearest to its place, along -y. RequestError if no push balances.
     """

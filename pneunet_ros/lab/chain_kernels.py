@@ -1,4 +1,4 @@
-"""The lab arm as a chain: its energy, and Newton's way down to where it is least.
+"""The lab arm as a chain: its energy, and Newton's method to its minimum.
 
 Straight elements, held together by springs that bend. Unknown are the angles of the tangent at the
 clamp, of every element, and at the free end. Nothing here is shared with the solver of the model.
@@ -207,7 +207,7 @@ def equilibria(
     angles: Array,
     begun: bool,
 ) -> int:
-    """Solve every frame, each from the one before; returns how many were solved, in their order.
+    """Solve the frames in order, each from the previous one; returns how many were solved.
 
     turning and factor (frames, n + 1), rest (frames, n), line (frames, n, 2), loads (frames, 6);
     fills angles (frames, n + 2), of which the first row says where to begin, if `begun`. A frame

@@ -45,7 +45,7 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabEffect(abc.ABC):
-    """An effect of the virtual lab; each may speak in any of these places."""
+    """Base class of lab effects; an effect overrides the methods of the places where it acts."""
 
     name: ClassVar[str]
     richness: float = field(default=0.0, metadata=RICHNESS.metadata)

@@ -1,4 +1,4 @@
-"""Output of the virtual lab: a recording as sensors made it, and the truth."""
+"""Output of the virtual lab: the simulated sensor readings, and the truth."""
 
 from __future__ import annotations
 

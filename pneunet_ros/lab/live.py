@@ -143,7 +143,7 @@ class LiveReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LiveLab:
-    """The arm of a scenario, its valve and its sensors, live; its protocol is of no meaning here.
+    """The arm of a scenario with valve and sensors in real time; the protocol is unused.
 
     Of the noise, drift, jitter and occlusions are left out: they belong to whole recordings. With
     a block `motion` the base repeats what it does in a recording of the scenario for ever, and an
@@ -228,7 +228,7 @@ class LiveLab:
         return later if self.run is None else self.swung(self.run, state, later)
 
     def swung(self, run: Run, state: LiveState, later: LiveState) -> LiveState:
-        """Return a later state with the arm moved there; longer than it swings is left out."""
+        """Return a later state with the arm moved there; skips time beyond the decay."""
         step, elapsed = run.motion.timestep, later.time - state.time
         count = int((elapsed + state.behind) / step)
         behind = elapsed + state.behind - count * step
@@ -292,7 +292,7 @@ class LiveLab:
         return float(sum(effect.late(middle)[0] for effect in self.scenario.effects))
 
     def camera_points(self, shape: ChainShape | MovingShape) -> Array:
-        """Return where the camera shows the targets (targets, 2) m, before its noise."""
+        """Return the targets in the image (targets, 2) m, before noise."""
         arm = self.scenario.arm
         spacing = self.scenario.noise.row_spacing
         targets = painted_targets(shape, arm.targets, self.placement, spacing)
@@ -312,12 +312,12 @@ class LiveLab:
 
 
 class Film:
-    """Renders the arm of a live lab as it lies."""
+    """Renders the arm of a live lab."""
 
     __slots__ = ('_lab', '_outline', '_renderer')
 
     def __init__(self, lab: LiveLab) -> None:
-        """Draw what does not move."""
+        """Draw the static part of the image."""
         self._lab = lab
         self._outline = np.linspace(0.0, lab.scenario.arm.reach, OUTLINE)
         self._renderer = Renderer(SCENE)

@@ -192,7 +192,7 @@ class Hinges:
 
 
 def paired(joints: Array) -> Array:
-    """Add up what joints (n, 2 links + 1) of a chain have for each hinge, (n, links).
+    """Sum the contributions of joints (n, 2 links + 1) to each hinge, (n, links).
 
     A hinge stands for its own joint and for half of that on either side; for all of those at the
     clamp and at the free end.
@@ -204,7 +204,7 @@ def paired(joints: Array) -> Array:
 
 
 def refuse_what_mujoco_cannot(chain: Chain) -> None:
-    """Raise RequestError where hinges cannot do what effects do to the chain."""
+    """Raise RequestError for effects on the chain that hinges cannot represent."""
     refused = {
         'extensibility': chain.axial_compliance > 0.0,
         'pressure_elongation': chain.rest.any(),
@@ -226,7 +226,7 @@ class Run:
     """A simulation by MuJoCo, from the rest at the beginning of a recording on."""
 
     def __init__(self, arm: LabArm, motion: LabMotion, chain_at: ChainAt, duration: float) -> None:
-        """Build the model, and let the arm come to rest under its first loads."""
+        """Build the model, and find its equilibrium under the first loads."""
         self.mujoco = load_mujoco()
         self.arm, self.motion, self.chain_at, self.duration = arm, motion, chain_at, duration
         self.links = int(motion.links)
@@ -251,7 +251,7 @@ class Run:
         self.resting = self.swing
 
     def hinge_chain(self) -> HingeChain:
-        """Return the arm as hinges, with the springs of its first instant."""
+        """Return the arm as hinges, with the springs at its first instant."""
         arm, motion = self.arm, self.motion
         hinge = self.link * (np.arange(self.links, dtype=np.float64) + 0.5)
         return HingeChain(
@@ -273,7 +273,7 @@ class Run:
         )
 
     def add_surroundings(self, root: ElementTree.Element) -> None:
-        """Let the base turn, and put up the peg, which turns with it."""
+        """Add the rotation of the base, and the peg, which rotates with it."""
         arm, motion = self.arm, self.motion
         base = root.find("worldbody/body[@name='base']")
         assert base is not None
@@ -307,7 +307,7 @@ class Run:
         return angle, freeze(rate / self.duration), freeze(acceleration / self.duration**2)
 
     def come_to_rest(self, chain: Chain) -> None:
-        """Put the arm where its first loads leave it, without the peg."""
+        """Put the arm into the equilibrium of its first loads, without the peg."""
         base = float(self.base_at(np.zeros(1))[0][0])
         self.set_springs(0)
         self.data.qpos[self.dofs] = self.hinges.rest[0]
@@ -373,7 +373,7 @@ class Run:
         applied[self.bodies, 5] = torque
 
     def frames(self, times: Array) -> Iterator[Frame]:
-        """Step through the recording; yield what happens at times (frames,) s, increasing."""
+        """Step through the recording; yield events at times (frames,) s, increasing."""
         step, wanted = self.motion.timestep, 0
         count = int(np.ceil(times[-1] / step))
         for first in range(0, count, BLOCK):
@@ -406,7 +406,7 @@ class Run:
             yield before
 
     def follow(self, swing: Swing, chain_at: ChainAt, begins: Array, since: float) -> Swing:
-        """Return how an arm swings after steps that begin at times (n,) s of a chain.
+        """Return the motion of an arm by steps starting at times (n,) s of a chain.
 
         since (s): what these count from; the base repeats its motion for ever.
         """

@@ -62,7 +62,7 @@ class LabWeakChamber(LabEffect):
     width: float = quantity(0.04, unit='-', meaning='standard, s / l', bounds=(0.005, 1.0))
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
-        """Soften the joints of the chamber and turn them less."""
+        """Reduce stiffness and rotation of the joints of the chamber."""
         here = np.exp(-0.5 * ((places(chain) / arm.length - self.place) / self.width) ** 2)
         grown = (np.maximum(chamber, 0.0) / arm.pressure_range[1])[:, None] ** 3 * here
         span = np.full(chain.turning.shape[1], chain.element)
@@ -185,7 +185,7 @@ class LabSlippingBase(LabEffect):
     moment: float = quantity(0.5, unit='-', meaning='of the recording', bounds=(0.0, 1.0))
 
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
-        """Shift later frames; under a given end load a shift has no other effect."""
+        """Shift the later frames; under a given end load, a shift has no other effect."""
         slipped = (share >= self.moment)[:, None, None]
         return freeze(points + slipped * np.array([self.slip_x, self.slip_y]))
 

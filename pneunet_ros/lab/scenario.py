@@ -121,7 +121,7 @@ def describe(scenario: Scenario) -> dict[str, Any]:
 
 
 def as_plain(value: Any) -> Any:
-    """Return a dataclass, an array, a tuple or a number as JSON can carry it."""
+    """Convert a dataclass, an array, a tuple or a number to JSON values."""
     if dataclasses.is_dataclass(value):
         return {
             item.name: as_plain(getattr(value, item.name)) for item in dataclasses.fields(value)

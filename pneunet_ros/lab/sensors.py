@@ -24,7 +24,7 @@ _SIZE = (0.0, 1e6)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabNoise:
-    """One standard deviation of everything that goes wrong while measuring, SI."""
+    """Standard deviations of all measurement errors, SI."""
 
     pressure_std: float = quantity(60.0, unit='Pa', meaning='white, a reading', bounds=_SIZE)
     force_std: float = quantity(1e-3, unit='N', meaning='white, a component', bounds=_SIZE)
@@ -96,7 +96,7 @@ def regular_times(rate: float, duration: float, offset: float = 0.0) -> Array:
 def draw_stamps(
     random: np.random.Generator, time: Array, start: float, noise: LabNoise
 ) -> npt.NDArray[np.int64]:
-    """Return stamps (ns) of readings taken at these times (s) after `start`: late or early."""
+    """Return stamps (ns) of readings at times (s) after `start`, with jitter."""
     period = float(np.min(np.diff(time))) if time.size > 1 else 1.0
     late = np.clip(noise.jitter_std * random.standard_normal(time.size), -period / 3, period / 3)
     since = np.maximum(start + time + late, 0.0) * NANOSECONDS_PER_SECOND

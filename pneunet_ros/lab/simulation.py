@@ -84,7 +84,7 @@ def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordin
 
 
 def check_size(scenario: Scenario) -> None:
-    """Refuse, before anything is computed, a recording that would not fit into memory."""
+    """Refuse a recording too large for memory before it is computed."""
     seconds, rates = scenario.protocol.duration, scenario.rates
     frames = rates.frames * seconds
     moving = (
@@ -151,7 +151,7 @@ def follow_arm(
 def apply_effects(
     scenario: Scenario, time: Array, pressure: Array, past: dict[str, Past]
 ) -> tuple[Course, dict[str, Past]]:
-    """Let all effects act, one after the other, from what each remembers."""
+    """Apply all effects in order, from their previous states."""
     pressure = freeze(pressure)
     course = Course(
         arm=scenario.arm,
@@ -198,7 +198,7 @@ def for_mujoco(scenario: Scenario) -> Scenario:
 
 
 def with_weight(scenario: Scenario, chain: Chain, pulls: Array) -> Chain:
-    """Return a chain that its own weight pulls at; pulls (frames, 2) m/s^2: as the base feels."""
+    """Return a chain under its own weight; pulls (frames, 2) m/s^2: in the frame of the base."""
     arm, motion = scenario.arm, scenario.motion
     assert motion is not None
     beyond = arm.weight / STANDARD_GRAVITY * (1.0 - chain.middles / chain.length)

@@ -1,4 +1,4 @@
-"""Interpolation of a sensor between two readings, with its uncertainty.
+"""Linear interpolation of a sensor between two readings, with its uncertainty.
 
 On the straight line between two readings a part of their white noise averages out. But nobody read
 what happened in between: a steady ramp is on the line, a value that jumped was at one of its ends
@@ -33,7 +33,7 @@ BETWEEN_READINGS = BetweenReadingsSettings()
 
 
 def interpolate(shown: Stamps, stamp_ns: Stamps, values: Array) -> Array:
-    """Return values (stamps,) at other stamps, on the straight lines between them."""
+    """Return values (stamps,) interpolated linearly at other stamps."""
     first = stamp_ns[0]  # no float holds a stamp
     return np.asarray(np.interp(shown - first, stamp_ns - first, values))
 
@@ -59,7 +59,7 @@ def places_between(shown: Stamps, stamp_ns: Stamps) -> tuple[Stamps, Array]:
 
 
 def frames_sharing(shown: Stamps, stamp_ns: Stamps) -> Array:
-    """Return how many of the frames shown have the readings that each has, (shown,).
+    """Return the number of shown frames that share the readings of each frame, (shown,).
 
     They have the noise of the same two readings, and what the line between these misses: as many
     as are shown around it in the time between those readings. shown: not decreasing.

@@ -1,4 +1,4 @@
-"""A recording as calibration and diagnosis see it: readings, and the frames with their targets."""
+"""A recording for calibration and diagnosis: readings, and frames with their targets."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ class RecordingData:
         )
 
     def is_idle(self, noise: SensorNoise, settings: IdleSensorSettings = IDLE_SENSOR) -> bool:
-        """Whether every wrench is within the noise of the sensor, so that nothing was attached."""
+        """Whether every wrench is within the sensor noise, so that no load was attached."""
         reach = self.idle_reach(settings)
         return not self.load_known and bool(
             np.all(np.abs(self.force) <= reach * noise.force_std)
@@ -178,7 +178,7 @@ class RecordingData:
         return self.subset(np.unique(np.linspace(0, frames - 1, most).astype(np.int64)))
 
     def subset(self, kept: npt.NDArray[np.int64]) -> RecordingData:
-        """Return the run with these frames alone, by their place, which increases."""
+        """Return the run with only these frames, given in increasing order."""
         cut = {
             name: getattr(self, name)[kept]
             for name in ('stamp_ns', 'reading', 'force', 'moment', 'x', 'y')
@@ -215,7 +215,7 @@ class RecordingData:
         )
 
     def gravity_at(self, shown: Stamps) -> Array | None:
-        """Return gravity (frames, 2) at stamps (ns): on straight lines between its readings."""
+        """Return gravity (frames, 2) at stamps (ns), by linear interpolation."""
         if self.gravity_stamp_ns is None or self.gravity_read is None:
             return self.gravity
         columns = self.gravity_read.T
@@ -251,7 +251,7 @@ class RecordingData:
 
     @property
     def points(self) -> Array:
-        """Measured targets (frames, 2, targets) m, NaN where one was not seen."""
+        """Measured targets (frames, 2, targets) m, NaN where not seen."""
         return np.stack([self.x, self.y], axis=1)
 
     @property
@@ -285,7 +285,7 @@ class RecordingData:
 
 
 def thinned(runs: Sequence[RecordingData], most: int) -> list[RecordingData]:
-    """Return runs with at most this many frames in all, each thinned by the same factor.
+    """Return runs thinned by a common factor to at most this many frames in total.
 
     An hour of film shows the same shapes over and over, most of them of an arm at rest.
     """
@@ -296,7 +296,7 @@ def thinned(runs: Sequence[RecordingData], most: int) -> list[RecordingData]:
 
 
 def thinned_by_course(run: RecordingData, most: int) -> RecordingData:
-    """Return a run with at most so many frames, evenly spread over time and what acted, together.
+    """Return a run thinned evenly in time, pressure and load to at most this many frames.
 
     Half of the way is time, half what pressure and load went through, so that a frame in ten that
     shows them change is half of the frames.
@@ -340,7 +340,7 @@ def frames_in_jumps(
     pressure: Array,
     settings: PressureJumpSettings = PRESSURE_JUMP,
 ) -> npt.NDArray[np.bool_]:
-    """Return which frames (frames,) were taken while the pressure jumped between two readings.
+    """Return the frames (frames,) taken during a pressure jump between two readings.
 
     shown (ns): when they were taken; stamp_ns (readings,) and pressure (readings,) Pa. Such a
     frame shows the pressure before the jump or after it, and no value in between: a line between

@@ -83,7 +83,7 @@ class Disturbances:
         )
 
     def root_of_run(self, which: int) -> Array:
-        """Return the lower root (OF_RUN, OF_RUN) of it, with the origin that runs have in common.
+        """Return its lower square root (OF_RUN, OF_RUN), including the origin common to all runs.
 
         Where an effect is missing, the origin that was found without it is wrong as well.
         """
@@ -115,7 +115,7 @@ def placement_prior(noise: SensorNoise, arclength: Array) -> Array:
 
 
 def row_shifts(arclength: Array) -> Array:
-    """Return how targets are shifted (2 targets, 2) m, along the arm and then across it.
+    """Return the displacements (2 targets, 2) m of targets along and across the arm.
 
     Per relative error of the spacing of their row, and per offset of the row from the neutral
     line over the arclength of the last target. arclength (targets,) m. Fewer than three targets
@@ -130,7 +130,7 @@ def row_shifts(arclength: Array) -> Array:
 
 
 def origin_std(noise: SensorNoise, arclength: Array) -> float:
-    """Return one sigma (m) of the origin across the arm, which the row may define."""
+    """Return one sigma (m) of the origin across the arm, which may be defined by the row."""
     _, across = row_shifts(arclength).T
     return float(noise.row_offset_std * np.max(across, initial=0.0))
 

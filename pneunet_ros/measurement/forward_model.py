@@ -46,7 +46,7 @@ Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
 
 
 class ForwardModel:
-    """The shapes of an arm in the frames of a run, kept as starts for the next, changed arm.
+    """The shapes of an arm in the frames of a run, reused as starts for a changed arm.
 
     arclength (targets,) m of the stations; measured (frames, 2, targets) m, NaN where not seen:
     the points in the base frame near which equilibria are looked for first. None: from no load.
@@ -129,7 +129,7 @@ class ForwardModel:
         return self.every_field[:, THETA][:, np.searchsorted(self.stations, self.push_place)]
 
     def solve_on_mesh(self, arm: Arm, rods: Rods, loads: Array) -> None:
-        """Solve on a mesh that carries the solutions; frames too fine for it stay unsolved."""
+        """Solve on a mesh that resolves the solutions; frames too fine for it stay unsolved."""
         while True:
             self.solve_frames(arm, rods, loads)
             if not np.any(self.detail[self.solved] > SOLVER.finest_detail * arm.length):
@@ -182,7 +182,7 @@ class ForwardModel:
             first += 1
 
     def at_solutions(self, of: ForwardModel, frames: npt.NDArray[np.int64]) -> None:
-        """Go on from another model's solutions of these frames, where its mesh is the same."""
+        """Start from the solutions of another model of these frames, if its mesh is the same."""
         if np.array_equal(of.counts, self.counts):
             self.nodes[frames], self.known[frames] = of.nodes, of.known
             self.heading[frames] = of.heading
@@ -302,7 +302,7 @@ class ForwardModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pieces:
-    """Columns of the sections of a law as columns of the records, which effects may have cut.
+    """Columns of the law's sections as columns of records that effects may have cut.
 
     columns (k, 2): of the records; shares (frames, columns of the law, k): how much of each moves
     with a column of the law.

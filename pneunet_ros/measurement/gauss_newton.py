@@ -48,7 +48,7 @@ class Bounds:
 
     @classmethod
     def of(cls, rows: Array, values: Array, limits: tuple[Array, Array]) -> Bounds:
-        """Take the functions that have a bound: their values (m,) now, and limits (m,) of them."""
+        """Evaluate the bounded functions: present values (m,) and limits (m,)."""
         low, high = limits
         bounded = np.isfinite(low) | np.isfinite(high)
         return cls(rows=rows[bounded], low=(low - values)[bounded], high=(high - values)[bounded])

@@ -30,7 +30,7 @@ class Inputs:
     gravity: Array | None = None
 
     def __post_init__(self) -> None:
-        """Make the loads read-only: kernels are compiled again for what may be written."""
+        """Make the loads read-only: kernels would be compiled again for writable arrays."""
         object.__setattr__(self, 'loads', frozen_array(self.loads))
 
     def subset(self, frames: npt.NDArray[np.int64]) -> Inputs:

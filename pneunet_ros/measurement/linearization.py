@@ -35,7 +35,7 @@ class Parametrization(Protocol):
         """Columns of the rod's sections that the parameters move, (k, 2)."""
 
     def arm(self, values: Array) -> Arm:
-        """Return the arm with these values; ModelError if they give none."""
+        """Return the arm with these values; ModelError if they are invalid."""
 
     def input_jacobian(self, values: Array, inputs: Inputs) -> Array:
         """Return how inputs of `ForwardModel.jacobian` move, (frames, inputs, parameters)."""
@@ -69,14 +69,14 @@ class FittedRun:
 
     @property
     def counted(self) -> npt.NDArray[np.bool_]:
-        """Coordinates in use, (frames, coordinates): those seen in frames with a solution."""
+        """Coordinates in use, (frames, coordinates): targets seen in frames with a solution."""
         parts = [self.run.seen, self.run.seen]
         if self.run.heading is not None:
             parts.append(np.isfinite(self.run.heading)[:, None])
         return np.concatenate(parts, axis=1) & self.solved[:, None]
 
     def counting(self, solved: npt.NDArray[np.bool_]) -> FittedRun:
-        """Return the run of which only these frames (frames,) count."""
+        """Return the run with only these frames (frames,) in use."""
         run = replace(self, solved=solved)
         return replace(run, dof=np.count_nonzero(run.counted, axis=1))
 

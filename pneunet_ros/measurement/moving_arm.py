@@ -62,7 +62,7 @@ class MovingState:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Places:
-    """Places along an arm, and how they lie among its links.
+    """Positions along an arm relative to its links.
 
     nodes (links + 2, places): weights of the clamp, the middles of the links and the tip; joints
     (links + 1, places): those of the joints and the tip.
@@ -122,7 +122,7 @@ class MotionEstimate:
 
 
 def likely_motion(arm: Arm) -> Motion | None:
-    """Return how an arm likely swings by its weight; None if no unloaded shape is stable."""
+    """Return the likely motion of an arm, from its weight; None if no unloaded shape is stable."""
     modes = unloaded_modes(replace(arm, motion=Motion()))
     if modes is None:
         return None
@@ -135,7 +135,7 @@ def likely_motion(arm: Arm) -> Motion | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MovingArm:
-    """An arm whose model has `motion`; table: of its model errors.
+    """An arm whose model has `motion`; table: its model errors.
 
     modes: about the unloaded arm in the middle of its pressures; it swings under the moments of
     the slowest. relative (2,): errors of mass (at the stiffness that there is) and of damping, one
@@ -149,7 +149,7 @@ class MovingArm:
     relative: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Find the modes, and how sure they are."""
+        """Compute the modes and their uncertainty."""
         modes = unloaded_modes(self.arm)
         if modes is None:
             raise ModelError(
@@ -284,7 +284,7 @@ def follow_reading(
 
 
 def steps_between(seconds: float, damping_time: float, modes: Modes) -> int:
-    """Return how many steps of integration a time takes."""
+    """Return the number of integration steps for a time."""
     fastest = float(modes.frequency[-1])
     return math.ceil(seconds * fastest * max(1.0, damping_time * fastest) / STEP)
 
@@ -297,7 +297,7 @@ def go_between(
     damping_time: float,
     modes: Modes,
 ) -> MovingState:
-    """Let an arm go on to a stamp before the next reading, where its equilibrium is known.
+    """Advance an arm to a stamp before the next reading, with known equilibrium.
 
     After a gap that is too long for steps it is as it was.
     """
@@ -390,13 +390,13 @@ def moved_shape(shape: Shape, along: Array, bent: Array) -> Shape:
 
 
 def unloaded_modes(arm: Arm) -> Modes | None:
-    """Return the modes of an arm without a load, in the middle of its pressures."""
+    """Return the modes of an unloaded arm at mid-range pressure."""
     shape = solve(arm, 0.5 * sum(arm.pressure_range))
     return None if shape.stable is not True else vibration(arm, shape, SHAPES)
 
 
 def is_settled(beside: Array, swing: Array, covariance: Array) -> bool:
-    """Whether a tip is, and would stay, at its equilibrium as far as is known.
+    """Whether the tip is at rest in its equilibrium, within its uncertainty.
 
     beside (2,) m: from the equilibrium; swing (2,) m: how far the tip would swing by the velocity
     that it has, if the equilibrium stopped; covariance (3, 3): of the tip. Both together must be

@@ -30,7 +30,7 @@ class PaintedTargets:
 
     @property
     def to_arm(self) -> Complex:
-        """What turns a vector of the base frame into one along + i across the arm, (.., targets).
+        """Factor from the base frame to the frame of the arm (along + i across), (.., targets).
 
         There where the target is, and not at its nominal place.
         """
@@ -74,7 +74,7 @@ def painted_at(theta: Array, curvature: Array, placement: Array) -> Complex:
 
 
 def along_the_arc(theta: Array, curvature: Array, along: Array) -> tuple[Complex, Complex]:
-    """Return where targets are that are painted along (..) m further, x + i y, and how they head.
+    """Return x + i y and heading of targets painted (..) m further along the arc.
 
     theta (rad), curvature (1/m): of the arm where they should be. They are on its arc, and not on
     its tangent.

@@ -46,7 +46,7 @@ class PressureConvention:
 
     @property
     def words(self) -> str:
-        """Name it to a person: 'absolute hPa', 'gauge Pa with the sign reversed'."""
+        """Describe the meaning for a person: 'absolute hPa', 'gauge Pa with the sign reversed'."""
         return f'{self.reference} {self.unit}{" with the sign reversed" * (self.sign < 0)}'
 
     def changes_from(self, other: PressureConvention) -> dict[str, str]:

@@ -27,7 +27,7 @@ from pneunet_ros.model.domain import DOMAIN
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureJudgeSettings(JudgeSettings):
-    """Priors of what pressure readings mean and look like, and the odds that are enough."""
+    """Priors of pressure conventions, and the odds required to decide."""
 
     rare_unit: float = tuning(
         0.005, 'prior of MPa and mmHg', source='convention: a quarter of the usual ones'
@@ -178,7 +178,7 @@ class PressureRecord:
 
     @property
     def noise(self) -> float:
-        """White noise (one sigma) behind second differences; 0 where most of them are zero."""
+        """White noise (one sigma) from second differences; 0 where most of them are zero."""
         if 2 * self.curved <= self.count - 2 or not self.curved:
             return 0.0
         # E log |x| of a normal x is log sigma - (euler gamma + log 2) / 2; sigma is sqrt(6) of it.
@@ -186,7 +186,7 @@ class PressureRecord:
 
     @property
     def returned(self) -> bool:
-        """Whether the last reading is nearer to one end of the range than its middle quarter.
+        """Whether the last reading is nearer to an end of the range than its middle quarter.
 
         A pressure that is still rising says nothing of how far it will go.
         """
@@ -197,7 +197,7 @@ class PressureRecord:
 
     @property
     def whiteness(self) -> float:
-        """Span over the noise that differences from reading to reading would make of it."""
+        """Span divided by the noise estimated from successive differences."""
         step = math.sqrt(self.steps / max(self.count - 1, 1) / 2.0)
         return (self.high - self.low) / step if 0.0 < step < math.inf else 0.0
 
@@ -380,19 +380,19 @@ def judge_pressure(
 
 
 def log_sum(logs: Sequence[float]) -> float:
-    """Return the logarithm of the sum of what these are the logarithms of."""
+    """Return log(sum(exp(values)))."""
     top = max(logs)
     return top + math.log(sum(math.exp(value - top) for value in logs))
 
 
 def normal(far: float) -> float:
-    """Return the density of a normal variable at this many sigma, relative to its peak."""
+    """Return the normal density at this many sigma, relative to its peak."""
     return math.exp(-0.5 * far * far)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Features:
-    """What a record says whatever the readings mean.
+    """Features of a record that do not depend on the convention.
 
     low, high, noise: as of the record; constant: how likely the readings are those of a constant
     pressure; moves: the arm is known to move; complete: the record shows all it will do.
@@ -538,7 +538,7 @@ def log_noise(
     expected: ExpectedPressure,
     settings: PressureJudgeSettings,
 ) -> float:
-    """Return the log likelihood of the noise of readings; 0 if they show or expect none."""
+    """Return the log likelihood of the noise of readings; 0 if unknown or not expected."""
     if noise <= 0.0 or expected.std <= 0.0:
         return 0.0
     decades = abs(math.log10(noise * meaning.size / expected.std))

@@ -1,4 +1,4 @@
-"""The load that most probably acted in a frame, given its targets: where a frame is linearized.
+"""The most probable load in a frame, given its targets: where a frame is linearized.
 
 Force noise may move the tip of a compliant arm by millimeters, beyond the range in which the model
 is linear. The model is then linearized at the most probable load given reading and targets.

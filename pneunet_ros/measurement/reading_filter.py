@@ -38,7 +38,7 @@ NO_NOISE = 1e-9  # of the range of the readings: stands for a std of zero
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilteredReadings:
-    """A run with its piecewise linear pressure, and a reading at each frame.
+    """A run with piecewise linear pressure, and a reading at each frame.
 
     Its load is read at the frames, and its wrench piecewise linear. noise (frames,) Pa: by
     how much the pressure reading of each frame lies above its line.
@@ -80,7 +80,7 @@ def filter_readings(
 def filtered_wrench(
     run: RecordingData, noise: SensorNoise, settings: ReadingFilterSettings
 ) -> Array | None:
-    """Return the lines that the load follows, at all its readings (wrenches, 3) N, N m."""
+    """Return the piecewise linear load at all its readings (wrenches, 3) N, N m."""
     if run.wrench_stamp_ns is None or run.wrench is None:
         return run.wrench
     columns = []
@@ -120,7 +120,7 @@ class Lines:
         return np.asarray(self.sums[:, last + 1 : last + 2] - self.sums[:, first : first + 1])
 
     def pieces(self) -> list[Piece]:
-        """Return the lines: parts are split in two while noise does not explain them."""
+        """Return the line segments, split until noise explains their residuals."""
         waiting, split = [(0, self.values.size - 1)], []
         while waiting:
             first, last = waiting.pop()
@@ -138,7 +138,7 @@ class Lines:
         return pieces
 
     def corner(self, first: int, last: int) -> int | None:
-        """Return after which reading a part is best split; None if a line explains it."""
+        """Return the best index to split a segment; None if one line explains it."""
         count = last - first + 1
         if count < 3:
             return None
@@ -156,7 +156,7 @@ class Lines:
         return np.concatenate([self.fitted(*piece) for piece in pieces])
 
     def fitted(self, first: int, last: int) -> Array:
-        """Return the line at every reading of a part; level where noise explains its slope.
+        """Return the line fitted to a segment; constant if noise explains its slope.
 
         Two readings are no line: they stay as they are.
         """

@@ -14,7 +14,7 @@ class Convention(Protocol):
 
     @property
     def words(self) -> str:
-        """Name it to a person."""
+        """Describe the convention for a person."""
 
     def changes_from(self, other: Self) -> dict[str, str]:
         """Return the settings that change another convention into this one."""
@@ -41,7 +41,7 @@ class JudgeSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingVerdict(Generic[Meaning]):
-    """The declared meaning of readings, the most likely other one, and its log odds over that.
+    """The declared convention of readings, the likeliest other one, and its log odds.
 
     limit: of log_odds.
     """
@@ -58,7 +58,7 @@ class ReadingVerdict(Generic[Meaning]):
 
     @property
     def confirmed(self) -> bool:
-        """Whether they almost surely are."""
+        """Whether the declared convention is almost certainly right."""
         return self.log_odds < -self.limit
 
     @property

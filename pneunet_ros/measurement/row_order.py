@@ -58,7 +58,7 @@ ROW_ORDER = RowOrderSettings()
 def numbered_from_tip(
     points: Array, arclength: Array, settings: RowOrderSettings = ROW_ORDER
 ) -> bool:
-    """Whether targets (frames, 2, targets) m at arclength (targets,) m begin at the free end.
+    """Whether targets (frames, 2, targets) m at arclength (targets,) m are numbered from the tip.
 
     False also where too few were seen, or where nothing bends.
     """

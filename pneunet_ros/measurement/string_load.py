@@ -1,4 +1,4 @@
-"""End load of a string from the seen tip to its eye, frame by frame."""
+"""End load of a string from the seen tip to its anchor, frame by frame."""
 
 from __future__ import annotations
 

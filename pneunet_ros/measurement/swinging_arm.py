@@ -1,4 +1,4 @@
-"""An arm that swings: its motion between frames, and at points along it.
+"""A swinging arm: its motion between frames, and at points along it.
 
 The equilibrium follows what is believed of loads and pressure, and may be wrong by all that. The
 arm itself cannot jump with it. So the unknown of a frame is not how far the arm is beside its
@@ -51,7 +51,7 @@ Q_ROWS, P_ROWS = slice(0, Motion.SHAPES), slice(Motion.SHAPES, 2 * Motion.SHAPES
 
 
 class Passed(NamedTuple):
-    """Where an equilibrium was between two stamps.
+    """The equilibrium between two stamps.
 
     share: of the way; beyond (2,) N: of the tip force, which went another way.
     """
@@ -92,7 +92,7 @@ class Reference:
         return np.asarray(w - self.projection @ (heading - self.heading))
 
     def seen(self, swung: Swung, unknowns: Array, turning: Array) -> Reference:
-        """Return it with the equilibrium estimated from a frame."""
+        """Return the motion with the equilibrium estimated from a frame."""
         return replace(
             self,
             links=swung.links,
@@ -109,7 +109,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Swung:
-    """Deviation of an arm from equilibrium at some places, and its derivatives.
+    """Deviation of an arm from equilibrium at some positions, and its derivatives.
 
     links: of the equilibrium. Rows: x, y (m), theta (rad), curvature (1/m). beside (4, places);
     by_link (links, 4, places): per turn of each link of the equilibrium, the place of the shapes
@@ -143,7 +143,7 @@ class Swung:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SwingingArm:
-    """A moving arm, and where in the vector its unknowns are.
+    """A moving arm, and the slice of its unknowns in the state vector.
 
     where: of `Motion`, tip: of the tip force. start (4,): one sigma of places and momenta where
     nobody saw it before; stations, targets: on it. middles (links,) m: of its links; next_shapes
@@ -229,7 +229,7 @@ class SwingingArm:
         path: Sequence[Passed] = (),
         turning: Array | None = None,
     ) -> tuple[Known, Reference, Moved]:
-        """Let an arm swing on to a stamp, where its equilibrium is solved.
+        """Advance a swinging arm to a stamp with a solved equilibrium.
 
         Args:
             before: what was known, its reference, None where nobody saw the arm, and its stamp.

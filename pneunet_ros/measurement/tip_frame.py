@@ -1,4 +1,4 @@
-"""Where the clamp is in the frame of motion capture, from the poses of the tip alone.
+"""The clamp in the frame of motion capture, estimated from tip poses alone.
 
 The arm bends along arcs of constant length from the clamp, at first: a rigid motion of three
 numbers brings all poses onto such arcs. By how much it would change if the arm bent unevenly or

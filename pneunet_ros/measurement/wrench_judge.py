@@ -144,7 +144,7 @@ class ShownForces:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ExpectedLoad:
-    """The loads a model was calibrated for.
+    """The loads for which a model was calibrated.
 
     largest (N); beyond: how far complex forces (N), one a pressure, are outside, of their size.
     """
@@ -276,7 +276,7 @@ def best_yaw(shown: ShownForces) -> float:
 def log_prior(
     meaning: WrenchConvention, declared: WrenchConvention, settings: WrenchJudgeSettings
 ) -> float:
-    """Return the log prior of a meaning where another may be declared."""
+    """Return the log prior of a convention, given the declared one."""
     weight = 0.0
     if meaning.unit != declared.unit:
         weight += math.log(settings.other_unit)

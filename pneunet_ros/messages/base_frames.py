@@ -81,7 +81,7 @@ def _quaternion(turned: Any) -> Quaternion:
 
 
 def frame_message(reading: FrameReading, types: MessageTypes) -> Any:
-    """Build a TFMessage of one frame, which lies where its parent is."""
+    """Build a TFMessage of one frame at the origin of its parent."""
     x, y, z, w = reading.quaternion
     place = types('geometry_msgs/msg/Vector3')(x=0.0, y=0.0, z=0.0)
     turned = types('geometry_msgs/msg/Quaternion')(x=x, y=y, z=z, w=w)

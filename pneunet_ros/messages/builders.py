@@ -73,7 +73,7 @@ class Input(Generic[ReadingType]):
 
     @property
     def topic(self) -> str:
-        """The topic as a node names it: relative, unless all of a robot share it."""
+        """The topic name as in the node: relative unless it is shared by the whole robot."""
         return f'/{self.name}' if self.shared else self.name
 
 

@@ -60,7 +60,7 @@ _OF_A_TARGET = ('x', 'y', 'std', 'u', 'v', 'area', 'major', 'minor', 'angle')
 
 
 class UnusableTopic(MessageError):
-    """A message that is not alone in being unusable: all of its topic are."""
+    """Every message of this topic is unusable, not only the present one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

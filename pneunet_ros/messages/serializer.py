@@ -83,7 +83,7 @@ class MessageSerializer:
         return template.fill(result.stamp_ns, numbers)
 
     def _template(self, output: Output[Any], numbers: npt.NDArray[Any]) -> CdrTemplate:
-        """Serialize a message with numbers of this shape, and find their places in it."""
+        """Serialize a message with arrays of this shape, and locate them in its bytes."""
         probe = _distinct_like(numbers)
         message = output.build(probe, header(_PROBE_STAMP, self.frame_id, self.types), self.types)
         raw = bytes(self.serialize(message, output.type))

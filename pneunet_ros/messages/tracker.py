@@ -139,7 +139,7 @@ def camera_info_message(camera: Camera, stamp_ns: int, frame_id: str, types: Mes
 
 
 def _bytes(data: Any) -> Bytes:
-    """Look at the data of a message, whatever the binding makes of it, as bytes."""
+    """Return the data of a message as bytes, for any binding."""
     return np.frombuffer(data, np.uint8)
 
 
@@ -163,7 +163,7 @@ TRACKER_OUTPUTS: tuple[Output[Any], ...] = (TARGETS_OUTPUT, *CURVES)
 
 
 def outputs_of(tracking: Tracking) -> Iterator[tuple[Output[Any], Any]]:
-    """Yield the outputs that a frame brings, with what each of them shows."""
+    """Yield the outputs of a frame with their content."""
     yield TARGETS_OUTPUT, tracking.sightings
     if tracking.curve is not None:
         for output in CURVES:

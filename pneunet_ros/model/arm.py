@@ -237,7 +237,7 @@ class Arm:
 
     @property
     def reach(self) -> float:
-        """From the clamp to the tip along the arm, its rigid cap included (m)."""
+        """Length (m) along the arm from clamp to tip, including the rigid cap."""
         return self.length + self.tip_cap
 
     @property
@@ -389,7 +389,7 @@ class Arm:
         history: tuple[History, ...] | tuple[Array, ...] | None,
         loads: Array | None,
     ) -> Iterator[Terms]:
-        """Yield what effects add that goes with the end load or with a history."""
+        """Yield the terms of effects that depend on the end load or the history."""
         for effect in self.by_load:
             added = effect.load_terms(loads_of(pressure, loads))
             yield self.without_neutral_part(effect, added)
@@ -409,7 +409,7 @@ class Arm:
         record: Record,
         mixed_rotation: Callable[[Array], Array],
     ) -> Record:
-        """Return a record, which may be overwritten, with what effects add.
+        """Add the terms of effects to a record, which may be overwritten.
 
         mixed_rotation: the rotation (n, pieces, 5) of a mixture of rows by its weights.
         """

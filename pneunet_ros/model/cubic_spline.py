@@ -26,7 +26,7 @@ def cubic_spline(knots: Array, values: Array) -> Array:
 
 
 def second_derivatives(width: Array, slope: Array) -> Array:
-    """Return those at knots (..., n); width (n - 1,), mean slope (..., n - 1) of the pieces."""
+    """Return second derivatives at the knots (..., n); width (n - 1,), mean slope (..., n - 1)."""
     count = width.size + 1
     if count == 2:
         return np.zeros((*slope.shape[:-1], 2))

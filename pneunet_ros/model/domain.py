@@ -28,7 +28,7 @@ WRITTEN_LOADS = 32  # rows of `domain.end_load` that calibration writes: half of
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DomainSettings:
-    """The numbers by which a load is inside the domain, extrapolated, or outside."""
+    """Thresholds of the domain: inside, extrapolated, or outside."""
 
     pressure_margin: float = tuning(
         0.05,
@@ -156,7 +156,7 @@ class LoadHull:
     size: float
 
     def way_out(self, at: Array) -> Array:
-        """Return the way (4,) N from the nearest point of the hull to a scaled load (4,) N.
+        """Return the vector (4,) N from the nearest point of the hull to a scaled load (4,) N.
 
         Inside it is zero, but for rounding.
         """
@@ -185,7 +185,7 @@ class LoadHull:
 
 @kernel
 def distance_beyond(points: Array, scale: Array, size: float, load: Array, noise: Array) -> float:
-    """Do what `LoadHull.distance` does: points, scale and size are those of the hull."""
+    """Compute `LoadHull.distance` from its points, scale and size."""
     far = FAR * max(size, 1.0)
     at, way = np.empty(load.size), np.empty(load.size)
     for i in range(load.size):
@@ -214,7 +214,7 @@ def load_hull(end_load: Array, pressure: tuple[float, float], length: float) -> 
 
 
 def spanned_domain(end_load: Array, length: float, span: tuple[float, float]) -> Domain:
-    """Return the domain of the loads that were seen, with few vertices.
+    """Return the domain spanned by the given loads, with few vertices.
 
     end_load (frames, 4): F1, F2, M, p, SI; length (m) of the arm; span (Pa): what its tables
     reach. The load that is furthest from the hull of those taken is taken next, until the others

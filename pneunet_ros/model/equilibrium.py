@@ -88,7 +88,7 @@ class Sensitivity:
     mixing: Array | None = None
 
     def for_kernels(self) -> Response:
-        """Return the solution and its answers as kernels take them.
+        """Return the solution and its derivatives in the form that kernels take.
 
         Panels, ends and nodes are copies, as kernels are compiled for what may be written.
         """
@@ -169,7 +169,7 @@ def solve(
 
 
 def with_position(arm: Arm, shape: Shape, load: Load, chamber: float) -> Shape:
-    """Return a shape that says where its load, at a pressure in the chamber, stands."""
+    """Return a shape with the position of its load in the domain."""
     position = locate_load(arm, load, chamber)
     if not (shape.converged and position.words):
         return shape
@@ -241,7 +241,7 @@ def solve_rod(
 
 
 class HeadingSearch:
-    """The search for headings (rods, pushes) rad that a rod has when it is pushed along them.
+    """Search for the headings (rods, pushes) rad at which a rod and its pushes are in equilibrium.
 
     Each by itself by the secant method; the first step is to what was found. It diverges where a
     step missed by more than the one before, twice: once is common where the search converges.
@@ -254,7 +254,7 @@ class HeadingSearch:
         self.most, self.grew, self.diverges = math.inf, False, False
 
     def turn(self, found: Array) -> float:
-        """Take what the rod had along `heading`; return by how much (rad) that was missed."""
+        """Set the next headings; return the largest error (rad) of the present ones."""
         missed = found - self.heading
         moved = self.heading - self.before
         safe = np.where(moved == 0.0, 1.0, moved)
@@ -292,7 +292,7 @@ def solve_dead_loads(
     settings: SolverSettings,
     quick: bool,
 ) -> Shape:
-    """Solve a rod like `solve_rod`, without pushes that turn with the rod."""
+    """Solve a rod like `solve_rod`, with pushes of fixed direction."""
     arclength = frozen_array(arclength)  # kernels are compiled again for what may be written
     chamber = float(rods.pressure[0])
     beyond = arm.beyond_range(chamber)
@@ -339,7 +339,7 @@ def follow_shape(
     arclength: Array,
     settings: SolverSettings,
 ) -> Shape | None:
-    """Return the shape beside a neighbor, on its mesh; None where it takes more to find it."""
+    """Return the shape next to a neighbor, on its mesh; None if that mesh is not enough."""
     if len(start.counts) != rods.sections.shape[1]:
         return None
     (ends,) = join_ends(rods.clamp[:1], load.row)

@@ -53,7 +53,7 @@ class Gravity:
 
     @property
     def direction(self) -> str | list[float]:
-        """The direction as a model file has it."""
+        """The direction as written to a model file."""
         if self.is_measured:
             return self.source
         return OUT_OF_PLANE if self.x == self.y == 0.0 else [self.x, self.y]

@@ -11,7 +11,7 @@ COLUMN_STEP = 0.01  # sigma; step of a central difference along a column of the 
 
 
 def neighbors(arm: Arm, column: Mapping[str, float]) -> tuple[Arm, Arm, float]:
-    """Return the arms on both sides along a column of its covariance, and their distance.
+    """Return the arms displaced to both sides along a covariance column, and the step.
 
     column: by how much each quantity moves in one sigma; the distance is in sigma. A side on which
     a quantity would leave its bounds is the arm itself. Raises ModelError if both would.

@@ -1,4 +1,4 @@
-"""Numbers of a model by their dotted paths, and how they are moved."""
+"""Numbers of a model by dotted path, and how to change them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A load on a short part of a rod, such as what touches it there, in the record of the rod."""
+"""A distributed load on a short part of a rod, for example a contact."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def with_part_load(rods: Rods, load: PartLoad) -> Rods:
 
 
 def with_part_changes(rods: Rods, changes: Perturbation, load: PartLoad) -> Perturbation:
-    """Return the changes of a record with a load on a part of the rod; rods are without it.
+    """Return the derivatives of a record with respect to a load on a part of the rod.
 
     Two further causes follow, before those of the end load: its force (per N) and place (per m).
     """

@@ -50,7 +50,7 @@ class Perturbation:
     def between(
         cls, before: Rods, after: Rods, distance: float | Array, by_load: bool = False
     ) -> Perturbation:
-        """Return the differences of records (causes,) to as many others."""
+        """Return finite differences of records (causes,)."""
         sides, causes = (before, after), len(before.sections)
         return cls(
             length=np.array([[side.length] * causes for side in sides]),
@@ -80,7 +80,7 @@ class Perturbation:
         )
 
     def followed_by(self, other: Perturbation) -> Perturbation:
-        """Append causes before those of the loads, which stay last."""
+        """Return causes with others inserted before those of the loads, which stay last."""
         if self.by_load:
             own = self.without_loads()
             return own.followed_by(other).followed_by(self.of_loads())
@@ -490,7 +490,7 @@ def near_records(
     history: tuple[History, ...] | None,
     load: Load | None,
 ) -> Rods:
-    """Return three records of the rod: at a pressure (Pa), a step before and a step after it."""
+    """Return the records of the rod at a pressure (Pa) and one step before and after it."""
     loads = None if load is None or not arm.by_load else np.repeat(load.row, 3, axis=0)
     near = np.array([pressure, pressure - step, pressure + step])
     return arm.rods(near, history, loads, gravity_of(load, 3))

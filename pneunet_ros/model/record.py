@@ -103,7 +103,7 @@ def moved_to(rotation: Array, distance: Array) -> Array:
 
 
 def cut_knots(knots: Array, places: Array) -> Array:
-    """Return knots (m) with the places among them."""
+    """Return knots (m) merged with the places."""
     return np.sort(np.concatenate([knots, places])) if places.size else knots
 
 

@@ -1,4 +1,4 @@
-"""The shape at which a MuJoCo finger comes to rest, found without waiting for it."""
+"""The rest shape of a MuJoCo finger, computed without simulating the transient."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ class Finger:
         return max(self._damping_time - float(option.timestep), 0.0)
 
     def put_at_rest(self, pressure: float) -> None:
-        """Put the finger into its shape without any load at a pressure (Pa, gauge), not moving."""
+        """Put the finger at rest in its unloaded shape at a pressure (Pa, gauge)."""
         _, rest = self.springs_at(pressure)
         self.data.qpos[self._qpos], self.data.qvel[self._dof] = rest, 0.0
         self.set_pressure(pressure)

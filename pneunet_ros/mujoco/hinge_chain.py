@@ -86,7 +86,7 @@ class HingeChain:
 
     @property
     def starts(self) -> Array:
-        """Where the fixed part at the clamp and every link begin (hinges + 1,) m."""
+        """Positions of the fixed part and of every link (hinges + 1,) m along the arm."""
         return freeze(np.concatenate([[0.0], self.hinge]))
 
     @property
@@ -142,7 +142,7 @@ def mjcf_tree(chain: HingeChain) -> ElementTree.Element:
 
 
 def add_hinge(body: ElementTree.Element, chain: HingeChain, hinge: int) -> None:
-    """Let a body turn about its beginning, with the spring of the lowest pressure."""
+    """Attach a body by a hinge, with the spring of the lowest pressure."""
     stiffness = float(chain.stiffness[0, hinge])
     cubic = stiffness * float(chain.cubic[hinge])
     ElementTree.SubElement(

@@ -16,7 +16,7 @@ from pneunet_ros.nodes.signals import signal_came
 
 
 class CallbackErrors:
-    """Counts errors by kind: their type and the line they come from.
+    """Counts callback errors by type and line.
 
     say: is given the first one of each kind, as a key and a sentence with its traceback.
     """
@@ -47,7 +47,7 @@ class CallbackErrors:
         return call
 
     def note(self, error: Exception) -> None:
-        """Count an error, and say it if it is the first of its kind."""
+        """Count an error, and log the first of its kind."""
         frames = traceback.extract_tb(error.__traceback__)
         where = f' at {Path(frames[-1].filename).name}:{frames[-1].lineno}' if frames else ''
         kind = f'{type(error).__name__}{where}'
@@ -62,7 +62,7 @@ class CallbackErrors:
             )
 
     def sentence(self) -> str:
-        """Describe how many there were since this was last asked; empty if there were none."""
+        """Report the number of errors since the last call; empty if there were none."""
         new, self._new = self._new, Counter()
         return '; '.join(
             (

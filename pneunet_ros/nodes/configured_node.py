@@ -47,7 +47,7 @@ C = TypeVar('C', bound=Configuration)
 
 
 class ConfiguredNode(Node, ABC, Generic[C]):
-    """Parameters, the services that go with them, model_info, diagnostics and the log of a node.
+    """Parameters, their services, model_info, diagnostics and log of a node.
 
     configured: builds the configuration of all parameter values, reusing unchanged parts of the
     current one, or raises PneunetError; `~/reload_model` gives no current one, so that all files
@@ -149,7 +149,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def tell_ready(self) -> None:
-        """Log that the node works, and which parameters it did not know."""
+        """Log that the node is ready, and any unknown parameters."""
         unknown = self.unknown_parameters()
         if unknown:
             self.get_logger().warning(f'unknown parameters: {", ".join(unknown)}')
@@ -158,7 +158,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.ready_at = time.monotonic()
 
     def unknown_parameters(self) -> list[str]:
-        """Return the names of parameters that were given and have no effect."""
+        """Return the names of given parameters that have no effect."""
         return [name for name in without_effect(self) if name not in self.place.meant]
 
     def reset(self, request: Any, response: Any) -> Any:
@@ -200,7 +200,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
             self.use(self.candidate)
 
     def use(self, configuration: C) -> None:
-        """Go on with another model or other settings."""
+        """Switch to another model or other settings."""
         before = self.sensors
         self.take_over(configuration)
         self.configuration = configuration
@@ -221,7 +221,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         return getattr(self.configuration, 'sensors', None)
 
     def take_info(self, message: String) -> None:
-        """Note what a node of the same arm says of itself, and use what was set there since."""
+        """Process the model_info of another node of this arm, and adopt its newer settings."""
         newer, times = self.others.take(message.data)
         sensors = self.sensors or {}
         changes = [
@@ -250,12 +250,12 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         return '; '.join(self.others.differences(own, self.sensors, running))
 
     def log_refusal(self, refusal: Refusal) -> None:
-        """Log a kind of refusal when it is new, and again after a while."""
+        """Log a kind of refusal when it first occurs, and again after a while."""
         now = time.monotonic()
         self.log.refusal(refusal, now - self.ready_at, now)
 
     def note_message(self, topic: str, info: Mapping[str, int | None]) -> None:
-        """Count the messages of a topic that were lost before this one."""
+        """Count messages of a topic lost before this one."""
         self.losses.take(topic, info, self.count_publishers)
 
     def publish_report(self, what: str, report: Report) -> None:

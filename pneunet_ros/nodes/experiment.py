@@ -110,14 +110,14 @@ class ExperimentNode(Node):
             self.executor_alone.spin_once(timeout_sec=max(due - time.monotonic(), 0.0))
 
     def waited(self, ready: Callable[[], bool]) -> bool:
-        """Wait until something is ready; whether it is."""
+        """Wait for a condition; return whether it was met."""
         end = time.monotonic() + PATIENCE
         while not ready() and time.monotonic() < end:
             self.spin(PERIOD)
         return ready()
 
     def vent(self) -> None:
-        """Command zero pressure and force for a moment; nothing is recorded then."""
+        """Command zero pressure and force briefly, without recording."""
         self.record_into(None)
         self.spin(5 * PERIOD, lambda _: self.send(0.0, 0.0, 0.0))
 

@@ -31,7 +31,7 @@ ANYTHING: Offer = (ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
 
 
 class FollowingSubscription:
-    """Subscribes to a topic as its publishers offer it; `follow` looks again and adapts.
+    """Subscribes with the QoS that the publishers offer; `follow` checks and adapts.
 
     Reliability that is given by a `qos_overrides` parameter stays as it is.
     """
@@ -39,7 +39,7 @@ class FollowingSubscription:
     def __init__(
         self, node: Any, type_name: str, topic: str, callback: Callable[..., None]
     ) -> None:
-        """Subscribe so that every publisher is heard, until they are known."""
+        """Subscribe with a QoS that any publisher matches, until the publishers are known."""
         self._node, self._type_name, self._topic = node, type_name, topic
         self._callback = callback
         self._subscription = self._subscribed(ANYTHING)

@@ -1,4 +1,4 @@
-"""Messages that were sent and never taken, by the numbers that DDS gives them."""
+"""Messages that were sent but never received, from the DDS sequence numbers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Losses:
     def take(
         self, topic: str, info: Mapping[str, int | None], publishers: Callable[[str], int]
     ) -> None:
-        """Note that a message was taken.
+        """Count a received message.
 
         info: its message info from rclpy; publishers: counts who publishes on a topic. Each
         publisher has its own numbering, and a message does not identify its publisher: nothing is

@@ -122,7 +122,7 @@ class ParameterTable:
 
 
 def of_declared(value: Any) -> Any:
-    """Return a value of a parameter as settings hold it: a list as a tuple."""
+    """Return a parameter value in the form of the settings: a list as a tuple."""
     return tuple(value) if isinstance(value, list) else value
 
 

@@ -1,4 +1,4 @@
-"""Placement of a node that shares a process with others of its kind."""
+"""Composition of nodes that share a process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The service `~/zero_pressure` of a node: the arm is vented, so what its sensor reads is zero."""
+"""The service `~/zero_pressure`: the arm is vented, so its sensor should read zero."""
 
 from __future__ import annotations
 

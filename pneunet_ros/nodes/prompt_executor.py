@@ -79,7 +79,7 @@ class AtOnce(MutuallyExclusiveCallbackGroup):
         return bool(taken)
 
     def add(self, callback: Callable[..., None], message: Any, info: Mapping[str, int]) -> None:
-        """Add a message that was taken, for its turn."""
+        """Queue a received message."""
         # Not every middleware says when it received a message.
         at_ns = info['received_timestamp'] or info['source_timestamp']
         call = partial(callback, message, info)
@@ -117,7 +117,7 @@ class Queue:
         return NEVER if first_ns is None else first_ns + self.patience_ns
 
     def call_next(self) -> bool:
-        """Call back the next message; whether there was one."""
+        """Run the callback of the next message; return whether there was one."""
         call = next(self.order.take(self.until_ns), None)
         if call is not None:
             call()
@@ -125,14 +125,14 @@ class Queue:
 
 
 class AtWork(NamedTuple):
-    """A callback at work: the queues that wait for its end, its patience, and when it began."""
+    """A callback in progress: its queues, its patience, and its start time."""
 
     queues: Collection[Queue]
     patience_ns: int
     begin_ns: int
 
     def yields_to(self, other: Queue, now_ns: int) -> bool:
-        """Whether messages of another node go first in its pauses.
+        """Whether messages of another node take precedence in its pauses.
 
         Those of a node with less patience; those of one with as much where it takes long.
         """
@@ -240,7 +240,7 @@ class PromptExecutor(SingleThreadedExecutor):
         return waiting
 
     def call_messages(self, ready: Collection[int], begin_ns: int, *, whole: bool) -> bool:
-        """Call back messages that have arrived, for a while; whether there was any.
+        """Run callbacks of received messages for a while; return whether there were any.
 
         begin_ns: when looking for them began. Looking takes long on a busy machine, and must not
         take most of the time then. whole: services come next, so call back all that has arrived:
@@ -259,7 +259,7 @@ class PromptExecutor(SingleThreadedExecutor):
         return any_called
 
     def call_in_turn(self, queues: Iterable[Queue], end_ns: int) -> tuple[bool, bool]:
-        """Call back messages of queues until a time; whether there was any, and are more."""
+        """Run callbacks of queues until a time; return whether any ran, and whether more wait."""
         turns = [
             (queue.turn_ns, place, queue)
             for place, queue in enumerate(queues)
@@ -293,7 +293,7 @@ class PromptExecutor(SingleThreadedExecutor):
             more = more and any(at_ns is not None and at_ns <= now_ns for at_ns in arrivals)
 
     def work(self, at_work: AtWork, call: Callable[[], Result]) -> Result:
-        """Call back; meanwhile the messages of its queues wait."""
+        """Run a callback while the messages of its queues wait."""
         self._at_work.append(at_work)
         try:
             return call()
@@ -315,7 +315,7 @@ class PromptExecutor(SingleThreadedExecutor):
         self._pause_ns = time.time_ns() + PAUSE_NS
 
     def call_timer(self, timer: Any, node: Any) -> None:
-        """Call back a timer of a node, unless a callback before it has destroyed it.
+        """Run a timer callback, unless an earlier callback has destroyed the timer.
 
         All other nodes are more urgent: it is for those who look on.
         """
@@ -371,5 +371,5 @@ def queues_of(nodes: Iterable[Any]) -> list[Queue]:
 
 
 def is_at_once(subscription: Any) -> bool:
-    """Whether this executor calls it back itself."""
+    """Whether the executor calls this callback directly."""
     return isinstance(subscription.callback_group, AtOnce)

@@ -1,4 +1,4 @@
-"""One description of its sensors for all nodes of an arm: they compare their `model_info`.
+"""Keeps the sensor settings of all nodes of an arm equal, by comparing their `model_info`.
 
 What is set while a node runs, as by `~/zero_pressure`, the others take over. Other differences,
 as between files of parameters, are reported.
@@ -55,13 +55,13 @@ class OtherDescriptions:
     def note_set(
         self, before: Mapping[str, Any], after: Mapping[str, Any], times: Mapping[str, int]
     ) -> None:
-        """Note which settings of this node are new; times: of those that were taken over."""
+        """Record which settings of this node are new; times: of adopted settings."""
         now_ns = time.time_ns()
         new = (name for name, value in after.items() if before.get(name) != value)
         self.set_ns |= {name: times.get(name, now_ns) for name in new}
 
     def take(self, words: str) -> tuple[dict[str, Any], dict[str, int]]:
-        """Note what a node says, and return settings that are newer there, with their times.
+        """Process the settings of another node; return those that are newer, with their times.
 
         words: its `model_info`.
         """
@@ -80,7 +80,7 @@ class OtherDescriptions:
     def differences(
         self, own: str, sensors: Mapping[str, Any], running: Collection[str]
     ) -> Iterator[str]:
-        """Describe in what others differ from this node.
+        """Describe how the settings of other nodes differ.
 
         own: its full name; sensors: its description; running: full names of nodes that are there.
         """

@@ -1,4 +1,4 @@
-"""Frames that a node leaves out while it is late, so that it never leaves out a reading."""
+"""Frame dropping: a late node skips frames, never readings."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class FrameShedding:
         self._late = False
 
     def sheds(self, take: Callable[..., None], note: Callable[[Any], None]) -> Callable[..., None]:
-        """Return a callback for frames that leaves them out while the node is late.
+        """Return a frame callback that drops frames while the node is late.
 
         note: is given what ROS knows of a frame that is left out, which is not lost.
         """
@@ -48,7 +48,7 @@ class FrameShedding:
         return self._late
 
     def sentence(self) -> str:
-        """Describe how many were left out since this was last asked; empty if there were none."""
+        """Report the number of dropped frames since the last call; empty if there were none."""
         new, self._new = self._new, 0
         frames = f'{new} frame{"s" if new > 1 else ""} of targets'
         return f'{frames} dropped because readings were waiting: this machine is too slow' * (

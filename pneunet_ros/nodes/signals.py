@@ -1,4 +1,4 @@
-"""Signals end a process once: the first one stops it, and others do not hit the clean-up."""
+"""Shutdown by signals: the first one stops the process, later ones do not disturb the clean-up."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def ignore_signals() -> None:
 
 
 def refuse_signals() -> None:
-    """Let no signal reach this process any more, in the last moments of its interpreter.
+    """Ignore all signals during the last moments of the interpreter.
 
     Python puts the default in the place of every handler of its own when it ends, and a signal
     would kill it there. Only after ROS has shut down, which puts back the handler it found.
@@ -34,7 +34,7 @@ def refuse_signals() -> None:
 
 
 def signal_came() -> bool:
-    """Whether the first signal has come, or the end has begun without one."""
+    """Whether a signal has arrived or the shutdown has begun."""
     return signal.getsignal(SIGNALS[0]) is _ignore
 
 

@@ -1,4 +1,4 @@
-"""Start nodes: signals first, then what takes a while to import, with answers at once.
+"""Start nodes: install signal handlers before the slow imports.
 
 Only signals are imported before they are handled, so that one in the first second ends the process
 as it does later.

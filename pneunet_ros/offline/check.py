@@ -153,7 +153,7 @@ def sync(series: Mapping[str, ReadingSeries], name: str) -> dict[str, Any]:
 
 
 def ranges(series: Mapping[str, ReadingSeries]) -> dict[str, Any]:
-    """Return smallest and largest reading, and in how many frames each target was seen."""
+    """Return the range of readings, and the number of frames in which each target was seen."""
     found: dict[str, Any] = {}
     for item in series.values():
         if item.sensor.per_target:

@@ -79,7 +79,7 @@ def read_side(path: Path, topics: Mapping[str, str], target_arclength: Array) ->
 
 
 def refuse_itself(a: ShapeSeries, b: ShapeSeries) -> None:
-    """Refuse to compare something with itself, which always agrees."""
+    """Refuse to compare a file with itself."""
     if resolved(a.name) == resolved(b.name) and contents(a) == contents(b):
         raise RequestError(
             f'A and B are the same topics of {a.name}: choose what of B to compare with, as in '

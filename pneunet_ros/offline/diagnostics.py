@@ -26,7 +26,7 @@ class Clock:
         self.now_ns = 0
 
     def advance(self, log_time_ns: int) -> bool:
-        """Go on to a log time (ns); return whether a report is due."""
+        """Advance to a log time (ns); return whether a report is due."""
         self._start_ns = log_time_ns if self._start_ns is None else self._start_ns
         self.now_ns = log_time_ns
         due = self.now - (self._reported or 0.0) >= REPORT_PERIOD

@@ -166,7 +166,7 @@ def judge_series(
     *,
     own_model: bool = True,
 ) -> Verdicts:
-    """Do what `judge_recording` does, with the series of the recording.
+    """Run `judge_recording` on the series of the recording.
 
     frame: that of the end wrench, where it is not one that is declared.
     """

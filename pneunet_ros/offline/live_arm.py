@@ -35,7 +35,7 @@ class LiveArm:
             )
 
     def record(self, experiment: Experiment, safe: SafeSet, path: Path) -> None:
-        """Lead the arm through an experiment and write its recording."""
+        """Drive the arm through an experiment and write its recording."""
         corners = safe.corners(experiment)
         command = [sys.executable, '-m', NODE, str(path)]
         command += ['--ros-args', '-r', f'__ns:={self.namespace}']

@@ -45,7 +45,7 @@ from pneunet_ros.recordings.recording_writer import RecordingWriter
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Step:
-    """One recorded message with what the estimator made of it and remembers afterwards.
+    """One recorded message, the outcome of the estimator, and its state afterwards.
 
     consistency: what is remembered of measured targets.
     """
@@ -76,7 +76,7 @@ def input_topics(
 def targets_topic(
     recording: Recording, estimator: Estimator, overrides: Mapping[str, str]
 ) -> str | None:
-    """Return the topic of targets to compare; None where there is none, or it is not asked for.
+    """Return the topic of targets to compare; None if there is none or it was not requested.
 
     Raises RecordingError where there are two candidates.
     """
@@ -158,7 +158,7 @@ class EstimatorDiagnostics:
         self._consistency = ConsistencyState()
 
     def take(self, step: Step) -> None:
-        """Take a step, and report where it is time to."""
+        """Process a step, and report when due."""
         clock, outcome = self._topic.clock, step.outcome
         due = clock.advance(step.message.log_time_ns)
         if step.consistency.running is not self._consistency.running:
@@ -176,7 +176,7 @@ class EstimatorDiagnostics:
             self.report(step)
 
     def end(self, last: Step) -> None:
-        """Report on what came after the last report; last: the last step."""
+        """Report on the time after the last report; last: the last step."""
         if self._topic.clock.ends:
             self.report(last)
 

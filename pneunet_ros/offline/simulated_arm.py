@@ -36,7 +36,7 @@ SENSORS_OF_LAB = (
 
 @dataclass(slots=True, kw_only=True)
 class SimulatedArm:
-    """The simulated arm of a scenario, which keeps its history; the protocol is not used."""
+    """The simulated arm of a scenario, with its history; the protocol is unused."""
 
     scenario: Scenario
     settings: ExplorationSettings = EXPLORATION

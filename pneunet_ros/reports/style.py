@@ -72,7 +72,7 @@ def as_shapes(axes: Axes, title: str) -> None:
 
 
 def legend(axes: Axes, **where: Any) -> None:
-    """Draw a legend that hides as little as it can."""
+    """Draw a legend that covers as little data as possible."""
     axes.legend(frameon=True, framealpha=0.85, edgecolor='none', fontsize=9, **where)
 
 
@@ -101,7 +101,7 @@ def draw_dots(axes: Axes, x: Array, y: Array, size: float, **style: Any) -> None
 def draw_band(
     axes: Axes, x: Array, value: Array, std: Array, color: Any, alpha: float = 0.25
 ) -> None:
-    """Shade what lies within 2 sigma of a value."""
+    """Shade the 2 sigma band of a value."""
     width = BAND_SIGMAS * std
     axes.fill_between(x, value - width, value + width, color=color, alpha=alpha, linewidth=0)
 
@@ -138,5 +138,5 @@ def short(name: str) -> str:
 
 
 def figure_text(text: str) -> str:
-    """Escape a text for matplotlib: no formula begins at a $."""
+    """Escape a text for matplotlib: a $ starts no formula."""
     return printable(text).replace('$', r'\$')

@@ -105,7 +105,7 @@ def _label_strip(
     name: str,
     dots: str,
 ) -> None:
-    """Write on a strip, which will be cut out, which arm it is for and which end is the clamp.
+    """Label a strip, which will be cut out, with the arm and its clamp end.
 
     Beside the dots: at the left the clamp, the arm and the free end, at the right the dots. What
     is too long for the strip is cut.

@@ -1,4 +1,4 @@
-"""One rod under one load: from nothing or a neighbor to equilibrium, or to the reason why not."""
+"""One rod under one load: from a cold start or a neighbor to equilibrium, or why there is none."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class BoundaryValueProblem:
         self.mesh(panels_needed(rods, self.ends, settings))
 
     def mesh(self, counts: npt.NDArray[np.int64]) -> None:
-        """Cut the rod into so many panels per section."""
+        """Split the rod into a number of panels per section."""
         self.counts = counts
         total = int(counts.sum())
         self.panels = np.empty((total, col.PANEL_WIDTH))
@@ -128,7 +128,7 @@ class BoundaryValueProblem:
         return self.residual <= ACCEPTED
 
     def solve_cold(self, quick: bool = False) -> bool:
-        """Solve from nothing: by descent in energy where there is one, else along the load."""
+        """Solve from a cold start: by energy descent if possible, else by load continuation."""
         if np.all(self.panels[:, col.PANEL_FLEXIBILITY] > 0.0):
             loaded_guess(self.panels, self.ends, self.nodes)
             if self.newton():
@@ -136,7 +136,7 @@ class BoundaryValueProblem:
         return not quick and self.continue_in_load()
 
     def continue_in_load(self) -> bool:
-        """Follow the equilibrium from the unloaded rod; whether the whole load was reached."""
+        """Follow the equilibrium from the unloaded rod; return whether the load was reached."""
         self.residual, steps = continue_in_load(
             newton, self.panels, self.ends, self.nodes, self.settings
         )

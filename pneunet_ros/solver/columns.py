@@ -171,7 +171,7 @@ def join_ends(clamp: Array, loads: Array) -> Array:
 
 @inlined
 def write(values: Array, out: Array) -> None:
-    """Write a table over another of its shape.
+    """Copy a table over another of the same shape.
 
     An assignment of arrays would have numba compile the words of its errors as well.
     """

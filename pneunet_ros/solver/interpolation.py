@@ -83,7 +83,7 @@ def integrate(weights: Array, values: Array, out: Array) -> None:
 
 @inlined
 def close(series: Array, field: int, end: float) -> None:
-    """Add a straight line so that a series of a panel has this value at its end."""
+    """Add a straight line so that the series of a panel ends at this value."""
     for k in range(INNER + 1):
         end -= series[field, k]
     series[field, 0] += 0.5 * end

@@ -53,7 +53,7 @@ AT_JOINT = 1e-9  # of a panel: a station so near a joint is at it
 def note_forces(
     mechanics: Mechanics, point: int, sine: float, cosine: float, fields: Array
 ) -> None:
-    """Write down what forces make at a point of a panel with this angle."""
+    """Store the forces at a point of a panel with this angle."""
     axial, stretch, n1, n2, q1, q2 = mechanics
     share = ABSCISSAE[point]
     t, u = resolve(sine, cosine, n1 - share * q1, n2 - share * q2)
@@ -64,7 +64,7 @@ def note_forces(
 
 @inlined
 def note_law(law: Law, point: int, moment: float, fields: Array) -> None:
-    """Write down what the law makes of the moment at a point."""
+    """Store the moment law evaluated at a point."""
     d, e = curvature_change(moment, law)
     fields[col.POINT_MOMENT, point], fields[col.POINT_BEND, point] = moment - law[1], d
     fields[col.POINT_PER_COMPLIANCE, point], fields[col.POINT_PER_MOMENT, point] = e / law[0], e

@@ -41,7 +41,7 @@ class Masses(NamedTuple):
 
 
 def room_for_links(count: int, offset: float = 0.0) -> Links:
-    """Return so many links, to be filled; offset (m): of the end load."""
+    """Return an uninitialized chain of this many links; offset (m): of the end load."""
     return Links(
         heading=np.empty(count),
         length=np.empty(count),

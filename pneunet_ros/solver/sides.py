@@ -1,4 +1,4 @@
-"""A rod to either side of a solution, along a tangent: what a linearization leaves out.
+"""Solutions on both sides of a solution along a tangent: the error of a linearization.
 
 `sensitivities` gives the tangent, Newton's method the rods beside it.
 """
@@ -50,7 +50,7 @@ class Beside(NamedTuple):
 
     @classmethod
     def of(cls, response: Response) -> Beside:
-        """Return room for the rods beside a solution."""
+        """Return storage for the rods on both sides of a solution."""
         return cls(
             panels=np.empty((2, *response.panels.shape)),
             nodes=np.empty((2, *response.nodes.shape)),
@@ -70,7 +70,7 @@ def add_changes(amounts: Array, first: int, changes: Array, out: Array) -> None:
 
 @inner
 def move(known: Array, share: float, way: Array, out: Array) -> None:
-    """Set out to a table and a share of a way from it."""
+    """Set out to a table plus a share of a direction."""
     for i in range(known.shape[0]):
         for j in range(known.shape[1]):
             out[i, j] = known[i, j] + share * way[i, j]

@@ -97,7 +97,7 @@ def solve_small(matrix: Array, right: Array) -> None:
 
 @inner
 def between(before: float, after: float, share: float) -> float:
-    """Return a number at a share of the way."""
+    """Interpolate linearly between two numbers."""
     return (1.0 - share) * before + share * after
 
 
@@ -227,7 +227,7 @@ def advance(
     moments: Array,
     room: Room,
 ) -> None:
-    """Let a state (2, shapes) go on, in place. Runge and Kutta's method of order four."""
+    """Advance a state (2, shapes) in place by one fourth-order Runge-Kutta step."""
     count = moments.shape[0]
     rates, moved, total = np.empty((2, count)), np.empty((2, count)), np.empty((2, count))
     h, rate = seconds / steps, 1.0 / seconds
@@ -254,7 +254,7 @@ def advance(
 
 @inner
 def errors_that_stay(state: Array, damping: Array, room: Room, inverse: Array, out: Array) -> None:
-    """Compute what relative errors of mass and of damping change of the rates, (2, 2 shapes).
+    """Compute the derivatives of the rates by relative errors of mass and damping, (2, 2 shapes).
 
     damping (shapes, shapes): of p per q'; inverse: that of the inertia of the shapes.
     """
@@ -320,7 +320,7 @@ def product(left: Array, right: Array, factor: float, out: Array) -> None:
 
 @inner
 def transition(rates: Array, seconds: float, steps: int) -> Array:
-    """Return exp(rates seconds), (k, k), as Runge and Kutta's method of order four has it."""
+    """Return exp(rates seconds), (k, k), by fourth-order Runge-Kutta."""
     size = rates.shape[0]
     one, power, whole, work = np.eye(size), np.eye(size), np.eye(size), np.empty((size, size))
     for order in range(1, 5):
@@ -350,7 +350,7 @@ def go_on(
     turned: Array,
     room: Room,
 ) -> None:
-    """Let a chain go on for so long, in place; moments (shapes, n) N m: those of the shapes.
+    """Advance a chain in place; moments (shapes, n) N m: those of the shapes.
 
     before, after: its equilibrium at either end. turned (n,) rad/s: how fast it turned until
     `before`; where it now turns otherwise, it may have gone on a parabola between the readings,
@@ -500,7 +500,7 @@ def widen(
     std: Array,
     covariance: Array,
 ) -> None:
-    """Add what is not known of a swing to standard deviations, in place.
+    """Add the uncertainty of a swing to standard deviations, in place.
 
     relative (2,): one sigma of mass and damping; left_out m: of the tip, in each shape. along (3 +
     3 shapes, places), bent (2 + shapes, places): as at_nodes and at_joints of `follow_swing`, at

@@ -40,18 +40,18 @@ def is_time(text: str) -> bool:
 
 
 class Clock:
-    """Reads dates and times of day one after the other; those without a date pass midnight."""
+    """Parses successive dates and times of day; times without a date may pass midnight."""
 
     __slots__ = ('_days', '_midnights', 'latest')
 
     def __init__(self) -> None:
-        """Begin on the first day."""
+        """Start on the first day."""
         self.latest: Decimal | None = None
         self._midnights: list[int] = []
         self._days = 0
 
     def seconds(self, text: str, line: int) -> str:
-        """Return seconds, since 1970 where there is a date; the text, where it is not a time."""
+        """Return seconds, since 1970 if there is a date; the text itself if it is not a time."""
         match = _TIME_OF_DAY.fullmatch(text)
         seconds = None if match is None else _clock_seconds(match)
         if match is None or seconds is None:
@@ -92,7 +92,7 @@ def _clock_seconds(match: re.Match[str]) -> Decimal | None:
 
 
 def _zone(text: str | None) -> int:
-    """Return the seconds by which a clock with this offset, such as +01:00, is ahead of UTC."""
+    """Return the offset (s) from UTC of a text such as +01:00."""
     if not text:
         return 0
     digits = text[1:].replace(':', '').ljust(4, '0')

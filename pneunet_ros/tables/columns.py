@@ -161,7 +161,7 @@ def standard_name(name: str) -> str:
 
 
 def is_known(name: str) -> bool:
-    """Whether a name is that of a column which is read or left out, however it is written."""
+    """Whether a column is recognized, whether it is used or ignored, in any spelling."""
     return _is_known(_plain(name))
 
 
@@ -170,7 +170,7 @@ def _is_known(plain: str) -> bool:
 
 
 def names_no_unit(name: str) -> bool:
-    """Whether a column is a time by its name, which does not say the unit: 'Time'."""
+    """Whether a column is a time without a unit by its name: 'Time'."""
     return _plain(name) == TIME
 
 
@@ -188,7 +188,7 @@ def _words(name: str) -> list[str]:
 
 
 def _without_reference(words: list[str]) -> tuple[list[str], str]:
-    """Return the words of a pressure without its reference, and the reference; '' for none."""
+    """Split the words of a pressure into those without the reference, and the reference or ''."""
     *head, last = words
     units = SI_PER_UNIT['pressure']
     if last not in units and last[:-1] in units and last[-1] in 'ag':
@@ -218,7 +218,7 @@ def is_unit(text: str) -> bool:
 
 
 def with_unit(name: str, text: str) -> str:
-    """Return a name of a column with the unit that stands below it, unless it ends with it."""
+    """Append the unit from the line below to a column name, unless it has one."""
     unit = _unit(text)
     if not unit:
         return name
@@ -235,12 +235,12 @@ def _inner(text: str) -> str:
 
 
 def _unit(text: str) -> str:
-    """Return a unit as names of columns end with it: 'n_mm' for '[N mm]', '' for '-'."""
+    """Convert a unit to the suffix of column names: 'n_mm' for '[N mm]', '' for '-'."""
     return _plain(f'of [{text.strip("[]() ")}]').removeprefix('of').strip('_')
 
 
 def likely_name(name: str) -> str:
-    """Return the known name that an unknown one may stand for, '' where none is near."""
+    """Return the known name closest to an unknown one; '' if there is none."""
     plain = _plain(name)
     for end, known_name in _OF_MESSAGES.items():
         if plain not in KINDS and f'_{plain}'.endswith(f'_{end}'):
@@ -272,7 +272,7 @@ def likely_name(name: str) -> str:
 
 
 def is_raw(name: str) -> bool:
-    """Whether a column holds volts or counts of a sensor by its name: 'pressure_V', 'ADC', 'raw'.
+    """Whether a column has volts or counts of a sensor by its name: 'pressure_V', 'ADC', 'raw'.
 
     Those of other things, as 'battery_V' or 'frame_count', are not.
     """

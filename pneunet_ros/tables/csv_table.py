@@ -1,4 +1,4 @@
-"""A CSV file as columns of numbers: data only, of bounded size; every refusal names its place."""
+"""Reads a CSV file into columns of numbers, with size limits; errors name the line."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def read_csv(
     exact: Collection[str] = (),
     check_names: Callable[[Collection[str]], object] = len,
 ) -> CsvTable:
-    """Return the columns of a file by their new names; raises RecordingError that says where.
+    """Return the columns of a file by their new names; RecordingError names the place.
 
     exact: names of columns to be read without rounding, too. check_names: sees the new names
     before any row is read, and may raise.
@@ -220,7 +220,7 @@ def _read(
 
 
 def _check_decimals(path: Path, line: int, written: str, seen: dict[str, str]) -> None:
-    """Refuse a mark used both for decimals and, it seems, between thousands.
+    """Refuse a mark that is used both for decimals and, apparently, for thousands.
 
     seen: the place where each mark was first used for decimals or, it seems, thousands; updated.
     """
@@ -241,7 +241,7 @@ def _check_decimals(path: Path, line: int, written: str, seen: dict[str, str]) -
 
 
 def _spelling(path: Path, written: Mapping[str, str]) -> tuple[Note, ...]:
-    """Name the columns that were read under another name."""
+    """Report columns that were read under another name."""
     pairs = [f'{name!r} as {new}' for new, name in written.items() if name != new]
     if not pairs:
         return ()
@@ -254,7 +254,7 @@ def _spelling(path: Path, written: Mapping[str, str]) -> tuple[Note, ...]:
 
 
 def _lines(path: Path, stream: TextIO) -> Iterator[str]:
-    """Yield the lines of a file, of which none may be without end."""
+    """Yield the lines of a file, limited in length."""
     number = 0
     while line := stream.readline(LONGEST_LINE + 1):
         number += 1
@@ -274,7 +274,7 @@ def _rows(
     cut: bool,
     left_out: list[str],
 ) -> Iterator[tuple[int, list[str]]]:
-    """Yield rows of so many cells, with the numbers of their lines; empty lines pass by.
+    """Yield rows of this many cells with their line numbers; skips empty lines.
 
     above: lines of the file that the reader has not seen. cut: the file does not end with the end
     of a line. left_out: notes on comments and on an incomplete last row; added here.

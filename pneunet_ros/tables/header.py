@@ -53,7 +53,7 @@ class TableRequest:
 def lines_from_names(
     path: Path, lines: Iterator[str], request: TableRequest
 ) -> tuple[Iterator[str], int]:
-    """Return the lines from the one that names the columns on, and how many stand above it.
+    """Return the lines starting with the column names, and the number of lines above.
 
     Lines that begin with # are comments. Where a row of the table follows them, one of them names
     the columns, and the next one may hold their units.
@@ -82,7 +82,7 @@ def lines_from_names(
 
 
 def _names_in(comments: list[str], mark: str, columns: int, request: TableRequest) -> list[str]:
-    """Return the comment that names the columns, and the next one where it holds their units.
+    """Return the comment with the column names, including the next line if it has their units.
 
     A comment with a cell for each column goes before others, then one with more known names, then
     the last. Without any known name a comment needs one that is near to a known one.
@@ -99,7 +99,7 @@ def _names_in(comments: list[str], mark: str, columns: int, request: TableReques
 
 
 def _is_name(cell: str, request: TableRequest) -> bool:
-    """Whether a cell is the name of a column, known or asked for."""
+    """Whether a cell is the name of a column, known or requested."""
     return is_known(cell) or cell in {*request.rename, *request.ignore, *request.select}
 
 
@@ -112,7 +112,7 @@ def _is_number(cell: str) -> bool:
 
 
 def units_below(header: Sequence[str], cells: Sequence[str], request: TableRequest) -> list[str]:
-    """Return the units of all columns where the line below the names holds such; else nothing.
+    """Return the units of all columns from the line below the names; empty if it has none.
 
     Such a line has a unit in one of the columns to be read, and no digit in the other ones.
     """
@@ -176,7 +176,7 @@ def check_no_preamble(path: Path, names: int, ahead: Sequence[str], above: int) 
 
 
 def check_separated(path: Path, header: Sequence[str]) -> None:
-    """Refuse one cell that holds what many should, as its words are names or numbers."""
+    """Reject a row that was not split into columns."""
     words = re.split(r'[|\s]+', header[0])
     if len(header) > 1 or len(words) == 1:
         return
@@ -248,7 +248,7 @@ def ask_about_time(path: Path, places: Mapping[str, int], ahead: Sequence[str], 
 
 
 def _since_1970(time: float) -> str:
-    """Return the name of a column of times since 1970 in a unit that its size shows; else ''."""
+    """Return the name of a column of Unix times, its unit inferred from the values; else ''."""
     for name, per_second in (('time_s', 1.0), ('time_ms', 1e3), ('time_us', 1e6), (STAMP, 1e9)):
         if UNIX_SECONDS[0] <= time / per_second < UNIX_SECONDS[1]:
             return name
@@ -256,13 +256,13 @@ def _since_1970(time: float) -> str:
 
 
 def _rows(ahead: Sequence[str], mark: str) -> list[list[str]]:
-    """Return the cells of the lines that hold a number or a time; others may be text."""
+    """Return the cells of lines with at least one number or time; others may be text."""
     lines = [_cells(line, mark) for line in ahead]
     return [cells for cells in lines if any(map(_is_number, cells))]
 
 
 def _is_row(cells: Sequence[str]) -> bool:
-    """Whether cells are those of a row: numbers, of which some may be missing."""
+    """Whether cells are a data row: numbers, some of which may be missing."""
     there = [cell for cell in cells if cell.lower() not in MISSING]
     return bool(there) and all(map(_is_number, there))
 
@@ -278,7 +278,7 @@ def check_header(
     renamed: Sequence[str],
     request: TableRequest,
 ) -> None:
-    """Refuse names that are none, are too many or too long, or stand twice, and requests."""
+    """Refuse missing, duplicate, too many or too long names, and invalid requests."""
     if not header or not any(header):
         raise RecordingError(
             f'{path} is empty: the first line must name the columns', reason='empty'

@@ -43,7 +43,7 @@ class Place:
 def without_placeholders(
     numbers: Mapping[str, Array], columns: Sequence[Column], missing: Collection[float]
 ) -> tuple[dict[str, Array], int]:
-    """Return the columns with NaN where they hold one of these numbers, and how many readings."""
+    """Return the columns with these placeholder numbers as NaN, and how many there were."""
     changed = {name: np.array(values) for name, values in numbers.items()}
     count = 0
     for place in places_of(columns):
@@ -58,7 +58,7 @@ def without_placeholders(
 def ask_for_placeholders(
     path: object, numbers: Mapping[str, Array], columns: Sequence[Column], lines: Sequence[int]
 ) -> None:
-    """Refuse a table with numbers that seem to mean "no reading", and say how to answer.
+    """Refuse a table whose numbers seem to mean "no reading", and say how to answer.
 
     A placeholder is sometimes there and sometimes not. A pair of coordinates shows it; a
     single number only where it stands apart from all others of its column.

@@ -1,4 +1,4 @@
-"""Readings as a table: a row per stamp, with what was said at it; from and to recordings."""
+"""Readings as a table with a row per stamp; converts from and to recordings."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ class ReadingTable:
         return {sensor.name: sensor.present(self.values[sensor.name]) for sensor in SENSORS}
 
     def counts(self) -> dict[str, int]:
-        """Return how many readings there are, by the names of the sensors."""
+        """Return the number of readings per sensor."""
         return {name: int(np.count_nonzero(rows)) for name, rows in self.present().items()}
 
 
 def columns(table: ReadingTable, units: UnitSystem = SI) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the columns of a table by names that say the unit; time counts from its start.
+    """Return the columns of a table, with units in their names; time starts at zero.
 
     Those in SI are the names that `import` knows. What was never read has no column.
     """
@@ -79,7 +79,7 @@ def columns(table: ReadingTable, units: UnitSystem = SI) -> dict[str, npt.NDArra
 
 
 def column_unit(component: Component, units: UnitSystem) -> tuple[str, float]:
-    """Return the unit of a column as its name ends, 'n_m' or 'mg_l', and its size in SI."""
+    """Return the suffix of a column's unit, 'n_m' or 'mg_l', and its factor to SI."""
     unit = units.of_kind(component.kind)
     if unit is not None:
         return unit.name.lower().replace(' ', '_'), unit.size

@@ -46,7 +46,7 @@ FIRST_STAMP = NANOSECONDS_PER_SECOND  # of a table without stamps: 0 means "no s
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportRequest(TableRequest):
-    """Request of an import: what to read of a table, and what to add.
+    """Request of an import: the columns to read, and what to add.
 
     offsets: number to be added to a column (by its new name, in its unit). missing: numbers that
     stand for "no reading", of a target or the tip in both coordinates; None: refuse a table that
@@ -60,7 +60,7 @@ class ImportRequest(TableRequest):
 
 
 def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[str, ...]]:
-    """Return the readings in a table, and sentences about columns that were left out.
+    """Return the readings in a table, and notes on ignored columns.
 
     A cell that is empty or NaN is not a reading, or a target that was not seen; a row without any
     target is not a frame. Two string forces become F1, F2 as in the paper:
@@ -109,7 +109,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     stamp_ns = _stamps(path, table, columns.get((TIME, None)), request)
 
     def si(quantity: str, target: int | None = None) -> Array:
-        """Numbers of a column in SI; NaN throughout where it is not there."""
+        """Column in SI; NaN throughout if it is missing."""
         column = columns.get((quantity, target))
         if column is None:
             return np.full(len(stamp_ns), np.nan)
@@ -239,12 +239,12 @@ def string_force(
 
 
 def _readings(names: Iterable[str]) -> list[str]:
-    """Return the names of columns without stamps and without what an estimator made."""
+    """Return the columns except stamps and estimator outputs."""
     return [name for name in names if name != STAMP and not name.startswith(ESTIMATE)]
 
 
 def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportRequest) -> Stamps:
-    """Return the stamps of the rows: as given, or from time or rate, then not before 1 s."""
+    """Return the stamps of the rows, given or computed from time or rate, at least 1 s."""
     rows = len(table.lines)
     given: list[Decimal | None]
     offset = Decimal(0)

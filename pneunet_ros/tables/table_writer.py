@@ -16,7 +16,7 @@ SUFFIXES = ('.csv', '.npz')
 
 
 def check_suffix(path: Path) -> None:
-    """Refuse a name that does not say which kind of file it is to be."""
+    """Refuse a file name with an unknown suffix."""
     if path.suffix.lower() not in SUFFIXES:
         raise RequestError(
             f'--output {path} must end in {" or ".join(SUFFIXES)}', reason='wrong_suffix'

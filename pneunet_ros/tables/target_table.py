@@ -1,4 +1,4 @@
-"""The table of areas that are targets, as the paper's image analysis exports it: CSV."""
+"""The table of target areas, as exported by the paper's image analysis: CSV."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ COLUMNS = {
 
 
 class TargetTable:
-    """Takes sightings, a line per target that was seen; made by `write_table`."""
+    """Writes sightings, one line per seen target; made by `write_table`."""
 
     __slots__ = ('_lines',)
 
@@ -36,7 +36,7 @@ class TargetTable:
         self._lines.writerow(['stamp_ns', 'id', *COLUMNS.values()])
 
     def write(self, sightings: TargetSightings) -> None:
-        """Write the targets that were seen, to the last digit."""
+        """Write the seen targets with all digits."""
         columns = [getattr(sightings, name) for name in COLUMNS]
         for target in np.flatnonzero(np.isfinite(sightings.x)).tolist():
             values = [repr(float(column[target])) for column in columns]
@@ -47,7 +47,7 @@ class TargetTable:
 def write_table(
     path: Path, *, overwrite: bool = False, inputs: Iterable[Path] = ()
 ) -> Iterator[TargetTable]:
-    """Write a table that stands under its name when it is complete; errors of `atomic_output`."""
+    """Write a table that appears when complete; errors as in `atomic_output`."""
     with (
         atomic_output(path, overwrite=overwrite, inputs=inputs) as temporary,
         temporary.open('w', encoding='utf-8', newline='') as stream,

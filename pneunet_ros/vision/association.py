@@ -108,7 +108,7 @@ def near_row_from_clamp(
 
 
 def _near_line(points: Array, row: Array, places: Array, search: BeamSearchSettings) -> Mask:
-    """Whether blobs are on a row (n, 2), or beside it, or up to two spacings beyond its end.
+    """Whether points are near a row (n, 2) or its extension by up to two spacings.
 
     places (n,): of the row along the arm.
     """
@@ -172,7 +172,7 @@ def rows_anywhere(
 def _is_whole(
     row: TargetRow, blobs: BlobColumns, arclength: Array, search: BeamSearchSettings
 ) -> bool:
-    """Whether a row ends at its ends, and does not bite its tail."""
+    """Whether a row includes both end targets and does not cross itself."""
     reverse = arclength[-1] - arclength[::-1]
     return not (
         np.unique(row.chosen[row.chosen >= 0]).size < row.seen
@@ -244,7 +244,7 @@ def near_rows_anywhere(
 
 
 def _readings(row: TargetRow, arclength: Array) -> tuple[TargetRow, ...]:
-    """Return a row, and where its distances are the same from the other end, from there too.
+    """Return a row, and its reversal if its spacings are symmetric.
 
     It is grown by what its last blobs were like, and dots of different sizes may be found from one
     end alone.

@@ -75,7 +75,7 @@ BeamSearchNumbers = numbers_type(BeamSearchSettings, 'BeamSearchNumbers')
 
 @functools.lru_cache
 def search_numbers(settings: BeamSearchSettings) -> Any:
-    """Return settings as kernels take them."""
+    """Return settings in the form that kernels take."""
     return BeamSearchNumbers(*astuple(settings))
 
 
@@ -94,7 +94,7 @@ class BlobColumns(NamedTuple):
 
     @property
     def table(self) -> Array:
-        """Return them as kernels take them, (BLOB_ROWS, blobs)."""
+        """Return the blobs in the form that kernels take, (BLOB_ROWS, blobs)."""
         return np.vstack([self.x, self.y, self.looks, self.costs])
 
 
@@ -198,7 +198,7 @@ def _ways_on(
     ways: Indices,
     costs: Array,
 ) -> int:
-    """Find how rows may best go on to a target: with a blob near its place, and without it.
+    """Find the best continuations of rows to a target: with a nearby blob, and without.
 
     known, rows: of `count` rows. Fills ways (kept, 2), row and blob, NOTHING without one, and
     their costs (kept,), the cheapest first; returns how many there are.
@@ -248,7 +248,7 @@ def _ways_on(
 
 @inner
 def _insert(row: int, blob: int, cost: float, ways: Indices, costs: Array, many: int) -> int:
-    """Put a way on among the cheapest; returns how many there are then."""
+    """Insert a continuation into the cheapest ones; returns their number."""
     place = many
     while place > 0 and costs[place - 1] > cost:
         place -= 1
@@ -272,7 +272,7 @@ def _take(
     first_scale: float,
     search: BeamSearchSettings,
 ) -> None:
-    """Let a row (LAST + 1,) go on with a blob; first_scale: what it began with."""
+    """Extend a row (LAST + 1,) by a blob; first_scale: its initial scale."""
     last = int(row[LAST])
     ahead = arclength[target] - (arclength[last] if last >= 0 else 0.0)
     x, y = blobs[sides[0], blob], blobs[sides[1], blob]
@@ -308,14 +308,14 @@ def _wrapped(angle: float) -> float:
 
 @inlined
 def _longer_arc(turn: float) -> float:
-    """Return the length of an arc over its chord, which is at an angle of its beginning."""
+    """Return arc length over chord, for a chord at an angle from the initial tangent."""
     share = 1.0 if abs(turn) < 1e-6 else math.sin(turn) / turn
     return 1.0 / max(share, 1e-3)
 
 
 @inner
 def off_arc(x: float, y: float, row: Array, ahead: float) -> tuple[float, float]:
-    """Return how far a blob is off the arc that goes on, along and across it, in the unit of x.
+    """Return the distance of a blob from the extrapolated arc, along and across it, in x units.
 
     row (LAST + 1,); ahead m. An arc with the heading of the row leads to the blob: its turn tells
     how far across it is. How far along tells a length from that of the chord to that of the arc,
@@ -334,7 +334,7 @@ def off_arc(x: float, y: float, row: Array, ahead: float) -> tuple[float, float]
 
 @inlined
 def misfit(along: float, across: float, bend: float, search: BeamSearchSettings) -> float:
-    """Cost of a blob that is off by so much (spacings); infinite if it is too far.
+    """Cost of a blob at this distance (spacings) from its prediction; infinite beyond the limit.
 
     bend: how much further across the gap it may be.
     """
@@ -348,7 +348,7 @@ def misfit(along: float, across: float, bend: float, search: BeamSearchSettings)
 def look_differences(
     blobs: Array, blob: int, row: Array, search: BeamSearchSettings
 ) -> tuple[float, float, float]:
-    """Return how far size, shape and blur of a blob are off those of a row, sigma.
+    """Return the differences in size, shape and blur of a blob from a row, sigma.
 
     0 where nothing is known of the row.
     """
@@ -364,7 +364,7 @@ def look_differences(
 
 @inlined
 def look_cost(blobs: Array, blob: int, row: Array, search: BeamSearchSettings) -> float:
-    """Cost of a blob that looks otherwise than a row.
+    """Cost of a blob that looks different from a row.
 
     It costs no more than `odd` sigma do, as one target may be far larger (a truncated square), cut
     off or touched by a glint; and what it costs in any row.

@@ -29,7 +29,7 @@ SPLITS = 5  # places of l1 over which the covariance is averaged
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PriorSettings:
-    """Of which shapes a prior is learned."""
+    """Shapes from which a prior is learned."""
 
     smoother: float = tuning(
         1.75,
@@ -106,13 +106,13 @@ def once_integrated(places: Array, nodes: Array, weights: Array) -> Array:
 
 
 def without_line(arclength: Array) -> Array:
-    """Orthonormal combinations (targets, targets - 2) that see nothing of a straight line."""
+    """Orthonormal combinations (targets, targets - 2) that vanish on straight lines."""
     line = np.column_stack([np.ones_like(arclength), arclength])
     return np.asarray(np.linalg.qr(line, mode='complete')[0][:, 2:])
 
 
 def learn_priors(arm: Arm, settings: PriorSettings = PRIOR) -> tuple[CurvaturePrior, ...]:
-    """Learn what curvature is like, at the places of the arm's targets; deterministic.
+    """Learn a prior of curvature at the targets of the arm; deterministic.
 
     One prior without break, of the free arm, and one with it, of the pulled arm; only one, of
     both, where the moment law has no break. Each again for shapes that are smoother, so that not

@@ -1,4 +1,4 @@
-"""A row of targets from one frame to the next: where each is expected, and what can be believed.
+"""Frame-to-frame gating of a row of targets: predictions, and what is accepted.
 
 Positions are those in the working plane, in any unit that is true to shape; NaN where a target is
 not seen. All functions are pure and work on the whole row.
@@ -93,7 +93,7 @@ NOTHING_BEFORE = not_literal(0)
 
 @functools.lru_cache
 def gating_numbers(settings: GatingSettings) -> Any:
-    """Return settings as kernels take them."""
+    """Return settings in the form that kernels take."""
     return GatingNumbers(*astuple(settings))
 
 
@@ -191,7 +191,7 @@ def _off_the_curve(
 def expected_points(
     x: Array, y: Array, arclength: Array, gating: GatingSettings
 ) -> tuple[Array, Array]:
-    """Return where all targets are expected (targets,), given those that are seen.
+    """Return the predicted positions of all targets (targets,) from those seen.
 
     Between two that are seen a cubic with their tangents leads; beyond the last one on either side
     an arc through the last three, or a line.
@@ -228,7 +228,7 @@ def _from_others(
     target: int,
     gating: GatingSettings,
 ) -> tuple[float, float, float]:
-    """Return where a target is by the others that are seen; after: how many come before it.
+    """Return the position of a target predicted from the others; after: number of them before it.
 
     The third value is the error of the distance from there, where all places have the error 1.
     """
@@ -354,7 +354,7 @@ def local_median(values: Array, of_few: Array) -> Array:
 
 
 def initial_area(area: Array, whole: Mask, gating: GatingSettings = GATING) -> Array:
-    """Return how large targets are to be expected after they are found (targets,).
+    """Return the expected areas of targets after they are found (targets,).
 
     area: NaN of one not seen; whole: seen with all of its edge. Such a one is as large as it is,
     as dots painted by hand differ. Any other starts no smaller than its neighbors, as it may be

@@ -1,4 +1,4 @@
-"""The picture of a frame with what was made of it: targets with their ids, curve, reason."""
+"""The image of a frame with its results: targets with ids, curve, reason."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOST_IDS = 12  # that are named in the line of text
 
 
 def draw(image: Image, tracking: Tracking, curve: Array | None = None) -> Bytes:
-    """Return the image in grey with marks on it, (height, width, 3), blue-green-red.
+    """Return the annotated grey image, (height, width, 3), blue-green-red.
 
     curve: (n, 2) px, where `tracking.curve` lies in the image, by `curve_in_image`.
     """
@@ -49,7 +49,7 @@ def curve_in_image(curve: MeasuredCurve, plane: Plane, lens: Lens) -> Array:
 
 
 def headline(tracking: Tracking) -> str:
-    """Return one line about a frame: why it says nothing, or which targets are missing."""
+    """Return one line about a frame: why it has no result, or which targets are missing."""
     if tracking.reason:
         return f'{tracking.reason}: {tracking.sentence}'
     sightings = tracking.sightings
@@ -100,7 +100,7 @@ def _mark_others(picture: Any, tracking: Tracking, size: float) -> None:
 
 
 def _write(picture: Any, text: str, color: tuple[int, int, int], size: float) -> None:
-    """Write a text at the top, in as many lines as it needs, on a darkened band."""
+    """Write a text at the top on a darkened band, with line breaks."""
     scale, margin, pitch = 0.5 * size, 6.0 * size, 20.0 * size
     # The fonts of OpenCV know no other characters.
     text = text.encode('ascii', 'replace').decode()
@@ -144,5 +144,5 @@ def _text(
 
 
 def _fixed(points: Array) -> npt.NDArray[np.int32]:
-    """Return points (n, 2) px as OpenCV takes them with SUBPIXEL_BITS."""
+    """Return points (n, 2) px in OpenCV's fixed-point form (SUBPIXEL_BITS)."""
     return np.asarray(np.rint(np.clip(points, -1e5, 1e5) * 2**SUBPIXEL_BITS), np.int32)

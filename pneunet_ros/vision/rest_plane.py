@@ -28,7 +28,7 @@ Counts = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RestAverage:
-    """Where the targets are on average while the arm stays in a place, and over how many frames.
+    """Average of the targets at rest, and its number of frames.
 
     points (targets, 2) normalized, NaN for a target never seen; seen (targets,): in how many of
     the frames.
@@ -39,7 +39,7 @@ class RestAverage:
     seen: Counts
 
     def off(self, points: Array) -> float:
-        """Return how far a target of a frame (targets, 2) is from its average, at most."""
+        """Return the largest distance of targets (targets, 2) of a frame from their average."""
         apart = np.hypot(*(points - self.points).T)
         return math.inf if np.isnan(apart).all() else float(np.nanmax(apart))
 
@@ -53,7 +53,7 @@ class RestAverage:
         return RestAverage(frames=self.frames + 1, points=freeze(average), seen=seen)
 
     def lacks(self, wanted: int) -> str:
-        """Describe what an average of so many frames lacks; empty if nothing."""
+        """Describe why an average of this many frames is not usable; empty if it is."""
         if self.frames >= wanted:
             return ''
         words = [f'{self.frames} of {wanted} frames of the arm at rest']
@@ -63,7 +63,7 @@ class RestAverage:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RestSearch:
-    """Places in which the arm has been seen resting; the latest that a frame was added to first.
+    """Rest positions of the arm, most recently updated first.
 
     A frame that fits none of them begins another one, and takes nothing from the others.
     """
@@ -72,11 +72,11 @@ class RestSearch:
 
     @property
     def frames(self) -> int:
-        """The frames of the place of which there are most."""
+        """The number of frames of the most frequent position."""
         return max((place.frames for place in self.places), default=0)
 
     def lacks(self, wanted: int) -> str:
-        """Describe what the latest place lacks; empty if nothing, or if no place is known."""
+        """Describe why the latest position is not usable; empty if it is, or if there is none."""
         return self.places[0].lacks(wanted) if self.places else ''
 
     def with_frame(
@@ -264,7 +264,7 @@ def regular_rows(
 
 
 def bow(points: Array) -> float:
-    """Return the largest distance of points (n, 2) from the line of its ends, in its length."""
+    """Return the largest distance of points (n, 2) from their chord, relative to its length."""
     way = points[-1] - points[0]
     off = (points - points[0]) @ np.array([-way[1], way[0]])
     return float(np.abs(off).max() / (way @ way))
@@ -289,7 +289,7 @@ def _is_regular(points: Array, arclength: Array, vision: VisionSettings) -> bool
 
 
 def _rivals(best: TargetRow, rows: list[TargetRow], vision: VisionSettings) -> list[TargetRow]:
-    """Return the rows (the best first) that may be an arm as well: those not there by chance.
+    """Return the rows (best first) that may also be an arm and are not there by chance.
 
     Those are there by chance whose targets fit so much worse than the best's; half as much is
     enough in a crowd of rows, as in printed text, that the best stands out of. How many of a crowd

@@ -33,7 +33,7 @@ def truncate_row(
     chosen: Indices,
     search: BeamSearchSettings,
 ) -> None:
-    """End a row at the first gap that is not as long as the targets missing in it.
+    """End a row at the first gap that does not match the number of missing targets.
 
     Beyond such a gap the row may be a target off. A gap is as long as a curve with the headings at
     its ends; the targets next to it tell how far the arm is stretched.
@@ -68,7 +68,7 @@ def truncate_row(
 
 
 def _end_heading(x: Array, y: Array, arclength: Array, chosen: Indices, places: Indices) -> float:
-    """Heading at the first of two or three targets, towards the next, on an arc through them."""
+    """Heading at the first of two or three targets, on the arc through them."""
     at = chosen[places]
     headings = np.arctan2(np.diff(y[at]), np.diff(x[at]))
     if places.size < 3:

@@ -1,4 +1,4 @@
-"""Are these recordings of one arm? Unloaded and at one pressure it has one shape."""
+"""Consistency of recordings: unloaded and at one pressure, an arm has one shape."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ def describe_pressure_noise(
 
 
 def outlier_recordings(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[Note]:
-    """Return a sentence on each recording that the model says far worse than the others.
+    """Return a note on each recording with a much larger misfit than the others.
 
     A few frames of a recording, which it says worst, do not count.
     """

@@ -53,7 +53,7 @@ GAIN_STD = 2.0  # of a window by white noise: half the difference of two chi^2 o
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vibration:
-    """A vibration: frequency (rad/s) as seen, and rate (1/s) of its decay."""
+    """A vibration: observed frequency (rad/s), and decay rate (1/s)."""
 
     frequency: float
     rate: float
@@ -71,7 +71,7 @@ class Vibration:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FramesInMotion:
-    """Frames of recordings that show the arm in motion, and its vibration.
+    """Frames that show the arm in motion, and the vibration.
 
     moving: per recording (frames,).
     """
@@ -109,7 +109,7 @@ class FramesInMotion:
 
     @property
     def summary(self) -> dict[str, float]:
-        """The numbers of it, for programs."""
+        """The numbers as JSON."""
         names = ('frames', 'count', 'hertz', 'decay_time')
         return {name: getattr(self, name) for name in names}
 
@@ -153,7 +153,7 @@ class Course:
 
 
 def frames_in_motion(runs: Sequence[RecordingData], arm: Arm) -> FramesInMotion | None:
-    """Return which frames show an arm in motion; None if no recording shows it swing.
+    """Return the frames that show an arm in motion; None if no recording shows it swing.
 
     A recording whose stamps mean nothing shows nothing of the kind. Of the arm only the length
     counts: it says how slowly a soft arm may swing at most.
@@ -265,7 +265,7 @@ def slowest_period(length: float) -> float:
 
 
 def vibration_of(courses: Sequence[Course], slowest: float) -> Vibration | None:
-    """Return the vibration that courses show; None where smooth ways explain them as well.
+    """Return the vibration shown by the courses; None if smooth motions explain them as well.
 
     slowest (s): the longest period of a swing.
     """
@@ -348,7 +348,7 @@ def gains_of(
 
 
 def smooth_ways(seconds: float) -> list[Columns]:
-    """Return smooth motions with this many coefficients: a cubic, and pairs of decays."""
+    """Return smooth motions with this many coefficients: a cubic, and pairs of exponentials."""
 
     def cubic(time: Array) -> Array:
         return np.asarray((time / seconds)[..., None] ** np.arange(NUMBERS))

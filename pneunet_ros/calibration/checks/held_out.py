@@ -17,7 +17,7 @@ from pneunet_ros.solver.columns import CURVATURE, THETA
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Score:
-    """Measured minus predicted targets of one run, less their mean: what registration could be.
+    """Measured minus predicted targets of one run, less their mean, a possible registration error.
 
     Predicted where they are painted.
 

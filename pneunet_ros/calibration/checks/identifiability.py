@@ -1,4 +1,4 @@
-"""Sentences about what recordings did not determine: kept at its prior, or correlated."""
+"""Notes on parameters that were not determined: kept at the prior, or correlated."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ LEFT_OUT = LeftOutSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LeftOutLevels:
-    """Errors at pressures that were left out of the fit: of the tip (m), or its heading (rad).
+    """Prediction errors at left-out pressures: of the tip (m), or its heading (rad).
 
     levels: how many; model, arc, interpolation: rms; changed: how far the prediction moves by
     leaving one out, over its standard error; excess (parameters, levels): columns of the
@@ -117,7 +117,7 @@ def leave_levels_out(
     refit: Refit,
     settings: LeftOutSettings = LEFT_OUT,
 ) -> LeftOutLevels | None:
-    """Fit without each part of the pressures but the first and the last, and predict it.
+    """Refit without each inner part of the pressures, and predict it.
 
     runs: unloaded; full: the fit to all of them; refit: does that with other runs. None if the
     pressures are too few, or the tip is not seen.

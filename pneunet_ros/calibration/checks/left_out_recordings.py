@@ -1,4 +1,4 @@
-"""Whether a fit stays within its errors without each loaded recording: if not, these are larger.
+"""Compare with fits without one loaded recording; enlarge the stated errors if needed.
 
 Two fits, one with a recording and one without, differ by as much as the recording has taken from
 the covariance. A model error, or a load that is not what it is said to be, makes
@@ -36,7 +36,7 @@ class LeftOutRecordings:
 
     @property
     def sentences(self) -> list[str]:
-        """Describe it for users if it exceeds the stated errors."""
+        """Describe the changes for users if they exceed the stated errors."""
         if not self.excess.any():
             return []
         return [

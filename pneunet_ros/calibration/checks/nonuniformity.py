@@ -38,7 +38,7 @@ STATIONS, MODES = 41, 4  # along the arm, for the part of a smooth departure tha
 def consider_nonuniformity(
     fit: Fit, settings: CalibrationSettings = CALIBRATION, *, shown: int = 0
 ) -> Fit:
-    """Return the fit with the covariance of what its curve along the arm leaves out.
+    """Return the fit with the covariance of nonuniform curvature between targets.
 
     shown: how many numbers along the arm the targets show; where the curve has fewer, they show
     how evenly the arm bends.
@@ -69,7 +69,7 @@ def consider_nonuniformity(
 
 
 def known_departure(prior: Array, information: Array, covariance: Array, missed: Array) -> Array:
-    """Return the mean square of departures (cells, cells) after the data, of that before them.
+    """Return the posterior over the prior mean square of departures (cells, cells).
 
     information, covariance (n, n): of the data, and of the fit; what the fit takes up of a
     departure has no information on it: I - I C I is left. missed (n,): what of the data's linear
@@ -95,7 +95,7 @@ def shape_std(fit: Fit, settings: ExperimentSettings = EXPERIMENTS) -> tuple[flo
 
 
 def describe_nonuniformity(fit: Fit, settings: CalibrationSettings) -> list[Note]:
-    """Return a sentence on how well the shape is known where few targets show it."""
+    """Return a note on the accuracy of the shape where few targets show it."""
     if fit.parameters.shapes is None:
         return []
     std, share = shape_std(fit, settings.experiments)

@@ -96,7 +96,7 @@ def check_runs(
 def has_one_pressure(
     runs: Sequence[RecordingData], arm: Arm, settings: ResolutionSettings
 ) -> bool:
-    """Whether the pressure of these recordings never changes by more than its sensor's noise."""
+    """Whether all recordings have one constant pressure within the sensor noise."""
     pressures = np.concatenate([run.frame_pressure for run in runs])
     return bool(np.ptp(pressures) <= same_pressure(arm, settings))
 
@@ -217,7 +217,7 @@ def largest_force(run: RecordingData) -> float:
 def check_unloaded(
     run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
 ) -> None:
-    """Raise RecordingError if a recording that was given as unloaded has an end force."""
+    """Raise RecordingError if a recording given as unloaded has an end force."""
     if run.loaded and largest_force(run) > settings.unloaded_force * arm.weight:
         raise RecordingError(
             f'{run.name} was given as unloaded, but its end force reaches '
@@ -284,7 +284,7 @@ def check_units(
 
 
 def row_share(run: RecordingData, arm: Arm, settings: PreconditionSettings) -> float:
-    """Return how long the row of targets is at most, over its arclength; 1 where few are seen."""
+    """Return the longest row of targets relative to its arclength; 1 where few are seen."""
     chords = np.hypot(np.diff(run.x, axis=1), np.diff(run.y, axis=1))
     both = np.isfinite(chords)
     arcs = np.sum(both * np.diff(arm.target_arclength), axis=1)

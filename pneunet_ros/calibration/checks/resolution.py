@@ -121,7 +121,7 @@ def resolve(
 
 
 def count_apart(values: Sequence[float], distance: float) -> int:
-    """Return how many of increasing values lie further than a distance above one another."""
+    """Return how many increasing values are separated by more than a distance."""
     last, count = values[0], 1
     for value in values:
         if value - last > distance:
@@ -130,7 +130,7 @@ def count_apart(values: Sequence[float], distance: float) -> int:
 
 
 def count_of(items: Sequence[object], name: str) -> str:
-    """Return a number with its noun."""
+    """Return a count with its noun."""
     return f'{len(items)} {name}{"" if len(items) == 1 else "s"}'
 
 

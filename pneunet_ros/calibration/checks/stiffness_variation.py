@@ -1,4 +1,4 @@
-"""Does the stiffness vary along the arm as its moment law cannot? A score test, and what follows.
+"""Score test of a stiffness that varies along the arm beyond the moment law.
 
 EI larger by a share m(s) bends an arm by -m (kappa - kappa0) more, whatever its load: to first
 order as much curvature of its own. So a departure of ln EI, a few Legendre polynomials along the
@@ -70,7 +70,7 @@ class StiffnessVariation:
 
     @property
     def matters(self) -> bool:
-        """Whether it is not chance, and leaves tips outside of their ellipses."""
+        """Whether the variation is significant and moves tips out of their confidence ellipses."""
         return (
             self.statistic > self.settings.significant
             and self.tips.nees() > self.settings.most_nees
@@ -88,7 +88,7 @@ def stiffness_variation(
     noise: SensorNoise,
     settings: StiffnessVariationSettings = STIFFNESS_VARIATION,
 ) -> StiffnessVariation | None:
-    """Test whether EI varies along the arm of a fit; None if its recordings cannot show it."""
+    """Test whether EI varies along the arm of a fit; None if the recordings cannot show it."""
     law, loaded = fit.parameters.law, [item.run.loaded for item in fit.runs]
     if law is None or not any(loaded) or not fit.converged or fit.parameters.shapes is not None:
         return None

@@ -186,7 +186,7 @@ def run(arguments: Namespace) -> int:
 
 
 def fitted_motion(arm: Arm, runs: Sequence[RecordingData]) -> tuple[MotionFit | None, str]:
-    """Fit how an arm swings; None and why, where the recordings do not show it."""
+    """Fit mass and damping; None and the reason if the recordings do not determine them."""
     from pneunet_ros.calibration.motion_fit import fit_motion
 
     try:
@@ -197,7 +197,7 @@ def fitted_motion(arm: Arm, runs: Sequence[RecordingData]) -> tuple[MotionFit | 
 
 
 def with_motion(arm: Arm, fit: MotionFit) -> Arm:
-    """Return a calibrated arm with the motion that was fitted."""
+    """Return a calibrated arm with the fitted motion."""
     return replace(arm, motion=fit.motion, sources={**arm.sources, 'motion': fit.sentence})
 
 
@@ -211,7 +211,7 @@ def files_of(arguments: Namespace) -> Files:
 
 
 def check_outputs(arguments: Namespace) -> None:
-    """Refuse outputs that exist before a long computation, not after it."""
+    """Refuse existing outputs before a long computation starts."""
     from pneunet_ros.offline.calibration_files import knowledge_file
 
     knowledge = knowledge_file(arguments.output)

@@ -123,7 +123,7 @@ def places_assumed(comparison: Comparison, arm: Arm) -> list[str]:
 
 
 def side_topics(pairs: list[str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the topics that were chosen for A and for B, by last name."""
+    """Return the topics chosen for A and for B, by last name."""
     of_one = [f'{side}.{name}' for side in SIDES for name in SHAPE_TOPICS]
     chosen = topics_of(pairs, [*SHAPE_TOPICS, *of_one])
     both = {name: topic for name, topic in chosen.items() if name in SHAPE_TOPICS}

@@ -1,4 +1,4 @@
-"""`pneunet compile`: all kernels compiled ahead, and kept."""
+"""`pneunet compile`: compile and cache all kernels ahead of time."""
 
 from __future__ import annotations
 

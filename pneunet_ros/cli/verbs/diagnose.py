@@ -211,7 +211,7 @@ def settings_without(names: Sequence[str]) -> DiagnosisSettings:
 def executor_for(
     scheduler: str | None, effects_path: Path | None = None
 ) -> AbstractContextManager[Executor | None]:
-    """Return where clean data are simulated: here, as it takes less than starting a process.
+    """Return where clean data are simulated: here, if that is faster than starting processes.
 
     The workers of a cluster read the effects of a user from the same path.
     """

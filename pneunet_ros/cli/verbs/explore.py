@@ -275,7 +275,7 @@ def simulated_scenario(arguments: Namespace, model: Arm) -> Scenario:
 
 
 def wait_for_recording(experiment: Experiment, safe: SafeSet, path: Path) -> None:
-    """Describe the experiment, and wait until its recording exists."""
+    """Describe the experiment, and wait for its recording."""
     print(f'\nRecord next, {experiment.seconds:g} s: {experiment.words}.')
     print('  s      kPa    F1 (N)  F2 (N)')
     for seconds, pressure, x, y in safe.corners(experiment).tolist():

@@ -54,7 +54,7 @@ from rich.table import Table
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prediction:
-    """A shape, how uncertain it is, and the covariance (2, 2) N^2 of a force that was found."""
+    """A shape, its uncertainty, and the covariance (2, 2) N^2 of an estimated force."""
 
     shape: Shape
     estimate: ShapeEstimate | None = None
@@ -349,7 +349,7 @@ def show(arm: Arm, prediction: Prediction, units: UnitSystem) -> None:
 
 
 def likely_pressure(arm: Arm, pressure: float) -> str:
-    """Ask whether another unit was meant, where a pressure (Pa) is next to none of the range."""
+    """Return a question if a pressure (Pa) is so small that another unit was probably meant."""
     record = record_of([0], [pressure])
     verdict = judge_pressure(
         record, PressureConvention(), [expected_of(arm)], moves=True, running=True

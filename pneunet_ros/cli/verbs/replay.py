@@ -192,7 +192,7 @@ def motion_summary(tally: Tally) -> dict[str, float] | None:
 
 
 def consistency_summary(tally: Tally, agreement: Agreement | None) -> dict[str, object]:
-    """Return the agreement of targets and estimates, and the worst of it."""
+    """Return the agreement of targets and estimates, with the largest disagreement."""
     worst = tally.disagreement
     return {
         'agreement': None if agreement is None else dataclasses.asdict(agreement),

@@ -152,7 +152,7 @@ def run(arguments: Namespace) -> int:
 
 @dataclass(slots=True, kw_only=True)
 class Survey:
-    """A survey on its way; kept: how many arms were done before."""
+    """A survey in progress; kept: number of arms done by an earlier run."""
 
     folder: SurveyFolder
     request: SurveyRequest
@@ -200,7 +200,7 @@ class Survey:
     def keep(
         self, arm: FleetArm, outcome: Mapping[str, bytes] | Exception, begun: dict[str, Any]
     ) -> dict[str, Any]:
-        """Write the results of an arm, and return its row.
+        """Store the results of an arm, and return its row.
 
         Failures of the process, such as a worker that died, are not kept: it is tried again.
         """
@@ -248,7 +248,7 @@ class Survey:
         )
 
     def write(self, data: SurveyData, provenance: Mapping[str, Any]) -> dict[str, Any]:
-        """Write the page, its pictures and the numbers; return the content of the JSON."""
+        """Write the page, its figures and the JSON; return the content of the JSON."""
         from pneunet_ros.reports.figure import draw_figures
         from pneunet_ros.reports.survey.report import (
             FIGURES,

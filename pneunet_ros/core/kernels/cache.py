@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept, whether they are there, and who compiles them meanwhile.
+"""The kernel cache: its location, whether it is complete, and who compiles meanwhile.
 
 A file that is named after all that compiled kernels depend on says that they are on the disk. It
 is written by `pneunet compile`, once it has called every kernel.
@@ -40,7 +40,7 @@ def cache_folder() -> Path:
 
 
 def kept_file() -> Path:
-    """Return the file that says that the kernels are on the disk."""
+    """Return the file whose existence says that all kernels are cached."""
     parts = [jit.sources(), platform.python_version(), processor()]
     for library in ('numba', 'llvmlite', 'numpy'):
         try:
@@ -52,7 +52,7 @@ def kept_file() -> Path:
 
 
 def processor() -> str:
-    """Return the features of this processor: kernels are compiled for them."""
+    """Return the features of this processor, for which the kernels are compiled."""
     try:
         lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
     except OSError:
@@ -105,7 +105,7 @@ def being_compiled() -> bool:
 
 
 def lock_file() -> Path:
-    """Return the file that a process locks while it compiles; its folder is made."""
+    """Return the lock file of the compiling process; creates its folder."""
     file = kept_file().with_suffix('.lock')
     file.parent.mkdir(parents=True, exist_ok=True)
     return file
@@ -118,7 +118,7 @@ def answer_first() -> None:
 
 
 def compile_meanwhile() -> None:
-    """Have the kernels compiled while plain Python answers, and use them when they are there.
+    """Compile the kernels in the background, and use them as soon as they are cached.
 
     Another thread waits for them and puts them in place. Where compiling fails, plain Python goes
     on: a kernel that compiles itself when it is called would hold up the answers.
@@ -134,7 +134,7 @@ def compile_meanwhile() -> None:
 
 
 def compile_first(on_wait: Callable[[], None] = lambda: None) -> None:
-    """Wait until the kernels are on the disk, and use them; on_wait: is called meanwhile.
+    """Wait until the kernels are cached, and use them; on_wait is called meanwhile.
 
     Where compiling fails, each kernel compiles itself when it is called.
     """

@@ -24,14 +24,14 @@ def kernel_compiler() -> Any:
     from numba.core.compiler import Compiler
 
     class OptimizedOnce(JITCodeLibrary):  # type: ignore[misc]
-        """The compiled form of a kernel and of everything inlined into it."""
+        """The compiled form of a kernel and everything inlined into it."""
 
         def _optimize_functions(self, module: Any) -> None:
-            """Leave them as they are: they are optimized with all else."""
+            """Do nothing: functions are optimized with the whole module."""
             module.data_layout = self._codegen._data_layout
 
         def _optimize_final_module(self) -> None:
-            """Bring loops into their form, as numba does it, and go through all of it once."""
+            """Canonicalize loops as numba does, then optimize the whole module once."""
             try:
                 passes, builder = self._codegen._module_pass_manager()
                 first = binding.create_new_module_pass_manager()
@@ -45,7 +45,7 @@ def kernel_compiler() -> Any:
             passes.run(self._final_module, builder)
 
     class KernelCompiler(Compiler):  # type: ignore[misc]
-        """Numba's compiler, with what it compiles into."""
+        """Numba's compiler with a module that is optimized once, at the end."""
 
         def define_pipelines(self) -> Any:
             """Return numba's own steps."""

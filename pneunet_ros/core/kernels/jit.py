@@ -1,4 +1,4 @@
-"""Compile the kernels where numba is at hand; they run as plain Python where it is not.
+"""Compile the kernels if numba is installed; otherwise they run as plain Python.
 
 The kernels of this package are written so that both give the same numbers. Contraction to fused
 multiply-adds, and the order of sums in those that are `summing`, are the only relaxations of IEEE
@@ -42,7 +42,7 @@ INNER_KERNELS: dict[Callable[..., Any], Any] = {}
 
 
 def fingerprint(package: Path) -> str:
-    """Compute a hash of all files of a package that have to do with kernels: they import this one.
+    """Hash all files of a package that affect its kernels: those that import this module.
 
     Kernels call kernels and take constants from other files, hence one hash for them all. Files
     without kernels import this module, not from it.
@@ -94,14 +94,14 @@ def is_compiled() -> bool:
 
 
 def state_of_kernels() -> str:
-    """Describe what runs: 'compiled', or plain Python and why."""
+    """Return 'compiled', or that plain Python runs and why."""
     if is_compiled():
         return 'compiled'
     return 'plain Python while they are compiled' if is_waiting() else 'plain Python: no numba'
 
 
 def kernel(function: Function) -> Function:
-    """Compile a kernel (cached on disk), or hand it back as it is where there is no numba.
+    """Compile a kernel and cache it on disk; without numba, return it unchanged.
 
     A cached kernel is compiled again when any of the files has changed. Numba itself looks at the
     kernel's own file alone and would go on with equations of another file as they once were.
@@ -110,7 +110,7 @@ def kernel(function: Function) -> Function:
 
 
 def inner(function: Function) -> Function:
-    """Compile what only kernels call: with them, and without what Python needs to call it.
+    """Compile a function that only kernels call, without the Python entry point.
 
     Python, too, may call it, and then it is plain Python.
     """
@@ -126,7 +126,7 @@ def inlined(function: Function) -> Function:
 
 
 def summing(function: Function) -> Function:
-    """Compile what only kernels call, and let it add up in any order, so that sums vectorize.
+    """Compile a function for kernels that may reorder sums, so that they vectorize.
 
     Python, too, may call it, and then it is plain Python.
     """
@@ -134,7 +134,7 @@ def summing(function: Function) -> Function:
 
 
 def compiled_or_plain(function: Function, options: dict[str, Any]) -> Function:
-    """Return a function that compiles itself when it is called, or for the time being itself."""
+    """Return a function that compiles itself when called; until then, the plain function."""
     if not HAVE_NUMBA:
         return without_warnings(function) if options is KERNEL else function
     if WAITING.expected:
@@ -144,7 +144,7 @@ def compiled_or_plain(function: Function, options: dict[str, Any]) -> Function:
 
 
 def without_warnings(function: Function) -> Function:
-    """Return a kernel that is silent about what is not finite, as compiled ones are."""
+    """Return a kernel that raises no floating-point warnings, like compiled ones."""
     import numpy as np
 
     quiet: Function = np.errstate(divide='ignore', invalid='ignore', over='ignore')(function)
@@ -185,7 +185,7 @@ def compiled_by() -> dict[str, Any]:
 
 
 def keep(compiled: Any) -> None:
-    """Keep a kernel on the disk, where others find it, or let each caller have a copy of it.
+    """Cache a kernel on disk for all callers, or let each caller have a copy of it.
 
     The latter where there is no folder that may be written, neither beside its file nor in the
     home folder; or with a numba that has no such cache.
@@ -221,7 +221,7 @@ def numbers_and_arrays_first() -> None:
 
 
 def not_literal(value: int) -> Any:
-    """Return an integer that numba takes for no literal: it compiles once more for each of those.
+    """Return an integer that is no literal to numba, which would compile once per literal.
 
     For what an equation is given, and what a loop begins with.
     """
@@ -250,7 +250,7 @@ def use_compiled() -> None:
 
 
 def load_kept(function: Any) -> None:
-    """Load what is on the disk of a compiled kernel, for all types that it was called with."""
+    """Load all cached overloads of a kernel."""
     try:
         for signature, *_ in function._cache._cache_file._load_index():
             function.compile(signature)

@@ -1,4 +1,4 @@
-"""Kernels call each other where they are, as programs call libraries.
+"""Kernels call each other by symbol, as programs call a shared library.
 
 Numba by itself puts a copy of all that a function calls into it, as what it keeps on the disk has
 to run alone; nearly half of what was compiled were copies. Here a kernel has a name of its own in
@@ -23,7 +23,7 @@ NAMED: dict[str, tuple[str, tuple[Any, ...]]] = {}
 
 @cache
 def linked_cache() -> Any:
-    """Return the class of the cache of a kernel, of its function and the sources of all kernels.
+    """Return the cache class of a kernel, keyed by its function and the sources of all kernels.
 
     Numba is imported by nobody who does not compile.
     """
@@ -39,14 +39,14 @@ def linked_cache() -> Any:
             return calls, super().reduce(result)
 
         def rebuild(self, target_context: Any, kept: tuple[Any, ...]) -> Any:
-            """Return the compiled kernel once those that it calls are there."""
+            """Return the compiled kernel after loading the kernels that it calls."""
             calls, result = kept
             for name, types in calls:
                 KERNELS[name].compile(types)
             return super().rebuild(target_context, result)
 
     class KernelCache(FunctionCache):  # type: ignore[misc]
-        """Where a kernel is kept, as long as the sources of all kernels are the same."""
+        """A kernel cache that is valid while the sources of all kernels are unchanged."""
 
         _impl_class = KeptWithCalls
 
@@ -73,7 +73,7 @@ def linked_cache() -> Any:
 
 
 def link(kernel: Any, sources: str) -> None:
-    """Let other kernels call this one where it is, and keep it on the disk.
+    """Let other kernels call this one by symbol, and cache it on disk.
 
     sources: the fingerprint of all kernels. Raises RuntimeError where there is no folder to keep
     it in.
@@ -91,7 +91,7 @@ def link(kernel: Any, sources: str) -> None:
 
 
 def give_name(kernel: str, result: Any) -> None:
-    """Give what is compiled of a kernel a name that is the same in any process."""
+    """Give compiled code a symbol that is the same in every process."""
     from llvmlite import binding  # it comes with numba
 
     descriptor, types = copy(result.fndesc), tuple(result.signature.args)

@@ -64,7 +64,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Cover:
-    """Shares (height, width) of light that pass: what occluders let through, what glare spares."""
+    """Transmitted light (height, width): past occluders, and past glare."""
 
     open: Grey
     unglared: Grey
@@ -162,7 +162,7 @@ class Renderer:
     __slots__ = ('_canvas', '_glare', '_grain', '_light', '_unhidden', 'scene')
 
     def __init__(self, scene: Scene) -> None:
-        """Draw what does not move."""
+        """Draw the static part of the image."""
         self.scene = scene
         width, height = scene.camera.width, scene.camera.height
         still = backdrop(scene.background, scene.texture, scene.seed, width, height)

@@ -71,7 +71,7 @@ class Body:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Occluder:
-    """Something before all the rest: corners (n, 2) px of a polygon."""
+    """A polygon in front of the scene: corners (n, 2) px."""
 
     corners: Array
     grey: float = 62.0

@@ -1,4 +1,4 @@
-"""Polygons, glare, light and texture of the virtual lab: what need not be exact to 0.001 px."""
+"""Polygons, glare, light and texture of the virtual lab, which need no subpixel accuracy."""
 
 from __future__ import annotations
 

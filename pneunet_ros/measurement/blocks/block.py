@@ -138,7 +138,7 @@ class Block(abc.ABC):
 
     @property
     def law_errors(self) -> tuple[Mapping[str, float], ...]:
-        """Changes of the model file per column, by dotted path, in addition to its own columns."""
+        """Changes of the model file per column, by dotted path, beyond the covariance columns."""
         return ()
 
     @property
@@ -147,7 +147,7 @@ class Block(abc.ABC):
         return ()
 
     def growth(self, seconds: float, pressed: float) -> list[float]:
-        """Return one sigma of the process noise of those, relative to std, for a size of 1."""
+        """Return the process noise (one sigma), relative to std, for a model error of size 1."""
         return []
 
     def move(self, passage: Passage, by_times: Move) -> Move:
@@ -181,13 +181,13 @@ class Block(abc.ABC):
         return None
 
     def as_pressure(self, inputs: FrameInputs) -> Array | None:
-        """Return one of each as the error of the pressure that looks like it, (k,) Pa."""
+        """Return each unknown as an equivalent pressure error, (k,) Pa."""
         return None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SizedBlock(Block):
-    """A block of errors that go with the size of the model error, with time and the pressure.
+    """A block of errors that scale with the model error, with time and with the pressure.
 
     range (Pa): of the pressure: over all of it an error moves as far as it can.
     """

@@ -37,24 +37,24 @@ class Camera(Block):
 
     @property
     def std(self) -> Array:
-        """Prior of a camera that nobody moved."""
+        """Prior of an undisturbed camera."""
         return np.array([*[self.drift_std] * 2, *[self.place_std] * 2, self.turn_std])
 
     @property
     def prior(self) -> Prior:
-        """Where the base frame was when the model was calibrated."""
+        """The base frame of the calibration."""
         mean = np.zeros(self.std.size)
         mean[self.PLACE] = self.origin
         return Prior(mean=mean, std=self.std)
 
     @property
     def times(self) -> Array:
-        """It drifts; place and turn stay."""
+        """Time constants: drift decays, position and rotation are constant."""
         return np.array([self.drift_time, self.drift_time, math.inf, math.inf, math.inf])
 
     @property
     def moved_std(self) -> Array:
-        """One sigma (3,) of place and turn of a camera that was moved."""
+        """One sigma (3,) of position and rotation of a camera that was moved."""
         moved = self.moved_by * self.length
         return np.array([moved, moved, self.turned_by])
 

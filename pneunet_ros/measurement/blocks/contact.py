@@ -47,18 +47,18 @@ class Push(Block):
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Places (m) between which a contact may be."""
+        """Range (m) of possible contact positions."""
         low, high = self.places
         return low * self.length, high * self.length
 
     def walked(self, walk: float, seconds: float) -> Array:
-        """Return one sigma (2,) of how it walks, at a walk (N/sqrt(s)) of the forces."""
+        """Return the random walk (2,), given that (N/sqrt(s)) of the forces."""
         force_walk = min(walk, self.largest_walk * self.scale)
         walks = np.array([force_walk, self.place_walk * self.length])
         return np.asarray(walks * math.sqrt(seconds))
 
     def load_of(self, own: Array) -> PartLoad | None:
-        """Return the contact force of these unknowns (2,); None if it is off the arm."""
+        """Return the contact force for these unknowns (2,); None if the contact is off the arm."""
         force, place = own.tolist()
         low, high = self.limits
         if not low <= place <= high:

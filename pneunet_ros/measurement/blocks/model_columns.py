@@ -1,4 +1,4 @@
-"""The error of the model as its calibration knows it: the columns of its covariance."""
+"""The model error as stated by the calibration: the columns of its covariance."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelColumns(Block):
-    """Each column of the model's covariance, in sigma; it must be the first with columns.
+    """Columns of the model's covariance, in sigma; must be the first block with columns.
 
     known: their number; guessed: how many, the last ones, the calibration has only guessed.
     """
@@ -41,7 +41,7 @@ class ModelColumns(Block):
 
     @property
     def law_columns(self) -> int:
-        """All of them."""
+        """All columns."""
         return self.known
 
     def on_rod_as_read(self, causes: Array, columns: slice, inputs: FrameInputs) -> None:

@@ -77,7 +77,7 @@ class ModelDiscrepancy(SizedBlock):
 
     @property
     def sized(self) -> tuple[int, ...]:
-        """The two errors of the law; the delayed part has a size of its own."""
+        """The two errors of the law; the delayed one has its own size."""
         return 0, 1
 
     @property
@@ -104,7 +104,7 @@ class ModelDiscrepancy(SizedBlock):
         causes[PRESSURE, -1] = inputs.late[-1]
 
     def as_pressure(self, inputs: FrameInputs) -> Array:
-        """Count a curvature as the pressure that would make it."""
+        """Return the pressure equivalent to a curvature."""
         return np.concatenate([[self.range, 0.0], inputs.late])
 
     def remember(
@@ -127,7 +127,7 @@ class ModelDiscrepancy(SizedBlock):
 
 
 def pressure_span(arm: Arm) -> tuple[float, float]:
-    """Return the range of pressure (Pa), also of an arm that was calibrated at one pressure."""
+    """Return a nonzero range of pressure (Pa), also for a calibration at one pressure."""
     low, high = arm.pressure_range
     return (low, high) if low < high else arm.table_range
 
@@ -148,7 +148,7 @@ def curvature_off(arm: Arm) -> dict[str, float]:
 
 
 def stiffness_off(arm: Arm, share: float) -> dict[str, float]:
-    """Return a stiffness off by a share of it everywhere, by dotted path."""
+    """Return the change of the model by a uniform relative stiffness error, by dotted path."""
     law = arm.moment_law
     return {
         '.'.join(('moment_law', name, *map(str, place))): share * float(value)

@@ -14,7 +14,7 @@ from pneunet_ros.model.uncertainty import PlacementKnown
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placement(Block):
-    """Places along the arm, then across it (m), of each dot, in the arm's tangent and normal.
+    """Displacement of each dot (m), tangential then normal to the arm.
 
     one_std (m): of a dot that nobody has found; known: of those that the model was calibrated
     with, None if it is not known.
@@ -26,7 +26,7 @@ class Placement(Block):
 
     @property
     def std(self) -> Array:
-        """Prior of dots that were not calibrated."""
+        """Prior of uncalibrated dots."""
         return np.full(2 * self.dots, self.one_std)
 
     @property
@@ -45,5 +45,5 @@ class Placement(Block):
         return np.concatenate([which, self.dots + which])
 
     def on_dots(self, own: Array) -> Array:
-        """Move each its dot."""
+        """Displace each dot."""
         return own.reshape(2, self.dots, *own.shape[1:])

@@ -1,4 +1,4 @@
-"""A slow error of the pressure: what creep, hysteresis and a drifting sensor look like."""
+"""A slow pressure error: the effect of creep, hysteresis and sensor drift."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class PressureError(SizedBlock):
 
     @property
     def sized(self) -> tuple[int, ...]:
-        """It goes with the size of the model error."""
+        """Scales with the model error."""
         return (0,)
 
     def move(self, passage: Passage, by_times: Move) -> Move:
@@ -44,5 +44,5 @@ class PressureError(SizedBlock):
         causes[PRESSURE] = 1.0
 
     def as_pressure(self, inputs: FrameInputs) -> Array:
-        """Return 1: it is one."""
+        """Return 1: the unknown is a pressure."""
         return np.ones(1)

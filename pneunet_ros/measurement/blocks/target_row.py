@@ -1,4 +1,4 @@
-"""Common offset of the row of dots: beside the neutral line, or with another spacing."""
+"""Common offset and spacing error of the row of dots."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class TargetRow(Block):
 
     @property
     def std(self) -> Array:
-        """Prior of a row that was not calibrated."""
+        """Prior of an uncalibrated row."""
         return np.array([self.spacing_std, self.offset_std])
 
     @property
     def prior(self) -> Prior:
-        """Zero: the row is where the model file, or its calibration, has it."""
+        """Zero: the row is where the model file states."""
         nothing = np.zeros(2)
         return Prior(mean=nothing, std=nothing, shared=(ModelColumns, np.zeros((2, 0))))
 

@@ -1,4 +1,4 @@
-"""The force at the tip: it walks, as fast as frames have recently shown."""
+"""The tip force: a random walk with a rate learned from recent frames."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ class Walk:
 
     @property
     def largest(self) -> float:
-        """The walk (N/sqrt(s)) that the load of an arm which swings may go on by."""
+        """Upper limit of the random walk (N/sqrt(s)) of the load on a swinging arm."""
         return max(self.recent, self.usual, self.taken)
 
     def steadiness(self, seconds: float) -> float:
-        """Return how many times more than by a walk the variance grows: a load may swing."""
+        """Return the variance growth relative to a random walk, for a load that may swing."""
         return max(seconds / self.interval, 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceChange:
-    """Changes of a force from frame to frame, and the part that its variances explain.
+    """Changes of a force between frames, and the part explained by their variances.
 
     of_tip: it is a component of the tip force, which the usual walk is of.
     """
@@ -87,12 +87,12 @@ class TipForce(Block):
 
     @property
     def times(self) -> Array:
-        """Finite: it moves, by `move`."""
+        """Time constants: finite, since the force moves by `move`."""
         return np.ones(2)
 
     @property
     def free_walk(self) -> float:
-        """The rate (N/sqrt(s)) beyond which a frame inherits nothing of the previous force."""
+        """Random walk (N/sqrt(s)) above which a frame carries over no information on the force."""
         return self.largest_walk * self.scale
 
     @property
@@ -150,7 +150,7 @@ class TipForce(Block):
     def walk_after(
         self, walk: Walk, changes: list[ForceChange], seconds: float, frames: int
     ) -> Walk:
-        """Return the walk after a frame, by what the variances leave of the changes of forces.
+        """Return the random walk after a frame, from force changes beyond their variances.
 
         frames: used before it. It rises immediately and falls within `walk_time`, but not below
         the mean walk of the tip force.

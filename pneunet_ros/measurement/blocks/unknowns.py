@@ -25,7 +25,7 @@ Kind = TypeVar('Kind', bound=Block)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Placed:
-    """A block in the vector: where its unknowns are, and its columns among the causes."""
+    """A block in the state vector: the slices of its unknowns and of its columns."""
 
     block: Block
     where: slice
@@ -71,7 +71,7 @@ class Unknowns:
         return cls(placed=tuple(placed))
 
     def __post_init__(self) -> None:
-        """Make once what never changes."""
+        """Compute constants once."""
         placed = self.placed
         std = np.concatenate([one.block.std for one in placed])
         times = np.concatenate([one.block.times for one in placed])
@@ -111,7 +111,7 @@ class Unknowns:
             object.__setattr__(self, name, value)
 
     def _that(self, method: str) -> tuple[Placed, ...]:
-        """Return the blocks that say something by a method."""
+        """Return the blocks that override a method."""
         neutral = getattr(Block, method)
         return tuple(one for one in self.placed if getattr(type(one.block), method) is not neutral)
 
@@ -127,20 +127,20 @@ class Unknowns:
         return block
 
     def at(self, kind: type[Block], part: slice = slice(None)) -> slice:
-        """Return where the unknowns of a block are, or a part of them."""
+        """Return the slice of the unknowns of a block, or of some of them."""
         where = self.places[kind].where
         if part.start is None:
             return where
         return slice(where.start + part.start, where.start + part.stop)
 
     def changed(self, block: Block) -> Unknowns:
-        """Return the unknowns with one block replaced by another of its kind."""
+        """Return the unknowns with one block replaced by another of the same type."""
         blocks = (block if type(one) is type(block) else one for one in self.blocks)
         return Unknowns.of(*blocks)
 
     @property
     def law_errors(self) -> tuple[dict[str, float], ...]:
-        """The columns of the law that no covariance holds, as `PerturbationTable` takes them."""
+        """Columns of the law beyond the covariance, in the form `PerturbationTable` takes."""
         return tuple(dict(error) for one in self.blocks for error in one.law_errors)
 
     @property
@@ -149,7 +149,7 @@ class Unknowns:
         return len(self.causes) - LAW
 
     def prior(self, size: float) -> Gaussian:
-        """Return the prior before any frame, given the size of the model error."""
+        """Return the initial prior, given the size of the model error."""
         mean, root = np.zeros(self.std.size), np.diag(self.scaled_std(size))
         for one in self.placed:
             prior, where = one.block.prior, one.where

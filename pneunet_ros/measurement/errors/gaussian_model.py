@@ -1,4 +1,4 @@
-"""Linear algebra of hypotheses: what remains of a direction once the base model is refitted.
+"""Linear algebra of hypotheses: the part of a direction orthogonal to the base model.
 
 All unknowns are scaled to unit prior. With columns X, residual r and position x of the unknowns
 (prior mean 0), V = 1 + X X^T is the covariance of residuals; z = E^T V^-1 r and C = E^T V^-1 E are
@@ -41,7 +41,7 @@ class GaussianModel:
         grams: Sequence[Array] = (),
         log_volumes: Sequence[float] = (),
     ) -> GaussianModel:
-        """Set the problem up and solve it; grams: column^T column per run, where known.
+        """Set up and solve the problem; grams: column^T column per run, where known.
 
         log_volumes: nothing where all that is compared is whitened by the same.
         """
@@ -72,7 +72,7 @@ class GaussianModel:
         return 0.5 * float(sum(self.information_vectors, -self.position) @ self.step)
 
     def solved(self, right: Array) -> Array:
-        """Return the covariance of the unknowns times something (n, k)."""
+        """Return the covariance of the unknowns times a matrix (n, k)."""
         value: Array = scipy.linalg.cho_solve(self.factor, right)
         return value
 

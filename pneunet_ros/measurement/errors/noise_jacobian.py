@@ -18,7 +18,7 @@ PRESSURE = LOADS  # index of the chamber pressure among the causes of a sensitiv
 def noise_jacobian(
     table: PerturbationTable, reading: Load, std: tuple[float, float, float, float]
 ) -> Array:
-    """Return the noise input matrix: what one sigma of each source of error does to every cause.
+    """Return the noise input matrix: the change of every cause by one sigma of each error source.
 
     reading: pressure (Pa) and wrench (N, N m) as the sensors have them; std: of F1, F2, M and the
     pressure. Returns (sources, causes), both in the order F1, F2, M, pressure, columns of the
@@ -44,7 +44,7 @@ def noise_jacobian(
 
 
 def true_load(arm: Arm, load: tuple[float, ...]) -> Array:
-    """Return true F1, F2, M and pressure behind readings of them, in this order."""
+    """Return the true F1, F2, M and pressure for given readings, in this order."""
     true = arm.sense(Load(force_x=load[0], force_y=load[1], moment=load[2], pressure=load[3]))
     return np.array([true.force_x, true.force_y, true.moment, true.pressure])
 
@@ -53,7 +53,7 @@ def true_load(arm: Arm, load: tuple[float, ...]) -> Array:
 def propagate_covariance(
     noise: Array, tip: Array, stations: Array, further: Array, covariance: Array, std: Array
 ) -> bool:
-    """Carry errors through a linear response; returns whether all of it is finite.
+    """Propagate errors through a linear response; returns whether the result is finite.
 
     noise (sources, causes): the noise input matrix; tip (causes, 3) and stations (causes, 6,
     stations) are the sensitivities; further (3, stations): one more independent error of x, y (m)

@@ -113,14 +113,14 @@ def reading_errors(
 
 
 def frames_of_pressure(arm: Arm, run: RecordingData) -> Array:
-    """Return how many frames have their pressure from the same readings as each, (frames,)."""
+    """Return the number of frames that share their pressure readings with each, (frames,)."""
     if run.static or not run.pressurized:
         return np.ones(len(run.stamp_ns))
     return frames_sharing(shown_instants(arm, run), run.reading_stamp_ns)
 
 
 def frames_of_wrench(run: RecordingData) -> Array:
-    """Return how many have their load from the same readings, (frames,)."""
+    """Return the number of frames that share their load readings with each, (frames,)."""
     if run.static or run.wrench_stamp_ns is None:
         return np.ones(len(run.stamp_ns))
     return frames_sharing(instants_among(run.stamp_ns, run.wrench_stamp_ns), run.wrench_stamp_ns)

@@ -43,7 +43,7 @@ class PropagatedErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlaceChanges:
-    """Places along an arm, the last of them the tip, and what each cause changes there.
+    """Positions along an arm, ending with the tip, and their derivatives by each cause.
 
     arclength (places,) m; changes (causes, 6, places): as of `Sensitivity.stations`.
     """
@@ -54,7 +54,7 @@ class PlaceChanges:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SeenShape:
-    """Where along an arm its shape was measured, and how well.
+    """Arclengths at which the shape was measured, and the accuracy.
 
     at: places (m) with its changes, of stations and of what was seen; stations: which of them are
     the stations; seen: which were seen; std (2, seen) m. Errors whose linear parts cancel at the
@@ -131,7 +131,7 @@ def carry_errors(
     covariance: Array,
     std: Array,
 ) -> int:
-    """Do what `propagate_errors` does; returns at which of the steps, NO_SIDES or UNBOUNDED.
+    """Compute `propagate_errors`; returns the failed step, NO_SIDES or UNBOUNDED.
 
     tip (causes, 3): the sensitivity of the free end; mixing (causes, single causes), of size 0
     where a cause is single; kind and steps: as of `solve_sides`; changes (causes, 6, places) at

@@ -42,7 +42,7 @@ KINDS = {None: NOT_DEFINED, True: STABLE, False: UNSTABLE}  # of a rod, by wheth
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SecondOrder:
-    """The solved rod to either side of an estimate, `step` sigma along its leading error.
+    """The solved rod on both sides of an estimate, `step` sigma along its leading error.
 
     sensitivity: of the estimate.
     """

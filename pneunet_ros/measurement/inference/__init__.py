@@ -1,1 +1,1 @@
-"""Engines of estimation, which name no unknown: they know means, roots and Jacobians."""
+"""Estimation algorithms for generic unknowns: means, square roots and Jacobians."""

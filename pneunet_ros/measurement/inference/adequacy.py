@@ -1,4 +1,4 @@
-"""Chi-squared limit of misfit by noise alone, for frames and models."""
+"""Chi-squared limit of the misfit due to noise alone, for frames and models."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class Hypothesis(Generic[Believed]):
 
     @property
     def is_alike(self) -> bool:
-        """Whether it is not clearly less likely than the best."""
+        """Whether the hypothesis is not clearly less likely than the best."""
         return self.log_weight > -ALIKE
 
 

@@ -1,4 +1,4 @@
-"""A Gaussian by its mean and a root of its covariance, and what becomes of it.
+"""A Gaussian in square-root form, and its updates.
 
 The root (n, m) may have more columns than rows: moves and forgotten unknowns add columns, a
 measurement keeps them, and `compressed` makes the root square again.
@@ -79,7 +79,7 @@ def without_prior(known: Gaussian, which: int, before: float) -> tuple[float, fl
 def prior_log_odds(
     known: Gaussian, where: Where, before: Array, after: Array, center: Array | float = 0.0
 ) -> float:
-    """Return the log odds (nats) in favor of another prior, given all measurements so far.
+    """Return the log odds (nats) of another prior, given all measurements so far.
 
     Of some constant unknowns; before, after: one sigma (k,) of the prior in use, and of the other
     one; center (k,): mean of both. -inf where one was known exactly.
@@ -161,7 +161,7 @@ def take_measurement(known: Known, response: Array, value: Array, std: Array) ->
 
 
 def innovation_factor(seen: Array) -> Array:
-    """Return the Cholesky factor (k, k), below its diagonal, of the innovation's covariance.
+    """Return the Cholesky factor (k, k), stored below the diagonal, of the innovation covariance.
 
     seen (k, m): what a measurement of white noise 1 sees of each column of the root.
     """

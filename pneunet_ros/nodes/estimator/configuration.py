@@ -60,7 +60,7 @@ class NodeSettings:
             raise RequestError('tip_frame must not be empty', reason='empty')
 
     def markers(self, arm: ArmInUse) -> tuple[Output[ShapeEstimate], ...]:
-        """Return the outputs for the eye that were asked for."""
+        """Return the requested outputs for visualization."""
         outputs = []
         if self.publish_tf:
             outputs.append(transform_output(self.tip_frame))

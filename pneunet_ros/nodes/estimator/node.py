@@ -130,7 +130,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
             self.log_refusal(refusal)
 
     def take_pressure(self, message: Any, info: dict[str, int]) -> None:
-        """Take a pressure message and publish the shape at it."""
+        """Process a pressure message and publish the resulting shape."""
         self.note_message(self.topics[PRESSURE.name], info)
         try:
             reading = PRESSURE.decode(message)
@@ -157,7 +157,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         self.zero.take(reading)
 
     def take_targets(self, message: Any, info: dict[str, int]) -> None:
-        """Take a frame of measured targets and compare it with the estimates."""
+        """Process a frame of measured targets and compare it with the estimates."""
         self.note_message(self.topics[TARGETS.name], info)
         consistency, refusal = take_targets_message(
             self.consistency, self.configuration.estimator, message
@@ -201,7 +201,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
             self.log.warn('silence', report.message, now)
 
     def in_use(self) -> tuple[Arm, EstimatorSettings]:
-        """Return the arm and the settings of its sensors."""
+        """Return the arm and sensor settings in use."""
         estimator = self.configuration.estimator
         return estimator.arm, estimator.settings
 
@@ -212,7 +212,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         return 'the estimator was reset'
 
     def take_over(self, configuration: EstimatorConfiguration) -> None:
-        """Keep what remains valid of the state, and use the new rate."""
+        """Keep the still valid part of the state, and use the new rate."""
         self.state = configuration.take_over(self.state, self.configuration)
         if not share_arm_and_settings(configuration, self.configuration):
             self.consistency = self.consistency.fresh()

@@ -51,7 +51,7 @@ def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
 
 
 def load_inside(arm: Arm) -> tuple[float, float, float]:
-    """Return F1, F2 (N) and M (N m) that the model knows in the middle of its pressures.
+    """Return a load F1, F2 (N), M (N m) inside the domain at mid-range pressure.
 
     Half of any load that was seen is inside there: the unloaded arm belongs to the convex domain.
     """

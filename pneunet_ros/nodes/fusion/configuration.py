@@ -148,7 +148,7 @@ class FusionConfiguration:
 def configured_fusion(
     values: Mapping[str, Any], current: FusionConfiguration | None
 ) -> FusionConfiguration:
-    """Make ready what the values of all parameters ask for.
+    """Build the configuration from the values of all parameters.
 
     The model file is read unless `current` already has the model of it. Raises PneunetError with
     what is wrong.

@@ -84,7 +84,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         self.tell_ready()
 
     def take(self, sensor: Input[Any], topic: str, message: Any, info: dict[str, int]) -> None:
-        """Take a message, and publish the estimate that it gives."""
+        """Process a message, and publish its estimate if there is one."""
         self.note_message(topic, info)
         self.settle()
         resets, begin = self.state.readings.resets, time.monotonic()
@@ -105,7 +105,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
             self.log.warn('reset', sentence, time.monotonic())
 
     def settle(self) -> None:
-        """Do what no estimate waits for; the executor calls this when no message waits."""
+        """Do deferred work; the executor calls this when no message is waiting."""
         if not self.is_unsettled:
             return
         self.is_unsettled = False
@@ -130,7 +130,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
             self.log.warn('limited', report.message, now)
 
     def in_use(self) -> tuple[Arm, EstimatorSettings]:
-        """Return the arm, and what is known of its sensors."""
+        """Return the arm and its sensor settings."""
         fusion = self.configuration.fusion
         return fusion.arm, fusion.sensors
 
@@ -142,7 +142,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         return 'the fusion was reset'
 
     def take_over(self, configuration: FusionConfiguration) -> None:
-        """Keep what remains valid of the state, and use the new rate."""
+        """Keep the still valid part of the state, and use the new rate."""
         self.settle()
         self.state = configuration.take_over(self.state, self.configuration)
         self.outputs.centerline_rate = configuration.node.centerline_rate

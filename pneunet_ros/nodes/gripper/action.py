@@ -26,7 +26,7 @@ def gripper_command() -> Any | None:
 
 
 def serve_action(node: Any, goals: GripperGoals) -> Any:
-    """Open the action; returns what must be kept for as long as it is there."""
+    """Open the action server; returns objects that must be kept alive."""
     from rclpy.action import ActionServer, CancelResponse
 
     node.is_polled = True  # what an action waits for wakes no executor of ours
@@ -95,8 +95,8 @@ class GripperGoals:
 
 
 class Turn:
-    """Lets the executor do all else once."""
+    """Awaitable that lets the executor run all other callbacks once."""
 
     def __await__(self) -> Any:
-        """Give way."""
+        """Yield to the executor."""
         yield

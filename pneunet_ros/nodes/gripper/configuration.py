@@ -87,7 +87,7 @@ class GripperSettings:
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """The nodes of every arm, those first that are to answer first."""
+        """The nodes of every arm, in order of priority."""
         beside = {'fusion': self.fusion, 'tracker': self.tracker}
         return ('estimator', *(name for name, wanted in beside.items() if wanted))
 

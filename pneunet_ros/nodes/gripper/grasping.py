@@ -71,7 +71,7 @@ class Grasping:
             self.transforms.publish(mount_transforms(mounts, self.settings.frame_id, RCLPY_TYPES))
 
     def take_frame(self, arm: str) -> None:
-        """Take a frame of an arm, which its fusion has used."""
+        """Process a frame that the fusion of an arm has used."""
         if self.command is None and not self.states.get_subscription_count():
             return
         fusion = self.fusions[arm]
@@ -114,7 +114,7 @@ class Grasping:
         self.command = None
 
     def follow(self, now: float) -> None:
-        """Command the next pressures, from what the sensors read at first."""
+        """Command the next pressures from the latest readings."""
         elapsed, self.moved_at = now - self.moved_at, now
         if self.command is None:
             return
@@ -155,7 +155,7 @@ class Grasping:
         )
 
     def is_stalled(self) -> bool:
-        """Whether the arms hold something as hard as they may, or can go no further."""
+        """Whether the grip is at its force limit or cannot close any further."""
         if self.command is None or self.grasp is None or self.seen.keys() != self.fusions.keys():
             return False
         width = self.grasp.width

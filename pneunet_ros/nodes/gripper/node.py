@@ -45,7 +45,7 @@ CLASSES: dict[str, Callable[[Place], Any]] = {
 
 
 class GripperNode(ConfiguredNode[GripperConfiguration]):
-    """Knows the arms, and says how all of them are doing."""
+    """Combines the estimates of all arms of a gripper and reports on them."""
 
     INFO_TOPIC: ClassVar[str] = 'gripper_info'
 
@@ -67,7 +67,7 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
         self.tell_ready()
 
     def unknown_parameters(self) -> list[str]:
-        """Return the names given that neither a node nor the block of an arm has."""
+        """Return the given names that neither the node nor the block of an arm declares."""
         arms = self.configuration.node.arms
         return [
             name
@@ -85,7 +85,7 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
         return 'all arms were reset'
 
     def zero_pressure(self, request: Any, response: Any) -> Any:
-        """Serve ~/zero_pressure: all arms are vented; each node sets what it can."""
+        """Serve ~/zero_pressure of a vented gripper; each node sets its own offset."""
         response.success, said = True, []
         for member in self.members:
             if hasattr(member, 'zero'):
@@ -96,12 +96,12 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
         return response
 
     def take_over(self, configuration: GripperConfiguration) -> None:
-        """Command by the new numbers; all else holds for the life of the node."""
+        """Use the new command settings; all other parameters are fixed until restart."""
         if self.grasping is not None:
             self.grasping.settings = configuration.node
 
     def diagnose(self) -> None:
-        """Publish how many frames were left out, of which arm."""
+        """Publish the number of dropped frames per arm."""
         shed = {member.get_namespace(): member.shedding.total for member in self.members}
         late = [f'{arm}: {count}' for arm, count in shed.items() if count]
         message = f'{len(self.configuration.node.arms)} arms'

@@ -88,7 +88,7 @@ class Camera:
             node.refuse(reason, error)
 
     def follow(self) -> None:
-        """Subscribe as the publishers of now offer it."""
+        """Match the QoS of the current publishers."""
         for subscription in self.inputs:
             subscription.follow()
 

@@ -28,14 +28,14 @@ class TrackerHealth(InputHealth):
         self.begin_next(now)
 
     def begin_next(self, now: float) -> None:
-        """Begin the time up to the next report."""
+        """Start the period up to the next report."""
         super().begin_next(now)
         self._explained = 0
         self._sentences: dict[str, str] = {}
         self._missing: set[int] = set()
 
     def took_image(self, outcome: Tracking | Refusal, now: float) -> None:
-        """Note what became of an image."""
+        """Record the outcome of an image."""
         self.take(outcome, now)
         if isinstance(outcome, Refusal):
             return
@@ -47,7 +47,7 @@ class TrackerHealth(InputHealth):
             self._missing.update(_missing(outcome))
 
     def report(self, state: TrackerState, now: float) -> Report:
-        """Sum up the time since the last report, and begin the next one."""
+        """Summarize the time since the last report, and start the next period."""
         level, message = self._verdict(now)
         values = self._values(state, now)
         self.begin_next(now)

@@ -74,7 +74,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         outcome: Tracking | Refusal | None,
         info: dict[str, int],
     ) -> None:
-        """Take what became of an image, and publish the targets in it; info: of the message."""
+        """Process the outcome of an image, and publish its targets; info: of the message."""
         has_reset, self.state = state.resets > self.state.resets, state
         if has_reset:
             sentence = 'time jumped back: the tracker was reset'

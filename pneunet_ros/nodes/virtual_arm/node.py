@@ -120,7 +120,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         return Film(lab) if self.configuration.node.camera == 'images' else None
 
     def take_command(self, message: Any) -> None:
-        """Take a commanded pressure; its stamp is not looked at."""
+        """Process a commanded pressure; its stamp is ignored."""
         try:
             command = PRESSURE.decode(message).pressure
         except MessageError as error:
@@ -200,7 +200,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.with_shape(lambda shape: self.tips.publish(self.tip(shape, stamp_ns)))
 
     def with_shape(self, use: Callable[[ChainShape | MovingShape], None]) -> None:
-        """Do something with the shape of the arm, if it has one."""
+        """Call a function with the shape of the arm, if it has one."""
         try:
             self.state, shape = self.configuration.lab.shape(self.state)
         except RequestError as error:
@@ -231,7 +231,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         return tip
 
     def frame_stamp(self) -> int | None:
-        """Bring the arm to the present; returns the stamp (ns) that its camera gives it.
+        """Advance the arm to the present; return the stamp (ns) of its camera.
 
         None while there is no time, or none since the last frame.
         """
@@ -297,13 +297,13 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.publish_report('arm', Report(level=level, message=message, values=numbers))
 
     def forget(self) -> str:
-        """Put an unconditioned arm (no prior loading) in its place, vented and without a load."""
+        """Replace the arm by an unconditioned one (no prior loading), vented and unloaded."""
         self.command, self.load = None, Load()
         self.state = self.configuration.lab.begin(self.now())
         return 'an unconditioned arm (no prior loading), vented and without a load'
 
     def take_over(self, configuration: VirtualArmConfiguration) -> None:
-        """Go on with other effects, or with another arm, which is unconditioned."""
+        """Continue with other effects, or with another, unconditioned arm."""
         lab = configuration.lab
         self.film = self.camera(lab)
         if lab.scenario.arm is self.configuration.lab.scenario.arm:

@@ -76,7 +76,7 @@ def configured_virtual_gripper(
 
 
 def played_gripper(files: Sequence[str], name: str) -> tuple[Gripper, dict[str, str]]:
-    """Return the gripper that is played, and the frames of its arms.
+    """Return the simulated gripper, and the frames of its arms.
 
     files: of parameters, none for the shipped one; name: full name of the node `gripper`.
     RequestError where its arms have no mounts.

@@ -40,7 +40,7 @@ FOLLOWS = 0.005
 
 
 class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
-    """Lets the object push the arms that reach into it."""
+    """Simulates an object that pushes the arms reaching into it."""
 
     INFO_TOPIC: ClassVar[str] = 'lab_info'
 
@@ -54,7 +54,7 @@ class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
         self.forces = dict.fromkeys(self.gripper.mounts, 0.0)  # N
 
     def open(self) -> None:
-        """Open the services and begin, now that all arms are there."""
+        """Open the services and start, now that all arms exist."""
         self.open_services()
         self.every(1.0 / self.configuration.node.rate, self.push)
         self.tell_ready()
@@ -82,7 +82,7 @@ class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
         return 'unconditioned arms (no prior loading), vented'
 
     def take_over(self, configuration: VirtualGripperConfiguration) -> None:
-        """Go on with another object."""
+        """Continue with another object."""
 
     def diagnose(self) -> None:
         """Publish how hard the object is held."""

@@ -27,7 +27,7 @@ UNLOADED_SHOWN, LOADED_SHOWN = 10, 12  # steady states, at most
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FigureData:
-    """A calibration with what its pictures need.
+    """A calibration with the data of its figures.
 
     free: steady states without load; main: those of the loaded run that spans most pressure, all
     spread over pressure. The views are theirs, less those with too few targets for one.

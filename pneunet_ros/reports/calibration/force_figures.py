@@ -31,7 +31,7 @@ class EstimatedForces:
 
 
 def estimated_forces(data: FigureData) -> EstimatedForces:
-    """Estimate the end force of some frames of every loaded run, both ways."""
+    """Estimate the end force of some frames of every loaded run by both methods."""
     arm, loaded = data.calibration.arm, data.loaded
     most = max(FRAMES // len(loaded), 2)
     runs = [item.run.thin(most) for item in loaded]

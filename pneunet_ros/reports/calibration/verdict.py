@@ -35,7 +35,7 @@ UNKNOWN_FILES = Files()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """Quality of the fit, certainty of its numbers, and the next step.
+    """Quality of the fit, accuracy of its parameters, and the next step.
 
     fits: False where there is no model, or something is missing in it. command: to type for the
     next step, with capitals for what the user has to fill in.
@@ -50,7 +50,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BendingStiffness:
-    """EI (N m^2) of a section of the arm, '' for all of it, with its std, at a pressure (Pa)."""
+    """EI (N m^2) of a section ('': the whole arm) at a pressure (Pa), with its std."""
 
     section: str
     value: float
@@ -168,14 +168,14 @@ def larger_under_load(fit: Fit) -> float:
 
 
 def residual_rms(fit: Fit) -> float:
-    """Return the rms (m) per coordinate that the fit leaves, NaN where no frame was solved."""
+    """Return the residual rms (m) per coordinate, NaN where no frame was solved."""
     return root_mean_square(
         np.concatenate([item.residual[item.solved].ravel() for item in fit.runs])
     )
 
 
 def noise_ratio(fit: Fit) -> float:
-    """Return the rms of the whitened residual; 1 for noise alone."""
+    """Return the rms of the whitened residual; 1 = noise only."""
     return math.sqrt(fit.chi_squared / max(fit.dof, 1))
 
 

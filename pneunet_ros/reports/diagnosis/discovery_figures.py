@@ -48,7 +48,7 @@ def causes(data: FigureData) -> Picture | None:
 
 
 def amplitude(data: FigureData) -> Picture | None:
-    """Draw the amplitude of the closest cause in every frame, and by its law."""
+    """Draw the amplitude of the closest cause in every frame, and that of its law."""
     series = data.discovery.amplitudes[:MOST_SERIES]
     if not series:
         return None

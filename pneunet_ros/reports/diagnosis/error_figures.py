@@ -151,7 +151,7 @@ def model_error(data: FigureData) -> Picture:
 
 
 def discovered_sentence(diagnosis: Diagnosis, discovery: Discovery) -> str:
-    """Describe what becomes of the model error with the discovered law."""
+    """Describe the model error with the discovered law."""
     found = discovery.evaluation
     assert found is not None
     kind = 'training' if found.held_out is None else 'held-out'

@@ -38,7 +38,7 @@ class RecordingErrors:
 
     @property
     def misfit(self) -> Array:
-        """Rms error before over that of noise alone in every frame, (frames,); 0 if unknown."""
+        """Rms error over that of noise in every frame before the effect; 0 if unknown."""
         known = np.isfinite(self.before) & np.isfinite(self.noise)
         error, noise = (
             np.sqrt(np.sum(np.where(known, values, 0.0) ** 2, axis=(1, 2)))
@@ -68,7 +68,7 @@ class FigureData:
         return every if added_effects(self.diagnosis) else every[:1]
 
     def errors(self) -> tuple[RecordingErrors, ...]:
-        """Return the errors of both models on the recordings they are compared on."""
+        """Return the errors of both models on the compared recordings."""
         before, after = self.diagnosis.before, self.diagnosis.after
         runs, scores = self.held_out, (before.held_out_scores, after.held_out_scores)
         if before.held_out is None:

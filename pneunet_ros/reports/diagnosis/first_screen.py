@@ -1,4 +1,4 @@
-"""The first screen of a diagnosis: is anything missing, which cause, what does it change."""
+"""Top of the diagnosis report: whether an effect is missing, which one, and the improvement."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Bar:
 
 
 def missing_sentence(diagnosis: Diagnosis) -> str:
-    """Describe how surely something is missing, against noise alone."""
+    """Describe the significance of the lack of fit."""
     test, chi_squared = diagnosis.adequacy_before, diagnosis.before.training.chi_squared
     values = (
         f'the worst lack-of-fit statistic is {test.statistic:.4g}, where noise alone stays below '
@@ -93,14 +93,14 @@ def error_sentence(diagnosis: Diagnosis) -> str:
 
 
 def rms_shows(diagnosis: Diagnosis, before: Misfit, after: Misfit) -> bool:
-    """Whether the rms shows the missing effect: lowered by what was added, or above the floor."""
+    """Whether the rms shows the missing effect: it fell, or exceeds the noise floor."""
     if before.rms == after.rms:
         return before.rms > diagnosis.noise_floor + diagnosis.noise_floor_std
     return before.rms - after.rms > diagnosis.noise_floor_std
 
 
 def in_chi_squared(diagnosis: Diagnosis, before: Misfit, after: Misfit) -> str:
-    """Return the change in chi squared, and that rms cannot show it."""
+    """Return the change in chi squared, with the note that the rms cannot show it."""
     rms = f'{millimeters(before.rms):.3f} mm rms'
     if before.rms == after.rms:
         change = f'chi squared per coordinate is {before.chi_squared:.4g}'

@@ -1,4 +1,4 @@
-"""Where model and measurement disagree: maps over the arm and what acted on it, and shares."""
+"""Maps of the misfit over arclength and operating conditions, and its shares."""
 
 from __future__ import annotations
 

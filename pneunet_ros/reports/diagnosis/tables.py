@@ -87,7 +87,7 @@ def effect_table(diagnosis: Diagnosis) -> Table:
 
 
 def rank_evidence(diagnosis: Diagnosis) -> list[Evidence]:
-    """Return trials, strongest first, then effects that were not fitted, by their score."""
+    """Return trials by strength, followed by effects that were not fitted, by score."""
     fitted = [item for item in diagnosis.evidence if not math.isnan(item.evidence)]
     rest = [item for item in diagnosis.evidence if math.isnan(item.evidence)]
     return [
@@ -169,7 +169,7 @@ def adequacy_table(diagnosis: Diagnosis) -> Table:
 
 
 def consistent_text(test: Adequacy, added: bool) -> str:
-    """State whether residuals pass a test; added: of effects that may leave what laws miss."""
+    """State whether residuals pass a test; added: the model has new effects."""
     if test.statistic <= test.threshold:
         return 'yes'
     return WITHIN_LAW if added else 'no'

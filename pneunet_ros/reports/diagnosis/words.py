@@ -10,7 +10,7 @@ LEAST_P_VALUE = 1e-6  # a smaller one is only called smaller
 
 
 def with_error(found: Estimated) -> str:
-    """Write a number with its standard error, both to the last digit that means something."""
+    """Format a number and its standard error, rounded to significant digits."""
     unit = unit_text(found.unit)
     if not (math.isfinite(found.std) and math.isfinite(found.value)) or found.std <= 0.0:
         return f'{found.value:.4g}{unit}'
@@ -26,7 +26,7 @@ def with_error(found: Estimated) -> str:
 
 
 def p_value_text(p_value: float) -> str:
-    """Write a p-value; below what simulation and tails resolve it is only called smaller."""
+    """Format a p-value; values below the resolution are written as an upper limit."""
     return f'{p_value:.2g}' if p_value >= LEAST_P_VALUE else f'< {LEAST_P_VALUE:g}'
 
 

@@ -54,7 +54,7 @@ def last_sentence(rounds: Sequence[Round]) -> str:
 
 
 def safe_sentence(safe: SafeSet) -> str:
-    """Describe within what experiments stay."""
+    """Describe the limits of the experiments."""
     low, high = kilopascals(safe.low), kilopascals(safe.high)
     return f'{low:g} to {high:g} kPa, with at most {safe.force:.3g} N at the free end'
 

@@ -1,4 +1,4 @@
-"""Is it linear in pressure? kappa_p0 and kappa - kappa0 at four places of the arm (Figure 11)."""
+"""Linearity in pressure: kappa_p0 and kappa - kappa0 at four positions (Figure 11)."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def moment_view(fit: Fit, smoother: Smoother, steady_state: SteadyState) -> Mome
 
 
 def law_starts(arm: Arm, pressure: float) -> list[float]:
-    """Return where the sections of the moment law begin (m), and where the last ends."""
+    """Return the boundaries (m) of the sections of the moment law."""
     known = np.clip([pressure], *arm.pressure_range)
     sections = arm.moment_law.sections(known, arm.length, arm.weight)[0]
     return [*sections[:, START].tolist(), arm.length]

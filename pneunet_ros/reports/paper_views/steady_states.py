@@ -42,7 +42,7 @@ class SteadyState:
     count: Array
 
     def sightings(self, target_std: float) -> TargetSightings:
-        """Return the mean targets as the tracker would have seen them, with their mean's std."""
+        """Return the mean targets as sightings of a tracker, with the std of the mean."""
         nothing = unseen_targets(0, self.x.size)
         std = np.where(self.count > 0, target_std / np.sqrt(np.maximum(self.count, 1)), np.nan)
         rest = {name: getattr(nothing, name) for name in ('u', 'v', 'area', 'major', 'minor')}

@@ -82,12 +82,12 @@ class SurveyData:
         return frozenset(self.fleet.names[place] for place in self.fleet.odd)
 
     def effect_counts(self) -> dict[str, int]:
-        """Return in how many arms each effect was named, the most frequent first."""
+        """Return the number of arms in which each effect was named, most frequent first."""
         named = [item for item in self.done if item.answer == 'named']
         return dict(Counter(name for item in named for name in item.effects).most_common())
 
     def answer_counts(self) -> dict[str, int]:
-        """Return how often each answer was given."""
+        """Return the number of arms per answer."""
         return dict(Counter(item.answer for item in self.done).most_common())
 
     def rare_effects(self) -> dict[str, list[str]]:
@@ -100,7 +100,7 @@ class SurveyData:
         }
 
     def could_show(self, effect: str) -> int:
-        """Return in how many of the arms without an effect it could have been seen."""
+        """Return the number of arms without an effect in which it could have been detected."""
         return sum(
             bool(item.found['detectable'].get(effect, {}).get('observable'))
             for item in self.done

@@ -42,7 +42,7 @@ MICRO = 1e6
 
 @dataclass(slots=True, kw_only=True)
 class TrackingPage:
-    """Collects the frames of a recording, and makes the page of them.
+    """Collects the frames of a recording for a page.
 
     source: what the user named; model: name of the arm; target_arclength (targets,) m; estimated:
     the shapes that the recording holds, None without; preview: what is drawn of all frames; film:
@@ -76,7 +76,7 @@ class TrackingPage:
         tracking: Tracking | None,
         state: TrackerState,
     ) -> None:
-        """Take one frame into account; None for what could not be read or was not looked at."""
+        """Add a frame; None for an unreadable or skipped one."""
         self.preview.add(log_time_ns, image, tracking, state)
         self._start_ns = self._start_ns or log_time_ns
         if tracking is not None:

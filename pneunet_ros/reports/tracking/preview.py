@@ -75,7 +75,7 @@ class Preview:
         tracking: Tracking | None,
         state: TrackerState,
     ) -> None:
-        """Take one frame into account; None for what could not be read or was not looked at."""
+        """Add a frame; None for an unreadable or skipped one."""
         status = np.full(self.targets, -1, np.int8)
         rms = math.nan
         if tracking is not None and not tracking.reason:
@@ -113,7 +113,7 @@ class Preview:
                 self._pictures[slot] = seen
 
     def _keep(self, log_time_ns: int, curve: MeasuredCurve) -> None:
-        """Keep curves evenly over time, however many come."""
+        """Keep a limited number of curves, evenly spaced in time."""
         if (self._count % self._every) == 0:
             self._curves.append((log_time_ns, curve))
         if len(self._curves) > CURVES:
@@ -121,7 +121,7 @@ class Preview:
             self._every *= 2
 
     def shown(self) -> list[Seen]:
-        """List the frames of which the images are shown, in their order."""
+        """Return the frames whose images are shown, in order."""
         return list({id(seen): seen for _, seen in sorted(self._pictures.items())}.values())
 
     def curves(self) -> list[tuple[int, MeasuredCurve]]:
@@ -129,7 +129,7 @@ class Preview:
         return self._curves
 
     def draw(self, path: Path, title: str) -> None:
-        """Draw all of it as a picture."""
+        """Draw the preview as an image."""
         slopes = [seen.image.height / seen.image.width for seen in self._pictures.values()]
         heights = WIDTH / PICTURES * max(slopes, default=0.5) + 0.6, 5.6, 4.4
         figure = Figure(figsize=(WIDTH, sum(heights) + 0.5), layout='constrained')
@@ -238,7 +238,7 @@ def write_at_end(
     overwrite: bool = False,
     inputs: Iterable[Path] = (),
 ) -> Iterator[Collector]:
-    """Write what a preview collects when its context ends, also by a CameraError: it shows why.
+    """Write a preview when its context ends, also after a CameraError, which it then shows.
 
     Errors of `atomic_output`.
     """
@@ -264,7 +264,7 @@ def thin(count: int, wanted: int) -> list[int]:
 
 
 def overlay_of(image: Image, tracking: Tracking, state: TrackerState) -> Bytes:
-    """Return the image with what was made of it; `state` is that after it."""
+    """Return the image with tracking results drawn on it; `state` is that after it."""
     curve = None
     if tracking.curve is not None and state.plane is not None and state.lens is not None:
         curve = curve_in_image(tracking.curve, state.plane, state.lens)

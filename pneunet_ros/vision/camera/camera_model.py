@@ -57,7 +57,7 @@ class Lens:
     coefficients: Array = field(init=False, repr=False)  # fx, fy, cx, cy and the TERMS
 
     def __post_init__(self) -> None:
-        """Check what the camera says of itself."""
+        """Check the camera_info."""
         for name in ('width', 'height'):
             side: Any = getattr(self, name)
             if isinstance(side, bool) or not isinstance(side, int) or not 0 < side <= LARGEST_SIDE:
@@ -193,7 +193,7 @@ def distortion_limit(terms: Array) -> float:
 def check_whole_image(
     lens: Lens, binning: tuple[int, int], region: tuple[int, int, int, int]
 ) -> None:
-    """Refuse a camera_info whose image is not what the lens gives: binned, or a part of it.
+    """Refuse a camera_info with binning or a region of interest.
 
     binning: x, y; region of interest: x_offset, y_offset, width, height. Zeros stand for none.
     Raises CameraError.

@@ -19,7 +19,7 @@ UNIT = 0.01  # a quaternion this near to unit length was rounded and is normaliz
 
 
 def finite_numbers(values: Any, where: str, count: int) -> tuple[float, ...]:
-    """Return so many finite numbers; CameraError, which says where, for anything else."""
+    """Return this many finite numbers; CameraError names the place otherwise."""
     numbers = table_array(values, where, 1, CameraError)
     if numbers.size != count:
         raise CameraError(
@@ -51,7 +51,7 @@ class CurvedRestPlane:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HomographyPlane:
-    """The working plane is known by points of it: pixels (n, 2), points (n, 2) m in base.
+    """The working plane from known points: pixels (n, 2), points (n, 2) m in base.
 
     Pixels are those of the image as it came, with the distortion of the lens.
     """
@@ -140,7 +140,7 @@ class FixedBand:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AdaptiveBand:
-    """Targets stand out from what is around them by a contrast, whatever the light."""
+    """Targets stand out from their surroundings by a contrast, in any light."""
 
     method: ClassVar[str] = 'adaptive'
     contrast: float = quantity(
@@ -152,7 +152,7 @@ class AdaptiveBand:
         check_quantities(self, 'grey_band', CameraError)
 
     def inverted(self) -> AdaptiveBand:
-        """Return itself: a contrast is the same in an inverted image."""
+        """Return itself: contrast does not change in an inverted image."""
         return self
 
 
@@ -209,7 +209,7 @@ class Shutter:
 
     @property
     def is_at_stamp(self) -> bool:
-        """Whether the whole image shows what was there at its stamp."""
+        """Whether all rows of the image are exposed at its stamp."""
         return self.readout == 0.0 and self.exposure == 0.0
 
     def seconds_after_stamp(self, v: Array, height: int) -> Array:

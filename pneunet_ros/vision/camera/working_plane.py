@@ -25,7 +25,7 @@ NEAREST = 1e-4  # m, from the camera to the working plane
 
 @kernel
 def project(points: Array, h: Array) -> None:
-    """Replace points (n, 2) by what the homography h makes of them, NaN behind the horizon."""
+    """Replace points (n, 2) by their projections by the homography h, NaN behind the horizon."""
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
         points[i, 0] = points[i, 1] = np.nan
@@ -57,7 +57,7 @@ def magnification(points: Array, h: Array, out: Array) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plane:
-    """The working plane as the camera sees it.
+    """The working plane in the view of the camera.
 
     base_from_normalized (3, 3): (x w, y w, w) in base, m, from (x, y, 1) normalized, with w > 0
     for what lies in front of the camera. CameraError for a matrix that has no inverse.
@@ -170,7 +170,7 @@ def plane_from_pose(pose: PosePlane) -> Plane:
 
 
 def plane_from_homography(lens: Lens, plane: HomographyPlane) -> Plane:
-    """Return the plane through known points of it, by least squares where they are more than four.
+    """Return the plane through known points, by least squares if there are more than four.
 
     Raises CameraError where points are not those of one plane in front of the camera, or do not
     determine it: four of them must be apart, and no three of these four on a line.
@@ -222,7 +222,7 @@ def plane_from_homography(lens: Lens, plane: HomographyPlane) -> Plane:
 
 
 def _centered(points: Array, where: str) -> tuple[Array, Array]:
-    """Return the similarity (3, 3) that centers points (n, 2) at size 1, and what it makes."""
+    """Return the similarity (3, 3) that normalizes points (n, 2), and the normalized points."""
     center = points.mean(axis=0)
     size = float(np.sqrt(np.mean((points - center) ** 2)))
     if not 1e-9 < size < FARTHEST:

@@ -1,4 +1,4 @@
-"""Round areas of an image, bright or dark: where dots may be, before their edges are looked at.
+"""Round areas of an image, bright or dark: candidates for dots before their edges are fitted.
 
 Whatever the light, a bright target is brighter than what is just around it, and a dark one darker.
 So the image is cut at many grey levels; what is as round as an ellipse at some of them, and large
@@ -149,16 +149,16 @@ class RoundAreas(NamedTuple):
         return np.column_stack([(uu - vv) * share, 2.0 * uv * share, np.zeros(len(uu))])
 
     def only(self, which: Integers | slice) -> RoundAreas:
-        """Return some of them."""
+        """Return a subset of the areas."""
         return RoundAreas(self.centers[which], self.moments[which], self.levels[which])
 
     def stand_out(self, appearance: Appearance) -> Integers:
-        """Return which stand out at as many levels as those with the least contrast, or more."""
+        """Return the areas as salient, in levels, as those with the least contrast, or more."""
         least = min(appearance.blobs.levels, len(appearance.levels))
         return np.flatnonzero(self.levels >= least)
 
     def starts(self, appearance: Appearance) -> Array:
-        """Return where fits of their edges begin."""
+        """Return the initial guesses of the edge fits."""
         uu, uv, vv = self.moments.T
         root = np.sqrt(uu * vv - uv * uv)
         scale = 2.0 / np.sqrt(uu + vv + 2.0 * root)
@@ -169,7 +169,7 @@ class RoundAreas(NamedTuple):
 
 
 def round_areas(grey: Bytes, appearance: Appearance) -> RoundAreas:
-    """Find what is as round as an ellipse and brighter than what is around it.
+    """Find elliptical areas brighter than their surroundings.
 
     An area is as it is at the middle one of the grey levels at which it is there.
     """
@@ -179,7 +179,7 @@ def round_areas(grey: Bytes, appearance: Appearance) -> RoundAreas:
 def bright_and_dark_areas(
     grey: Bytes, appearance: Appearance
 ) -> tuple[RoundAreas, RoundAreas] | None:
-    """Find what is as round as an ellipse, and brighter or darker than what is around it.
+    """Find elliptical areas brighter or darker than their surroundings.
 
     None where bright and dark areas are not told by the same grey levels.
     """
@@ -303,7 +303,7 @@ def _polygon_moments(corners: npt.NDArray[np.int32], sizes: Integers) -> Array:
 
 
 def _continued(areas: Array, above: Array, chain: Integers, settings: BlobSettings) -> Integers:
-    """Return of which chain areas are a further part, -1 of none.
+    """Return the chain that each area continues, -1 for none.
 
     above: the areas one level higher, of these chains.
     """

@@ -65,7 +65,7 @@ class Blobs:
 
     @property
     def centers(self) -> Array:
-        """Where they are in the image, (n, 2) px."""
+        """Centers in the image, (n, 2) px."""
         return self.table[[U, V]].T
 
 
@@ -75,7 +75,7 @@ def find_blobs(image: Image, appearance: Appearance) -> Blobs:
 
 
 def find_areas(image: Image, appearance: Appearance) -> RoundAreas:
-    """Return the areas of an image that may be blobs, those that stand out most first."""
+    """Return candidate areas of an image, most salient first."""
     areas = image.once(('areas', appearance), lambda: round_areas(image.grey(), appearance))
     return areas.only(slice(appearance.blobs.most))
 

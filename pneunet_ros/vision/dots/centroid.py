@@ -1,4 +1,4 @@
-"""Where the center of a blob is, how large it is and how long: an ellipse fitted to its edge.
+"""Center, size and elongation of a blob: an ellipse fitted to its edge.
 
 A pixel is what the blob covers of it, times its grey level there, and what is behind it for the
 rest; the edge is as wide as it is blurred. What is behind may differ all around, as it does where
@@ -67,7 +67,7 @@ class Look:
 def outlines(
     places: Array, axes: Array, blur: Array, smear: Array, stds: tuple[Array, float, Array]
 ) -> Array:
-    """Return where fits begin (n, FITTED), of blobs as bright as they may be.
+    """Return the initial guesses (n, FITTED) of the fits, for blobs of full brightness.
 
     places (n, 2) px; axes (n, 3) px: xx, xy, yy of the symmetric matrix that maps the unit circle
     to the ellipse; blur (n,) px; smear (n, 2) px: way while the shutter is open; stds: how well

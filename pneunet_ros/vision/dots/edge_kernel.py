@@ -1,4 +1,4 @@
-"""Sums over the pixels near the edge of an ellipse, of which a step of its fit is made."""
+"""Sums over the pixels near the edge of an ellipse, for one step of its fit."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def normal_at(x: float) -> tuple[float, float]:
 
 @inlined
 def distance_outside(xx: float, xy: float, yy: float, across: float, down: float) -> float:
-    """Return how far outside of an ellipse a place is, px; xx, xy, yy: its inverse axes.
+    """Return the distance of a point outside an ellipse, px; xx, xy, yy: its inverse axes.
 
     across, down: the place on the unit circle, or off it.
     """
@@ -119,7 +119,7 @@ def linearize_edge(
     sums: tuple[Array, Array],
     background: Array,
 ) -> tuple[int, float]:
-    """Sum up over the pixels of an ellipse what a step of its fit needs.
+    """Sum up the normal equations of an ellipse over its pixels.
 
     rim (lines, pixels), as `Rim` has them, the first `many` of them; given (GIVEN,), the ellipse
     as it is now; believed (sectors,); moments of an exposure; reach: how far from the edge pixels
@@ -180,7 +180,7 @@ def collect_near(
 
 @inner
 def draw_moment(lines: Array, size: int, given: Array, time: float, part: float) -> None:
-    """Add what an ellipse covers of the pixels of a block at a moment of an exposure.
+    """Add the pixel coverage by an ellipse in a block at one moment of the exposure.
 
     time, part: when that is, and its share of the exposure.
     """
@@ -216,7 +216,7 @@ def draw_moment(lines: Array, size: int, given: Array, time: float, part: float)
 
 @inner
 def mix_light(lines: Array, size: int, given: Array) -> None:
-    """Add plateau and slopes of the light to the pixels of a block, and what these leave."""
+    """Add plateau and slopes of the light to the pixels of a block; leaves residuals."""
     plateau, slope_u, slope_v = given[6], given[7], given[8]
     for place in range(size):
         x, y = lines[X * BLOCK + place], lines[Y * BLOCK + place]
@@ -235,7 +235,7 @@ def mix_light(lines: Array, size: int, given: Array) -> None:
 
 @inner
 def add_background(lines: Array, size: int, background: Array) -> None:
-    """Add what the pixels of a block say of the grey level behind them, by sector."""
+    """Add the background grey levels of the pixels of a block, by sector."""
     count = len(background)
     for place in range(size):
         share, bare = lines[SHARE * BLOCK + place], lines[BARE * BLOCK + place]

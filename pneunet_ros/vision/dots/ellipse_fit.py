@@ -189,12 +189,12 @@ def for_colors(settings: EllipseSettings) -> EllipseSettings:
 
 @functools.lru_cache
 def ellipse_numbers(settings: EllipseSettings) -> Any:
-    """Return settings as kernels take them."""
+    """Return settings in the form that kernels take."""
     return EllipseNumbers(*astuple(settings))
 
 
 class Seen(NamedTuple):
-    """Pixels as their ellipses see them, (pixels,) each.
+    """Pixels relative to their ellipses, (pixels,) each.
 
     across, down: the place on the unit circle that a pixel belongs to; ratio: how many times
     further out it is; out_x, out_y: the outline's normal there; stretch: px of the outline per
@@ -258,7 +258,7 @@ class Rims(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class Fit:
-    """Ellipses as far as they are fitted, a line each.
+    """Intermediate fits of ellipses, a row each.
 
     now (n, FITTED); moments (n,) of an exposure at which each is seen; off (n, 2) px: way of the
     center so far; shape (n, 3): changes of size and shape so far; slopes (n, 2) of the light, grey
@@ -291,7 +291,7 @@ class Solution(NamedTuple):
 
 
 def fit_ellipses(grey: Bytes, starts: Array, settings: EllipseSettings = ELLIPSE) -> Array:
-    """Fit ellipses from where they are thought to be, (n, FITTED); NaN where there is none.
+    """Fit ellipses from initial guesses, (n, FITTED); NaN where there is none.
 
     starts (n, FITTED): centers, axes, blur, and how well these are known.
     """
@@ -311,7 +311,7 @@ def fit_ellipses(grey: Bytes, starts: Array, settings: EllipseSettings = ELLIPSE
 
 
 def _moments(starts: Array) -> Integers:
-    """Return at how many moments of an exposure ellipses are to be seen, (n,)."""
+    """Return the number of moments of an exposure per ellipse, (n,)."""
     smear, moments = _smear(starts), np.ones(len(starts), np.int64)
     for many, least in MOMENTS:
         moments[smear >= least] = many
@@ -342,7 +342,7 @@ def _fit_together(grey: Bytes, starts: Array, boxes: Integers, settings: Ellipse
 
 
 def _begun(rims: Rims, starts: Array, settings: EllipseSettings) -> Fit:
-    """Return fits that have not begun yet."""
+    """Return initialized fits."""
     count, now, moments = len(starts), starts.copy(), _moments(starts)
     now[moments == 1, SMEAR_U : SMEAR_V + 1] = 0.0
     now[:, WIDTH] = np.clip(starts[:, WIDTH], settings.least_blur, settings.most_blur)
@@ -442,7 +442,7 @@ def _first_plateaus(rims: Rims, starts: Array, settings: EllipseSettings) -> Arr
 
 
 class Drawn(NamedTuple):
-    """Ellipses as a picture shows them, (pixels,) each.
+    """Ellipses as rendered, (pixels,) each.
 
     covered: which share of the exposure they cover a pixel; further: how many times further out it
     is than their edge; edge: how much more is covered for each px by
@@ -503,7 +503,7 @@ def _solve(
     going: Integers,
     settings: EllipseSettings,
 ) -> Solution:
-    """Linearize around the ellipses that go on, and solve for the step to the best ones."""
+    """One Gauss-Newton step for the ellipses that have not converged."""
     products, weights, behind, edges, covered = _linearize(rims, fit, going, settings)
     searched = np.where(fit.moments[going] > 1, UNKNOWNS, UNKNOWNS - 2)  # not where nothing moves
     variance = products[:, LEFT, LEFT] / np.maximum(weights - searched, 4.0)
@@ -558,7 +558,7 @@ def _linearize_alike(
     lines: Integers,
     sums: Linearized,
 ) -> None:
-    """Linearize around ellipses seen at so many moments, as columns of numbers over their pixels.
+    """Linearize ellipses with the same number of exposure moments, as columns over their pixels.
 
     lines (m,): where in `sums` their results are written.
     """
@@ -616,7 +616,7 @@ def _product(columns: Array, factors: Array, piece: slice) -> Array:
 
 
 def _model_error(ellipses: Array, height: Array, settings: EllipseSettings) -> Array:
-    """Return how far centers are off (n,), px, as no blob is exactly what is drawn.
+    """Return the error (n,) px of centers due to the shape model of a blob.
 
     A surface that is uneven moves an edge by its grey levels over the height (n,) of the edge.
     """
@@ -626,7 +626,7 @@ def _model_error(ellipses: Array, height: Array, settings: EllipseSettings) -> A
 
 
 def _smoothed(sums: Array) -> Array:
-    """Return sums over sectors (n, sectors) with half of those next to them."""
+    """Return sums over sectors (n, sectors) plus half of their neighbors."""
     around = np.concatenate([sums[:, -1:], sums, sums[:, :1]], axis=1)
     return np.asarray(sums + 0.5 * (around[:, :-2] + around[:, 2:]))
 
@@ -640,7 +640,7 @@ def _with_expectations(
     going: Integers,
     settings: EllipseSettings,
 ) -> tuple[Array, Array]:
-    """Add what is known before the fit to the normal equations.
+    """Add the prior to the normal equations.
 
     products (n, UNKNOWNS + 1, UNKNOWNS + 1): of the derivatives and the residual; variance of a
     pixel and height (n,). Returns matrices (n, UNKNOWNS, UNKNOWNS) and right sides (n, UNKNOWNS).
@@ -728,7 +728,7 @@ def _results(
     ended: Integers,
     settings: EllipseSettings,
 ) -> Array:
-    """Return the lines (ended, FITTED) of those ellipses that are fitted now.
+    """Return the rows (ended, FITTED) of converged ellipses.
 
     ended: their places among those that went on.
     """
@@ -757,7 +757,7 @@ def _results(
 def _plain_within(
     rims: Rims, which: Integers, fitted: Array, covered: Array, settings: EllipseSettings
 ) -> Array:
-    """Return the share of the inside of ellipses that is as bright as it is drawn (which,).
+    """Return the share of the inside of ellipses that has the modeled brightness (which,).
 
     covered (pixels,): how much they cover of each pixel.
     """

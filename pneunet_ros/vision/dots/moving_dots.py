@@ -1,4 +1,4 @@
-"""Dots that move far while the shutter is open, by what they add to the picture of the arm.
+"""Dots with strong motion blur, by their contribution to the image of the arm.
 
 A dot is painted on the skin: wherever it is on its way, it adds to the picture what its paint is
 brighter than the skin. So a picture is contrast times the share of the exposure in which the dot
@@ -179,7 +179,7 @@ MOVING_DOTS = MovingDotSettings()
 
 
 class MovingDot(NamedTuple):
-    """A dot that was fitted.
+    """A fitted dot.
 
     center and way while the shutter is open, px; longer, size: its way and size over what they
     were thought to be; contrast, grey levels; std of the center per axis, px; left: root mean
@@ -218,7 +218,7 @@ def fit_moving_dot(
     known: Known,
     settings: MovingDotSettings = MOVING_DOTS,
 ) -> MovingDot | None:
-    """Fit a dot from where it is thought to be; None where there is none.
+    """Fit a dot from an initial guess; None where there is none.
 
     outline (FITTED,): its place, and how it looks by its neighbors; along (2,): which way the arm
     leads, a unit vector; end: how many px from the center that way the arm may end, infinite where
@@ -375,7 +375,7 @@ def _draw(x: Array, y: Array, outline: Array, way: Array, size: float) -> tuple[
 
 
 def _covariance(by_pixel: Array, inside: Mask, together: int) -> Array:
-    """Return the covariance (2, 2) of a center from what each pixel moves it (2, pixels).
+    """Return the covariance (2, 2) of a center from the influence of each pixel (2, pixels).
 
     inside (height, width): where these pixels are. What is left of a picture goes together over
     some pixels, as what is behind the arm is no noise: products of all pairs within `together` px
@@ -412,7 +412,7 @@ def _spread(values: Array) -> float:
 
 
 def nothing_known(outline: Array, contrast: float, settings: MovingDotSettings) -> Known:
-    """Return the knowledge about a dot from its outline (FITTED,) alone."""
+    """Return the prior of a dot from its outline (FITTED,) alone."""
     return Known(
         contrast=contrast,
         contrast_std=math.inf,
@@ -424,7 +424,7 @@ def nothing_known(outline: Array, contrast: float, settings: MovingDotSettings) 
 
 
 def is_dot(dot: MovingDot, known: Known, settings: MovingDotSettings = MOVING_DOTS) -> bool:
-    """Whether what was fitted is a dot: as its neighbors are, and all that is there."""
+    """Whether a fit is a dot: similar to its neighbors, and without unexplained light."""
     alike = 1.0 / settings.differs <= dot.contrast / known.contrast <= settings.differs
     return alike and dot.left <= settings.most_left * dot.contrast
 
@@ -437,7 +437,7 @@ def moves_far(outlines: Array, settings: MovingDotSettings = MOVING_DOTS) -> Mas
 
 
 def end_of_arm(outline: Array, along: Array, settings: MovingDotSettings = MOVING_DOTS) -> float:
-    """Return how far from the last dot (FITTED,) the arm may end, all of an exposure, px."""
+    """Return the farthest end of the arm beyond the last dot (FITTED,) during the exposure, px."""
     smeared = 0.5 * abs(float(along @ outline[[SMEAR_U, SMEAR_V]]))
     return settings.ends * _radius(outline) - settings.clear * float(outline[WIDTH]) - smeared
 

@@ -52,7 +52,7 @@ def fit_outlines(
     rules: tuple[float, float],
     fitted: Array,
 ) -> None:
-    """Fit ellipses from where they are thought to be; fills fitted (n, FITTED), NaN where none is.
+    """Fit ellipses from initial guesses; fills fitted (n, FITTED), NaN where none is.
 
     starts (n, FITTED); moments_of (n,): of an exposure at which each is seen; rules: variance of a
     level that was rounded, and sigma over the median.
@@ -172,7 +172,7 @@ def first_plateau(start: Array, rim: Array, many: int, settings: Any) -> float:
 
 @inner
 def plain_within(one: Array, blocks: Array, near: int, settings: Any) -> float:
-    """Return the share of the inside of an ellipse that is as bright as it is drawn.
+    """Return the share of the inside of an ellipse that has the modeled brightness.
 
     blocks: of the pixels near its edge, as many as there are.
     """
@@ -192,7 +192,7 @@ def plain_within(one: Array, blocks: Array, near: int, settings: Any) -> float:
 
 @inner
 def tell_edges(one: Array, edges: Array, stds: Array, reached: Mask, settings: Any) -> None:
-    """Fill in which shares of the edge are near an ellipse, on it, and clearly outside of it."""
+    """Fill in the shares of the edge near an ellipse, on it, and clearly outside of it."""
     radius = math.sqrt(one[XX] * one[YY] - one[XY] * one[XY])
     near = settings.near_edge + settings.near_edge_share * radius
     on = max(settings.on_edge, settings.on_edge_share * radius)
@@ -271,7 +271,7 @@ def median_where(values: Array, which: Mask) -> float:
 def move_ellipse(
     now: Array, off: Array, shape: Array, slopes: Array, step: Array, moves: bool, settings: Any
 ) -> bool:
-    """Change an ellipse by a step (UNKNOWNS,), as `ellipse_fit` does; return whether it is one.
+    """Change an ellipse by a step (UNKNOWNS,), as `ellipse_fit` does; return whether it is valid.
 
     now (10,), off (2,), shape (3,), slopes (2,): of one ellipse; moves: in an exposure.
     """
@@ -319,7 +319,7 @@ def fit_edge(
     found: tuple[Array, Array, Array],
     blocks: Array,
 ) -> tuple[float, int]:
-    """Fit an ellipse until it rests.
+    """Fit an ellipse until it converges.
 
     rim, many, blocks: as `linearize_edge` has them; start (FITTED,). now (10,) and off (2,), way
     of the center, are changed. Fills found: behind, edges and stds (sectors,) as in
