@@ -29,7 +29,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _version() -> str:
-    """Return the version, from the manifest that is shipped: there is no other place for it."""
+    """Return the version from the shipped manifest, its only source."""
     from pneunet_ros.core.share import share_path
 
     manifest = share_path('package.xml').read_text(encoding='utf-8')

@@ -286,7 +286,7 @@ def calibrate_as_stamped(
 
 
 def fits_ahead(resolution: Resolution, loaded: int, compare: bool) -> int:
-    """Return how many model fits a calibration with this many loaded runs needs."""
+    """Return the number of model fits for a calibration with this many loaded runs."""
     if resolution.constant_pressure:
         return 2
     if not loaded:

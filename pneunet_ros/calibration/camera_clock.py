@@ -142,7 +142,7 @@ def middle_of(run: RecordingData) -> int:
 
 
 def velocities(arm: Arm, run: RecordingData) -> Array:
-    """Return how fast targets, and the heading of the last, move (frames, coordinates) m/s.
+    """Return the velocities of targets, and of the heading of the last (frames, coordinates) m/s.
 
     By what is read just before and just after each frame; zero if the arm has no shape.
     """

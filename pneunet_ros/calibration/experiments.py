@@ -1,4 +1,4 @@
-"""The fits of a calibration one after the other, each starting where the one before has ended."""
+"""Successive fits of a calibration, each started from the previous one."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class LawScore:
 
 
 class FitSequence:
-    """The fits one after the other, each starting where the one before has ended.
+    """Successive fits, each started from the previous one.
 
     planned, done: how many fits there will be, 0 if that is not known, and were.
     low, high (Pa): what the recordings span. uniform: kappa_p0 is the same all along the arm; that
@@ -80,7 +80,7 @@ class FitSequence:
         resolution: Resolution | None = None,
         settings: CalibrationSettings = CALIBRATION,
     ) -> None:
-        """Take an arm that has all that is not fitted, and all recordings."""
+        """Take an arm with the fixed parameters, and all recordings."""
         self.frame, self.noise, self.on_progress = frame, noise, on_progress
         self.planned = self.done = 0
         self.settings, experiments = settings, settings.experiments
@@ -325,7 +325,7 @@ class FitSequence:
         free: Fit,
         law: MomentLawParameters,
     ) -> tuple[Fit, ...]:
-        """Fit a law without each loaded recording in turn, to few frames of the others."""
+        """Fit a law without each loaded recording in turn, using few frames."""
         frames = COMPARED_FRAMES
         return tuple(
             self.joint([*unloaded, *loaded[:which], *loaded[which + 1 :]], free, law, frames)

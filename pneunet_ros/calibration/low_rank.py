@@ -113,7 +113,7 @@ def run_inputs(fitted: FittedRun, count: int) -> Inputs:
 
 
 def jacobian_at(fit: Fit, inputs: Inputs, places: Array) -> Array:
-    """Return how places (m) of the arm move per parameter, (points, parameters)."""
+    """Return the Jacobian of points (m) of the arm, (points, parameters)."""
     arm, model = fit.arm, ForwardModel(places)
     solved = model.solve(arm, inputs).copy()
     by_input = model.point_jacobian(arm, inputs, fit.parameters.columns)

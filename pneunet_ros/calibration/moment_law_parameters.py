@@ -44,7 +44,7 @@ class MomentLawParameters(abc.ABC):
         """Return the law with these constants; ModelError if they are invalid."""
 
     def slopes(self, pressure: Array) -> Array:
-        """Return how the moved columns of sections change per parameter, (n, columns, parameters).
+        """Return the derivatives of the moved columns of sections, (n, columns, parameters).
 
         All of these laws are linear in their parameters, so it is the same for all values;
         pressure (n,) Pa. The last answers are kept: recordings come again and again.
@@ -57,7 +57,7 @@ class MomentLawParameters(abc.ABC):
         return 1
 
     def scalings(self, values: Array) -> Array:
-        """Return how parameters (n,) move per change of ln EI of each section, (n, sections).
+        """Return the derivatives of parameters (n,) by ln EI of each section, (n, sections).
 
         Of a law in which a part of EI is given, as Majidi's, that of the rest.
         """
@@ -121,7 +121,7 @@ class PiecewiseParameters(MomentLawParameters):
         return 2
 
     def scalings(self, values: Array) -> Array:
-        """Return how parameters (n,) move per change of ln EI of each section, (n, sections)."""
+        """Return the derivatives of parameters (n,) by ln EI of each section, (n, sections)."""
         out = np.zeros((values.size, 2))
         for section in range(2):
             rows = slice(3 * section, 3 * section + 3)

@@ -175,7 +175,7 @@ class Parameters:
         )
 
     def input_jacobian(self, values: Array, inputs: Inputs) -> Array:
-        """Return how inputs of the rod move per parameter, (frames, inputs, parameters).
+        """Return the Jacobian of the rod's inputs, (frames, inputs, parameters).
 
         Inputs: F1, F2, M, knots, then the columns; see `ForwardModel.jacobian`.
         """

@@ -60,7 +60,7 @@ def need(console: Console, column: Column) -> Measurement:
 
 
 def width_of(widths: Sequence[int]) -> int:
-    """Return how wide a table with columns of these widths is."""
+    """Return the width of a table with columns of these widths."""
     return sum(widths) + FRAME * len(widths) + EDGE
 
 

@@ -70,7 +70,7 @@ class CommandParser(ArgumentParser):
         raise WrongUsageError(line)
 
     def _stray_words(self) -> list[str]:
-        """Return the words that belong nowhere, though others are missing."""
+        """Return the unexpected words if arguments are missing as well."""
         for action in self._actions:
             action.required = False
         for group in self._mutually_exclusive_groups:

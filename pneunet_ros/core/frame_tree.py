@@ -32,7 +32,7 @@ class FrameTree:
         return FrameTree(frames=MappingProxyType(fixed))
 
     def between(self, frame: str, other: str) -> tuple[Quaternion, int | None] | None:
-        """Return the turn that takes vectors of one frame into another.
+        """Return the rotation from one frame to another.
 
         And the stamp (ns) of the oldest reading in it that is not fixed, None if all are. None
         where no chain of readings joins the two.

@@ -54,7 +54,7 @@ def rotation_matrix(quaternion: Quaternion) -> Array:
 
 
 def one_after_another(first: Quaternion, then: Quaternion) -> Quaternion:
-    """Return the turn that is one turn after another."""
+    """Return the composition of two rotations."""
     (x, y, z, w), (a, b, c, d) = first, then
     return (
         d * x + a * w + b * z - c * y,

@@ -77,7 +77,7 @@ class InputHealth:
         return f'no usable {self.source} for {self.silence(now):.1f} s'
 
     def input_age(self, now: float) -> float | None:
-        """Return how old the last usable input is (s); None before the first."""
+        """Return the age (s) of the last usable input; None before the first."""
         return age(self._input_at, now)
 
     def rate(self, now: float) -> float:

@@ -106,7 +106,7 @@ def describe_effects(refit: Refit, probability: Mapping[str, float]) -> tuple[Na
 
 
 def parameter_shifts(before: Fit, after: Fit) -> dict[str, Shift]:
-    """Return how the base has moved: rigidities, split and kappa_p0 at STATIONS."""
+    """Return the changes of the base: rigidities, split and kappa_p0 at STATIONS."""
     names, change = after.parameters.quantities()
     errors = np.sqrt(np.einsum('ij,jk,ik->i', change, after.covariance, change))
     _, change_before = before.parameters.quantities()

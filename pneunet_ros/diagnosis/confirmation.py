@@ -178,7 +178,7 @@ class Confirmer:
         )
 
     def other_names(self, record: Record, alternatives: Collection[str]) -> tuple[Note, ...]:
-        """Object where another set becomes the answer without one of the training recordings.
+        """Object if another set wins when one training recording is left out.
 
         By the linearized fit of each set to all of them, from which one is taken out.
         """

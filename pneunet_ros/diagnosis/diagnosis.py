@@ -231,7 +231,7 @@ def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:
 
 
 def unsettled(seed: int, notes: Sequence[str], settings: DiagnosisSettings) -> UnsettledDiagnosis:
-    """Return that the base model could not be fitted."""
+    """Return a diagnosis that says that the base model could not be fitted."""
     return UnsettledDiagnosis(
         sentence=(
             'The model could not be fitted to the training recordings: the search did not '

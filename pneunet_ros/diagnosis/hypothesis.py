@@ -56,7 +56,7 @@ class Coordinate:
         return 1.0 / value if self.reciprocal else value - self.neutral
 
     def slope(self, coordinate: float) -> float:
-        """Return how much the parameter changes per coordinate, there."""
+        """Return the derivative of the parameter by its coordinate, there."""
         value = self.value(coordinate)
         if self.logarithmic:
             return value
@@ -134,7 +134,7 @@ class Hypothesis:
         return [i for i, item in enumerate(self.coordinates) if not item.shape]
 
     def starts(self) -> list[tuple[int, Array]]:
-        """Return where the effect is tried: which size is moved, and all numbers there."""
+        """Return the start of the fit of the effect: the moved size, and all numbers."""
         shapes, starts = self.shapes(), []
         for shape in shapes:
             for which in self.sizes:

@@ -101,7 +101,7 @@ def bin_indices(values: Array, edges: Array) -> npt.NDArray[np.int64]:
 
 
 def misfit_shares(frames: Frames) -> tuple[Share, ...]:
-    """Return how the misfit beyond the noise is spread over each axis."""
+    """Return the distribution of the excess misfit over each axis."""
     edges = frames.edges('arclength')
     bins = bin_indices(frames.arclength, edges)
     columns = [frames.squares[:, bins == which] for which in range(edges.size - 1)]

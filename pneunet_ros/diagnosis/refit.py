@@ -152,7 +152,7 @@ class JointFit:
         return [values - fixed[:, size:] @ base[size:] for fixed, values in pairs]
 
     def jacobian(self, at: Iterate) -> list[Array] | None:
-        """Return how residuals fall per number, (rows, numbers) per run."""
+        """Return the negative Jacobian of the residuals, (rows, numbers) per run."""
         columns: list[list[Array]] = [[] for _ in at.residuals]
         for place, delta in enumerate((DIFFERENCE * self.std).tolist()):
             moved = at.numbers.copy()
@@ -244,7 +244,7 @@ class JointFit:
         return bounds.hold(gaussian.step, gaussian.gain, gaussian.solved)
 
     def lower(self, last: tuple[Iterate, GaussianModel], step: Array) -> Iterate | None:
-        """Return where a step leads; None where that costs no less, or has no shapes."""
+        """Return the end of a step; None if its cost is not lower, or it has no solution."""
         at, size = last[0], last[0].base.size
         numbers = np.clip(at.numbers + step[size:] * self.std, self.low, self.high)
         following = self.iterate(at.base + step[:size], numbers)

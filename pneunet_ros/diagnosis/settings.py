@@ -1,4 +1,4 @@
-"""All numbers by which a diagnosis decides: one class per algorithm, `DiagnosisSettings` has all.
+"""Tuning constants of a diagnosis: one class per algorithm, all in `DiagnosisSettings`.
 
 Where no source is given a number is invented; blind trials were made with all of them together.
 """

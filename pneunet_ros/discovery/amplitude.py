@@ -209,7 +209,7 @@ def left_out_gains(
 def unit_fields(
     fit: Refit, before: Sequence[Array], effect: Effect, size: float
 ) -> tuple[Array, ...] | None:
-    """Return how points (frames, 2 targets) m answer to one unit of an amplitude, per run.
+    """Return the derivatives of points (frames, 2 targets) m by an amplitude, per run.
 
     before: points (frames, 2, targets) m of the fit itself; effect: with an amplitude of `size` in
     every frame of the fit's runs. None where the arm has no shape with it.

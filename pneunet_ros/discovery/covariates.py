@@ -163,7 +163,7 @@ def ahead_of_past(run: RecordingData, time_constant: float) -> Array:
 
 
 def side_of_play(run: RecordingData, width: float) -> Array:
-    """Return where in a play of this full width (Pa) the pressure is, -1 to 1, at the frames.
+    """Return the position in a play of this full width (Pa), -1 to 1, at the frames.
 
     It begins in the middle; static frames have no past and stay there.
     """

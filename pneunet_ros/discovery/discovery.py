@@ -462,7 +462,7 @@ def split_p_value(suspect: Suspect, search: Search, seed: int) -> float:
 def predicted_p_value(
     suspect: Suspect, search: Search, chosen: Runs, tested: Runs, seed: int
 ) -> float:
-    """Return the p-value of the law of some runs in others."""
+    """Return the p-value of predictions of runs by the law of others."""
     linearization, gaussian = search.fit.linearization, search.fit.gaussian
     if suspect.swing is not None:
         find = search.swing if suspect.swing.periodic else search.wandering
@@ -625,7 +625,7 @@ def describe(finding: Finding, tied: Sequence[str], search: Search) -> Discovere
 
 
 def location_of(finding: Finding, search: Search) -> Estimated | None:
-    """Return where along the arm (s / l) a finding is, None for what has no place."""
+    """Return the position (s / l) of a finding, None if it has none."""
     position = finding.suspect.cause.position
     if position is None:
         return None

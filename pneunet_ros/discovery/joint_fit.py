@@ -143,7 +143,7 @@ class JointFits:
         return proposal
 
     def start(self, law: Law) -> Array:
-        """Return where the fit of a law begins."""
+        """Return the start values of the fit of a law."""
         kind = law.cause.kind
         sizes = [
             kind.natives[term].prior

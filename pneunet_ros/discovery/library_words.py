@@ -57,5 +57,5 @@ LIBRARY_WORDS: dict[str, Words] = {
 
 
 def is_said_by(kind: str, terms: Collection[str], names: Iterable[str]) -> bool:
-    """Whether a law is one of these effects in other words."""
+    """Whether a law is equivalent to one of these effects."""
     return any(LIBRARY_WORDS[name].say(kind, terms) for name in names if name in LIBRARY_WORDS)

@@ -1,4 +1,4 @@
-"""All numbers by which a discovery decides.
+"""Tuning constants of a discovery.
 
 Where no source is given a number is invented; `acceptance/discovery_trials.py` was run with all of
 them together.

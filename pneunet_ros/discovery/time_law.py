@@ -53,7 +53,7 @@ class Swing:
         return f'sine with a phase of its own in every recording{grows}'
 
     def columns_of(self, run: int, runs: int) -> slice:
-        """Return which columns belong to a run."""
+        """Return the columns of a run."""
         each = self.factors.shape[1] // runs
         return slice(run * each, (run + 1) * each)
 

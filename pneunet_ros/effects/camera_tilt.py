@@ -41,6 +41,6 @@ class CameraTilt(Effect):
     )
 
     def see(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Bring points of the plane nearer to the base, or further away."""
+        """Scale points of the plane about the base."""
         scale = 1.0 / (1.0 + self.tilt_x * x + self.tilt_y * y)
         return scale * x, scale * y

@@ -94,7 +94,7 @@ class GravitySource:
     def take_frames(
         self, known: BaseGravity, readings: tuple[FrameReading, ...]
     ) -> tuple[BaseGravity, Refusal | None]:
-        """Take frames; invalid rotations are left out."""
+        """Process readings of frames; invalid rotations are ignored."""
         good = [one for one in readings if is_rotation(one.quaternion)]
         if not self.frame and not any(one.fixed for one in good):
             good = []  # a moving frame says nothing about an accelerometer on the base

@@ -177,7 +177,7 @@ def estimate_delay(
     inputs: Array,
     settings: ClockDelaySettings = CLOCK_DELAY,
 ) -> ClockDelay:
-    """Return the delay by which the clock of the film is ahead of that of the readings.
+    """Return the offset of the clock of the film relative to that of the readings.
 
     The delay is where the residual of the motion over a smooth function of what drove it is
     smallest; its standard error is by leaving out blocks of the film (jackknife), which sees that
@@ -356,12 +356,12 @@ class DelayFit:
         self.shorter = settings.overlap * min(float(time[-1] - time[0]), span)
 
     def inside(self, delay: float) -> Indices:
-        """Return which frames the table covers at a delay."""
+        """Return the frames covered by the table at a delay."""
         at = self.time - delay
         return np.flatnonzero((at >= self.grid[0]) & (at <= self.grid[-1]))
 
     def rows(self, table: Array, times: Array) -> Array:
-        """Return rows of a table over the grid at other times, by straight lines between."""
+        """Interpolate rows of a table on the grid at other times."""
         place = (times - self.grid[0]) / (self.grid[1] - self.grid[0])
         row = np.clip(place.astype(np.int64), 0, len(self.grid) - 2)
         above = (place - row)[:, None]
@@ -415,13 +415,13 @@ class DelayFit:
         return sorted(minima, key=self.cost)
 
     def refine(self, delay: float, within: float) -> float:
-        """Return the minimum around (within s) a delay that another set of plays has found."""
+        """Return the minimum near (within s) a delay found with another set of plays."""
         around = np.arange(delay - within, delay + within, 0.5 * self.period)
         best = min((float(other) for other in around), key=self.cost)
         return self.minimum(best, self.period)
 
     def minimum(self, delay: float, within: float) -> float:
-        """Return where the residual is smallest around (within s) a delay."""
+        """Return the minimum of the residual near (within s) a delay."""
         result = scipy.optimize.minimize_scalar(
             self.cost,
             bounds=(delay - within, delay + within),
@@ -451,7 +451,7 @@ class DelayFit:
         return np.asarray(frames[1:][still])
 
     def details(self, delay: float) -> FitDetails:
-        """Return how sure a delay is: the fit made linear, without each block of frames in turn.
+        """Return the uncertainty of a delay: linearized, and without each block of frames in turn.
 
         Few blocks may hold all information on the delay: Student's t has as many degrees of
         freedom as there are blocks, were all of them equally informative, less one.

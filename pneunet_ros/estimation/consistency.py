@@ -271,7 +271,7 @@ def agreement_of(
     persistent: PersistentErrors | None = None,
     settings: ConsistencySettings = DEFAULTS,
 ) -> Agreement:
-    """Return how measured and predicted targets agreed over these frames, at least one.
+    """Return the agreement of measured and predicted targets over these frames, at least one.
 
     persistent: the joint test.
     """
@@ -316,7 +316,7 @@ def take_targets(
     sightings: TargetSightings,
     settings: ConsistencySettings = DEFAULTS,
 ) -> tuple[ConsistencyState, Refusal | None]:
-    """Take a frame; returns why it cannot follow the one before, or None."""
+    """Process a frame; return why it is out of sequence, or None."""
     state = replace(state, compared=())
     reason, sentence = state.frame_stamps.fault('frame of targets', sightings.stamp_ns)
     if reason == STARTS_ANEW:

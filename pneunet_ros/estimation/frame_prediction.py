@@ -40,7 +40,7 @@ BESIDE = 2  # estimates on either side of a frame, for interpolation
 def predict_frame(
     estimator: Estimator, estimates: Sequence[ShapeEstimate], shown_ns: int
 ) -> PredictedTargets | None:
-    """Return where the targets must be in a frame that shows the arm of a stamp (ns).
+    """Return the predicted targets of a frame that shows the arm at a stamp (ns).
 
     estimates: at increasing stamps (ns), at least one. None if they do not determine it: the arm
     goes so far from one to the next, or may have done so, that a straight line is wrong by more

@@ -374,7 +374,7 @@ def without_prior(
 
 
 def chance_of(moved: float, unknowns: int) -> float:
-    """Return the probability of a chi squared of at least so much."""
+    """Return the probability of a chi squared at least this large."""
     return float(scipy.special.chdtrc(unknowns, moved)) if unknowns else 1.0
 
 

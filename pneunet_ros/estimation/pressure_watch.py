@@ -58,7 +58,7 @@ class PressureWatch:
         settings: EstimatorSettings,
         watch: WatchSettings = WATCH,
     ) -> PressureWatch:
-        """Take one more reading, and judge all readings when due."""
+        """Return the watch after one more reading, with a new verdict when due."""
         record = self.record.after(reading.stamp_ns, reading.pressure)
         known = self.verdict is None or self.verdict.declared == settings.pressure
         last = self.judged_ns if known else None

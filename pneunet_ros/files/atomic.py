@@ -207,7 +207,7 @@ def _make_scratch(parent: Path) -> tuple[Path, int]:
 
 
 def _lock(lock: int) -> bool:
-    """Lock an open folder; False where another run holds it, or the file system knows no locks."""
+    """Lock an open folder; False if another run holds it, or the file system has no locks."""
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:

@@ -267,7 +267,7 @@ def texts(content: Any, where: str) -> dict[str, str]:
 
 
 def tree(content: Any, where: str) -> dict[str, Any]:
-    """Return a mapping with text keys, and so are all mappings inside."""
+    """Return a mapping with text keys, recursively."""
     values = MODEL_FILE.mapping(content, where)
     inside: list[Any] = list(values.values())
     while inside:

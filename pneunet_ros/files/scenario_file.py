@@ -148,7 +148,7 @@ def protocol_from_mapping(content: Any) -> Protocol:
 def values_of(
     kind: type[Protocol] | type[LabMotion], content: Any, where: str, others: tuple[str, ...] = ()
 ) -> dict[str, Any]:
-    """Return numbers and lists of numbers of a block, which may have other keys, too."""
+    """Return numbers and lists of numbers of a block; other keys are ignored."""
     values, lists = FILE.mapping(content, where), kind.lists()
     numbers: dict[str, Any] = {**FILE.numbers_of(kind, content, where, (*others, *lists))}
     return numbers | {

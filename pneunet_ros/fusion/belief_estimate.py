@@ -1,4 +1,4 @@
-"""From what is believed to an estimate at the stamp of a pressure reading, with all its errors."""
+"""Estimate at the stamp of a pressure reading, with all errors, from the belief."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ OF_THE_BENCH = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BelievedArm:
-    """The arm as it is believed to be at the stamp of a reading.
+    """The arm at the stamp of a reading, according to the belief.
 
     belief: moved there; unseen (unknowns, errors): what has moved since the last frame; inputs:
     what was read; causes: what one of each unknown changes; bent: the rod; position: of its load
@@ -158,7 +158,7 @@ def arm_at(
     wrench: NearWrench | None,
     start: SolverNodes | None,
 ) -> BelievedArm:
-    """Return the arm as it is believed to be at a reading.
+    """Return the arm at a reading, according to the belief.
 
     start: from where the rod is solved, None for where the last frame saw it.
     """
@@ -204,7 +204,7 @@ def arm_at(
 def bent_at(
     bench: Bench, belief: Belief, inputs: FrameInputs, causes: Array, start: SolverNodes | None
 ) -> BentArm:
-    """Return the rod as it is believed to be; causes: what one of each unknown changes."""
+    """Return the believed rod; causes: its derivatives by the unknowns."""
     return bend_arm(
         bench.table,
         inputs,
@@ -280,7 +280,7 @@ def is_there(bench: Bench, place: float, other: Hypothesis[Belief]) -> bool:
 def position_of(
     bench: Bench, belief: Belief, bent: BentArm, inputs: FrameInputs
 ) -> DomainPosition:
-    """Return where the load believed stands to the domain of the model."""
+    """Return the position of the believed load in the domain of the model."""
     shape = bent.shape
     load = Load(
         pressure=shape.pressure,
@@ -348,7 +348,7 @@ def shape_estimate(
 
 
 def other_shape(bench: Bench, other: Belief, instant: PressureInstant) -> Shape | None:
-    """Return the shape that another belief has at a pressure; None where there is none."""
+    """Return the shape by another belief at a pressure; None if there is none."""
     bench = bench.of(other.causes)
     inputs = bench.inputs_at(instant, None)
     causes = bench.unknowns.causes_at(inputs)
@@ -370,7 +370,7 @@ def shape_in_place(bench: Bench, shape: Shape, belief: Belief) -> Shape:
 
 
 def holding(estimate: ShapeEstimate, there: Shape, odds: float) -> ShapeEstimate:
-    """Return an estimate whose errors hold another shape too, by its odds.
+    """Return an estimate with errors widened by another possible shape, weighted by its odds.
 
     The second moment of a mixture, about the shape that is published.
     """
@@ -387,7 +387,7 @@ def holding(estimate: ShapeEstimate, there: Shape, odds: float) -> ShapeEstimate
 
 
 def seen_shape(bench: Bench, unseen: Array, sensitivity: Sensitivity) -> SeenShape:
-    """Return where the camera saw the shape, and how well it still says where it is.
+    """Return where the camera saw the shape, and the accuracy of that position now.
 
     unseen (causes, errors): what has moved since.
     """

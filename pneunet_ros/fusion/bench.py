@@ -1,4 +1,4 @@
-"""All that stands still while a fusion runs: the arm, its sensors, and how unknowns act on it."""
+"""Constants of a fusion: the arm, its sensors, and the effect of the unknowns on it."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class Bench:
         return self.swinging is not None or self.moving is not None
 
     def of(self, causes: frozenset[str]) -> Bench:
-        """Return the bench as it is where some causes are at work: the arm may swing."""
+        """Return the bench with some causes active: the arm may swing."""
         return self.moving if self.moving is not None and MOTION in causes else self
 
     def without(self, belief: Belief, where: slice) -> Belief:
@@ -171,7 +171,7 @@ class Bench:
         )
 
     def used(self, frame: ReadFrame, causes: frozenset[str]) -> ReadFrame:
-        """Return a frame with what is read of it if some causes are at work."""
+        """Return a frame with its readings restricted by the active causes."""
         if FORCE_SENSOR in causes:
             frame = frame.without_wrench()
         if PRESSURE in causes and not frame.alone:
@@ -226,7 +226,7 @@ class Bench:
         size: float,
         walk: float | None = None,
     ) -> Belief:
-        """Return the belief at a later stamp, with a contact that may have walked.
+        """Return the belief at a later stamp, with a contact that may have moved.
 
         pressed (Pa): by how much the pressure has moved since; noise, size, walk: as of
         `move_belief`.

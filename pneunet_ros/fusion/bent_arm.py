@@ -41,7 +41,7 @@ class BentArm:
         return self.shape.solution
 
     def linearize(self) -> Sensitivity:
-        """Return how it answers to loads, pressure and columns of the covariance.
+        """Return its derivatives by loads, pressure and covariance columns.
 
         With a contact also to its force and its place.
         """

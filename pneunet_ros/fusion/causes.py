@@ -1,4 +1,4 @@
-"""Causes that may be at work, one row each. A new cause is one more row.
+"""Possible causes, one row each. A new cause is one more row.
 
 A cause competes with all others by its evidence (`fusion.weighing`): the odds against it before
 any frame, a belief that allows for it, and what frames say of that.

@@ -186,11 +186,6 @@ class FusionState:
         )
         return replace(self, waiting=waiting, bank=bank).count_unused(AHEAD)
 
-    def with_belief(self, belief: Belief) -> FusionState:
-        """Return it with another belief of the most likely hypothesis."""
-        first = Hypothesis(belief=belief)
-        return replace(self, bank=(first, *self.bank[1:]))
-
     def with_bank(self, bank: tuple[Hypothesis[Belief], ...]) -> FusionState:
         """Return it with other hypotheses; without a pressure that is not what is read."""
         lasting = bank[0].belief.causes & LASTING

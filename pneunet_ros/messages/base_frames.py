@@ -78,19 +78,3 @@ def decode_frames(message: Any, *, fixed: bool) -> tuple[FrameReading, ...]:
 def _quaternion(turned: Any) -> Quaternion:
     x, y, z, w = (float(getattr(turned, name)) for name in 'xyzw')
     return x, y, z, w
-
-
-def frame_message(reading: FrameReading, types: MessageTypes) -> Any:
-    """Build a TFMessage of one frame at the origin of its parent."""
-    x, y, z, w = reading.quaternion
-    place = types('geometry_msgs/msg/Vector3')(x=0.0, y=0.0, z=0.0)
-    turned = types('geometry_msgs/msg/Quaternion')(x=x, y=y, z=z, w=w)
-    return types(TRANSFORM_TYPE)(
-        transforms=[
-            types('geometry_msgs/msg/TransformStamped')(
-                header=header(reading.stamp_ns, reading.parent, types),
-                child_frame_id=reading.frame_id,
-                transform=types('geometry_msgs/msg/Transform')(translation=place, rotation=turned),
-            )
-        ]
-    )

@@ -171,5 +171,5 @@ def check_source(new: GravitySource, old: GravitySource) -> None:
 
 
 def model_path(model_file: str) -> Path:
-    """Return where the model file is that the parameter `model_file` names."""
+    """Return the path of the model file named by the parameter `model_file`."""
     return Path(model_file) if model_file else share_path(SHIPPED_MODEL)

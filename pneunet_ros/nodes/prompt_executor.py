@@ -95,14 +95,14 @@ class Queue:
         self.until_ns = 0
 
     def is_ready(self, ready: Collection[int], now_ns: int) -> bool:
-        """Whether messages came, or one has waited long enough; ready: subscriptions with some."""
+        """Whether messages can be processed; ready: subscriptions with messages."""
         due_ns = self.order.due_ns
         return (due_ns is not None and due_ns <= now_ns) or any(
             item.handle.pointer in ready for item in self.subscriptions
         )
 
     def fill(self) -> None:
-        """Take all messages that have arrived."""
+        """Receive all available messages."""
         found = True
         while found:  # until nothing came meanwhile: it may be older than what is there
             found, self.until_ns = False, time.time_ns()
@@ -327,7 +327,7 @@ class PromptExecutor(SingleThreadedExecutor):
         self.work(self.at_work_beside(node), timer.callback)
 
     def at_work_beside(self, node: Any) -> AtWork:
-        """Return work of a node than which the messages of all other nodes are more urgent."""
+        """Return work of a node that yields to the messages of all other nodes."""
         own = [queue for queue in self._queues if queue.node is node]
         return AtWork(own, NEVER, time.time_ns())
 

@@ -85,7 +85,7 @@ class FusionDiagnostics:
         self._health = FusionHealth(names[PRESSURE.name], names[TARGETS.name], 0.0)
 
     def take(self, step: FusionStep) -> None:
-        """Take a step, and report when due."""
+        """Process a step, and report when due."""
         clock, sensor = self._topic.clock, self._topics[step.message.topic]
         due = clock.advance(step.message.log_time_ns)
         self._health.took(sensor.name, step.outcome, clock.now, None)
@@ -159,7 +159,7 @@ class FusionTally:
     said: dict[str, int] = field(default_factory=lambda: dict.fromkeys(OF_THE_BENCH, 0))
 
     def count(self, step: FusionStep) -> None:
-        """Take one step into account."""
+        """Count one step."""
         self.messages += 1
         self.state = step.state
         outcome = step.outcome

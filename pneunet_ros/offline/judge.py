@@ -103,7 +103,7 @@ class Verdicts:
 
     @property
     def strangeness(self) -> str:
-        """Report readings that need another model; empty if this one fits."""
+        """Report readings outside this model; empty if it fits."""
         return '' if self.pressure is None else self.pressure.strangeness
 
     @property

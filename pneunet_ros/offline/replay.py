@@ -255,7 +255,7 @@ class Tally:
     warned: dict[str, int] = field(default_factory=dict)
 
     def count(self, step: Step, pressure_topic: str) -> None:
-        """Take one step into account."""
+        """Count one step."""
         self.messages += 1
         self.state = step.state
         self.pressures += step.message.topic == pressure_topic
@@ -286,7 +286,7 @@ class Tally:
         self.consistency = consistency
 
     def agreement(self, arm: Arm) -> Agreement | None:
-        """Return how measured targets agreed with those of an arm; None: none were compared."""
+        """Return the agreement of measured and estimated targets; None: none were compared."""
         if not self.compared:
             return None
         return agreement_of(self.compared, persistent_errors(self.kept.frames, arm))

@@ -183,7 +183,7 @@ class TrackTally:
         self.sizes = np.zeros(self.targets)
 
     def count(self, step: TrackStep) -> None:
-        """Take one step into account."""
+        """Count one step."""
         outcome = step.outcome
         self.frames += step.frame
         if outcome is None:

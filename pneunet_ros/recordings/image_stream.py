@@ -28,7 +28,7 @@ class StreamItem(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImageStream:
-    """Where images come from, and how to read them.
+    """A source of images, and how to read it.
 
     `read(others)` yields image and camera_info, and of a recording also the topics named in
     `others`, in log time order; of equal log times camera_info comes first. `image_topic` is the
@@ -63,7 +63,7 @@ def ideal_lens(width: int, height: int) -> Lens:
 
 
 def with_lens(items: Iterator[StreamItem], lens: Lens | None) -> Iterator[StreamItem]:
-    """Put a lens before the first image: this one or, with None, the ideal one of its size."""
+    """Insert camera_info before the first image: the given one, or an ideal lens."""
     known = False
     for item in items:
         image = item.reading

@@ -296,7 +296,7 @@ class _Scan:
         return f'is damaged: {chunks} at byte {byte} ({why}); {lost}'
 
     def _data_is_intact(self, end: int, checksum: int) -> bool:
-        """Hold the data against their checksum, where the writer left one."""
+        """Verify the checksum of the data, if it has one."""
         return not checksum or checksum_of(self.stream, 0, end) == checksum
 
     def _walk(self) -> str | None:

@@ -93,7 +93,7 @@ def _with_log(database: Path, place: Path) -> Path:
 
 
 def _log(database: Path) -> Path:
-    """Return where SQLite has the write-ahead log of a database, if it has one."""
+    """Return the SQLite write-ahead log of a database, if it has one."""
     return database.with_name(f'{database.name}-wal')
 
 

@@ -77,7 +77,7 @@ def read_gravity(
     settings: EstimatorSettings,
     gravity: Gravity,
 ) -> RecordedGravity | None:
-    """Return where gravity pointed, as the estimator takes it; None: where the model has it.
+    """Return the direction of gravity as for the estimator; None: that of the model.
 
     gravity: that of the model. Raises RecordingError if nothing usable says it, and must.
     """

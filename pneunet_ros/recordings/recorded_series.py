@@ -167,7 +167,7 @@ def read_series(
 def _in_order(
     sensor: Sensor[Any], topic: str, stamps: Sequence[int], rows: Sequence[Array], unreadable: int
 ) -> ReadingSeries:
-    """Keep the readings that may follow one another, by the rules of the estimator.
+    """Keep the readings in sequence, by the rules of the estimator.
 
     Where time jumps back by more than a second, the longest stretch between jumps is kept.
     """

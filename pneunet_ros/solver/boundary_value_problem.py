@@ -33,7 +33,7 @@ REFINED = 1.5
 def newton(
     panels: Array, ends: Array, nodes: Array, most_iterations: int, tolerance: float
 ) -> tuple[float, int]:
-    """Bring nodes to equilibrium by the compiled kernel, or by numpy while there is none.
+    """Solve for equilibrium by the compiled kernel, or by numpy without one.
 
     As `collocation.newton`.
     """
@@ -104,7 +104,7 @@ class BoundaryValueProblem:
             self.mesh(2 * self.counts)
 
     def start_from(self, known: SolverNodes) -> None:
-        """Take a known solution as the first guess."""
+        """Start from a known solution."""
         if known.counts == tuple(self.counts.tolist()):
             self.nodes[:] = known.nodes
             return

@@ -248,7 +248,7 @@ def scale_of_moments(panels: Array) -> float:
 
 @inner
 def blend(nodes: Array, share: float, other: Array, out: Array) -> None:
-    """Set out to nodes with a share of other nodes."""
+    """Interpolate between two sets of nodes."""
     for p in range(len(nodes)):
         for i in range(nodes.shape[1]):
             out[p, i] = (1.0 - share) * nodes[p, i] + share * other[p, i]

@@ -1,4 +1,4 @@
-"""Many rods one after the other on one mesh, each from its own or its neighbor's solution.
+"""Solve many rods in sequence on one mesh, each from its own or its neighbor's solution.
 
 For fits: beside the shapes at stations, their sensitivity to every column of the record of the
 rod, from which the sensitivity to any parameter follows by the chain rule.
@@ -64,7 +64,7 @@ def most_panels(
 def start_at_points(
     rods: Rods, loads: Array, frames: FrameSolutions, arclength: Array, points: Array
 ) -> None:
-    """Let frames start at the shape through points (n, 2, targets) m; NaN where none is seen.
+    """Start frames at the shape through points (n, 2, targets) m; NaN where none is seen.
 
     arclength (targets,) m: one at the clamp says nothing. Fills nodes and known of the frames in
     which a point is seen.

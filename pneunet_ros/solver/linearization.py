@@ -96,7 +96,7 @@ def panel_points(panels: Array, nodes: Array, p: int, work: Array, fields: Array
 def change_forces(
     panel: Array, fields: Array, first: int, count: int, change: Array, turned: Array, out: Array
 ) -> None:
-    """Change of h x', h y' and h M' at points of a panel whose angle is turned by so much."""
+    """Change of h x', h y' and h M' at points of a panel by a rotation of its angle."""
     h, axial = panel[col.PANEL_LENGTH], panel[col.PANEL_AXIAL]
     for i in range(count):
         at = first + i
@@ -122,7 +122,7 @@ def change_forces(
 def change_law(
     panel: Array, fields: Array, first: int, count: int, change: Array, moved: Array, out: Array
 ) -> None:
-    """Change of h (kappa - kappa0) at points where the moment is moved by so much."""
+    """Change of h (kappa - kappa0) at points by a change of the moment."""
     h, compliance = panel[col.PANEL_LENGTH], panel[col.PANEL_FLEXIBILITY]
     for i in range(count):
         at = first + i
@@ -201,7 +201,7 @@ def change_panel(
 def gather(
     panel_changes: Array, node_changes: Array, p: int, cause: int, loads: int, change: Array
 ) -> None:
-    """Put what a cause changes of panel p and its nodes into change (col.CHANGE_WIDTH,)."""
+    """Collect the changes of panel p and its nodes by a cause in change (col.CHANGE_WIDTH,)."""
     for column in range(col.CHANGE_THETA):
         change[column] = panel_changes[cause - loads, p, column] if cause >= loads else 0.0
     for i in range(5):

@@ -107,7 +107,7 @@ def bending_compliance(panels: Array, nodes: Array, p: int) -> float:
 
 
 def ways(links: Links) -> Array:
-    """Return how middles of links, and the tip, move per turn of each link, (2, n + 1, n) m."""
+    """Return the derivatives of link centers and tip by the link angles, (2, n + 1, n) m."""
     count = links.heading.size
     beyond = np.tril(np.ones((count + 1, count)), -1)
     beyond[np.arange(count), np.arange(count)] = 0.5

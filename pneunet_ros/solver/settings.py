@@ -1,4 +1,4 @@
-"""The numbers by which the solver decides: meshes, Newton's method, ways to a first solution.
+"""Tuning constants of the solver: meshes, Newton's method, cold starts.
 
 The capitals are constants of compiled kernels. A change of one compiles the kernels anew, as this
 line makes this file one of those with a core.kernels.jit import (see its `fingerprint`).

@@ -416,7 +416,7 @@ def follow_swing(
     at_joints: Array,
     tip: Array,
 ) -> None:
-    """Let a chain go on to the equilibrium of a solved rod, and say where it is then.
+    """Advance a chain to the equilibrium of a solved rod, and return its position there.
 
     solved: tables of the rod; their links go into after. swing goes on in place; steps: 0 where it
     rests, and `before` means nothing. The others as of `go_on`. Fills at_nodes (3 + 3 shapes, n +

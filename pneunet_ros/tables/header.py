@@ -219,7 +219,7 @@ def _is_time_column(name: str) -> bool:
 
 
 def ask_about_time(path: Path, places: Mapping[str, int], ahead: Sequence[str], mark: str) -> None:
-    """Ask first which column is the time, where none is and one increases from row to row.
+    """Ask which column is the time if none is named so and one increases from row to row.
 
     places: of the columns by their names; ahead: the lines below the names.
     """

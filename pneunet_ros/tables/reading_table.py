@@ -44,7 +44,7 @@ class ReadingTable:
             raise RecordingError('the stamps of a table must increase', reason='not_increasing')
 
     def present(self) -> dict[str, npt.NDArray[np.bool_]]:
-        """Return which rows hold a reading (rows,), by the names of the sensors."""
+        """Return the rows with a reading (rows,), by sensor name."""
         return {sensor.name: sensor.present(self.values[sensor.name]) for sensor in SENSORS}
 
     def counts(self) -> dict[str, int]:

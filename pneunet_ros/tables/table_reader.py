@@ -180,7 +180,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
 
 
 def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
-    """Report where two targets of a row stand at exactly one place, as unseen ones of trackers do.
+    """Report exactly coincident targets in a row, a mark of undetected targets in trackers.
 
     targets: (rows, 2, targets) m.
     """

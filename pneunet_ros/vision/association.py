@@ -62,7 +62,7 @@ class TargetRow(NamedTuple):
 
 
 def least_seen(targets: int, settings: AssociationSettings = ASSOCIATION) -> int:
-    """Return how many of so many targets must be seen for a row to be one."""
+    """Return the number of targets that must be seen for a row."""
     return min(targets, max(settings.least_followed, math.ceil(settings.least_share * targets)))
 
 
@@ -95,7 +95,7 @@ def near_row_from_clamp(
     search: BeamSearchSettings = BEAM_SEARCH,
     shapes: Array | None = None,
 ) -> Indices:
-    """Return which blobs are on the row that starts at the clamp, or beside it, or just beyond it.
+    """Return the blobs near the row that starts at the clamp, or near its extension.
 
     Arguments as of `row_from_clamp`; all of them where there is no row.
     """
@@ -219,7 +219,7 @@ def near_rows_anywhere(
     search: BeamSearchSettings = BEAM_SEARCH,
     shapes: Array | None = None,
 ) -> Indices:
-    """Return which blobs are on, beside or just beyond the ends of a row of known ones (indices).
+    """Return the blobs near a row of known ones (indices), or near its extensions.
 
     Other arguments as of `rows_anywhere`; rows may go on beyond their ends, and the last target
     may be missing.
@@ -256,7 +256,7 @@ def _readings(row: TargetRow, arclength: Array) -> tuple[TargetRow, ...]:
 
 
 def share_of_blobs(row: TargetRow, other: TargetRow) -> float:
-    """Return which share of the blobs of a row belong to another one as well."""
+    """Return the share of the blobs of a row that also belong to another."""
     mine = row.chosen[row.chosen >= 0]
     return float(np.isin(mine, other.chosen).mean()) if mine.size else 0.0
 

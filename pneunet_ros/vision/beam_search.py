@@ -106,7 +106,7 @@ def grow_rows(
     whole: bool,
     search: BeamSearchSettings,
 ) -> tuple[Indices, Array]:
-    """Grow a row from each start, whose targets so far `chosen` (starts, targets) holds.
+    """Grow a row from each start; `chosen` (starts, targets): its targets so far.
 
     starts (starts, LAST + 1): what is known of the rows, all up to the same target; whole: the
     first three targets and the last must be seen, and as many of all as of a row found anywhere.
@@ -302,7 +302,7 @@ def _take(
 
 @inlined
 def _wrapped(angle: float) -> float:
-    """Bring an angle into (-pi, pi]."""
+    """Wrap an angle to (-pi, pi]."""
     return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
 
 

@@ -101,7 +101,7 @@ def gating_numbers(settings: GatingSettings) -> Any:
 def consistent_spacing(
     x: Array, y: Array, arclength: Array, farthest: float, gating: GatingSettings
 ) -> Mask:
-    """Return which targets lie on a smooth row at their distances (targets,).
+    """Return the targets that lie on a smooth row with the right spacings (targets,).
 
     First goes, one by one, what is at a wrong distance from most of its neighbors, then what is
     furthest off a smooth curve through them, until all that is left fits; an arm with three
@@ -260,7 +260,7 @@ def _from_others(
 def _along_arc(
     x: Array, y: Array, arclength: Array, end: int, before: int, first: int, target: int
 ) -> tuple[float, float]:
-    """Return where the arc through the nearest that are seen leads; first: -1 if there is none."""
+    """Extrapolate the arc through the nearest seen targets; first: -1 if there is none."""
     step_x, step_y = x[end] - x[before], y[end] - y[before]
     along = abs(arclength[end] - arclength[before])
     heading = math.atan2(step_y, step_x)
@@ -281,7 +281,7 @@ def _along_arc(
 def consistent_motion(
     off: Array, spacing: float, gating: GatingSettings = GATING
 ) -> tuple[Mask, Mask]:
-    """Return which targets deviate from their prediction as their neighbors do, and which not.
+    """Return the targets that deviate from their predictions like their neighbors, and the others.
 
     off (targets, 2): from where each was predicted, in the unit of `spacing`; NaN for those
     without a prediction of their own or not seen, of which nothing is said. A glint beside a
@@ -311,7 +311,7 @@ def consistent_motion(
 def consistent_size(
     area: Array, usual: Array, elongation: Array, gating: GatingSettings = GATING
 ) -> Mask:
-    """Return which blobs look as usual, also compared with their neighbors (targets,).
+    """Return the blobs of plausible area, relative to the usual one and to neighbors (targets,).
 
     usual: area of each so far; elongation: largest axis over smallest. What is partly covered is
     smaller, what hangs together with a glint is larger or longer, and their centers are not those

@@ -44,7 +44,7 @@ def draw(image: Image, tracking: Tracking, curve: Array | None = None) -> Bytes:
 
 
 def curve_in_image(curve: MeasuredCurve, plane: Plane, lens: Lens) -> Array:
-    """Return where a curve of the working plane lies in the image, (n, 2) px; NaN where out."""
+    """Return the image of a curve in the working plane, (n, 2) px; NaN outside."""
     return lens.distort(plane.normalized(np.column_stack([curve.x, curve.y])))
 
 

@@ -82,7 +82,7 @@ class RestSearch:
     def with_frame(
         self, points: Array, spacing: float, settings: RestPlaneSettings = VISION.rest_plane
     ) -> RestSearch:
-        """Return the search with one more frame (targets, 2), whose place comes first.
+        """Return the search updated by a frame (targets, 2), with its position first.
 
         spacing: of neighboring targets, in the unit of the points.
         """
@@ -128,7 +128,7 @@ def plane_at_rest(points: Array, arclength: Array, method: PlaneMethod) -> Plane
 
 
 def _unrolled(points: Array, arclength: Array) -> Array:
-    """Return where the last target (2,) would be if the arm went on straight from the clamp.
+    """Return the last target (2,) of an arm extended straight from the clamp.
 
     The length is that of the arcs between neighbors. The heading at the first target comes from
     the headings of the first chords, each that of the arm in its middle, by a parabola.

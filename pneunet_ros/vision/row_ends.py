@@ -79,14 +79,14 @@ def _end_heading(x: Array, y: Array, arclength: Array, chosen: Indices, places: 
 
 
 def _wrap_angle(angle: Array) -> Array:
-    """Bring angles into (-pi, pi]."""
+    """Wrap angles to (-pi, pi]."""
     return np.asarray(angle - 2.0 * math.pi * np.floor(angle / (2.0 * math.pi) + 0.5))
 
 
 def continues_beyond(
     blobs: BlobColumns, arclength: Array, chosen: Indices, cost: float, search: BeamSearchSettings
 ) -> bool:
-    """Whether another blob alike stands a spacing beyond the last target of a row.
+    """Whether another similar blob is one spacing beyond the last target of a row.
 
     cost: of the row. A blob that fits far worse than those in the row is there by chance, as many
     are in printed text.

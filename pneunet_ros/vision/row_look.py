@@ -161,7 +161,7 @@ ROW_LOOK = RowLookSettings()
 def looks_of_neighbors(
     table: Array, places: Array, own: Array, settings: RowLookSettings = ROW_LOOK
 ) -> Array:
-    """Return how targets look by their neighbors, as `outlines` at places (targets, 2) px.
+    """Return the looks of targets predicted from neighbors, as `outlines` at (targets, 2) px.
 
     table (targets, COLUMNS), NaN where one is not seen; own (targets,) px^2: how large each is
     compared with the others, NaN of one that was never seen whole. Shape, smear and plateau are on
@@ -250,7 +250,7 @@ def whole_targets(table: Array, expected: Array, settings: RowLookSettings = ROW
 
 
 def has_whole_edge(table: Array, settings: RowLookSettings = ROW_LOOK) -> Mask:
-    """Whether targets (targets, COLUMNS) are seen with all of their edge.
+    """Whether the edges of targets (targets, COLUMNS) are completely visible.
 
     An edge is on an outline as far as that is known: one that is known far worse than others are,
     and than its motion says, does not tell.
@@ -266,7 +266,7 @@ def has_whole_edge(table: Array, settings: RowLookSettings = ROW_LOOK) -> Mask:
 def shows_own_size(
     table: Array, settings: RowLookSettings = ROW_LOOK, gating: GatingSettings = GATING
 ) -> Mask:
-    """Whether targets (targets, COLUMNS) show how large they are, whatever their neighbors are.
+    """Whether targets (targets, COLUMNS) are visible enough to measure their own size.
 
     Those are whole, or larger than their neighbors by most of their edge.
     """
@@ -284,7 +284,7 @@ def is_larger(area: Array, gating: GatingSettings = GATING) -> Mask:
 
 
 def _error_along(table: Array, settings: RowLookSettings) -> Array:
-    """Return how far what is behind targets moves their centers at most, as they move, px."""
+    """Return the largest shift of moving targets by their background, px."""
     way = np.sum(table[:, SMEAR] ** 2, axis=1)
     return np.asarray(settings.part_error * way / np.sqrt(table[:, AREA] / math.pi))
 
@@ -295,7 +295,7 @@ def _least_share(expected: Array, settings: RowLookSettings) -> Array:
 
 
 def share_of_area(table: Array, expected: Array) -> Array:
-    """Return how large targets are over how large their neighbors say they are (targets,).
+    """Return the areas of targets over those expected from their neighbors (targets,).
 
     expected: as `looks_of_neighbors`.
     """
@@ -306,7 +306,7 @@ def share_of_area(table: Array, expected: Array) -> Array:
 def believable_parts(
     found: Array, expected: Array, share: Array, settings: RowLookSettings = ROW_LOOK
 ) -> Mask:
-    """Whether targets of which a part was found (targets, COLUMNS) are what their neighbors are.
+    """Whether partly visible targets (targets, COLUMNS) match their neighbors.
 
     expected: as `looks_of_neighbors`; share: as `share_of_area`. What covers a target is of
     another grey, and has an edge of its own; it takes from the target, and never adds to it.
@@ -328,7 +328,7 @@ def believable_parts(
 
 
 def part_stds(found: Array, expected: Array, settings: RowLookSettings = ROW_LOOK) -> Array:
-    """Return the standard errors of the centers of targets of which a part was found, px.
+    """Return the standard errors of the centers of partly visible targets, px.
 
     found (targets, COLUMNS); expected: as `looks_of_neighbors`. Where a target moves along the
     edge that covers it while the shutter is open, its own edge and that one look alike, and the

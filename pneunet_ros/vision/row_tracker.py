@@ -19,7 +19,7 @@ MOST_PASSES = 3  # over a frame, while lost targets are found again
 
 
 def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] | None:
-    """Find the row near where it must be by now, and what comes next; None where it is lost."""
+    """Find the row near its prediction, and predict the next; None if it is lost."""
     vision, count = view.vision, view.arclength.size
     settings = vision.row_tracker
     predicted = last.predict(view.image.stamp_ns, settings.longest_prediction)

@@ -1,4 +1,4 @@
-"""All numbers by which a tracker decides, together; a frame is looked at with one set of them."""
+"""Tuning constants of a tracker, one set per frame."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ Step = tuple[TrackerState, Tracking | Refusal | None]
 def step_rows(
     trackers: Sequence[Tracker], states: Sequence[TrackerState], reading: Image | Lens
 ) -> list[Step]:
-    """Take an image, or a lens, into the states of all trackers, as `Tracker.step` does for one.
+    """Process an image or a lens for all trackers, like `Tracker.step` for one.
 
     Each tracker that loses blobs to another looks again; that may claim blobs of a third one, so
     this is repeated as often as there are trackers.
@@ -75,7 +75,7 @@ def check_rows(trackers: Mapping[str, Tracker]) -> None:
 def _lost_blobs(
     trackers: Sequence[Tracker], states: Sequence[TrackerState], steps: Sequence[Step]
 ) -> Iterator[tuple[int, Array]]:
-    """Yield which tracker loses which blobs (n, COLUMNS) to another."""
+    """Yield each tracker with the blobs (n, COLUMNS) that another one takes."""
     claims = [_claims(*one) for one in zip(trackers, states, steps, strict=True)]
     for second, (blobs, off) in enumerate(claims):
         for first, (others, others_off) in enumerate(claims[:second]):

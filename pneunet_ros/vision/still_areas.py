@@ -22,7 +22,7 @@ Counts = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StillAreas:
-    """Areas seen in a place, in some frames one after the other: how often, and when last.
+    """Areas at one position in successive frames: how often, and when last seen.
 
     centers (areas, 2) px: on average over the frames in which each was seen; std (areas,) px: of
     a single one; area (areas,) px^2 and shapes (areas, 3): as `Blobs` has them; seen (areas,): in
@@ -70,7 +70,7 @@ class StillAreas:
 
 
 def is_moved(gone: Mask, row: Counts, odds: float) -> bool:
-    """Whether a row of areas (indices) has gone because it moved, and not by chance as others do.
+    """Whether a row of areas (indices) disappeared by moving, and not by chance like others.
 
     gone (areas,): which have. Fisher's exact test, of the best of ENOUGH rows; odds: of chance.
     """

@@ -183,7 +183,7 @@ class Tracker:
     def step(
         self, state: TrackerState, reading: Image | Lens, taken: Array | None = None
     ) -> tuple[TrackerState, Tracking | Refusal | None]:
-        """Take an image, or a lens from a camera_info; the given state is not changed.
+        """Process an image, or the lens of a camera_info; the given state is not changed.
 
         taken (n, COLUMNS): blobs that are targets of other rows in the image (`several_rows`).
         Returns the state for the next reading, and what came of this one: a `Tracking` of an
@@ -207,7 +207,7 @@ class Tracker:
     def _look_both_ways(
         self, state: TrackerState, image: Image, taken: Array | None
     ) -> tuple[TrackerState, Tracking]:
-        """Look for bright and for dark targets; what shows a row alone decides, once it is whole.
+        """Look for bright and for dark targets, until a complete row decides on one polarity.
 
         A row of either kind in one image is no answer. Until it is whole, the one that has shown a
         row alone is looked for first, and the other only where that fails. Areas that hardly stand
@@ -251,7 +251,7 @@ class Tracker:
         )
 
     def _rank(self, tracking: Tracking) -> tuple[int, int, int]:
-        """Order what bright and dark areas show: first what comes nearest to a row of targets."""
+        """Rank the results for bright and dark areas by their similarity to a row of targets."""
         return TELLING.index(tracking.reason), -tracking.row, -len(tracking.found)
 
     def _bright_and_dark(self, image: Image) -> tuple[RoundAreas, RoundAreas] | None:
@@ -272,7 +272,7 @@ class Tracker:
         again: bool = False,
         taken: Array | None = None,
     ) -> tuple[TrackerState, Tracking]:
-        """Look for targets of a polarity; areas, shallow, again and taken: as of `View`."""
+        """Look for targets of one polarity; areas, shallow, again and taken: as of `View`."""
         assert state.lens is not None
         settings = self.settings
         if polarity == DARK:
@@ -360,7 +360,7 @@ class Tracker:
     def _at_rest(
         self, state: TrackerState, view: View, polarity: str
     ) -> tuple[TrackerState, Failure]:
-        """Take a frame into what is known of the rest; why there is no plane yet, if so."""
+        """Add a frame to the rest position; return why there is no plane yet, if so."""
         wanted, settings = self.settings.rest_frames, self.vision.rest_plane
         found = search_at_rest(view, state.rest)
         if isinstance(found, Failure):
@@ -380,7 +380,7 @@ class Tracker:
     def _at_rest_before(
         self, state: TrackerState, view: View, failure: Failure, polarity: str
     ) -> tuple[TrackerState, Failure]:
-        """Take what rested and moved for the arm, where no frame shows it on its own.
+        """Identify the arm by its motion from rest, if no single frame shows it.
 
         The row must be found again where it is now, from its clamp.
         """
@@ -426,7 +426,7 @@ class Tracker:
         return self._through(state.fresh(), state.lens)
 
     def _with_lens(self, state: TrackerState, lens: Lens) -> TrackerState:
-        """Take a camera_info; one that says what the last one said changes nothing."""
+        """Process a camera_info; an unchanged one has no effect."""
         if state.lens is None:
             return self._through(state, lens)
         return state if same_values(state.lens, lens) else self._through(state.fresh(), lens)

@@ -37,6 +37,7 @@ from pneunet_ros.measurement.blocks.model_columns import ModelColumns
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.errors.rounding_error import smallest_change, with_rounding
+from pneunet_ros.measurement.inference.bank import Hypothesis
 from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
 import pytest
@@ -592,7 +593,8 @@ def test_a_belief_that_keeps_all_frames_out_is_forgotten():
     mean[column] = 300.0  # sigma: what no arm is
     root = state.belief.root.copy()
     root[column] = 0.0
-    state = state.with_belief(replace(state.belief, mean=mean, root=root))
+    known = Hypothesis(belief=replace(state.belief, mean=mean, root=root))
+    state = replace(state, bank=(known, *state.bank[1:]))
     used = state.counts.frames
     still = Fusion(arm=fusion().arm, unknowns=fusion().bench.unknowns)  # it knows no motion
     for frame in range(70, 90):

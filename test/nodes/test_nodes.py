@@ -665,12 +665,10 @@ def test_an_interrupt_while_it_gets_ready_ends_it(tmp_path):
 
 WRONG = {
     'no model': (['-p', 'model_file:=/nowhere.yaml'], 'cannot read the model file /nowhere.yaml'),
-    'no effects': (['-p', 'effects_path:=/nowhere'], 'effects path /nowhere is not a folder'),
     'integer': (
         ['-p', 'wrench_timeout:=1'],
         'wrench_timeout must be a number with a decimal point',
     ),
-    'bounds': (['-p', 'stations:=1'], 'stations must lie between 2 and 2000'),
     'mixed list': (['-p', 'x:=[1, 2.0]'], 'invalid ROS arguments'),
     'qos': (
         ['-p', 'qos_overrides./pneunet/shape.publisher.reliability:=some'],

@@ -10,7 +10,6 @@ from pneunet_ros import save_model
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.frames import BASE_FRAME, quaternion_of_angles, rotation_matrix
-from pneunet_ros.core.readings import FrameReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import STANDARD_GRAVITY
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -18,7 +17,8 @@ from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.sensors import LabNoise, noiseless, Rates
 from pneunet_ros.lab.simulation import simulate
-from pneunet_ros.messages.base_frames import frame_message, imu_message
+from pneunet_ros.messages.base_frames import imu_message, TRANSFORM_TYPE
+from pneunet_ros.messages.builders import header
 from pneunet_ros.messages.readings import BASE_IMU, FIXED_FRAMES, FRAMES
 from pneunet_ros.model.gravity import gravity_of
 from pneunet_ros.recordings.dataset_reader import read_run
@@ -71,14 +71,15 @@ def imu(at, x, y, z, frame_id=BASE_FRAME):
 
 def frame(at, child, parent, angles, sensor):
     """Return a message of a frame at a time (ms)."""
-    reading = FrameReading(
-        stamp_ns=at * MS,
-        frame_id=child,
-        parent=parent,
-        quaternion=quaternion_of_angles(*angles),
-        fixed=sensor is FIXED_FRAMES,
+    types, axes = ROSBAGS_TYPES, zip('xyzw', quaternion_of_angles(*angles), strict=True)
+    transform = types('geometry_msgs/msg/Transform')(
+        translation=types('geometry_msgs/msg/Vector3')(x=0.0, y=0.0, z=0.0),
+        rotation=types('geometry_msgs/msg/Quaternion')(**dict(axes)),
     )
-    return at, sensor, frame_message(reading, ROSBAGS_TYPES)
+    stamped = types('geometry_msgs/msg/TransformStamped')(
+        header=header(at * MS, parent, types), child_frame_id=child, transform=transform
+    )
+    return at, sensor, types(TRANSFORM_TYPE)(transforms=[stamped])
 
 
 def test_the_lab_records_what_an_accelerometer_on_its_base_reads(tmp_path):

@@ -72,7 +72,7 @@ def tip_distance(
 
 
 def has_rested(run: RecordingData, top: float, settings: SameArmSettings) -> npt.NDArray[np.bool_]:
-    """Return the frames (frames,) before which the pressure rested long enough.
+    """Return the frames (frames,) that follow a long enough rest of the pressure.
 
     It rests for a while after them, too: film stamps may be early, so that frames show a later
     time. top: the largest pressure (Pa).

@@ -296,7 +296,7 @@ def vibration_of(courses: Sequence[Course], slowest: float) -> Vibration | None:
 
 
 def refined(courses: Sequence[Course], first: Vibration) -> Vibration:
-    """Return the vibration near another one that explains the same windows best."""
+    """Return the local optimum of a vibration over the same windows."""
     from scipy.optimize import minimize  # slow to import, and few arms swing
 
     def vibration(numbers: Array) -> Vibration:

@@ -214,7 +214,7 @@ def interpolated(pressure: Array, values: Array, at: Array) -> Array:
 
 
 def arc_tip(arm: Arm, curvature: Array) -> Places:
-    """Return where arcs from the clamp have the last target, x + i y (m)."""
+    """Return the last target of arcs from the clamp, x + i y (m)."""
     length = float(arm.target_arclength[-1])
     half = 0.5 * length * curvature
     chord = length * np.sinc(half / np.pi)
@@ -222,7 +222,7 @@ def arc_tip(arm: Arm, curvature: Array) -> Places:
 
 
 def tip_of(fit: Fit, pressure: Array) -> tuple[Places, Array]:
-    """Return where the last target is seen, x + i y (m), and the heading there (rad).
+    """Return the position of the last target, x + i y (m), and the heading there (rad).
 
     Of the arm without a load, NaN without an equilibrium; the target as the fit has placed it.
     """

@@ -194,7 +194,7 @@ def check_pressures(
 def check_meaning(
     pressures: Array, declared: PressureConvention, names: str, arm: Arm, *, moves: bool
 ) -> None:
-    """Raise RecordingError where pressures (frames,) Pa are almost surely of another unit.
+    """Raise RecordingError where pressures (frames,) Pa almost surely have another unit.
 
     Where a calibration begins the range of `arm` is a guess: they may as well be of any soft
     actuator. declared: what their readings were taken to mean; moves: the arm bends.
@@ -230,7 +230,7 @@ def check_unloaded(
 def check_targets(
     run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
 ) -> None:
-    """Raise RecordingError if a recording has too few targets or others."""
+    """Raise RecordingError if a recording has too few or unexpected targets."""
     if run.x.shape[1] != arm.target_arclength.size:
         raise RecordingError(
             f'{run.name} has {run.x.shape[1]} targets and the arm {arm.target_arclength.size}; '

@@ -130,7 +130,7 @@ def stiffness_variation(
 
 
 def mode_jacobian(fit: Fit, run: RunLinearization, modes: int) -> Array:
-    """Return how coordinates move per Legendre polynomial of ln EI, (frames, coordinates, modes).
+    """Return the Jacobian of coordinates by Legendre modes of ln EI, (frames, coordinates, modes).
 
     From the first degree on: all of the arm stiffer is what the law fits.
     """
@@ -147,7 +147,7 @@ def mode_jacobian(fit: Fit, run: RunLinearization, modes: int) -> Array:
 def tip_errors(
     fit: Fit, runs: list[RunLinearization], coefficients: Array, refitted: Array
 ) -> TipErrors:
-    """Return how a departure moves the last target, with the parameters refitted."""
+    """Return the shift of the last target by a departure, with the parameters refitted."""
     size, last = fit.values.size, fit.arm.target_arclength.size - 1
     parts: tuple[list[Array], ...] = ([], [], [], [])
     for run in runs:

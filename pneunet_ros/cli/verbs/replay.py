@@ -176,7 +176,7 @@ def run(arguments: Namespace) -> int:
 
 
 def motion_summary(tally: Tally) -> dict[str, float] | None:
-    """Return how the arm moved; None if the model has no motion.
+    """Return the motion of the arm; None if the model has no motion.
 
     settled: share of the estimates; frequency (Hz) and decay_time (s): of the last one.
     """

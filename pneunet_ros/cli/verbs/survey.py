@@ -117,7 +117,7 @@ def options(parser: ArgumentParser) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Do the arms that are not done, and write the page."""
+    """Process the remaining arms, and write the page."""
     from pneunet_ros.cli.survey_arm import SurveyRequest
     from pneunet_ros.reports.survey.report import REPLACEABLE
 

@@ -87,7 +87,7 @@ def note_kept() -> None:
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Wait until no other process compiles these kernels, and keep others waiting."""
+    """Hold the lock for compiling these kernels, waiting for other processes."""
     with lock_file().open('w') as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield

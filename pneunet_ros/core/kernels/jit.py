@@ -79,7 +79,7 @@ WAITING = Waiting()
 
 
 def answer_first() -> None:
-    """Let the kernels that are imported from now on run as plain Python until `use_compiled`."""
+    """Make kernels imported from now on run as plain Python until `use_compiled`."""
     WAITING.expected = HAVE_NUMBA
 
 
@@ -200,7 +200,7 @@ def keep(compiled: Any) -> None:
 
 @cache
 def numbers_and_arrays_first() -> None:
-    """Have numba look for the arithmetic of numbers, and for entries of arrays, first.
+    """Make numba resolve arithmetic and array access first.
 
     It looks for them last, after those of strings, lists and arrays of all kinds, with the same
     outcome: half of the time in which it finds types.
@@ -231,7 +231,7 @@ def not_literal(value: int) -> Any:
 
 
 def use_compiled() -> None:
-    """Put the compiled kernels in the places of the plain ones, in all modules.
+    """Replace the plain kernels by the compiled ones in all modules.
 
     Those that are on the disk are loaded first, so that no caller waits for them.
     """

@@ -62,7 +62,7 @@ class Camera:
                 node.state, _ = node.configuration.tracker.step(node.state, lens)
 
     def take_image(self, message: Any, info: dict[str, int]) -> None:
-        """Take an image message, and give the trackers what it shows of their rows."""
+        """Process an image message, and pass their targets to the trackers."""
         nodes = list(self.nodes.values())
         for node in nodes:
             node.note_message(self.topic, info)

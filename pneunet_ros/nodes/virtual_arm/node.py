@@ -140,7 +140,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.log.warn('range', sentence, time.monotonic())
 
     def take_load(self, message: Any) -> None:
-        """Take a load that is put on the free end from now on."""
+        """Apply a load to the free end from now on."""
         try:
             wanted = END_WRENCH.decode(message)
         except MessageError as error:

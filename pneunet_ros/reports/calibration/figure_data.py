@@ -104,6 +104,6 @@ def nearest_view(views: tuple[MomentView, ...], pressure: float) -> MomentView:
     return min(views, key=lambda view: abs(view.steady_state.pressure - pressure))
 
 
-def stations_of(length: float, count: int = 113) -> Array:
+def stations_of(length: float) -> Array:
     """Return stations (m) for smooth lines."""
-    return np.linspace(0.0, length, count)
+    return np.linspace(0.0, length, 113)

@@ -138,7 +138,7 @@ def loop_of(side: Evaluation) -> Loop:
 
 
 def directions_of(pressure: Array, band: float) -> Array:
-    """Return from where the pressure came, (frames,): 1 from below, -1 from above, 0 unmoved.
+    """Return the direction of the pressure, (frames,): 1 rising, -1 falling, 0 unchanged.
 
     A hold keeps the direction in which it was reached: that is what the arm remembers. Pressure
     has turned when it is `band` (Pa) back from its last extreme.

@@ -195,7 +195,7 @@ def where_table(diagnosis: Diagnosis) -> Table:
 
 
 def where_text(diagnosis: Diagnosis) -> str:
-    """Return where the misfit is, as one sentence."""
+    """Describe where the misfit is, in one sentence."""
     return f'Where: {diagnosis.where_sentence.rstrip(".")}.'
 
 

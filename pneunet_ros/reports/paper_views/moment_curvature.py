@@ -154,7 +154,7 @@ def curvature_std(fit: Fit, pressure: Array, share: Array) -> Array:
 
 
 def curvature_weights(fit: Fit, pressure: Array, share: Array) -> Array:
-    """Return how kappa_p0 at pressures (n,) Pa x s / l (m,) moves, (n, m, parameters)."""
+    """Return the derivatives of kappa_p0 at pressures (n,) Pa x s / l (m,), (n, m, parameters)."""
     knots, cells = fit.parameters.arclength, fit.parameters.cells
     rows = idle(pressure).row_weights(fit.arm)
     basis = scipy.interpolate.CubicSpline(knots, np.eye(knots.size))(share)

@@ -185,7 +185,7 @@ class TrackingPage:
         )
 
     def _first_tracked(self) -> int:
-        """Return which of the frames that are shown is seen first."""
+        """Return the first shown frame in which targets were found."""
         tracked = [place for place, item in enumerate(self._frames) if 'measured' in item]
         return tracked[0] if tracked else 0
 

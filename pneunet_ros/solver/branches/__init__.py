@@ -1,1 +1,1 @@
-"""From one equilibrium to another: continuation, descent of the energy, neighbors."""
+"""Methods to reach an equilibrium: continuation, energy descent, neighbors."""

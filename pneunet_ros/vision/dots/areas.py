@@ -220,7 +220,7 @@ def _cut_at(grey: Bytes, level: int, appearance: Appearance) -> Array:
 
 
 def _joined(cuts: list[Array], appearance: Appearance) -> RoundAreas:
-    """Return the round areas of cuts, of which each holds the areas of the one before."""
+    """Return the round areas of nested cuts, each of which contains the one before."""
     settings = appearance.blobs
     found: list[Array] = []
     chains: list[Integers] = []

@@ -159,7 +159,7 @@ def linearize_edge(
 def collect_near(
     rim: Array, many: int, given: Array, reach: tuple[float, float], blocks: Array
 ) -> int:
-    """Put the pixels of a rim that are near an edge into blocks, and return their number."""
+    """Collect the pixels of a rim near an edge in blocks, and return their number."""
     xx, xy, yy, off_u, off_v = given[0], given[1], given[2], given[9], given[10]
     all_x, all_y, outside = rim[RIM_X], rim[RIM_Y], rim[RIM_OUTSIDE]
     for pixel in range(many):
@@ -250,7 +250,7 @@ def add_background(lines: Array, size: int, background: Array) -> None:
 
 @inner
 def weigh(lines: Array, size: int, behind: Array, believed: Array) -> float:
-    """Take the background off the pixels of a block, and return the sum of their weights."""
+    """Subtract the background from the pixels of a block, and return the sum of their weights."""
     count, total = behind.size, 0.0
     for place in range(size):
         first, share = int(lines[SECTOR * BLOCK + place]), lines[SHARE * BLOCK + place]

@@ -251,7 +251,7 @@ class Rims(NamedTuple):
         return np.asarray(before + self.share * (flat[self.after] - before))
 
     def pieces(self, which: Integers) -> Iterator[slice]:
-        """Return which pixels belong to each of these ellipses."""
+        """Return the pixels of each of these ellipses."""
         last = np.cumsum(np.bincount(self.owner, minlength=which[-1] + 1))
         return map(slice, (last[which - 1] * (which > 0)).tolist(), last[which].tolist())
 
@@ -405,12 +405,12 @@ def _cut_rims(grey: Bytes, starts: Array, boxes: Integers, settings: EllipseSett
 
 
 def _smear(ellipses: Array) -> Array:
-    """Return how far ellipses (n, FITTED) move while the shutter is open, px (n,)."""
+    """Return the motion of ellipses (n, FITTED) during the exposure, px (n,)."""
     return np.asarray(np.hypot(ellipses[:, SMEAR_U], ellipses[:, SMEAR_V]))
 
 
 def _see(ellipses: Array, owner: Integers, x: Array, y: Array) -> Seen:
-    """See places (px from the center) from their ellipses (n, FITTED)."""
+    """Transform positions (px from the center) to the frames of ellipses (n, FITTED)."""
     xx, xy, yy = ellipses[:, [AXIS_XX, AXIS_XY, AXIS_YY]].T
     determinant = xx * yy - xy * xy
     xx, xy, yy = ((it / determinant)[owner] for it in (yy, -xy, xx))  # the inverse

@@ -351,7 +351,7 @@ def _splines(places: Array, half: float) -> Array:
 
 
 def _draw(x: Array, y: Array, outline: Array, way: Array, size: float) -> tuple[Array, Array]:
-    """Return which share of an exposure a dot is at places (n,), and how that changes (n, OF_DOT).
+    """Return the exposure share of a dot at positions (n,), and its derivatives (n, OF_DOT).
 
     x, y (n,) px from its center; it changes by center, way and size.
     """
@@ -407,7 +407,7 @@ def known_by(dots: list[MovingDot], settings: MovingDotSettings = MOVING_DOTS) -
 
 
 def _spread(values: Array) -> float:
-    """Return how far values are off their median, root mean square."""
+    """Return the rms deviation of values from their median."""
     return float(np.sqrt(np.mean((values - np.median(values)) ** 2)))
 
 

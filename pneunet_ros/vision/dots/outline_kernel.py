@@ -97,7 +97,7 @@ def fit_outlines(
 
 @inner
 def box_of(grey: Bytes, start: Array, settings: Any) -> tuple[int, int, int, int]:
-    """Return where in an image an ellipse can be: left, top, and behind right and bottom."""
+    """Return the bounding box of an ellipse in an image: left, top, right + 1, bottom + 1."""
     outward = settings.outward * start[BLUR] + settings.shift + settings.margin
     outward += 0.5 * math.hypot(start[WAY_U], start[WAY_V])
     reach_u = math.hypot(start[XX], start[XY]) + outward

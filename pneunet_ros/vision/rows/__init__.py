@@ -1,1 +1,1 @@
-"""The row of targets: found in a frame, believed, and moved on to the next one."""
+"""The row of targets: detection, gating and prediction from frame to frame."""

@@ -209,7 +209,7 @@ def _moving_at(
 def _places_by_neighbors(
     view: View, row: ObservedRow, last: TrackedRow | None
 ) -> tuple[Array, ...]:
-    """Return where targets are, or may be by those next to them, (targets, 2) px each.
+    """Return positions of targets, seen or interpolated from neighbors, (targets, 2) px each.
 
     One that is not seen is where the row leads, which tells little beyond a gap; or, if it was
     seen in the last row, where its motion leads and the others are off theirs (NaN of all others).

@@ -66,7 +66,7 @@ class TrackedRow:
     exposure: float
 
     def predict(self, stamp_ns: int, longest: float) -> Array:
-        """Return where the targets are expected at a stamp, (targets, 2) px.
+        """Return the predicted targets at a stamp, (targets, 2) px.
 
         longest: how long (s) their velocities tell anything.
         """
@@ -74,7 +74,7 @@ class TrackedRow:
         return np.asarray(self.pixels + min(seconds, longest) * self.velocity)
 
     def outlines(self, places: Array, vision: VisionSettings) -> Array:
-        """Return where edges are expected of targets that look as they did; places (n, 2) px."""
+        """Return the predicted outlines of targets with unchanged looks; places (n, 2) px."""
         blobs, smear = vision.blobs, self.exposure * self.velocity
         stds = blobs.smear_std + vision.row_tracker.smear_std * np.hypot(*smear.T)
         return outlines(

@@ -27,7 +27,7 @@ def gate_row(
     parts: Mask | None = None,
     causes: tuple[str, ...] | None = None,
 ) -> ObservedRow:
-    """Return the blobs of a table that are believed to be targets.
+    """Return the blobs of a table accepted as targets.
 
     usual (targets,) px^2: how large they are compared with each other; parts (targets,): which of
     them were measured by a part, with the size of their neighbors; causes: why some are not in the
@@ -71,7 +71,7 @@ def gate_row(
 
 
 def expected_pixels(view: View, points: Array) -> Array:
-    """Return where all targets are expected by those that are seen, (targets, 2) px.
+    """Return the predicted positions of all targets from those seen, (targets, 2) px.
 
     points (targets, 2) m in base, NaN where a target is not seen.
     """

@@ -79,7 +79,7 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
 
 
 def velocity_along_row(moved: Array, arclength: Array, known: Mask, neighbors: int) -> Array:
-    """Return how all targets move, (targets, 2) px or px/s, by those of which it is known.
+    """Return the velocities of all targets, (targets, 2) px or px/s, from the known ones.
 
     moved (known, 2), in the same unit. Between two of them it changes evenly; beyond the last ones
     it goes on as along so many neighbors: the end of an arm moves faster than what is before it.
@@ -103,7 +103,7 @@ def velocity_along_row(moved: Array, arclength: Array, known: Mask, neighbors: i
 def exposure_of(
     table: Array, velocity: Array, seconds: float, before: float, vision: VisionSettings
 ) -> float:
-    """Return how long (s) the shutter seems to be open, by how far targets are smeared.
+    """Return the exposure time (s) estimated from the motion blur of targets.
 
     velocity (n, 2) px/s; seconds: between frames; before: what it seemed to be in the last frame,
     0 where nothing is known. Where hardly anything moves a frame tells nothing of it.

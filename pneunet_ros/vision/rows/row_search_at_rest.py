@@ -128,7 +128,7 @@ def _search_anew(view: View, blobs: Blobs, points: Array) -> Array | Failure:
 
 
 def _begins_at_clamp_pixel(view: View, row: ObservedRow) -> bool:
-    """Whether clamp_pixel says beyond doubt which target the first one of a row is."""
+    """Whether clamp_pixel determines which target is the first one of a row."""
     if view.settings.clamp_pixel is None:
         return False
     spacing = float(np.nanmedian(np.hypot(*np.diff(row.table[:, :2], axis=0).T)))

@@ -1,4 +1,4 @@
-"""A frame with all that is needed to look at it."""
+"""A frame with its tracking context."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NO_AREAS = Failure(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class View:
-    """A frame with all that is needed to look at it.
+    """A frame with its tracking context.
 
     areas: what may be a blob, where that has been found already; shallow: whether to look only at
     what stands out, as long as another look can follow; again: whether this is the other look;
@@ -46,11 +46,11 @@ class View:
     taken: Array = field(default_factory=lambda: NONE_TAKEN)
 
     def is_taken(self, table: Array) -> Mask:
-        """Whether blobs (n, COLUMNS) are targets of other rows (n,)."""
+        """Whether blobs (n, COLUMNS) belong to other rows (n,)."""
         return np.asarray(same_blobs(table, self.taken, self.appearance.blobs).any(axis=1))
 
     def round_areas(self) -> RoundAreas:
-        """Return the areas that may be blobs, those that stand out most first."""
+        """Return candidate areas for blobs, most salient first."""
         if self.areas is None:
             return find_areas(self.image, self.appearance)
         return self.areas.only(slice(self.appearance.blobs.most))
