@@ -7,9 +7,9 @@ from contextlib import ExitStack
 import dataclasses
 from pathlib import Path
 import time
+from typing import TYPE_CHECKING
 
 from pneunet_ros.cli.fitted_table import print_table
-from pneunet_ros.cli.judged import refuse_readings
 from pneunet_ros.cli.verb import (
     add_gravity,
     add_json,
@@ -29,25 +29,11 @@ from pneunet_ros.cli.verb import (
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
-from pneunet_ros.estimation.consistency import Agreement
-from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.files.model_file import model_hash
-from pneunet_ros.messages.link_chain import JOINT_STATES
-from pneunet_ros.messages.markers import markers_output, TIP_FRAME, transform_output
-from pneunet_ros.messages.readings import PRESSURE, SENSORS, TARGETS
-from pneunet_ros.model.uncertainty import error_left_out
-from pneunet_ros.offline.judge import judge_recording
-from pneunet_ros.offline.replay import (
-    input_topics,
-    record_steps,
-    Step,
-    steps,
-    Tally,
-    targets_topic,
-)
-from pneunet_ros.recordings.recording import open_recording
-from pneunet_ros.recordings.recording_writer import write_recording
 from rich.table import Table
+
+if TYPE_CHECKING:
+    from pneunet_ros.estimation.consistency import Agreement
+    from pneunet_ros.offline.replay import Step, Tally
 
 
 def options(parser: ArgumentParser) -> None:
@@ -102,6 +88,29 @@ def run(arguments: Namespace) -> int:
         )
     if arguments.free_tip:
         raise RequestError('--free-tip belongs to --fuse', reason='exclusive')
+    return run_estimator(arguments)
+
+
+def run_estimator(arguments: Namespace) -> int:
+    """Replay through the estimator, and summarize."""
+    from pneunet_ros.cli.judged import refuse_readings
+    from pneunet_ros.estimation.estimator import Estimator
+    from pneunet_ros.files.model_file import model_hash
+    from pneunet_ros.messages.link_chain import JOINT_STATES
+    from pneunet_ros.messages.markers import markers_output, TIP_FRAME, transform_output
+    from pneunet_ros.messages.readings import PRESSURE, SENSORS, TARGETS
+    from pneunet_ros.model.uncertainty import error_left_out
+    from pneunet_ros.offline.judge import judge_recording
+    from pneunet_ros.offline.replay import (
+        input_topics,
+        record_steps,
+        steps,
+        Tally,
+        targets_topic,
+    )
+    from pneunet_ros.recordings.recording import open_recording
+    from pneunet_ros.recordings.recording_writer import write_recording
+
     arm = model_of(arguments)
     estimator = Estimator(arm=arm, settings=settings_of(arguments))
     overrides = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
