@@ -28,16 +28,21 @@ def step_rows(
 ) -> list[Step]:
     """Process an image or a lens for all trackers, like `Tracker.step` for one.
 
-    Each tracker that loses blobs to another looks again; that may claim blobs of a third one, so
-    this is repeated as often as there are trackers.
+    Rows that are followed come first: what they claim is nothing to those that search. Each
+    tracker that loses blobs to another looks again; that may claim blobs of a third one, so this
+    is repeated as often as there are trackers.
     """
-    steps: list[Step] = []
-    for tracker, state in zip(trackers, states, strict=True):
-        pause()
-        steps.append(tracker.step(state, reading))
     if isinstance(reading, Lens):
-        return steps
-    taken = [NONE_TAKEN] * len(trackers)
+        return [one.step(state, reading) for one, state in zip(trackers, states, strict=True)]
+    taken, found = [NONE_TAKEN] * len(trackers), dict[int, Step]()
+    for place in sorted(range(len(trackers)), key=lambda place: states[place].row is None):
+        if states[place].row is None:
+            followed = (at for at in found if states[at].row is not None)
+            claims = [_claims(trackers[at], states[at], found[at])[0] for at in followed]
+            taken[place] = np.concatenate([NONE_TAKEN, *claims])
+        pause()
+        found[place] = trackers[place].step(states[place], reading, taken[place])
+    steps = [found[place] for place in range(len(trackers))]
     for _ in trackers[1:]:
         lost = list(_lost_blobs(trackers, states, steps))
         for place, blobs in lost:

@@ -160,7 +160,37 @@ def test_of_two_trackers_of_one_row_the_second_finds_none():
         image = rows_film.image_of(picture, index)
         states, (first, second) = zip(*step_rows(trackers, states, image), strict=True)
     assert first.sightings.seen == films.ARM.target_arclength.size
-    assert (second.reason, second.sightings.seen) == ('no_row', 0)
+    assert (second.reason, second.sightings.seen) == ('wrong_clamp', 0)
+
+
+def test_targets_of_other_arms_are_no_row_at_rest():
+    tracker, image = tracker_at(None), rows_film.image_of(rows_film.pictures()[0], 0)
+    start, _ = tracker.step(TrackerState(), FILM_LENS)
+    tables = {}
+    for arm in rows_film.POSES:
+        other = tracker_at(rows_film.clamp_pixel(arm), rest_frames=1)
+        state, _ = other.step(start, image)
+        assert state.row is not None
+        tables[arm] = state.row.table
+    crowd, _ = tracker.step(start, image)
+    (still,) = crowd.still.values()
+    state, outcome = tracker.step(start, image, tables['lower'])
+    assert outcome.reason == 'several_rows'
+    (free,) = state.still.values()  # what rested and moves is searched for among these
+    assert len(free.seen) == len(still.seen) - len(tables['lower'])
+    both = np.concatenate([tables['lower'], tables['beside']])
+    assert tracker.step(start, image, both)[1].reason == 'resting'
+
+
+def test_who_searches_is_told_what_others_follow():
+    trackers = [tracker_at(None), tracker_at(rows_film.clamp_pixel('lower'))]
+    states = [state for state, _ in step_rows(trackers, [TrackerState()] * 2, FILM_LENS)]
+    for index, picture in enumerate(rows_film.pictures()[: rows_film.REST + 3]):
+        image = rows_film.image_of(picture, index)
+        states = [state for state, _ in step_rows(trackers, states, image)]
+    (still,) = states[0].still.values()
+    apart = still.centers[:, None] - states[1].row.table[:, :2]
+    assert not np.any((np.hypot(*apart.transpose(2, 0, 1)) < 1.0).any(axis=1) & (still.unseen < 1))
 
 
 def test_a_shared_camera_needs_the_row_of_each_arm():

@@ -39,19 +39,27 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
         first = _search_what_stands_out(view, areas)
         if view.shallow or not (isinstance(first, Failure) or np.isnan(first).any()):
             return first
-    blobs = measure_areas(view.image, areas, view.appearance)
+    blobs = _free_blobs(view, areas)
     if len(blobs) == 0:
         return NO_AREAS
     points = view.lens.undistort(blobs.centers)
     found = _search_anew(view, blobs, points)
     if not isinstance(found, Failure):
         return found
-    found = replace(found, found=blobs.centers, blobs=blobs)
+    others = np.count_nonzero(np.isfinite(view.taken[:, 0]))
+    more = f'; {others} targets of other arms are left out' if others else ''
+    found = replace(found, found=blobs.centers, blobs=blobs, sentence=found.sentence + more)
     if found.reason != 'no_row':
         return found
     seen = points[np.isfinite(points[:, 0])]
     again = rest.recognize(seen, view.arclength, view.vision)
     return found if again is None else again
+
+
+def _free_blobs(view: View, areas: RoundAreas) -> Blobs:
+    """Return the blobs among areas of a frame that are no targets of other rows."""
+    blobs = measure_areas(view.image, areas, view.appearance)
+    return Blobs(freeze(blobs.table[:, ~view.is_taken(blobs.table.T)]))
 
 
 def _search_what_stands_out(view: View, areas: RoundAreas) -> Array | Failure:
@@ -74,7 +82,7 @@ def _search_what_stands_out(view: View, areas: RoundAreas) -> Array | Failure:
             f'target_arclength among {len(clear)} areas that stand out clearly',
             found=areas.centers[clear],
         )
-    blobs = measure_areas(view.image, areas.only(near), view.appearance)
+    blobs = _free_blobs(view, areas.only(near))
     if len(blobs) == 0:
         return NO_AREAS
     found = _search_anew(view, blobs, view.lens.undistort(blobs.centers))
