@@ -19,7 +19,6 @@ from pneunet_ros.vision.beam_search import (
     BeamSearchSettings,
     BlobColumns,
     COST,
-    FARTHEST,
     grow_rows,
     HEADING,
     Indices,
@@ -119,7 +118,7 @@ def _near_line(points: Array, row: Array, places: Array, search: BeamSearchSetti
     way = [np.interp(at, places, row[:, axis]) for axis in range(2)]
     away = np.hypot(points[:, :1] - way[0], points[:, 1:] - way[1]).min(axis=1)
     scale = np.median(np.hypot(*np.diff(row, axis=0).T) / np.diff(places))
-    beside = FARTHEST * (search.along_std + search.across_std)
+    beside = search.farthest * (search.along_std + search.across_std)
     return np.asarray(away <= beside * scale * spacing)
 
 

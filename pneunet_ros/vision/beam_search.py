@@ -21,8 +21,6 @@ Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 NOTHING = -1
-FARTHEST = 3.0  # sigma off its place, from which on a blob is no target of a row
-USUAL = 4.0  # cost of a target that is seen, of a usual row: what a few squares come to
 
 # What is known of a row while it grows. SIZE to BLUR: how its blobs look, as in the columns of
 # `BlobColumns`; NaN while that is not known.
@@ -36,6 +34,12 @@ BLOB_ROWS = OWN_COST + 1
 class BeamSearchSettings:
     """Criteria for a row of targets, and the number of rows to try."""
 
+    farthest: float = tuning(
+        3.0,
+        'off its place, from which on a blob is no target of a row; a missing one costs as much',
+        unit='sigma',
+        source='convention: three sigma',
+    )
     along_std: float = tuning(
         0.12, 'a target off its place along the row, one sigma', unit='spacing'
     )
@@ -50,8 +54,6 @@ class BeamSearchSettings:
         source='convention: 5 % of what is normal; up to two are cheaper than a missing target',
     )  # fmt: skip
     memory: float = tuning(0.7, 'weight of the row so far in its spacing and its size')
-    missing: float = tuning(9.0, 'cost of a target that is not seen')
-    dearest: float = tuning(0.2, 'share of targets missing in a row found anywhere, at most')
     alike: float = tuning(1.5, 'cost of a blob beyond the end, below which the row goes on')
     curl: float = tuning(
         7.0, 'turn of an arm where it bends most, as if it did so from end to end', unit='rad',
@@ -67,6 +69,11 @@ class BeamSearchSettings:
         'share of the targets seen in a row found anywhere, at least',
         source='invented; sweep: halved: nothing; doubled: frame 0 reason resting -> no row',
     )
+
+    @property
+    def missing(self) -> float:
+        """Cost of a target that is not seen."""
+        return self.farthest**2
 
 
 BEAM_SEARCH = BeamSearchSettings()
@@ -154,7 +161,7 @@ def grow_all(
     targets, kept = arclength.size, int(search.kept)
     dearest = math.inf
     if whole:
-        dearest = targets * (search.dearest * search.missing + USUAL)
+        dearest = targets * ((1.0 - search.seen) * search.farthest**2 + search.odd**2)
     known, grown = np.empty((kept, LAST + 1)), np.empty((kept, LAST + 1))
     rows, longer = np.empty((kept, targets), np.int64), np.empty((kept, targets), np.int64)
     ways, ways_cost = np.empty((kept, 2), np.int64), np.empty(kept)
@@ -210,7 +217,7 @@ def _ways_on(
     loose = 1.0
     if not whole:
         turn = search.curl * spacing / (arclength[-1] - arclength[0])
-        loose = max(1.0, 0.5 * turn / (FARTHEST * search.across_std))
+        loose = max(1.0, 0.5 * turn / (search.farthest * search.across_std))
     most = math.floor((1.0 - search.seen) * targets + 1e-9)
     many = 0
     for row in range(count):
@@ -221,7 +228,7 @@ def _ways_on(
         for before in range(target):
             lost += rows[row, before] == NOTHING
         if not whole or (2 < target < targets - 1 and gap < longest_gap and lost < most):
-            many = _insert(row, NOTHING, one[COST] + search.missing, ways, costs, many)
+            many = _insert(row, NOTHING, one[COST] + search.farthest**2, ways, costs, many)
         if gap > longest_gap:
             continue
         ahead = arclength[target] - (arclength[last] if last >= 0 else 0.0)
@@ -230,7 +237,7 @@ def _ways_on(
         middle = one[HEADING] + 0.5 * one[BENDING] * ahead
         length = one[SCALE] * ahead
         at_x, at_y = one[X] + length * math.cos(middle), one[Y] + length * math.sin(middle)
-        reach = unit * (FARTHEST * (search.along_std + loose * search.across_std) + bend)
+        reach = unit * (search.farthest * (search.along_std + loose * search.across_std) + bend)
         at, aside = (at_x, at_y) if sides[0] == 0 else (at_y, at_x)
         for blob in range(np.searchsorted(blobs[0], at - reach), blobs.shape[1]):
             if blobs[0, blob] > at + reach:
@@ -338,7 +345,10 @@ def misfit(along: float, across: float, bend: float, search: BeamSearchSettings)
 
     bend: how much further across the gap it may be.
     """
-    if along > FARTHEST * search.along_std or across > FARTHEST * search.across_std + bend:
+    if (
+        along > search.farthest * search.along_std
+        or across > search.farthest * search.across_std + bend
+    ):
         return math.inf
     off_along, off_across = along / search.along_std, across / (search.across_std + bend)
     return off_along * off_along + off_across * off_across

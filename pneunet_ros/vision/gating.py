@@ -26,24 +26,12 @@ class GatingSettings:
     """Gating of blobs as targets of a row."""
 
     off_curve: float = tuning(0.09, 'off the curve through its neighbors', unit='spacing')
-    beyond: float = tuning(
-        4.5, 'error of a place on an arc through three others, over theirs', source='1, 3, 3, 1'
-    )
     farthest: float = tuning(2.5, 'from an end of a row found anew to the next', unit='spacing')
-    shortest: float = tuning(
-        0.7,
-        'distance of neighbors over that along the arm, at least',
-        source='sweep: halved: nothing; doubled: hand and blur: unexplained 0 -> 10',
-    )
     longest: float = tuning(
         1.3,
-        'the same, at most',
+        'distance of neighbors over that along the arm, at most',
         source='sweep: halved: hand and blur: unexplained 0 -> 10; doubled: nothing',
     )
-    curl: float = tuning(
-        7.0, 'turn of an arm where it bends most, as if it did so from end to end', unit='rad',
-        source='measured, as that of `beam_search`: chords are shorter than arcs',
-    )  # fmt: skip
     compared: int = tuning(3, 'neighbors on each side whose distance is looked at')
     largest_loss: float = tuning(
         0.87,
@@ -66,16 +54,6 @@ class GatingSettings:
             'error/std 0.992 -> 0.989'
         ),
     )
-    smallest: float = tuning(
-        0.7,
-        'area over what it has been, at least',
-        source='sweep: halved: nothing; doubled: hand and blur: unexplained 0 -> 10',
-    )
-    largest: float = tuning(
-        1.6,
-        'the same, at most',
-        source='sweep: halved: hand and blur: unexplained 0 -> 10; doubled: nothing',
-    )
     first_growth: float = tuning(
         1.1,
         'area over most, of a target not seen before, at most',
@@ -89,6 +67,7 @@ class GatingSettings:
 GatingNumbers = numbers_type(GatingSettings, 'GatingNumbers')
 GATING = GatingSettings()
 NOTHING_BEFORE = not_literal(0)
+BEYOND = math.sqrt(1.0 + 9.0 + 9.0 + 1.0)  # error of a place on an arc through three, over theirs
 
 
 @functools.lru_cache
@@ -141,7 +120,7 @@ def consistent_spacing(
 def _wrong_distances(
     x: Array, y: Array, arclength: Array, places: Indices, here: int, gating: GatingSettings
 ) -> float:
-    """Return twice the share of neighbors that are too near or too far; 2 without neighbors."""
+    """Return twice the share of neighbors that are too far; 2 without neighbors."""
     target = places[here]
     wrong = known = 0
     for place in range(
@@ -151,12 +130,9 @@ def _wrong_distances(
         if other == target:
             continue
         along = abs(arclength[target] - arclength[other])
-        half_turn = 0.5 * gating.curl * along / (arclength[-1] - arclength[0])
-        chord = max(math.sin(min(half_turn, math.pi)) / half_turn, 0.0)
         distance = math.hypot(x[target] - x[other], y[target] - y[other])
         known += 1
-        if distance > gating.longest * along or distance < gating.shortest * chord * along:
-            wrong += 1
+        wrong += distance > gating.longest * along
     return 2.0 if known == 0 else 2.0 * wrong / known
 
 
@@ -235,11 +211,11 @@ def _from_others(
     if after == 0:
         third = places[2] if places.size > 2 else -1
         at_x, at_y = _along_arc(x, y, arclength, places[0], places[1], third, target)
-        return at_x, at_y, gating.beyond
+        return at_x, at_y, BEYOND
     if after == places.size:
         third = places[-3] if places.size > 2 else -1
         at_x, at_y = _along_arc(x, y, arclength, places[-1], places[-2], third, target)
-        return at_x, at_y, gating.beyond
+        return at_x, at_y, BEYOND
     low = max(0, min(after - 2, places.size - 4))
     near = places[low : low + 4]
     at_x = at_y = 0.0
@@ -321,9 +297,7 @@ def consistent_size(
     one = np.ones_like(area)
     alike, longer = size / local_median(size, one), elongation / local_median(elongation, one)
     return np.asarray(
-        (size >= gating.smallest)
-        & (size <= gating.largest)
-        & (alike >= gating.largest_loss)
+        (alike >= gating.largest_loss)
         & (alike <= gating.largest_growth)
         & (longer <= gating.longer)
     )

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.vision.association import ENOUGH
-from pneunet_ros.vision.beam_search import FARTHEST
+from pneunet_ros.vision.beam_search import BEAM_SEARCH
 from pneunet_ros.vision.dots.blobs import Blobs
 from pneunet_ros.vision.gating import Mask
 import scipy
@@ -46,7 +46,7 @@ class StillAreas:
         )
         if len(seen) and len(blobs):
             away, nearest = scipy.spatial.cKDTree(blobs.centers).query(centers)
-            there = away <= FARTHEST * np.hypot(self.std, blobs.std[nearest])
+            there = away <= BEAM_SEARCH.farthest * np.hypot(self.std, blobs.std[nearest])
             seen, unseen = seen + there, np.where(there, 0, unseen + 1)
             step = (blobs.centers[nearest] - centers) / seen[:, None]
             centers = np.where(there[:, None], centers + step, centers)

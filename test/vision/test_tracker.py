@@ -596,7 +596,7 @@ BLIND = {
     'blobs': BlobSettings(most=1),
     'ellipse': EllipseSettings(knows=0.0),
     'beam_search': BeamSearchSettings(along_std=-1.0),
-    'gating': GatingSettings(smallest=1.5),
+    'gating': GatingSettings(largest_loss=1.5),
     'row_tracker': RowTrackerSettings(off_along=-1.0),
 }
 
@@ -620,7 +620,7 @@ def test_settings_of_following_rest_and_curve_reach_them(watching):
     grey, _ = watching.picture(25e3)
     image = as_image(grey, stamp_ns=watching.stamp_ns + FRAME_NS)
     vision = VisionSettings(
-        ellipse=EllipseSettings(outward=2.0),
+        ellipse=EllipseSettings(reach=2.0),
         smoother=SmootherSettings(least_std=1e-2),
         prior=PriorSettings(smoother=3.0),
         rest_plane=RestPlaneSettings(upright=2.0),
@@ -642,6 +642,6 @@ def test_settings_of_following_rest_and_curve_reach_them(watching):
 
 def test_what_the_settings_were_can_be_said():
     assert settings_changed(*VisionSettings().parts) == {}
-    vision = VisionSettings(gating=GatingSettings(smallest=0.6))
+    vision = VisionSettings(gating=GatingSettings(largest_loss=0.6))
     assert settings_changed(*vision.parts) == {'GatingSettings.smallest': 0.6}
     assert settings_used(*vision.parts)['BeamSearchSettings.kept'] == BeamSearchSettings().kept

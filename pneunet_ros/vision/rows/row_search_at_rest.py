@@ -8,7 +8,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.vision.association import near_rows_anywhere, TargetRow
-from pneunet_ros.vision.beam_search import FARTHEST, Mask
+from pneunet_ros.vision.beam_search import Mask
 from pneunet_ros.vision.dots.areas import RoundAreas
 from pneunet_ros.vision.dots.blobs import Blobs, measure_areas
 from pneunet_ros.vision.rest_plane import (
@@ -155,7 +155,7 @@ def search_what_moved(view: View, still: StillAreas, wanted: int) -> RestAverage
     most_of_all = np.argsort(~gone, kind='stable')[: view.arclength.size]
     if not is_moved(gone, most_of_all, view.vision.rest_plane.odds):
         return None
-    straight = view.rest_straightness * (view.arclength.size - 1) / FARTHEST
+    straight = view.rest_straightness * (view.arclength.size - 1) / search.farthest
     straight_rows = replace(search, across_std=min(search.across_std, straight))
     points = view.lens.undistort(known.centers)
     row = row_at_rest(
@@ -188,7 +188,7 @@ def _has_moved(view: View, row: TargetRow, points: Array, gone: Mask) -> bool:
         return False
     step = np.diff(view.arclength)[-1] / np.ptp(view.arclength)
     beyond = points[chosen[-1]] + step * (points[chosen[-1]] - points[chosen[0]])
-    reach = FARTHEST * view.vision.beam_search.along_std
+    reach = view.vision.beam_search.farthest * view.vision.beam_search.along_std
     reach *= spacing_of(row_points(row, points), view.arclength)
     if np.any(np.hypot(*(points[gone] - beyond).T) <= reach):
         return False
