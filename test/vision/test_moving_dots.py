@@ -129,7 +129,7 @@ def test_a_dot_beyond_the_image_is_none():
 def test_the_end_of_the_arm_is_nearer_where_it_moves_along_itself():
     start = outline((0.0, 14.0))
     aside = end_of_arm(start, ALONG)
-    assert aside == pytest.approx(MOVING_DOTS.ends * RADIUS - MOVING_DOTS.clear * BLUR)
+    assert aside == pytest.approx(MOVING_DOTS.ends * RADIUS - MOVING_DOTS.blur * BLUR)
     start[[SMEAR_U, SMEAR_V]] = 2.0, 14.0
     assert end_of_arm(start, ALONG) == pytest.approx(aside - 1.0)
 

@@ -643,5 +643,5 @@ def test_settings_of_following_rest_and_curve_reach_them(watching):
 def test_what_the_settings_were_can_be_said():
     assert settings_changed(*VisionSettings().parts) == {}
     vision = VisionSettings(gating=GatingSettings(largest_loss=0.6))
-    assert settings_changed(*vision.parts) == {'GatingSettings.smallest': 0.6}
+    assert settings_changed(*vision.parts) == {'GatingSettings.largest_loss': 0.6}
     assert settings_used(*vision.parts)['BeamSearchSettings.kept'] == BeamSearchSettings().kept

@@ -52,7 +52,6 @@ OF_DOT = 5
 class MovingDotSettings:
     """Fit of a dot that moves far while the shutter is open."""
 
-    knot: float = tuning(1.0, 'between knots of the picture across the arm', unit='radius')
     before: float = tuning(
         1.8,
         'from the center along the arm, looked at',
@@ -73,7 +72,7 @@ class MovingDotSettings:
     )
     blur: float = tuning(
         1.5,
-        'of the edge of a dot, beyond it',
+        'from the edge of a dot, or the end of the arm, within which it is blurred',
         unit='blur',
         source=(
             'sweep: halved: hand and blur: tip rms px 0.115 -> 0.114; doubled: hand and blur: '
@@ -82,7 +81,6 @@ class MovingDotSettings:
     )
     passes: int = tuning(14, 'of the fit, at most')
     done: float = tuning(0.01, 'step of the center after which the fit ends', unit='px')
-    largest_step: float = tuning(1.5, 'of center and way in a pass', unit='px')
     largest_change: float = tuning(0.4, 'of the size, in all', unit='radius')
     moves: int = tuning(3, 'of what is looked at, after the center')
     near: float = tuning(
@@ -95,8 +93,7 @@ class MovingDotSettings:
         ),
     )
     way_std: float = tuning(0.2, 'one sigma of the way by the row', unit='way')
-    least_way_std: float = tuning(0.1, 'of the way by other fits, at least', unit='way')
-    size_std: float = tuning(0.1, 'one sigma of the size by other fits', unit='radius')
+    fit_std: float = tuning(0.1, 'one sigma of size and way of other fits', unit='radius, way')
     alike: int = tuning(
         3,
         'nearest neighbors that tell size and contrast',
@@ -147,31 +144,11 @@ class MovingDotSettings:
         'contrast over that of neighbors, or the other way, at most',
         source='sweep: halved: hand and blur: tip error/std 0.992 -> 1.54; doubled: nothing',
     )
-    astray: float = tuning(1.0, 'a dot off where the row or its motion leads', unit='radius')
-    swept: float = tuning(
-        1.0,
-        'way from which on a dot moves far',
-        unit='radius',
-        source=(
-            'sweep: halved: hand and blur: tip error/std 0.992 -> 0.872; doubled: hand and '
-            'blur: tip error/std 0.992 -> 0.972'
-        ),
-    )
     ends: float = tuning(
         0.69,
         'from the center of the last target, where the arm may end',
         unit='radius',
         source='a tenth of the target is cut off there',
-    )
-    clear: float = tuning(
-        1.5,
-        'before that end, where nothing of it is seen',
-        unit='blur',
-        source=(
-            'invented; '
-            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0855; doubled: hand and '
-            'blur: tip rms px 0.115 -> 0.0905'
-        ),
     )
 
 
@@ -273,8 +250,7 @@ def _cut(
     x, y = x + (low[0] - place[0]), y + (low[1] - place[1])
     ahead, aside = along[0] * x + along[1] * y, across[0] * x + across[1] * y
     inside = (ahead >= first) & (ahead <= min(-first, end)) & (np.abs(aside) <= width)
-    knot = settings.knot * radius
-    splines = _splines(aside[inside] / knot, width / knot)
+    splines = _splines(aside[inside] / radius, width / radius)
     arm = np.concatenate([splines, splines * ahead[inside][:, None] / radius], axis=1)
     return Pixels(x[inside], y[inside], piece[inside].astype(np.float64), arm, inside)
 
@@ -312,9 +288,7 @@ def _fit_within(
         left = pixels.levels - columns @ solution
         variance = max(float(left @ left) / spare, QUANTIZATION)
         contrast = float(solution[many])
-        step = np.clip(
-            solution[many + 1 : many + 5], -settings.largest_step, settings.largest_step
-        )
+        step = solution[many + 1 : many + 5]
         off, way, size = off + step[:2], way + step[2:], size + float(solution[many + 5])
         if contrast <= 0.0 or abs(size - 1.0) > settings.largest_change:
             return None
@@ -402,7 +376,7 @@ def known_by(dots: list[MovingDot], settings: MovingDotSettings = MOVING_DOTS) -
         size=float(np.median(sizes)),
         size_std=max(_spread(sizes), settings.least_size_std),
         longer=float(np.median(ways)),
-        way_std=max(_spread(ways), settings.least_way_std),
+        way_std=max(_spread(ways), settings.fit_std),
     )
 
 
@@ -417,7 +391,7 @@ def nothing_known(outline: Array, contrast: float, settings: MovingDotSettings) 
         contrast=contrast,
         contrast_std=math.inf,
         size=1.0,
-        size_std=max(settings.size_std, float(outline[SIZE_STD])),
+        size_std=max(settings.fit_std, float(outline[SIZE_STD])),
         longer=1.0,
         way_std=settings.way_std,
     )
@@ -429,17 +403,17 @@ def is_dot(dot: MovingDot, known: Known, settings: MovingDotSettings = MOVING_DO
     return alike and dot.left <= settings.most_left * dot.contrast
 
 
-def moves_far(outlines: Array, settings: MovingDotSettings = MOVING_DOTS) -> Mask:
-    """Whether dots (n, FITTED) move far while the shutter is open (n,)."""
+def moves_far(outlines: Array) -> Mask:
+    """Whether dots (n, FITTED) move by more than a radius while the shutter is open (n,)."""
     way = np.hypot(outlines[:, SMEAR_U], outlines[:, SMEAR_V])
     size = outlines[:, AXIS_XX] * outlines[:, AXIS_YY] - outlines[:, AXIS_XY] ** 2
-    return np.asarray(way > settings.swept * np.sqrt(size))
+    return np.asarray(way > np.sqrt(size))
 
 
 def end_of_arm(outline: Array, along: Array, settings: MovingDotSettings = MOVING_DOTS) -> float:
     """Return the farthest end of the arm beyond the last dot (FITTED,) during the exposure, px."""
     smeared = 0.5 * abs(float(along @ outline[[SMEAR_U, SMEAR_V]]))
-    return settings.ends * _radius(outline) - settings.clear * float(outline[WIDTH]) - smeared
+    return settings.ends * _radius(outline) - settings.blur * float(outline[WIDTH]) - smeared
 
 
 def as_fitted(outline: Array, dot: MovingDot) -> Array:

@@ -72,7 +72,7 @@ def with_partial(
     swept = expected
     if last is not None and partial.any():
         swept = _with_ways(view, row, expected, last)
-    moving = partial & moves_far(swept, view.vision.moving_dots)
+    moving = partial & moves_far(swept)
     if moving.any():
         found[moving] = _moving_at(view, row, moving, swept, starts, last)[moving]
     for places in starts:
@@ -195,7 +195,7 @@ def _moving_at(
             radius = math.sqrt(fitting[AREA] / math.pi)
             off = math.hypot(*(dot.center - places[target]))
             sure = dot.std <= look.unsure * radius and not found[target, STD] <= dot.std
-            if sure and off <= settings.astray * radius:
+            if sure and off <= radius:
                 found[target], fitted[target] = fitting, dot
         if target in fitted:  # skin and light change along the arm: it tells the next one more
             tell.append(target)
