@@ -70,7 +70,7 @@ class RowLookSettings:
     )
     unclear: float = tuning(
         3.0,
-        'error of a whole blob, over that of the others, at most',
+        'error of a whole blob, or of one that shows itself anew, over that of the others, at most',
         source='measured: 4.5 to 6 of a tip cut off by 5 %',
     )
     least_area: float = tuning(
@@ -110,23 +110,12 @@ class RowLookSettings:
             'blur: tip error/std 0.992 -> 0.994'
         ),
     )
-    whole: float = tuning(0.87, 'area of a target seen in great part, over that by its neighbors')
     seen: float = tuning(
-        0.6, 'share of the visible edge that shows a target of which less is seen'
+        0.5,
+        'share of the visible edge that shows a target of which less is seen',
+        source='measured: 0.54 of a cut tip',
     )
-    seen_cut: float = tuning(
-        0.5, 'the same, where nothing covers its inside', source='measured: 0.54 of a cut tip'
-    )
-    inside: float = tuning(0.95, 'share of the inside that is seen where nothing covers it')
-    appeared: float = tuning(
-        0.25, 'the same, off where the row is, of a doubtful one', unit='radius'
-    )
-    size: float = tuning(
-        0.8,
-        'area of an outline fitted to a part, over that by its neighbors',
-        source='sweep: halved: nothing; doubled: hand and blur: tip found share 1 -> 0.7',
-    )
-    worse: float = tuning(5.0, 'error of a doubtful part, over that of the others')
+    appeared: float = tuning(0.25, 'off where the row is, of a doubtful one', unit='radius')
     beyond: float = tuning(
         0.15,
         'share of the edge that lies outside of the outline, at most',
@@ -144,14 +133,9 @@ class RowLookSettings:
         source='measured: films `uneven` of acceptance/composed_pictures.py',
     )
     unsure: float = tuning(0.15, 'error of the center of a part, at most', unit='radius')
-    unsure_moved: float = tuning(
-        0.1, 'the same, added where it moves by a radius', unit='radius', source='invented'
-    )
     blur: float = tuning(0.5, 'blur of a part off that of neighbors, at most', unit='px')
-    blur_moved: float = tuning(0.4, 'the same, added where it moves by a radius', unit='px')
     filled: float = tuning(0.65, 'share of the inside that must be seen', source='measured')
     level: float = tuning(0.15, 'a target brighter or darker than neighbors', unit='contrast')
-    level_moved: float = tuning(0.1, 'the same, added where it moves by a radius', unit='contrast')
     moved: float = tuning(0.5, 'a target by a part of it, off where it was seen', unit='radius')
 
 
@@ -304,26 +288,26 @@ def share_of_area(table: Array, expected: Array) -> Array:
 
 
 def believable_parts(
-    found: Array, expected: Array, share: Array, settings: RowLookSettings = ROW_LOOK
+    found: Array,
+    expected: Array,
+    share: Array,
+    settings: RowLookSettings = ROW_LOOK,
+    gating: GatingSettings = GATING,
 ) -> Mask:
     """Whether partly visible targets (targets, COLUMNS) match their neighbors.
 
     expected: as `looks_of_neighbors`; share: as `share_of_area`. What covers a target is of
     another grey, and has an edge of its own; it takes from the target, and never adds to it.
     """
-    off, moved = np.abs(found[:, LEVEL] - expected[:, PLATEAU]), _moved(found)
-    unsure = settings.unsure + settings.unsure_moved * moved
-    allowed = settings.level + settings.level_moved * moved
-    alike = off <= allowed * (expected[:, PLATEAU] - expected[:, BEHIND])
-    blurred = np.abs(found[:, BLUR] - expected[:, WIDTH])
-    alike &= blurred <= settings.blur + settings.blur_moved * moved
-    least = np.where(found[:, FILLED] >= settings.inside, settings.seen_cut, settings.seen)
-    edge = (share >= settings.whole) | (found[:, SEEN] >= least)
+    off = np.abs(found[:, LEVEL] - expected[:, PLATEAU])
+    alike = off <= settings.level * (expected[:, PLATEAU] - expected[:, BEHIND])
+    alike &= np.abs(found[:, BLUR] - expected[:, WIDTH]) <= settings.blur
+    edge = (share >= gating.largest_loss) | (found[:, SEEN] >= settings.seen)
     within = found[:, BEYOND] <= settings.beyond
     size = share_of_area(found, expected)
     differs = settings.differ * 2.0 * expected[:, SIZE_STD]
-    sized = np.abs(np.log(size)) <= differs - math.log(settings.size)
-    sure = found[:, STD] <= unsure * np.sqrt(found[:, AREA] / math.pi)
+    sized = np.abs(np.log(size)) <= differs - math.log(gating.largest_loss)
+    sure = found[:, STD] <= settings.unsure * np.sqrt(found[:, AREA] / math.pi)
     return np.asarray(alike & edge & within & sized & sure & (found[:, FILLED] >= settings.filled))
 
 
@@ -342,9 +326,3 @@ def part_stds(found: Array, expected: Array, settings: RowLookSettings = ROW_LOO
     blur = np.abs(found[:, BLUR] - expected[:, WIDTH]) / expected[:, WIDTH_STD]
     misfit = np.maximum(np.maximum(level, blur), 1.0)
     return np.asarray(np.hypot(np.hypot(misfit * found[:, STD], along), size))
-
-
-def _moved(table: Array) -> Array:
-    """Return the square of the way of targets over their radius, one at most (targets,)."""
-    square = np.sum(table[:, SMEAR] ** 2, axis=1)
-    return np.asarray(np.minimum(square / (table[:, AREA] / math.pi), 1.0))

@@ -113,10 +113,11 @@ def _parts_at(
     found[:, STD] = part_stds(found, expected, settings)
     off = np.hypot(*(found[:, :2] - expected[:, [CENTER_U, CENTER_V]]).T)
     believed = off <= settings.moved * np.sqrt(usual / math.pi)
-    believed &= believable_parts(found, expected, share_of_area(row.table, expected), settings)
+    share = share_of_area(row.table, expected)
+    believed &= believable_parts(found, expected, share, settings, view.vision.gating)
     if last is not None:
         # What was not seen before must be on the row: a finger nail is as bright and as large.
-        worse = found[:, STD] > settings.worse * np.nanmedian(row.table[:, STD])
+        worse = found[:, STD] > settings.unclear * np.nanmedian(row.table[:, STD])
         believed &= _are_on_row(view, row, found, partial & (~last.seen | worse))
     found[~believed] = np.nan
     return found
@@ -201,7 +202,7 @@ def _moving_at(
             tell.append(target)
     found[~is_possible(found, view.appearance.look, grey.shape)] = np.nan
     if last is not None:
-        worse = found[:, STD] > look.worse * np.nanmedian(row.table[:, STD])
+        worse = found[:, STD] > look.unclear * np.nanmedian(row.table[:, STD])
         found[~_are_on_row(view, row, found, moving & (~last.seen | worse))] = np.nan
     return found
 
