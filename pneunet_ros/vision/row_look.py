@@ -70,7 +70,7 @@ class RowLookSettings:
     )
     unclear: float = tuning(
         3.0,
-        'error of a whole blob, or of one that shows itself anew, over that of the others, at most',
+        'error of a whole blob, or of one that appears, over that of the others, at most',
         source='measured: 4.5 to 6 of a tip cut off by 5 %',
     )
     least_area: float = tuning(

@@ -43,7 +43,6 @@ class RowTrackerSettings:
             'blur: tip rms px 0.115 -> 0.09'
         ),
     )
-    first_exposure: float = tuning(0.25, 'open shutter, of which nothing is known', unit='frame')
     least_exposure: float = tuning(
         0.03,
         'open shutter, at least',
@@ -53,7 +52,6 @@ class RowTrackerSettings:
             'tip error/std 0.971 -> 1.14'
         ),
     )
-    most_exposure: float = tuning(1.0, 'the same, at most', unit='frame', source='convention')
     least_way: float = tuning(
         5.0, 'of all targets between frames, that tells of the shutter', unit='px'
     )

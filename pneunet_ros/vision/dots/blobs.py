@@ -96,7 +96,7 @@ def nearest_blobs(
     """
     nearest = np.full((len(places), COLUMNS), np.nan)
     grey = image.grey()
-    half = math.ceil(reach + appearance.blobs.beyond * across) + 1
+    half = math.ceil(reach + across) + 1
     asked = np.flatnonzero(
         (np.abs(places - 0.5 * np.array([image.width, image.height])) < 1e5).all(axis=1)
     )
@@ -143,7 +143,7 @@ def blobs_at(image: Image, starts: Array, appearance: Appearance) -> Array:
 def _measured(grey: Bytes, starts: Array, appearance: Appearance) -> Array:
     """Return rows (n, COLUMNS) of the blobs at outlines, NaN where there is none."""
     rows = measure_outlines(grey, starts, appearance.look, appearance.ellipse)
-    rows[~(rows[:, SEEN] >= appearance.blobs.seen)] = np.nan
+    rows[~(rows[:, SEEN] >= appearance.ellipse.told)] = np.nan
     return rows
 
 

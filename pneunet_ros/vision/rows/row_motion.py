@@ -109,15 +109,15 @@ def exposure_of(
     0 where nothing is known. Where hardly anything moves a frame tells nothing of it.
     """
     settings = vision.row_tracker
-    least, most = settings.least_exposure * seconds, settings.most_exposure * seconds
+    least = settings.least_exposure * seconds  # and no longer than from frame to frame
     if before == 0.0:
-        before = settings.first_exposure * seconds
+        before = math.sqrt(least * seconds)
     smeared = (table[:, SMEAR] != 0.0).any(axis=1)
     square = np.sum(velocity[smeared] ** 2)
     if square * seconds**2 < settings.least_way**2:
         return before
     along = np.sum(np.abs(np.sum(velocity[smeared] * table[smeared, SMEAR], axis=1)))
-    return float(np.clip(along / square, least, most))
+    return float(np.clip(along / square, least, seconds))
 
 
 def at_stamp(view: View, row: ObservedRow, now: TrackedRow) -> ObservedRow:
