@@ -134,7 +134,6 @@ def test_a_glint_that_hangs_on_to_a_target_shows_when_a_row_is_found(area, alike
 def test_motion_makes_all_longer_and_larger_alike():
     usual = np.full(9, 80.0)
     assert consistent_size(1.3 * usual, usual, np.full(9, 1.9)).all()
-    assert not consistent_size(0.5 * usual, usual, np.full(9, 1.0)).any()
     assert not consistent_size(np.full(9, np.nan), usual, np.full(9, np.nan)).any()
 
 

@@ -164,25 +164,6 @@ def test_a_part_that_moves_along_what_covers_it_is_less_sure():
     assert part_stds(table, expected) == pytest.approx(np.full(COUNT, error), rel=2e-3)
 
 
-def test_a_part_that_something_covers_must_show_more_of_its_edge():
-    table = row_of(np.full(COUNT, 10.0), np.full(COUNT, 10.0))
-    expected = looks_of_neighbors(table, table[:, :2], UNKNOWN)
-    table[:, SEEN], table[2, FILLED] = 0.55, 0.8
-    believed = believable_parts(table, expected, np.full(COUNT, np.nan))
-    assert np.flatnonzero(~believed).tolist() == [2]
-
-
-def test_a_part_that_moves_may_be_less_sure():
-    table = row_of(np.full(COUNT, 10.0), np.full(COUNT, 10.0))
-    table[:, STD] = 1.1
-    expected = looks_of_neighbors(table, table[:, :2], UNKNOWN)
-    assert not believable_parts(table, expected, np.ones(COUNT)).any()
-    table[:, SMEAR] = [3.0, 4.0]
-    assert believable_parts(table, expected, np.ones(COUNT)).all()
-    table[:, STD] = 1.4
-    assert not believable_parts(table, expected, np.ones(COUNT)).any()
-
-
 def test_a_part_of_another_level_or_blur_than_neighbors_is_less_sure():
     table = row_of(np.full(COUNT, 10.0), np.full(COUNT, 10.0))
     table[:, STD] = 0.02

@@ -130,7 +130,7 @@ class EllipseSettings:
     )
     told: float = tuning(
         0.5,
-        'share of the sectors in which an edge can be seen, and of those where it is one, at least',
+        'share of the sectors in which an edge can be seen, and of these on it, at least',
         source='sweep: halved: hand and blur: tip error/std 0.992 -> 0.985; doubled: nothing',
     )
     within: float = tuning(
