@@ -620,7 +620,7 @@ def test_settings_of_following_rest_and_curve_reach_them(watching):
     grey, _ = watching.picture(25e3)
     image = as_image(grey, stamp_ns=watching.stamp_ns + FRAME_NS)
     vision = VisionSettings(
-        ellipse=EllipseSettings(reach=2.0),
+        ellipse=EllipseSettings(outward=2.0),
         smoother=SmootherSettings(least_std=1e-2),
         prior=PriorSettings(smoother=3.0),
         rest_plane=RestPlaneSettings(upright=2.0),

@@ -68,7 +68,7 @@ class EllipseSettings:
     margin: float = tuning(1.0, 'the same, added', unit='px')
     shift: float = tuning(
         1.5,
-        'an edge may be off where the fit begins',
+        'an edge may be off where the fit begins, center and way change in a pass',
         unit='px',
         source=(
             'invented; '
@@ -88,10 +88,8 @@ class EllipseSettings:
             'blur: tip rms px 0.115 -> 0.0852'
         ),
     )
-    largest_step: float = tuning(1.5, 'of the center in a pass', unit='px')
     largest_change: float = tuning(0.25, 'of size and shape in a pass', unit='radius')
     widest_step: float = tuning(0.3, 'of the blur in a pass', unit='px')
-    smear_step: float = tuning(1.5, 'of the way of motion in a pass', unit='px')
     most_smear: float = tuning(
         20.0,
         'way of motion during an exposure',
@@ -673,7 +671,7 @@ def _move(fit: Fit, step: Array, going: Integers, settings: EllipseSettings) -> 
     Nothing else of a fit is changed.
     """
     now = fit.now[going]
-    fit.off[going] += np.clip(step[:, :2], -settings.largest_step, settings.largest_step)
+    fit.off[going] += np.clip(step[:, :2], -settings.shift, settings.shift)
     change = np.clip(step[:, 2:5], -settings.largest_change, settings.largest_change)
     fit.shape[going] += change
     size, along, aslant = change.T
@@ -688,7 +686,7 @@ def _move(fit: Fit, step: Array, going: Integers, settings: EllipseSettings) -> 
     now[:, AXIS_XX], now[:, AXIS_XY], now[:, AXIS_YY] = xx, xy, yy
     now[:, WIDTH] += np.clip(step[:, 5], -settings.widest_step, settings.widest_step)
     now[:, WIDTH] = np.clip(now[:, WIDTH], settings.least_blur, settings.most_blur)
-    smear_step = np.clip(step[:, 6:8], -settings.smear_step, settings.smear_step)
+    smear_step = np.clip(step[:, 6:8], -settings.shift, settings.shift)
     smear_step[fit.moments[going] == 1] = 0.0
     now[:, [SMEAR_U, SMEAR_V]] += smear_step
     now[:, PLATEAU] += step[:, 8]

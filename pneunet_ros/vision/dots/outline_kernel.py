@@ -276,7 +276,7 @@ def move_ellipse(
     now (10,), off (2,), shape (3,), slopes (2,): of one ellipse; moves: in an exposure.
     """
     for axis in range(2):
-        off[axis] += min(max(step[axis], -settings.largest_step), settings.largest_step)
+        off[axis] += min(max(step[axis], -settings.shift), settings.shift)
     most = settings.largest_change
     size, along = min(max(step[2], -most), most), min(max(step[3], -most), most)
     aslant = min(max(step[4], -most), most)
@@ -294,8 +294,8 @@ def move_ellipse(
     now[5] += min(max(step[5], -settings.widest_step), settings.widest_step)
     now[5] = min(max(now[5], settings.least_blur), settings.most_blur)
     if moves:
-        now[6] += min(max(step[6], -settings.smear_step), settings.smear_step)
-        now[7] += min(max(step[7], -settings.smear_step), settings.smear_step)
+        now[6] += min(max(step[6], -settings.shift), settings.shift)
+        now[7] += min(max(step[7], -settings.shift), settings.shift)
     now[8] += step[8]
     slopes[0] += step[9]
     slopes[1] += step[10]
