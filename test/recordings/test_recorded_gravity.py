@@ -210,7 +210,8 @@ def test_a_model_that_needs_an_accelerometer_says_so(tmp_path):
 
 
 def test_the_fusion_follows_a_base_that_turns(tmp_path, capsys):
-    path, recording = written(tmp_path, noise=LabNoise())
+    rates = Rates(imu=100.0, pressure=25.0, frames=5.0)
+    path, recording = written(tmp_path, noise=LabNoise(), rates=rates)
     model = tmp_path / 'model.yaml'
     save_model(true_model(recording.scenario), model)
     command = ['replay', '--fuse', str(path), '--model', str(model), '--json', '--overwrite']
