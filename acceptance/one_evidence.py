@@ -32,7 +32,7 @@ from blind.visibility import shown_beside
 from discovery_trials import label_of
 from evidence import engine
 from pneunet_ros.diagnosis import diagnosis as today
-from pneunet_ros.diagnosis.diagnosis import Investigation
+from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
 from pneunet_ros.discovery.discovery import discover
 from pneunet_ros.effects import EFFECTS

@@ -7,7 +7,7 @@ import dataclasses
 import time
 
 from pneunet_ros.core.errors import PneunetError
-from pneunet_ros.diagnosis.diagnosis import Investigation
+from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 
 from blind.reference import lab_rms, plain_rms

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.diagnosis.diagnosis import Investigation
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
+from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.linearization import LinearizedRun
 from pneunet_ros.diagnosis.refit import effect_direction, Refit, refit
 from pneunet_ros.diagnosis.score_test import Candidate

@@ -133,7 +133,8 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
         wrench_stamp_ns=None,
         wrench=None,
     )
-    prompt = replace(arm, effects=tuple(item for item in arm.effects if not item.frame_delay))
+    prompt_effects = tuple(item for item in arm.effects if not item.frame_delay)
+    prompt = replace(arm, effects=prompt_effects, covariance=None)
     (inputs,) = inputs_of(prompt, [every])
     model = ForwardModel(arm.target_arclength)
     if not model.solve(arm, inputs).all():
@@ -150,7 +151,7 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
         sections, rotation = rods.sections[index], rods.rotation[index]
         prepare(rods.length, sections, rods.knots, rotation, ends[index], model.counts, panels)
         solved.append((panels, ends[index], model.nodes[index].copy()))
-    still = float(np.ptp(run.pressure)) <= 2.0 * run.idle_reach() * arm.sensors.pressure_std
+    still = stands_still(run, loads, arm)
     found = SwingingRun(
         name=run.name,
         stamp_ns=stamps,
@@ -161,6 +162,13 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
         plucked=still,
     )
     return let_go(found) if still else found
+
+
+def stands_still(run: RecordingData, loads: Array, arm: Arm) -> bool:
+    """Whether pressure and loads (readings, 3) stand still: what moves the arm plucks it."""
+    reach, noise = 2.0 * run.idle_reach(), arm.sensors
+    known = (run.pressure, noise.pressure_std), (loads[:, :2], noise.force_std)
+    return all(float(np.max(np.ptp(values, axis=0))) <= reach * std for values, std in known)
 
 
 def let_go(run: SwingingRun) -> SwingingRun:
@@ -204,6 +212,11 @@ class MotionProblem:
     modes: Modes
     places: Places
     std: float
+
+    @property
+    def lost(self) -> float:
+        """Where a chain is that has no place (m): farther away than any arm can be."""
+        return 2.0 * self.arm.length
 
     @property
     def share(self) -> float:
@@ -253,7 +266,9 @@ class MotionProblem:
                 )
                 if index == 0 and run.plucked:
                     state.swing.state[:] = next(starts)
-                found[index] = moved.at_nodes[:2] @ self.places.nodes
+                # of numbers with which the chain flies apart nothing may look like a target unseen
+                along = np.nan_to_num(moved.at_nodes[:2], nan=self.lost)
+                found[index] = np.clip(along, -self.lost, self.lost) @ self.places.nodes
                 rest[index] = math.hypot(*moved.at_nodes[:2, -1].tolist()) <= SURE * self.std
             beside.append(found[run.reading])
             settled.append(rest[run.reading])
@@ -279,6 +294,22 @@ class MotionProblem:
         left = self.residuals(self.follow(numbers)[0])
         return np.nan_to_num(np.concatenate([item.ravel() for item in left]) / self.std)
 
+    def best_of_scan(self) -> Array:
+        """Return the numbers of a grid that explain the first readings of each run best."""
+        short = self.shortened(SCANNED_READINGS)
+        guesses = [
+            short.first_numbers(mass - 1.0, ratio)
+            for mass in SCANNED_MASSES
+            for ratio in SCANNED_RATIOS
+        ]
+        return min(guesses, key=lambda numbers: float(np.sum(short.cost(numbers) ** 2)))
+
+    def numbers_of(self, motion: Motion) -> Array:
+        """Return the numbers of a mass and damping; plucked runs begin at their first frame."""
+        numbers = self.first_numbers(0.0, 0.1)
+        numbers[:2] = motion.tip_mass / self.share, math.log(motion.damping_time)
+        return numbers
+
     def shortened(self, most: int) -> MotionProblem:
         """Return the problem with this many readings of each run."""
         return replace(
@@ -297,13 +328,16 @@ class MotionProblem:
         )
 
 
-def fit_motion(arm: Arm, runs: Sequence[RecordingData]) -> MotionFit:
+def fit_motion(
+    arm: Arm, runs: Sequence[RecordingData], *, near: Motion | None = None
+) -> MotionFit:
     """Fit mass at the tip and damping to recordings in which the arm swings.
 
     Args:
         arm: the calibrated arm; its weight is its mass.
         runs: recordings with quick changes of the pressure, or of an arm that was plucked and let
             go while the pressure stands still.
+        near: where the search begins; anywhere if None.
 
     Returns:
         Mass and damping with standard errors.
@@ -315,13 +349,7 @@ def fit_motion(arm: Arm, runs: Sequence[RecordingData]) -> MotionFit:
     problem = motion_problem(arm, runs)
     from scipy.optimize import least_squares  # slow to import, and few fits need it
 
-    short = problem.shortened(SCANNED_READINGS)
-    guesses = [
-        short.first_numbers(mass - 1.0, ratio)
-        for mass in SCANNED_MASSES
-        for ratio in SCANNED_RATIOS
-    ]
-    start = min(guesses, key=lambda numbers: float(np.sum(short.cost(numbers) ** 2)))
+    start = problem.best_of_scan() if near is None else problem.numbers_of(near)
     fitted = least_squares(
         problem.cost, start, x_scale='jac', loss='soft_l1', diff_step=1e-4, max_nfev=MOST_STEPS
     )
@@ -385,8 +413,7 @@ def predicted_motion(
     frames at rest.
     """
     problem = motion_problem(arm, runs)
-    numbers = problem.first_numbers(0.0, 0.1)
-    numbers[:2] = motion.tip_mass / problem.share, math.log(motion.damping_time)
+    numbers = problem.numbers_of(motion)
     if numbers.size > 2:
         from scipy.optimize import least_squares  # slow to import, and few fits need it
 
@@ -400,6 +427,19 @@ def predicted_motion(
     left = problem.residuals(beside)
     still = problem.residuals([np.zeros_like(item) for item in beside])
     return tuple(still), tuple(left), tuple(beside), tuple(rest)
+
+
+def less_swing(arm: Arm, motion: Motion, runs: Sequence[RecordingData]) -> list[RecordingData]:
+    """Return recordings less the swing of an arm of this mass and damping about its equilibrium.
+
+    Those in which it was plucked stay as they are.
+    """
+    problem = motion_problem(arm, runs)
+    beside, _ = problem.follow(problem.numbers_of(motion))
+    return [
+        run if one.plucked else replace(run, x=run.x - swing[:, 0], y=run.y - swing[:, 1])
+        for run, one, swing in zip(runs, problem.runs, beside, strict=True)
+    ]
 
 
 def motion_problem(arm: Arm, runs: Sequence[RecordingData]) -> MotionProblem:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from operator import attrgetter
 
 import numpy as np
@@ -26,8 +27,10 @@ from pneunet_ros.diagnosis.evaluation import misfit, noise_floor, removed_share,
 from pneunet_ros.diagnosis.experiment_design import propose_experiment
 from pneunet_ros.diagnosis.gravity_direction import direction_notes
 from pneunet_ros.diagnosis.hypothesis import carries_time, hypotheses, Hypothesis
-from pneunet_ros.diagnosis.inertia import with_inertia
+from pneunet_ros.diagnosis.inertia import with_frames_in_motion
+from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.lack_of_fit import LackOfFit, worst_p_value
+from pneunet_ros.diagnosis.late_arm import with_late_arm
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.localization import (
     collect_frames,
@@ -73,29 +76,6 @@ from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.model.arm import Arm
 
 PARTS = 5  # of the work: base fit, search, evaluation; of the command also discovery and report
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Investigation:
-    """A diagnosis with its intermediate results, for further analysis.
-
-    selection: all that was tried; base: the fit of the model without any further effect; trial:
-    the model of the answer; recordings: training and held out; notes: on these, whatever the
-    answer. None where nothing settled.
-    """
-
-    diagnosis: Diagnosis | UnsettledDiagnosis
-    selection: Selection | None = None
-    base: Trial | None = None
-    trial: Trial | None = None
-    recordings: tuple[Sequence[RecordingData], Sequence[RecordingData]] = ((), ())
-    notes: tuple[str, ...] = ()
-
-    def overruled(self, diagnosis: Diagnosis | None) -> Investigation:
-        """Return the investigation with its name taken back; the same where none was: None."""
-        if diagnosis is None:
-            return self
-        return replace(self, diagnosis=diagnosis, trial=self.base)
 
 
 def diagnose(
@@ -161,6 +141,34 @@ def investigate(
     model, training, held_out, notes = with_tips(model, training, held_out)
     every = training, held_out
     training, held_out, notes, motion = at_rest(model, training, held_out, notes)
+    search = partial(
+        investigate_at_rest,
+        model,
+        notes=notes,
+        seed=seed,
+        executor=executor,
+        on_progress=on_progress,
+        settings=settings,
+    )
+    found = search(training, held_out)
+    if motion is None:
+        return with_late_arm(found, search, *every)
+    return with_frames_in_motion(found, *every, motion.moving)
+
+
+def investigate_at_rest(
+    model: Arm,
+    training: Sequence[RecordingData],
+    held_out: Sequence[RecordingData],
+    *,
+    notes: tuple[str, ...],
+    seed: int,
+    executor: Executor | None,
+    on_progress: OnProgress,
+    settings: DiagnosisSettings,
+    allowed: float = 0.0,
+) -> Investigation:
+    """Diagnose a model by frames that show the arm in equilibrium; allowed: as of `Selection`."""
     (training, held_out), unread = without_unread(model, training, held_out)
     notes = (*unread, *notes)
     base = fit_base(
@@ -184,11 +192,14 @@ def investigate(
         on_progress=part_of(on_progress, 2, PARTS),
         map_function=map if executor is None else executor.map,
         settings=settings,
+        allowed=allowed,
     )
     first = selection.fit_base()
     if not is_settled(first.refit, settings):
         return Investigation(diagnosis=unsettled(seed, notes, settings))
-    best = selection.fit_rivals(first, selection.select_forward(first))
+    best = first
+    if not (allowed and first.record.adequate):  # else what is left may be the law of what is off
+        best = selection.fit_rivals(first, selection.select_forward(first))
     detectable = limits_of(selection, first, asked)
     verdict = decide(selection, first, best, detectable)
     if verdict.mimicked:
@@ -197,13 +208,12 @@ def investigate(
     notes = (*notes_on_time(selection, recordings[0]), *notes)
     verdict = replace(verdict, notes=(*verdict.notes, *notes))
     diagnosis = conclude(selection, first, best, verdict, detectable, recordings)
-    static = diagnosis.answer == verdict.answer
-    diagnosis = with_inertia(diagnosis, *every, motion, selection.linearization.noise)
     return Investigation(
         diagnosis=diagnosis,
         selection=selection,
         base=first,
-        trial=verdict.trial if static else first,
+        best=best,
+        trial=verdict.trial if diagnosis.answer == verdict.answer else first,
         recordings=recordings,
         notes=notes,
     )

@@ -12,19 +12,32 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from pneunet_ros.calibration.checks.frames_in_motion import FramesInMotion
-from pneunet_ros.calibration.motion_fit import fit_motion, Flags, MotionFit, predicted_motion
+from pneunet_ros.calibration.motion_fit import (
+    fit_motion,
+    Flags,
+    MotionFit,
+    predicted_motion,
+)
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.evaluation import distances, noise_floor, removed_share
-from pneunet_ros.diagnosis.result import Detectable, Diagnosis, Estimated, Misfit, NamedEffect
+from pneunet_ros.diagnosis.investigation import Investigation
+from pneunet_ros.diagnosis.result import (
+    Detectable,
+    Diagnosis,
+    Estimated,
+    Misfit,
+    NamedEffect,
+    UnsettledDiagnosis,
+)
 from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
 NAME = Inertia.name
+NO_FALL = 'the held-out error does not fall significantly with it'
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,36 +98,48 @@ def mean_square(residuals: Sequence[Array], chosen: Sequence[Flags]) -> float:
     return float(np.mean(known**2)) if known.size else 0.0
 
 
+def with_frames_in_motion(
+    found: Investigation,
+    training: Sequence[RecordingData],
+    held_out: Sequence[RecordingData],
+    moving: Sequence[Flags],
+) -> Investigation:
+    """Return an investigation that also says whether the model lacks inertia (`with_inertia`)."""
+    if found.selection is None or isinstance(found.diagnosis, UnsettledDiagnosis):
+        return found
+    noise = found.selection.linearization.noise
+    diagnosis = with_inertia(found.diagnosis, training, held_out, moving, noise)
+    at_rest = diagnosis.answer == found.diagnosis.answer
+    return replace(found, diagnosis=diagnosis, trial=found.trial if at_rest else found.base)
+
+
 def with_inertia(
     diagnosis: Diagnosis,
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
-    motion: FramesInMotion | None,
+    moving: Sequence[Flags],
     noise: SensorNoise,
 ) -> Diagnosis:
     """Return a diagnosis extended by whether inertia is missing.
 
-    training, held_out: with the frames that swing; motion: which these are, None: none;
+    training, held_out: with the frames that swing; moving: which these are, per recording;
     noise: of the sensors in these recordings.
     """
     arm = diagnosis.after.arm
-    if arm.inertia is not None or NAME in diagnosis.settings.hypothesis.withheld:
+    if is_known(diagnosis):
         return diagnosis
-    if motion is None:
-        return replace(diagnosis, detectable=detectable(diagnosis, math.inf))
     count = len(training)
     known, others = (
-        in_motion(part, flags)
-        for part, flags in ((training, motion.moving[:count]), (held_out, motion.moving[count:]))
+        swinging(part, flags)
+        for part, flags in ((training, moving[:count]), (held_out, moving[count:]))
     )
     if not known:
         return replace(diagnosis, detectable=detectable(diagnosis, math.inf))
     try:
         fit = fit_motion(arm, known)
     except RequestError as error:
-        note = f'{motion.sentence}; inertia was not fitted: {error}'
+        note = f'inertia was not fitted: {error}'
         return replace(diagnosis, notes=(*diagnosis.notes, note))
-    found = replace(diagnosis, detectable=detectable(diagnosis, 2.0 * fit.damping_time_std))
     swings = [Swings(*predicted_motion(arm, fit.motion, part)) for part in (known, others) if part]
     rested = diagnosis.after.training, diagnosis.after.held_out or diagnosis.after.training
     floors = [
@@ -123,21 +148,48 @@ def with_inertia(
     ]
     objections = [one.objection(floor) for one, floor in zip(swings, floors, strict=False)]
     if others and swings[-1].fall(floors[-1]) < diagnosis.settings.confirmation.fall:
-        objections.append('the held-out error does not fall significantly with it')
+        objections.append(NO_FALL)
     if any(objections) or diagnosis.answer == 'unknown':
         why = next((one for one in objections if one), 'the arm at rest is not explained')
-        note = f'{fit.sentence}. inertia is not named: {why}'
-        return replace(found, notes=(*diagnosis.notes, note))
-    return named(found, fit, list(zip(swings, rested, strict=False)), tested=bool(others))
+        return not_named(diagnosis, fit, why)
+    pairs = [
+        (one.misfit(one.still, rest), one.misfit(one.left, rest))
+        for one, rest in zip(swings, rested, strict=False)
+    ]
+    before, after = diagnosis.before, diagnosis.after
+    before, after = replace(before, training=pairs[0][0]), replace(after, training=pairs[0][1])
+    if others:
+        before = replace(before, held_out=pairs[1][0])
+        after = replace(after, held_out=pairs[1][1])
+    return named(replace(diagnosis, before=before, after=after), fit, tested=bool(others))
 
 
-def in_motion(runs: Sequence[RecordingData], moving: Sequence[Flags]) -> list[RecordingData]:
-    """Return the recordings of a swinging arm, only unloaded ones if there are any.
+def is_known(diagnosis: Diagnosis) -> bool:
+    """Whether the model has motion already, or nobody wants the name."""
+    withheld = diagnosis.settings.hypothesis.withheld
+    return diagnosis.after.arm.inertia is not None or NAME in withheld
+
+
+def not_named(diagnosis: Diagnosis, fit: MotionFit, why: str) -> Diagnosis:
+    """Return a diagnosis that says why inertia is none of its names."""
+    return replace(
+        diagnosis,
+        detectable=detectable(diagnosis, 2.0 * fit.damping_time_std),
+        notes=(*diagnosis.notes, f'{fit.sentence}. inertia is not named: {why}'),
+    )
+
+
+def swinging(runs: Sequence[RecordingData], moving: Sequence[Flags]) -> list[RecordingData]:
+    """Return the recordings in which an arm swings, if there are some only without a load."""
+    return unloaded([run for run, flags in zip(runs, moving, strict=True) if flags.any()])
+
+
+def unloaded(runs: Sequence[RecordingData]) -> list[RecordingData]:
+    """Return the recordings without a load, or all where there are none.
 
     Under a load the noise of the force sensor shakes what is expected of the arm.
     """
-    shown = [run for run, flags in zip(runs, moving, strict=True) if flags.any()]
-    return [run for run in shown if not run.loaded] or shown
+    return [run for run in runs if not run.loaded] or [*runs]
 
 
 def detectable(diagnosis: Diagnosis, smallest: float) -> Mapping[str, Detectable]:
@@ -148,16 +200,10 @@ def detectable(diagnosis: Diagnosis, smallest: float) -> Mapping[str, Detectable
     return {**diagnosis.detectable, NAME: limit}
 
 
-def named(
-    diagnosis: Diagnosis,
-    fit: MotionFit,
-    swings: Sequence[tuple[Swings, Misfit]],
-    *,
-    tested: bool,
-) -> Diagnosis:
-    """Return a diagnosis that names inertia in addition.
+def named(diagnosis: Diagnosis, fit: MotionFit, *, tested: bool) -> Diagnosis:
+    """Return a diagnosis that names inertia beside what it names.
 
-    swings: with the misfit of the same recordings where the arm is at rest.
+    Its model before and after is evaluated on what shows the motion; tested: held-out ones too.
     """
     known = diagnosis.settings.confirmation
     effect = NamedEffect(
@@ -170,17 +216,11 @@ def named(
         },
         probability=1.0 - (known.wrong if tested else known.unconfirmed),
     )
-    pairs = [(one.misfit(one.still, rest), one.misfit(one.left, rest)) for one, rest in swings]
-    before, after = diagnosis.before, diagnosis.after
-    before = replace(before, training=pairs[0][0])
-    after = replace(after, training=pairs[0][1], arm=moving(after.arm, fit))
-    if tested:
-        before = replace(before, held_out=pairs[1][0])
-        after = replace(after, held_out=pairs[1][1])
-    start, end = (f'{millimeters(one.rms):.2f}' for one in (before, after))
+    before, after = diagnosis.before.rms, diagnosis.after.rms
+    start, end = (f'{millimeters(rms):.2f}' for rms in (before, after))
     sentence = (
         f'The model lacks {NAME}: adding it reduces the model error of recordings in which the '
-        f'arm swings from {start} to {end} mm rms.'
+        f'arm moves from {start} to {end} mm rms.'
     )
     if diagnosis.effects:
         sentence = f'{diagnosis.sentence} {sentence}'
@@ -190,9 +230,9 @@ def named(
         sentence=sentence,
         certainty=f'{diagnosis.certainty} {fit.sentence}.',
         effects=(*diagnosis.effects, effect),
-        before=before,
-        after=after,
-        closed=removed_share(before.rms, after.rms, diagnosis.noise_floor),
+        detectable=detectable(diagnosis, 2.0 * fit.damping_time_std),
+        after=replace(diagnosis.after, arm=moving(diagnosis.after.arm, fit)),
+        closed=removed_share(before, after, diagnosis.noise_floor),
     )
 
 

@@ -96,7 +96,10 @@ class Trial:
 
 @dataclass(slots=True, kw_only=True)
 class Selection:
-    """The search over sets of effects, and all sets that were tried."""
+    """The search over sets of effects, and all sets that were tried.
+
+    allowed: excess that the law of an effect may leave that was taken off the recordings.
+    """
 
     linearization: Linearization
     hypotheses: tuple[Hypothesis, ...]
@@ -104,6 +107,7 @@ class Selection:
     on_progress: OnProgress
     map_function: MapFunction = map
     settings: DiagnosisSettings = DEFAULTS
+    allowed: float = 0.0
     tried: dict[frozenset[str], Record] = field(default_factory=dict)
     candidates: dict[frozenset[str], list[Candidate]] = field(default_factory=dict)
     opened: tuple[frozenset[str], LawErrors, OpenLaws] | None = None
@@ -164,7 +168,7 @@ class Selection:
             evidence=trial.gaussian.evidence() - reference.gaussian.evidence(),
             gain=2.0 * (reference.cost - trial.cost),
             tests=tests,
-            adequate=is_adequate(tests, lack_of_fit.level)
+            adequate=is_adequate(tests, lack_of_fit.level, self.allowed)
             or (base is not None and self.laws_may_miss(trial, base, all_runs, gaussian, tests)),
             plausible=is_plausible(trial, self.settings.selection.plausible),
             run_chi_squared=gaussian.squares,

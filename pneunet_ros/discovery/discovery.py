@@ -13,8 +13,9 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
-from pneunet_ros.diagnosis.diagnosis import evaluate, Investigation, take_back
+from pneunet_ros.diagnosis.diagnosis import evaluate, take_back
 from pneunet_ros.diagnosis.evaluation import removed_share
+from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.lack_of_fit import clean_moments, LackOfFit, TestedProblem
 from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.result import Diagnosis, Estimated

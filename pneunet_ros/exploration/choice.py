@@ -11,8 +11,8 @@ import itertools
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.diagnosis import Investigation
 from pneunet_ros.diagnosis.experiment_design import Experiment, linearize_experiments
+from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import effect_direction, linearize_all_runs, Refit
 from pneunet_ros.diagnosis.score_test import Candidate

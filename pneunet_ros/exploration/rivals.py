@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pneunet_ros.diagnosis.diagnosis import Investigation
+from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.diagnosis.score_test import Candidate
 from pneunet_ros.diagnosis.selection import evidence_margin, Selection, Trial

@@ -13,7 +13,7 @@ from pneunet_ros.cli.main import main
 from pneunet_ros.cli.verbs import diagnose
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis.diagnosis import Investigation
+from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate

@@ -105,14 +105,15 @@ def test_held_out_swings_that_fall_by_nothing_are_no_name():
 
 def test_who_does_not_want_the_name_or_knows_it_gets_none():
     found, every = diagnosed(), [run for part in runs() for run in part]
-    swings = frames_in_motion(every, found.before.arm)
+    swings = frames_in_motion(every, found.before.arm).moving
+    nowhere = [np.zeros(len(run.stamp_ns), np.bool_) for run in every]
     known = replace(found, settings=replace(DEFAULTS, hypothesis=WITHHELD))
     assert with_inertia(known, *runs(), swings, NOISE) is known
     assert with_inertia(found, *runs(), swings, NOISE) is found  # `after` has motion
     still = replace(found, after=found.before, effects=(), answer='none')
-    assert not with_inertia(still, *runs(), None, NOISE).detectable['inertia'].observable
+    assert not with_inertia(still, *runs(), nowhere, NOISE).detectable['inertia'].observable
     one = [runs()[0][1]]  # in which the pressure steps
-    swings = frames_in_motion(one, found.before.arm)
+    swings = frames_in_motion(one, found.before.arm).moving
     unexplained = with_inertia(replace(still, answer='unknown'), one, (), swings, NOISE)
     assert (unexplained.answer, unexplained.effects) == ('unknown', ())
     assert 'inertia' in unexplained.notes[-1]

@@ -6,7 +6,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-from pneunet_ros.diagnosis.diagnosis import Investigation
+from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.result import Estimated
 from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.discovery.discovery import discover, starting_point

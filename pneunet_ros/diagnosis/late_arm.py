@@ -1,0 +1,141 @@
+"""Inertia as the reason why an arm is late, where no frame was seen to swing.
+
+Damping delays an arm on slow ramps, as a late camera or a line that fills slowly does. Where one
+of these was found, or comes closest, mass and damping are fitted to all
+frames; what is left of the recordings less the swing is searched again, and evidence decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+import math
+
+from pneunet_ros.calibration.motion_fit import fit_motion, less_swing, MotionFit
+from pneunet_ros.core.errors import PneunetError
+from pneunet_ros.diagnosis.augmented_model import augment_model, fit_with_effects
+from pneunet_ros.diagnosis.inertia import (
+    detectable,
+    is_known,
+    NAME,
+    named,
+    NO_FALL,
+    not_named,
+    unloaded,
+)
+from pneunet_ros.diagnosis.investigation import Investigation
+from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
+from pneunet_ros.diagnosis.selection import evidence_margin, Trial
+from pneunet_ros.effects.camera_delay import CameraDelay
+from pneunet_ros.effects.pressure_lag import PressureLag
+from pneunet_ros.measurement.dataset import RecordingData
+
+LATE = CameraDelay.name, PressureLag.name  # what else makes an arm late
+ROUNDS = 2  # of mass and damping, and of what else is missing: each bends the fit of the other
+
+Search = Callable[..., Investigation]  # of training and held-out recordings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moving:
+    """Mass and damping, and what was found in recordings less the swing by them."""
+
+    fit: MotionFit
+    found: Investigation
+    best: Trial
+
+
+def with_late_arm(
+    found: Investigation,
+    search: Search,
+    training: Sequence[RecordingData],
+    held_out: Sequence[RecordingData],
+) -> Investigation:
+    """Return an investigation that also asks whether the arm is late because it has mass."""
+    at_rest, rival = found.diagnosis, found.best
+    if isinstance(at_rest, UnsettledDiagnosis) or rival is None or is_known(at_rest):
+        return found
+    moving = less_motion(found, search, training, held_out) if is_late(at_rest, rival) else None
+    shown = math.inf if moving is None else 2.0 * moving.fit.damping_time_std
+    at_rest = replace(at_rest, detectable=detectable(at_rest, shown))
+    found = replace(found, diagnosis=at_rest)
+    if moving is None:
+        return found
+    gained = moving.best.record.log_probability - rival.record.log_probability
+    margin = evidence_margin(abs(gained))
+    if gained < -margin:
+        return found
+    diagnosis = judged(found, moving, tested=bool(held_out))
+    if gained > margin:
+        if diagnosis.answer == 'unknown':
+            return found.noted(diagnosis.notes[-1])
+        return replace(moving.found, diagnosis=diagnosis)
+    if 'unknown' in (at_rest.answer, diagnosis.answer):
+        return found
+    return replace(found, diagnosis=inseparable(at_rest))
+
+
+def is_late(diagnosis: Diagnosis, best: Trial) -> bool:
+    """Whether what was found, or came closest, makes an arm late."""
+    return not {*best.names, *diagnosis.alternatives}.isdisjoint(LATE)
+
+
+def less_motion(
+    found: Investigation,
+    search: Search,
+    training: Sequence[RecordingData],
+    held_out: Sequence[RecordingData],
+) -> Moving | None:
+    """Fit mass and damping, and search recordings less the swing; None where none fits.
+
+    Once more with what was found beside it, as an effect that was not known bends the fit. As of
+    any effect, its law may leave a share of what the model without it leaves.
+    """
+    start, settings, moving = found.base, found.diagnosis.settings, None
+    assert start is not None
+    allowed = settings.lack_of_fit.law_error * start.record.excess
+    for _ in range(ROUNDS):
+        arm = augment_model(start.refit, fit_with_effects(start.refit, settings), settings)
+        near = None if moving is None else moving.fit.motion
+        try:
+            fit = fit_motion(arm, unloaded(training), near=near)
+            slow = [less_swing(arm, fit.motion, part) for part in (training, held_out)]
+            result = search(*slow, allowed=allowed)
+        except PneunetError:  # no mass explains it, or nothing is left to search
+            return moving
+        if result.best is None:
+            return moving
+        moving = Moving(fit, result, result.best)
+        if not result.best.names:
+            return moving
+        start = result.best
+    return moving
+
+
+def judged(found: Investigation, moving: Moving, *, tested: bool) -> Diagnosis:
+    """Return the diagnosis of recordings less the swing with inertia named; or why it is not.
+
+    The model before is that of the recordings as they are.
+    """
+    diagnosis, base = moving.found.diagnosis, found.base
+    assert isinstance(diagnosis, Diagnosis)
+    assert isinstance(found.diagnosis, Diagnosis)
+    assert base is not None
+    if diagnosis.answer == 'unknown':
+        return not_named(diagnosis, moving.fit, 'what else the recordings show is not explained')
+    falls = 2.0 * (moving.best.record.predicted - base.record.predicted)
+    if tested and falls < diagnosis.settings.confirmation.fall:
+        return not_named(replace(diagnosis, answer='unknown'), moving.fit, NO_FALL)
+    before = found.diagnosis.before
+    return named(replace(diagnosis, before=before), moving.fit, tested=tested)
+
+
+def inseparable(diagnosis: Diagnosis) -> Diagnosis:
+    """Return a diagnosis that says that inertia explains the recordings as well."""
+    return replace(
+        diagnosis,
+        answer='inseparable',
+        sentence=f'{diagnosis.sentence} {NAME} explains the recordings as well; quick steps of '
+        'the pressure would distinguish it.',
+        alternatives=(*diagnosis.alternatives, NAME),
+    )

@@ -1,0 +1,125 @@
+"""Whether an arm is late because it has mass: which of two investigations is believed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+
+from pneunet_ros.calibration.motion_fit import MotionFit
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.share import share_path
+from pneunet_ros.diagnosis import late_arm
+from pneunet_ros.diagnosis.diagnosis import investigate
+from pneunet_ros.diagnosis.late_arm import with_late_arm
+from pneunet_ros.effects.camera_delay import CameraDelay
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.model.motion import Motion
+import pytest
+from support.lab_run import run_of, true_model
+
+FIT = MotionFit(
+    motion=Motion(tip_mass=0.001, damping_time=0.03),
+    tip_mass_std=1e-4,
+    damping_time_std=1e-3,
+    hertz=1.2,
+    decay_time=1.0,
+    still_rms=1e-3,
+    moving_rms=1e-4,
+    in_motion=100,
+    frames=120,
+)
+SCENARIO = load_scenario(share_path('scenarios/unloaded_ramp.yaml'))
+
+
+@pytest.fixture(scope='module')
+def nothing():
+    """Return an investigation of an arm that lacks nothing, and its recording."""
+    given = replace(SCENARIO, protocol=replace(SCENARIO.protocol, duration=30.0))
+    run = run_of(simulate(given)).without_load()
+    return investigate(true_model(SCENARIO), [run], [], seed=1), [run]
+
+
+def judged(found, log_probability, predicted=0.0, names=(), answer=None):
+    """Return an investigation as if its best set explained the recordings so well."""
+    record = replace(
+        found.best.record, names=names, log_probability=log_probability, predicted=predicted
+    )
+    best = replace(found.best, record=record)
+    diagnosis = found.diagnosis
+    if answer is not None:
+        diagnosis = replace(diagnosis, answer=answer)
+    return replace(found, best=best, diagnosis=diagnosis)
+
+
+@pytest.fixture
+def asked(nothing, monkeypatch):
+    """Ask of a late camera, against recordings less a swing that are so much more probable."""
+    found, runs = nothing
+    monkeypatch.setattr(late_arm, 'fit_motion', lambda *args, **kwargs: FIT)
+    monkeypatch.setattr(late_arm, 'less_swing', lambda arm, motion, runs: runs)
+    late = judged(found, 0.0, names=(CameraDelay.name,), answer='named')
+
+    def ask(gained, *, start=late, held_out=(), searched=None, **moving):
+        calls = []
+
+        def search(*recordings, allowed):
+            calls.append(allowed)
+            return judged(found, gained, **moving)
+
+        return with_late_arm(start, searched or search, runs, held_out), calls
+
+    return ask
+
+
+def names_of(found):
+    return [item.name for item in found.diagnosis.effects]
+
+
+def test_a_swing_that_makes_the_recordings_more_probable_is_named(asked):
+    found, calls = asked(100.0)
+    assert (found.diagnosis.answer, names_of(found)) == ('named', ['inertia'])
+    assert found.diagnosis.after.arm.motion == FIT.motion
+    assert len(calls) == 1  # nothing else was found beside it
+    assert found.diagnosis.detectable['inertia'].smallest == pytest.approx(2e-3)
+
+
+def test_a_late_camera_stays_one_where_a_swing_explains_less(asked):
+    found, _ = asked(-100.0)
+    assert found.diagnosis.answer == 'named'
+    assert 'inertia' not in (*names_of(found), *found.diagnosis.alternatives)
+
+
+def test_what_explains_as_well_is_an_alternative(asked):
+    found, _ = asked(0.5)
+    assert found.diagnosis.answer == 'inseparable'
+    assert found.diagnosis.alternatives == ('inertia',)
+
+
+def test_a_swing_that_leaves_something_is_a_note_and_no_name(asked):
+    found, calls = asked(100.0, names=('gravity',), answer='unknown')
+    assert names_of(found) == []
+    assert len(calls) == late_arm.ROUNDS  # once more, with what was found beside it
+    assert 'inertia is not named' in found.diagnosis.notes[-1]
+
+
+def test_a_swing_that_held_out_recordings_do_not_show_is_no_name(asked, nothing):
+    found, _ = asked(100.0, held_out=nothing[1], predicted=-1.0)
+    assert names_of(found) == []
+    assert found.diagnosis.notes
+
+
+def test_mass_is_not_asked_of_an_arm_that_is_not_late(asked, nothing):
+    found, calls = asked(100.0, start=nothing[0])
+    assert not calls
+    assert math.isinf(found.diagnosis.detectable['inertia'].smallest)
+
+
+def test_recordings_that_no_mass_explains_keep_their_name(asked, monkeypatch):
+    def refuse(*args, **kwargs):
+        raise RequestError('too light', reason='wrong_weight')
+
+    monkeypatch.setattr(late_arm, 'fit_motion', refuse)
+    found, calls = asked(100.0)
+    assert not calls
+    assert found.diagnosis.answer == 'named'
