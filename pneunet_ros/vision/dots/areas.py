@@ -42,10 +42,10 @@ class BlobSettings:
             'blur: tip error/std 0.992 -> 0.993'
         ),
     )
-    slack: float = tuning(
-        2.0, 'by which an area where it is cut may be beyond the limits of size and shape'
-    )
+    least_area: float = tuning(0.5, 'of an area where it is cut', unit='smallest area')
+    largest_area: float = tuning(1.5, 'the same', unit='largest area')
     roundness: float = tuning(0.88, 'area over that of the ellipse with the same moments')
+    longer: float = tuning(1.2, 'an area where it is cut, of the largest elongation')
     nested: float = tuning(0.35, 'between centers of one blob at two levels', unit='radius')
     growth: float = tuning(
         2.0,
@@ -207,8 +207,8 @@ def _cut_at(grey: Bytes, level: int, appearance: Appearance) -> Array:
     _, white = cv2.threshold(grey, level - 1, 255, cv2.THRESH_BINARY)
     contours, _ = cv2.findContours(white, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     # As long as an ellipse of the largest area can be around, at most.
-    longest = 8.0 * math.sqrt(settings.slack * limits.largest * limits.elongation)
-    shortest = 2.0 * math.sqrt(limits.smallest / settings.slack)
+    longest = 8.0 * math.sqrt(settings.largest_area * limits.largest * limits.elongation)
+    shortest = 2.0 * math.sqrt(settings.least_area * limits.smallest)
     sizes = np.fromiter(map(len, contours), np.int64, len(contours))
     usable = (sizes >= shortest) & (sizes <= longest)
     if not usable.any():
@@ -251,10 +251,10 @@ def _round_ones(table: Array, appearance: Appearance) -> Array:
         root = np.sqrt(uu * vv - uv * uv)
         round_enough = area >= settings.roundness * 4.0 * math.pi * root
         ratio = (uu + vv) / (2.0 * root)
-    most = settings.slack * limits.elongation
+    most = settings.longer * limits.elongation
     possible = (
-        (area >= limits.smallest / settings.slack)
-        & (area <= settings.slack * limits.largest)
+        (area >= settings.least_area * limits.smallest)
+        & (area <= settings.largest_area * limits.largest)
         & round_enough
         & (ratio <= 0.5 * (most + 1.0 / most))
     )
