@@ -427,12 +427,16 @@ def take_back(investigation: Investigation, objection: str) -> Diagnosis:
     library = {item.name for item in selection.hypotheses}
     tried = {names: item for names, item in selection.tried.items() if names <= library}
     selection = replace(selection, tried=tried)
-    notes = (*closest_notes(best.record, (objection,)), *investigation.notes)
+    missing = ' and '.join(item.name for item in named.effects)  # inertia is in no set tried
+    closest = closest_notes(best.record, (objection,)) or (
+        Note(f'{missing} is not named: {objection}', reason='closest'),
+    )
+    notes = (*closest, *investigation.notes)
     verdict = Verdict(answer='unknown', trial=first, notes=notes)
     diagnosis = conclude(
         selection, first, best, verdict, named.detectable, investigation.recordings
     )
-    names = ' or '.join((' and '.join(best.names), *named.alternatives))
+    names = ' or '.join((missing, *named.alternatives))
     sentence = f'The model lacks something that {names} explains, and another law explains better.'
     return replace(diagnosis, sentence=f'{sentence} The notes say how much.')
 

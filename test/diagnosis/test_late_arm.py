@@ -9,7 +9,7 @@ from pneunet_ros.calibration.motion_fit import MotionFit
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis import late_arm
-from pneunet_ros.diagnosis.diagnosis import investigate
+from pneunet_ros.diagnosis.diagnosis import investigate, take_back
 from pneunet_ros.diagnosis.late_arm import with_late_arm
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.files.scenario_file import load_scenario
@@ -123,3 +123,13 @@ def test_recordings_that_no_mass_explains_keep_their_name(asked, monkeypatch):
     found, calls = asked(100.0)
     assert not calls
     assert found.diagnosis.answer == 'named'
+
+
+def test_a_name_that_is_taken_back_is_said_with_the_reason(asked):
+    found, _ = asked(100.0)
+    taken = take_back(found, 'a push says it better')
+    assert (taken.answer, taken.effects) == ('unknown', ())
+    assert 'something that inertia explains' in taken.sentence
+    assert [note.reason for note in taken.notes if note.endswith('a push says it better')] == [
+        'closest'
+    ]
