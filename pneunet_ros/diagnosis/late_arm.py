@@ -11,9 +11,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 import math
 
+import numpy as np
 from pneunet_ros.calibration.motion_fit import fit_motion, less_swing, MotionFit
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.diagnosis.augmented_model import augment_model, fit_with_effects
+from pneunet_ros.diagnosis.confirmation import error_rises
 from pneunet_ros.diagnosis.inertia import (
     detectable,
     is_known,
@@ -61,7 +63,7 @@ def with_late_arm(
     found = replace(found, diagnosis=at_rest)
     if moving is None:
         return found
-    gained = moving.best.record.log_probability - rival.record.log_probability
+    gained = log_density(moving.best) - log_density(rival)
     margin = evidence_margin(abs(gained))
     if gained < -margin:
         return found
@@ -112,19 +114,29 @@ def less_motion(
     return moving
 
 
+def log_density(trial: Trial) -> float:
+    """Return the log probability density of the training recordings, per coordinate in m.
+
+    Recordings less a swing are whitened by less noise, which `log_probability` does not count.
+    """
+    whitenings = [block.whitening for block in trial.refit.linearization.blocks]
+    white = sum(float(np.sum(np.log(item.std) * item.seen)) for item in whitenings)
+    return trial.record.log_probability - white
+
+
 def judged(found: Investigation, moving: Moving, *, tested: bool) -> Diagnosis:
     """Return the diagnosis of recordings less the swing with inertia named; or why it is not.
 
-    The model before is that of the recordings as they are.
+    The model before is that of the recordings as they are, beside which the error on held-out
+    recordings must fall significantly.
     """
-    diagnosis, base = moving.found.diagnosis, found.base
+    diagnosis = moving.found.diagnosis
     assert isinstance(diagnosis, Diagnosis)
     assert isinstance(found.diagnosis, Diagnosis)
-    assert base is not None
     if diagnosis.answer == 'unknown':
         return not_named(diagnosis, moving.fit, 'what else the recordings show is not explained')
-    falls = 2.0 * (moving.best.record.predicted - base.record.predicted)
-    if tested and falls < diagnosis.settings.confirmation.fall:
+    scores = diagnosis.after.held_out_scores, found.diagnosis.before.held_out_scores
+    if tested and not error_rises(*scores, diagnosis.settings.confirmation):
         return not_named(replace(diagnosis, answer='unknown'), moving.fit, NO_FALL)
     before = found.diagnosis.before
     return named(replace(diagnosis, before=before), moving.fit, tested=tested)
