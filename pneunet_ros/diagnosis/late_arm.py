@@ -11,11 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 import math
 
-import numpy as np
 from pneunet_ros.calibration.motion_fit import fit_motion, less_swing, MotionFit
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.diagnosis.augmented_model import augment_model, fit_with_effects
-from pneunet_ros.diagnosis.confirmation import error_rises
 from pneunet_ros.diagnosis.inertia import (
     detectable,
     is_known,
@@ -63,7 +61,7 @@ def with_late_arm(
     found = replace(found, diagnosis=at_rest)
     if moving is None:
         return found
-    gained = log_density(moving.best) - log_density(rival)
+    gained = log_densities(moving.found, moving.best)[0] - log_densities(found, rival)[0]
     margin = evidence_margin(abs(gained))
     if gained < -margin:
         return found
@@ -114,29 +112,34 @@ def less_motion(
     return moving
 
 
-def log_density(trial: Trial) -> float:
-    """Return the log probability density of the training recordings, per coordinate in m.
+def log_densities(found: Investigation, best: Trial) -> tuple[float, float]:
+    """Return the log probability density of training recordings, and of held-out ones given them.
 
-    Recordings less a swing are whitened by less noise, which `log_probability` does not count.
+    Per coordinate in m: recordings less a swing are whitened by less noise than those as they are.
     """
-    whitenings = [block.whitening for block in trial.refit.linearization.blocks]
-    white = sum(float(np.sum(np.log(item.std) * item.seen)) for item in whitenings)
-    return trial.record.log_probability - white
+    assert found.selection is not None
+    linearization, record = found.selection.linearization, best.record
+    count, unit = linearization.training, math.log(linearization.noise.target_std)
+    return (
+        record.log_probability - unit * sum(record.coordinates[:count]),
+        record.predicted - unit * sum(record.coordinates[count:]),
+    )
 
 
 def judged(found: Investigation, moving: Moving, *, tested: bool) -> Diagnosis:
     """Return the diagnosis of recordings less the swing with inertia named; or why it is not.
 
-    The model before is that of the recordings as they are, beside which the error on held-out
-    recordings must fall significantly.
+    The model before is that of the recordings as they are, by which held-out ones must be less
+    probable.
     """
     diagnosis = moving.found.diagnosis
     assert isinstance(diagnosis, Diagnosis)
     assert isinstance(found.diagnosis, Diagnosis)
     if diagnosis.answer == 'unknown':
         return not_named(diagnosis, moving.fit, 'what else the recordings show is not explained')
-    scores = diagnosis.after.held_out_scores, found.diagnosis.before.held_out_scores
-    if tested and not error_rises(*scores, diagnosis.settings.confirmation):
+    assert found.base is not None
+    falls = log_densities(moving.found, moving.best)[1] - log_densities(found, found.base)[1]
+    if tested and 2.0 * falls < diagnosis.settings.confirmation.fall:
         return not_named(replace(diagnosis, answer='unknown'), moving.fit, NO_FALL)
     before = found.diagnosis.before
     return named(replace(diagnosis, before=before), moving.fit, tested=tested)
