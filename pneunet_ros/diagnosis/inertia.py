@@ -20,6 +20,7 @@ from pneunet_ros.calibration.motion_fit import (
 )
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.evaluation import distances, noise_floor, removed_share
 from pneunet_ros.diagnosis.investigation import Investigation
@@ -175,7 +176,10 @@ def not_named(diagnosis: Diagnosis, fit: MotionFit, why: str) -> Diagnosis:
     return replace(
         diagnosis,
         detectable=detectable(diagnosis, 2.0 * fit.damping_time_std),
-        notes=(*diagnosis.notes, f'{fit.sentence}. inertia is not named: {why}'),
+        notes=(
+            *diagnosis.notes,
+            Note(f'{fit.sentence}. inertia is not named: {why}', reason='closest'),
+        ),
     )
 
 

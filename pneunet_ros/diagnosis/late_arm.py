@@ -1,8 +1,8 @@
 """Inertia as the reason why an arm is late, where no frame was seen to swing.
 
 Damping delays an arm on slow ramps, as a late camera or a line that fills slowly does. Where one
-of these was found, or comes closest, mass and damping are fitted to all
-frames; what is left of the recordings less the swing is searched again, and evidence decides.
+of these was found, or comes closest, mass and damping are fitted to all frames; what is left of
+the recordings less the swing is searched again, and evidence decides.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from pneunet_ros.diagnosis.inertia import (
 )
 from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
-from pneunet_ros.diagnosis.selection import evidence_margin, Trial
+from pneunet_ros.diagnosis.selection import Trial
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.measurement.dataset import RecordingData
@@ -62,7 +62,7 @@ def with_late_arm(
     if moving is None:
         return found
     gained = log_densities(moving.found, moving.best)[0] - log_densities(found, rival)[0]
-    margin = evidence_margin(abs(gained))
+    margin = at_rest.settings.selection.least_evidence
     if gained < -margin:
         return found
     diagnosis = judged(found, moving, tested=bool(held_out))
@@ -129,20 +129,33 @@ def log_densities(found: Investigation, best: Trial) -> tuple[float, float]:
 def judged(found: Investigation, moving: Moving, *, tested: bool) -> Diagnosis:
     """Return the diagnosis of recordings less the swing with inertia named; or why it is not.
 
-    The model before is that of the recordings as they are, by which held-out ones must be less
-    probable.
+    What is said of the model before is of the recordings as they are; held-out ones must be less
+    probable by it.
     """
-    diagnosis = moving.found.diagnosis
+    diagnosis, at_rest = moving.found.diagnosis, found.diagnosis
     assert isinstance(diagnosis, Diagnosis)
-    assert isinstance(found.diagnosis, Diagnosis)
+    assert isinstance(at_rest, Diagnosis)
     if diagnosis.answer == 'unknown':
         return not_named(diagnosis, moving.fit, 'what else the recordings show is not explained')
     assert found.base is not None
     falls = log_densities(moving.found, moving.best)[1] - log_densities(found, found.base)[1]
     if tested and 2.0 * falls < diagnosis.settings.confirmation.fall:
         return not_named(replace(diagnosis, answer='unknown'), moving.fit, NO_FALL)
-    before = found.diagnosis.before
-    return named(replace(diagnosis, before=before), moving.fit, tested=tested)
+    whole = replace(
+        diagnosis,
+        certainty=at_rest.certainty,
+        where=at_rest.where,
+        where_sentence=at_rest.where_sentence,
+        heat_maps=tuple(
+            replace(first, after=last.after)  # of the same recordings, so that bins are the same
+            for first, last in zip(at_rest.heat_maps, diagnosis.heat_maps, strict=True)
+        ),
+        before=at_rest.before,
+        adequacy_before=at_rest.adequacy_before,
+        evidence=at_rest.evidence,
+        cosines=at_rest.cosines,
+    )
+    return named(whole, moving.fit, tested=tested)
 
 
 def inseparable(diagnosis: Diagnosis) -> Diagnosis:
