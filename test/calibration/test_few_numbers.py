@@ -23,7 +23,6 @@ from support.refusals import reasons, refused
 LENGTH = 0.12
 LEVELS = np.repeat(np.linspace(0.0, 60e3, 7), 4)
 TURN = 1.6 * (LEVELS / 60e3) * (0.85 + 0.15 * LEVELS / 60e3)
-DICE = np.random.default_rng(11)
 STD = 1e-4  # m, of a tip
 
 
@@ -32,8 +31,9 @@ def poses(stretch=0.0):
     half = 0.5 * TURN
     length = LENGTH * (1.0 + stretch * LEVELS / 60e3)
     tip = length * np.sinc(half / np.pi) * np.exp(1j * half)
-    noise = STD * DICE.normal(size=(2, LEVELS.size))
-    heading = TURN + 0.004 * DICE.normal(size=LEVELS.size)
+    dice = np.random.default_rng(11)  # the same whatever was drawn before
+    noise = STD * dice.normal(size=(2, LEVELS.size))
+    heading = TURN + 0.004 * dice.normal(size=LEVELS.size)
     return np.column_stack([tip.real + noise[0], tip.imag + noise[1], heading])
 
 
