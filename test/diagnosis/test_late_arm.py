@@ -15,6 +15,7 @@ from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.motion import Motion
+from pneunet_ros.reports.diagnosis.tables import added_effects
 import pytest
 from support.lab_run import run_of, true_model
 
@@ -133,3 +134,8 @@ def test_a_name_that_is_taken_back_is_said_with_the_reason(asked):
     assert [note.reason for note in taken.notes if note.endswith('a push says it better')] == [
         'closest'
     ]
+
+
+def test_its_report_shows_the_model_after(asked):
+    assert added_effects(asked(100.0)[0].diagnosis) == ['inertia']
+    assert added_effects(asked(-100.0)[0].diagnosis) == []

@@ -11,6 +11,7 @@ from pneunet_ros.core.units import millimeters, quantities
 from pneunet_ros.diagnosis.result import Adequacy, Diagnosis, Evidence, Misfit, Shift
 from pneunet_ros.discovery.result import Discovery, NOTHING_SEARCHED
 from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.reports.calibration.tables import describe_quantity
 from pneunet_ros.reports.diagnosis.words import p_value_text, round_value, unit_text, with_error
 
@@ -37,6 +38,8 @@ class Table:
 def added_effects(diagnosis: Diagnosis) -> list[str]:
     """Return the named effects that the augmented model has."""
     there = {effect.name for effect in diagnosis.after.arm.effects}
+    if diagnosis.after.arm.inertia is not None:  # of which the model file has a block of its own
+        there.add(Inertia.name)
     return [effect.name for effect in diagnosis.effects if effect.name in there]
 
 
