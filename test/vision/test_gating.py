@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 import numpy as np
 from pneunet_ros.vision.gating import (
@@ -31,12 +31,16 @@ def test_a_bent_row_with_badly_painted_targets_is_believed(first, last, seed):
 
 
 @given(st.integers(0, 22), st.floats(0.0, 6.28), st.floats(0.5, 3.0))
-def test_a_target_beside_its_place_is_not_believed_and_all_others_are(target, angle, away):
+@example(20, 4.0, 2.0)
+def test_a_target_beside_its_place_is_not_believed_and_nearly_all_others_are(target, angle, away):
     points = arc(5.0, 25.0)
     points[target] += away * SPACING * np.array([np.cos(angle), np.sin(angle)])
     seen = believed(points)
     assert not seen[target]
-    assert np.count_nonzero(seen) >= 20
+    # Of the third from an end nobody can say whether it or its neighbor is off: both go, and the
+    # two beyond them, which are then too far from the rest.
+    assert np.count_nonzero(seen) >= 19
+    assert np.count_nonzero(np.diff(seen.astype(int))) <= 2
 
 
 @pytest.mark.parametrize('target', [0, 11, 22])
