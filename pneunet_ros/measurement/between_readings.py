@@ -12,7 +12,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.core.kernels.jit import inlined, kernel
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import Stamps
 
@@ -98,31 +99,80 @@ def interpolation_error(
     behind the last the value is taken to be at rest; beyond the last it may go on changing as it
     did.
     """
+    out = np.zeros((len(shown), *values.shape[1:]))
     if len(stamp_ns) < 2:
-        return np.zeros((len(shown), *values.shape[1:]))
+        return out
     before, share = places_between(shown, stamp_ns)
-    columns, apart = values.T, np.maximum(stamp_ns[1:] - stamp_ns[:-1], 1)
-    slope = np.zeros((*columns.shape[:-1], len(stamp_ns) + 1))
-    slope[..., 1:-1] = (columns[..., 1:] - columns[..., :-1]) / apart
-    apart, late = apart[before], np.maximum(shown - stamp_ns[-1], 0)
-    bends = np.zeros((*columns.shape[:-1], len(stamp_ns) + 2))
-    bends[..., 1:-1] = slope[..., 1:] - slope[..., :-1]
-    bend = [bends[..., before + place] * apart for place in range(4)]
-    least = (settings.noise * SIGMA_OF_SECOND * np.asarray(noise)[..., None]) ** 2
-    earlier, first, second, later = (
-        np.sqrt(np.maximum(part * part - least, 0.0)) for part in bend
-    )
-    jump = np.minimum(first, second) * np.sqrt(share * (1.0 - share))
-    bent = np.minimum(share * first, (1.0 - share) * second) / math.sqrt(3.0)
-    missed = np.where(bend[1] * bend[2] < 0.0, jump, bent)
-    began = np.where(bend[0] * bend[2] < 0.0, np.minimum(earlier, second), 0.0)
-    ended = np.where(bend[1] * bend[3] < 0.0, np.minimum(first, later), 0.0)
-    for change, left in ((began, 1.0 - share), (ended, share)):
-        missed = np.maximum(missed, change * left * np.sqrt(1.0 - left**2))
-    if late.any():
-        beyond = np.abs(slope[..., -2:-1]) * np.minimum(late, apart)
-        missed = np.where(late > 0, beyond, missed)
-    return np.asarray(missed.T)
+    columns = frozen_array(values.reshape(len(stamp_ns), -1))
+    least = np.empty(columns.shape[1])
+    least[:] = np.square(settings.noise * SIGMA_OF_SECOND * np.asarray(noise))
+    apart = np.maximum(stamp_ns[1:] - stamp_ns[:-1], 1).astype(np.float64)
+    late = np.maximum(shown - stamp_ns[-1], 0).astype(np.float64)
+    missed_by_lines(columns, apart, least, before, share, late, out.reshape(len(shown), -1))
+    return out
+
+
+@kernel
+def missed_by_lines(
+    values: Array,
+    apart: Array,
+    least: Array,
+    before: Stamps,
+    share: Array,
+    late: Array,
+    out: Array,
+) -> None:
+    """`interpolation_error` into out (shown, columns).
+
+    values (readings, columns), `apart` (readings - 1,) ns; least (columns,): square of a second
+    difference that noise explains; before, share (shown,): as of `places_between`; late (shown,)
+    ns: behind the last reading.
+    """
+    for column in range(values.shape[1]):
+        for frame in range(before.size):
+            here, part, length = before[frame], share[frame], apart[before[frame]]
+            if late[frame] > 0.0:
+                slope = slope_between(values, apart, column, apart.size - 1)
+                out[frame, column] = abs(slope) * min(late[frame], length)
+                continue
+            earlier = bend_at(values, apart, column, here - 1) * length
+            first = bend_at(values, apart, column, here) * length
+            second = bend_at(values, apart, column, here + 1) * length
+            later = bend_at(values, apart, column, here + 2) * length
+            of_earlier = math.sqrt(max(earlier * earlier - least[column], 0.0))
+            of_first = math.sqrt(max(first * first - least[column], 0.0))
+            of_second = math.sqrt(max(second * second - least[column], 0.0))
+            of_later = math.sqrt(max(later * later - least[column], 0.0))
+            if first * second < 0.0:
+                missed = min(of_first, of_second) * math.sqrt(part * (1.0 - part))
+            else:
+                missed = min(part * of_first, (1.0 - part) * of_second) / math.sqrt(3.0)
+            if earlier * second < 0.0:
+                left = 1.0 - part
+                began = min(of_earlier, of_second) * left * math.sqrt(1.0 - left * left)
+                missed = max(missed, began)
+            if first * later < 0.0:
+                ended = min(of_first, of_later) * part * math.sqrt(1.0 - part * part)
+                missed = max(missed, ended)
+            out[frame, column] = missed
+
+
+@inlined
+def bend_at(values: Array, apart: Array, column: int, reading: int) -> float:
+    """Return the change of slope at a reading; none at readings that there are not."""
+    if reading < 0 or reading >= len(values):
+        return 0.0
+    slope = slope_between(values, apart, column, reading)
+    return slope - slope_between(values, apart, column, reading - 1)
+
+
+@inlined
+def slope_between(values: Array, apart: Array, column: int, reading: int) -> float:
+    """Return the slope from a reading to the next; at rest before the first, behind the last."""
+    if reading < 0 or reading >= apart.size:
+        return 0.0
+    slope: float = (values[reading + 1, column] - values[reading, column]) / apart[reading]
+    return slope
 
 
 def furthest_error(shown: Stamps, stamp_ns: Stamps) -> Array:
