@@ -252,9 +252,11 @@ def shows_own_size(
 ) -> Mask:
     """Whether targets (targets, COLUMNS) are visible enough to measure their own size.
 
-    Those are whole, or larger than their neighbors by most of their edge.
+    Those are whole, or larger than their neighbors by most of their edge; of one that moves by
+    more than a radius while the shutter is open, the way may count as its length.
     """
     large = is_larger(table[:, AREA], gating) & (table[:, SEEN] >= settings.own_size)
+    large &= np.sum(table[:, SMEAR] ** 2, axis=1) <= table[:, AREA] / math.pi
     return has_whole_edge(table, settings) | large
 
 

@@ -42,6 +42,7 @@ from pneunet_ros.vision.row_look import (
     part_stds,
     ROW_LOOK,
     share_of_area,
+    shows_own_size,
     whole_targets,
 )
 import pytest
@@ -120,6 +121,14 @@ def test_an_edge_that_is_hardly_known_is_not_a_whole_one():
     table[-1, STD] *= 5.0  # a tip that is cut off, to which an outline was fitted
     assert np.flatnonzero(~has_whole_edge(table)).tolist() == [COUNT - 1]
     assert not has_whole_edge(np.full_like(table, np.nan)).any()
+
+
+@pytest.mark.parametrize(('way', 'shown'), [(5.0, True), (10.0, False)])
+def test_a_larger_target_cut_off_shows_its_size_only_where_it_hardly_moves(way, shown):
+    table = row_of(10.0, 10.0)
+    table[-1, [MAJOR, AREA, EXACT]] = 18.0, 45.0 * np.pi, 0.9
+    table[:, SMEAR] = 0.0, way  # a way of more than a radius may count as length
+    assert bool(shows_own_size(table)[-1]) is shown
 
 
 def test_too_few_whole_neighbors_tell_nothing():
