@@ -82,38 +82,70 @@ def consistent_spacing(
 ) -> Mask:
     """Return the targets that lie on a smooth row with the right spacings (targets,).
 
-    First goes, one by one, what is at a wrong distance from most of its neighbors, then what is
-    furthest off a smooth curve through them, until all that is left fits; an arm with three
-    targets has no such curve. x, y are in m, or have been scaled so that the arm has about its
+    First go targets at a wrong distance from most of their neighbors, then those that are off a
+    smooth curve through the others, until all that are left fit; an arm with three targets has no
+    such curve. One by one that goes without which the others fit best: one that is off takes the
+    curve of its neighbors along. x, y are in m, or have been scaled so that the arm has about its
     length. One at either end of the row is not believed when it is `farthest` spacings or more
     from the next.
     """
-    seen = np.empty(x.size, np.bool_)
+    places, rest = np.empty(x.size, np.int64), np.empty(x.size, np.int64)
+    others, count = np.empty(x.size, np.int64), NOTHING_BEFORE
     for target in range(x.size):
-        seen[target] = math.isfinite(x[target]) and math.isfinite(y[target])
-    others, every = np.empty(x.size, np.int64), np.empty(x.size, np.int64)
+        if math.isfinite(x[target]) and math.isfinite(y[target]):
+            places[count] = target
+            count += 1
     smooth = False
     while True:
-        count = NOTHING_BEFORE
-        for target in range(x.size):
-            if seen[target]:
-                every[count] = target
-                count += 1
-        places = every[:count]
-        worst, worst_at = 1.0, -1
-        for place in range(places.size):
-            if smooth:
-                bad = _off_the_curve(x, y, arclength, places, place, farthest, others, gating)
-            else:
-                bad = _wrong_distances(x, y, arclength, places, place, gating)
-            if bad > worst:
-                worst, worst_at = bad, places[place]
-        if worst_at >= 0:
-            seen[worst_at] = False
+        worst, least = -1, math.inf
+        for place in range(count):
+            now = places[:count]
+            if _misfit(x, y, arclength, now, place, smooth, farthest, others, gating) <= 1.0:
+                continue
+            left = 0.0
+            _without(now, place, rest)
+            for other in range(count - 1):
+                left += _misfit(
+                    x, y, arclength, rest[: count - 1], other, smooth, farthest, others, gating
+                )
+            if left < least:
+                worst, least = place, left
+        if worst >= 0:
+            _without(places[:count], worst, places)
+            count -= 1
         elif smooth or x.size < 4:
-            return seen
+            break
         else:
             smooth = True
+    seen = np.zeros(x.size, np.bool_)
+    for place in range(count):
+        seen[places[place]] = True
+    return seen
+
+
+@inlined
+def _without(places: Indices, here: int, rest: Indices) -> None:
+    """Write all places but one into the front of `rest`, which may be the same array."""
+    for place in range(places.size - 1):
+        rest[place] = places[place + (place >= here)]
+
+
+@inlined
+def _misfit(
+    x: Array,
+    y: Array,
+    arclength: Array,
+    places: Indices,
+    here: int,
+    smooth: bool,
+    farthest: float,
+    scratch: Indices,
+    gating: GatingSettings,
+) -> float:
+    """Return how badly a target fits the others; above 1 it is rejected."""
+    if smooth:
+        return _off_the_curve(x, y, arclength, places, here, farthest, scratch, gating)
+    return _wrong_distances(x, y, arclength, places, here, gating)
 
 
 @inlined
@@ -151,8 +183,7 @@ def _off_the_curve(
     target, others = places[here], scratch[: places.size - 1]
     if others.size < 2:
         return 2.0
-    for place in range(others.size):
-        others[place] = places[place + (place >= here)]
+    _without(places, here, scratch)
     between = 0 < here < others.size
     spacing = arclength[max(target, 1)] - arclength[max(target, 1) - 1]
     next_to = others[min(here, others.size - 1)]
