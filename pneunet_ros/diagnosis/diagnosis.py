@@ -23,13 +23,19 @@ from pneunet_ros.diagnosis.augmented_model import (
 )
 from pneunet_ros.diagnosis.base_fit import BaseFit, fit_base
 from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
-from pneunet_ros.diagnosis.evaluation import misfit, noise_floor, removed_share, scores
+from pneunet_ros.diagnosis.evaluation import (
+    adequacy,
+    misfit,
+    noise_floor,
+    removed_share,
+    scores,
+)
 from pneunet_ros.diagnosis.experiment_design import propose_experiment
 from pneunet_ros.diagnosis.gravity_direction import direction_notes
 from pneunet_ros.diagnosis.hypothesis import carries_time, hypotheses, Hypothesis
 from pneunet_ros.diagnosis.inertia import with_frames_in_motion
 from pneunet_ros.diagnosis.investigation import Investigation
-from pneunet_ros.diagnosis.lack_of_fit import LackOfFit, worst_p_value
+from pneunet_ros.diagnosis.lack_of_fit import worst_p_value
 from pneunet_ros.diagnosis.late_arm import with_late_arm
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.localization import (
@@ -42,7 +48,6 @@ from pneunet_ros.diagnosis.nonuniform_arm import beside_nonuniform, nonuniform_c
 from pneunet_ros.diagnosis.reading_noise import with_reading_noise
 from pneunet_ros.diagnosis.refit import has_ended, Refit
 from pneunet_ros.diagnosis.result import (
-    Adequacy,
     Detectable,
     Diagnosis,
     Evaluation,
@@ -506,16 +511,6 @@ def evaluate(
         held_out=misfit(every[count:], chi_squared[count:], thinned[count:]) if held_out else None,
         training_scores=every[:count],
         held_out_scores=every[count:],
-    )
-
-
-def adequacy(tests: Sequence[LackOfFit], test: LackOfFit, level: float) -> Adequacy:
-    """Return a test at the joint level of all tests."""
-    return Adequacy(
-        test=test.name,
-        statistic=test.statistic,
-        threshold=test.threshold(level / len(tests)),
-        p_value=min(1.0, test.p_value * len(tests)),
     )
 
 

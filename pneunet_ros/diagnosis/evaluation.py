@@ -1,4 +1,4 @@
-"""Model error on recordings, in meters, and its noise floor."""
+"""Model error on recordings, in meters and in chi squared, and its noise floor."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.calibration.checks.held_out import Score, score
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.result import Misfit
+from pneunet_ros.diagnosis.lack_of_fit import LackOfFit
+from pneunet_ros.diagnosis.result import Adequacy, Misfit
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.errors.noise_model import coordinate_stds, target_std, target_stds
 from pneunet_ros.measurement.inputs import inputs_of
@@ -81,3 +82,13 @@ def removed_share(before: float, after: float, floor: float) -> float | None:
     if reducible <= 0.0:
         return None
     return 1.0 - (after**2 - floor**2) / reducible
+
+
+def adequacy(tests: Sequence[LackOfFit], test: LackOfFit, level: float) -> Adequacy:
+    """Return a test at the joint level of all tests."""
+    return Adequacy(
+        test=test.name,
+        statistic=test.statistic,
+        threshold=test.threshold(level / len(tests)),
+        p_value=min(1.0, test.p_value * len(tests)),
+    )

@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 import math
+from operator import attrgetter
 
 from pneunet_ros.calibration.motion_fit import fit_motion, less_swing, MotionFit
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.diagnosis.augmented_model import augment_model, fit_with_effects
+from pneunet_ros.diagnosis.evaluation import adequacy
 from pneunet_ros.diagnosis.inertia import (
     detectable,
     is_known,
@@ -24,8 +26,10 @@ from pneunet_ros.diagnosis.inertia import (
     unloaded,
 )
 from pneunet_ros.diagnosis.investigation import Investigation
-from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
-from pneunet_ros.diagnosis.selection import Trial
+from pneunet_ros.diagnosis.lack_of_fit import worst_p_value
+from pneunet_ros.diagnosis.linearization import Linearization
+from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Evidence, UnsettledDiagnosis
+from pneunet_ros.diagnosis.selection import Record, Trial
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.measurement.dataset import RecordingData
@@ -58,10 +62,12 @@ def with_late_arm(
     moving = less_motion(found, search, training, held_out) if is_late(at_rest, rival) else None
     shown = math.inf if moving is None else 2.0 * moving.fit.damping_time_std
     at_rest = replace(at_rest, detectable=detectable(at_rest, shown))
-    found = replace(found, diagnosis=at_rest)
     if moving is None:
-        return found
+        return replace(found, diagnosis=at_rest)
     gained = log_densities(moving.found, moving.best)[0] - log_densities(found, rival)[0]
+    row = evidence_of(moving.best, rival, gained)
+    at_rest = replace(at_rest, evidence=(*at_rest.evidence, row))
+    found = replace(found, diagnosis=at_rest)
     margin = at_rest.settings.selection.least_evidence
     if gained < -margin:
         return found
@@ -129,8 +135,8 @@ def log_densities(found: Investigation, best: Trial) -> tuple[float, float]:
 def judged(found: Investigation, moving: Moving, *, tested: bool) -> Diagnosis:
     """Return the diagnosis of recordings less the swing with inertia named; or why it is not.
 
-    What is said of the model before is of the recordings as they are; held-out ones must be less
-    probable by it.
+    What is said of the model before is of the recordings as they are, whitened by the same noise
+    as the model after; held-out ones must be less probable by it.
     """
     diagnosis, at_rest = moving.found.diagnosis, found.diagnosis
     assert isinstance(diagnosis, Diagnosis)
@@ -138,6 +144,8 @@ def judged(found: Investigation, moving: Moving, *, tested: bool) -> Diagnosis:
     if diagnosis.answer == 'unknown':
         return not_named(diagnosis, moving.fit, 'what else the recordings show is not explained')
     assert found.base is not None
+    base = whitened_as(moving.found, found.base, found)
+    level, tests = diagnosis.settings.lack_of_fit.level, base.record.tests
     falls = log_densities(moving.found, moving.best)[1] - log_densities(found, found.base)[1]
     if tested and 2.0 * falls < diagnosis.settings.confirmation.fall:
         return not_named(replace(diagnosis, answer='unknown'), moving.fit, NO_FALL)
@@ -150,12 +158,57 @@ def judged(found: Investigation, moving: Moving, *, tested: bool) -> Diagnosis:
             replace(first, after=last.after)  # of the same recordings, so that bins are the same
             for first, last in zip(at_rest.heat_maps, diagnosis.heat_maps, strict=True)
         ),
-        before=at_rest.before,
-        adequacy_before=at_rest.adequacy_before,
+        before=with_chi_squared(at_rest.before, base.record),
+        adequacy_before=adequacy(tests, min(tests, key=attrgetter('p_value')), level),
         evidence=at_rest.evidence,
         cosines=at_rest.cosines,
     )
     return named(whole, moving.fit, tested=tested)
+
+
+def whitened_as(other: Investigation, trial: Trial, found: Investigation) -> Trial:
+    """Return a trial with its recordings whitened by the noise of another investigation.
+
+    A swing that nobody took off looks like noise: what is left beside it looks small.
+    """
+    assert found.selection is not None
+    assert other.selection is not None
+    known, noise = found.selection.linearization, other.selection.linearization.noise
+    point = trial.refit.point
+    quiet = Linearization(point, known.runs, known.training, noise, known.settings)
+    selection = replace(found.selection, linearization=quiet, tried={}, candidates={}, opened=None)
+    return selection.test_trial(trial.refit, None) or trial
+
+
+def with_chi_squared(evaluation: Evaluation, record: Record) -> Evaluation:
+    """Return an evaluation with chi squared as it is in a record."""
+    count = len(evaluation.training_scores)
+    chi_squared, coordinates = record.run_chi_squared, record.coordinates
+    training, held_out = (
+        sum(chi_squared[part]) / max(sum(coordinates[part]), 1)
+        for part in (slice(count), slice(count, None))
+    )
+    rest = evaluation.held_out
+    return replace(
+        evaluation,
+        training=replace(evaluation.training, chi_squared=training),
+        held_out=None if rest is None else replace(rest, chi_squared=held_out),
+    )
+
+
+def evidence_of(best: Trial, rival: Trial, gained: float) -> Evidence:
+    """Return the evidence for inertia and what was found beside it, over the model before.
+
+    gained: log probability of the training recordings, over that by a rival.
+    """
+    return Evidence(
+        effects=(NAME, *best.names),
+        chi_squared=rival.record.gain + 2.0 * gained,
+        evidence=rival.record.evidence + gained,
+        adequate=best.record.adequate,
+        p_value=worst_p_value(best.record.tests),
+        alike=(),
+    )
 
 
 def inseparable(diagnosis: Diagnosis) -> Diagnosis:

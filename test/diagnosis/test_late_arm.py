@@ -11,6 +11,7 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis import late_arm
 from pneunet_ros.diagnosis.diagnosis import investigate, take_back
 from pneunet_ros.diagnosis.late_arm import with_late_arm
+from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate
@@ -139,3 +140,28 @@ def test_a_name_that_is_taken_back_is_said_with_the_reason(asked):
 def test_its_report_shows_the_model_after(asked):
     assert added_effects(asked(100.0)[0].diagnosis) == ['inertia']
     assert added_effects(asked(-100.0)[0].diagnosis) == []
+
+
+def test_before_and_after_are_whitened_by_the_same_noise(asked, nothing):
+    """A swing that is taken for noise makes what is left beside it look small."""
+    found = nothing[0]
+    noise = replace(
+        found.selection.linearization.noise,
+        target_std=0.5 * found.selection.linearization.noise.target_std,
+    )
+    known = found.selection.linearization
+    quiet = Linearization(found.base.refit.point, known.runs, known.training, noise)
+    less = replace(found, selection=replace(found.selection, linearization=quiet))
+
+    moving, _ = asked(100.0, searched=lambda *_, allowed: judged(less, 100.0))
+    before = moving.diagnosis.before.training.chi_squared
+    assert found.diagnosis.before.training.chi_squared == pytest.approx(1.0, abs=0.1)
+    assert before == pytest.approx(4.0, rel=0.2)
+    assert moving.diagnosis.adequacy_before.p_value < 1e-3
+
+
+def test_the_evidence_has_a_row_of_inertia_whether_it_is_named_or_not(asked):
+    for gained in (100.0, 0.5, -100.0):
+        found, _ = asked(gained)
+        (row,) = (item for item in found.diagnosis.evidence if 'inertia' in item.effects)
+        assert row.evidence == pytest.approx(found.best.record.evidence + gained, abs=1.0)
