@@ -99,10 +99,11 @@ class ArrivalOrder(Generic[Item]):
             self._note(arrival)
             yield arrival.item
 
-    def waiting(self, topic: str) -> int:
-        """Return the number of queued messages of a topic."""
+    def backlog(self, topic: str) -> tuple[int, int]:
+        """Return the number of queued messages of a topic, and over how long (ns) they arrived."""
         tie = self.topics.index(topic)
-        return sum(one.tie == tie for one in self._waiting)
+        arrivals = [one.at_ns for one in self._waiting if one.tie == tie]
+        return len(arrivals), arrivals[-1] - arrivals[0] if arrivals else 0
 
     @property
     def first_ns(self) -> int | None:

@@ -9,17 +9,20 @@ from typing import Any
 # Pressures. As many as the queue of a subscription holds: a node that is later than this, and is
 # busy as long once more, loses readings (0.2 s at 100 Hz).
 MOST_WAITING = 20
+# The same time at any rate: all frames of a backlog are dropped, and a gap of `target_timeout`
+# would leave the fusion without the camera.
+LONGEST_BACKLOG_NS = 200_000_000
 FEW_WAITING = 1  # pressure: that of a frame comes just after it
 
 
 class FrameShedding:
-    """Counts frames that are left out from when too many pressures wait until at most one does.
+    """Drops and counts frames from when the backlog of pressures is too long until one is left.
 
-    waiting: how many pressures have arrived and not had their turn.
+    backlog: the number of pressures that wait, and over how long (ns) they arrived.
     """
 
     def __init__(self) -> None:
-        self.waiting: Callable[[], int] = lambda: 0
+        self.backlog: Callable[[], tuple[int, int]] = lambda: (0, 0)
         self.total = 0
         self._new = 0
         self._late = False
@@ -43,8 +46,9 @@ class FrameShedding:
 
     def is_late(self) -> bool:
         """Whether frames are left out now."""
-        waiting = self.waiting()
-        self._late = waiting > FEW_WAITING if self._late else waiting >= MOST_WAITING
+        count, span_ns = self.backlog()
+        is_long = count >= MOST_WAITING or span_ns >= LONGEST_BACKLOG_NS
+        self._late = count > FEW_WAITING if self._late else is_long
         return self._late
 
     def sentence(self) -> str:

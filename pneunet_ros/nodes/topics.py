@@ -120,7 +120,7 @@ def subscribe_in_order(node: Any, takes: Mapping[Input[Any], Callable[..., None]
     node is late, and readings never are.
     """
     order = arrival_order(takes)
-    node.shedding.waiting = partial(order.waiting, PRESSURE.name)
+    node.shedding.backlog = partial(order.backlog, PRESSURE.name)
     for sensor, take in takes.items():
         if sensor is TARGETS:
             note = partial(node.note_message, node.resolve_topic_name(sensor.topic))

@@ -320,15 +320,20 @@ def test_a_wrong_block_is_one_sentence(tmp_path):
     assert 'Traceback' not in process.text
 
 
-def test_frames_are_left_out_from_when_a_node_is_late_until_only_their_reading_waits():
+@pytest.mark.parametrize(
+    'interval_ns, most', [(1_000_000, MOST_WAITING), (40_000_000, 6), (100_000_000, 3)]
+)
+def test_frames_are_left_out_from_when_a_node_is_late_until_only_their_reading_waits(
+    interval_ns, most
+):
     shedding, taken, waiting, noted = FrameShedding(), [], [0], []
-    shedding.waiting = lambda: waiting[0]
+    shedding.backlog = lambda: (waiting[0], interval_ns * max(waiting[0] - 1, 0))
     take = shedding.sheds(lambda message, info: taken.append(message), noted.append)
-    counts = [0, MOST_WAITING - 1, MOST_WAITING, MOST_WAITING - 1, 2, 1, 0]
+    counts = [0, most - 1, most, most - 1, 2, 1, 0]
     for count in counts:
         waiting[0] = count
         take(count, f'number of {count}')
-    assert taken == [0, MOST_WAITING - 1, 1, 0]
+    assert taken == [0, most - 1, 1, 0]
     assert shedding.total == len(noted) == 3  # they do not look like frames that were lost
     assert shedding.sentence().startswith('3 frames')
     assert shedding.sentence() == ''
