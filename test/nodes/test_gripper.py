@@ -281,7 +281,8 @@ class Hand(Peer):
 
 
 def test_a_virtual_gripper_closes_on_its_object_with_the_wanted_force(tmp_path):
-    own = ['-p', 'object_width:=0.03', '-p', 'rate:=25.0']  # less CPU
+    own = ['-p', 'object_width:=0.03']
+    own += ['-p', 'rate:=25.0', '-p', 'frame_rate:=10.0']  # less CPU
     arms = ['-p', f'model_file:={share_path("config/lab_arm.yaml")}']
     arms += ['--params-file', str(share_path('config/gripper.yaml'))]
     arms += [word for arm in ARMS for word in ('-p', f'{arm}.fusion.use_wrench:=false')]

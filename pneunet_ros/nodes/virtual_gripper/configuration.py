@@ -39,6 +39,9 @@ class VirtualGripperSettings:
         30.0, unit='N/m', meaning='contact stiffness between object and tip', bounds=(0.1, 60.0)
     )
     rate: float = quantity(100.0, unit='Hz', meaning='of all readings', bounds=(1.0, 1000.0))
+    frame_rate: float = quantity(
+        30.0, unit='Hz', meaning='rate of targets of each arm', bounds=(0.1, 100.0)
+    )
     frame_id: str = setting(BASE_FRAME, 'frame of the gripper')
 
     def __post_init__(self) -> None:
@@ -47,7 +50,7 @@ class VirtualGripperSettings:
 
 
 PARAMETERS = ParameterTable(
-    owners=(VirtualGripperSettings,), read_only=frozenset({'rate', 'frame_id'})
+    owners=(VirtualGripperSettings,), read_only=frozenset({'rate', 'frame_rate', 'frame_id'})
 )
 
 

@@ -33,7 +33,6 @@ those of the node gripper in a file of parameters, by default config/gripper.yam
   pneunet-virtual-gripper --ros-args -r __ns:=/hand --params-file my_gripper.yaml
   pneunet-virtual-gripper --ros-args -r __ns:=/hand -p object_width:=0.03
 """
-FRAME_RATE = 30.0  # Hz
 # Part of the way to its force that the object goes each time: an arm has no mass, and one that
 # gives by 5 m/N would swing beyond 2 / (1 + 60 N/m x 5 m/N).
 FOLLOWS = 0.005
@@ -100,7 +99,7 @@ def virtual_gripper_nodes() -> Iterator[Any]:
     clock = {'use_sim_time': gripper.get_parameter('use_sim_time').value}
     yield gripper
     for number, (arm, frame) in enumerate(gripper.frames.items()):
-        rates = {'rate': settings.rate, 'frame_rate': FRAME_RATE}
+        rates = {'rate': settings.rate, 'frame_rate': settings.frame_rate}
         parameters = {'seed': number, 'frame_id': frame} | rates
         member = VirtualArmNode(
             Place(
