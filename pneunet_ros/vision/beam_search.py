@@ -236,8 +236,15 @@ def _ways_on(
         bend = search.bend * (gap * gap - 1)
         middle = one[HEADING] + 0.5 * one[BENDING] * ahead
         length = one[SCALE] * ahead
-        at_x, at_y = one[X] + length * math.cos(middle), one[Y] + length * math.sin(middle)
+        toward_x, toward_y = math.cos(middle), math.sin(middle)
+        at_x, at_y = one[X] + length * toward_x, one[Y] + length * toward_y
         reach = unit * (search.farthest * (search.along_std + loose * search.across_std) + bend)
+        # What `misfit` allows at most: the distance, and the cosine of the angle to it.
+        longest, within = math.inf, -2.0
+        if ahead > 0.0:
+            longest = length + unit * search.farthest * search.along_std
+            angle = loose * unit * (search.farthest * search.across_std + bend) / length
+            within = math.cos(min(angle, math.pi))
         at, aside = (at_x, at_y) if sides[0] == 0 else (at_y, at_x)
         for blob in range(np.searchsorted(blobs[0], at - reach), blobs.shape[1]):
             if blobs[0, blob] > at + reach:
@@ -245,10 +252,14 @@ def _ways_on(
             if abs(blobs[1, blob] - aside) > reach:
                 continue
             x, y = blobs[sides[0], blob], blobs[sides[1], blob]
+            step_x, step_y = x - one[X], y - one[Y]
+            chord = math.hypot(step_x, step_y)
+            if chord > longest or step_x * toward_x + step_y * toward_y < chord * within:
+                continue  # as most do, and this costs less than the arc to each
             along, across = off_arc(x, y, one, ahead)
-            cost = misfit(along / unit, across / (loose * unit), bend, search)
-            if cost < math.inf:
-                cost += one[COST] + look_cost(blobs, blob, one, search)
+            cost = one[COST] + misfit(along / unit, across / (loose * unit), bend, search)
+            if cost < math.inf and (many < costs.size or cost < costs[-1]):
+                cost += look_cost(blobs, blob, one, search)
                 many = _insert(row, blob, cost, ways, costs, many)
     return many
 
