@@ -205,16 +205,17 @@ def _cut_at(grey: Bytes, level: int, appearance: Appearance) -> Array:
     """
     settings, limits = appearance.blobs, appearance.limits
     _, white = cv2.threshold(grey, level - 1, 255, cv2.THRESH_BINARY)
-    contours, _ = cv2.findContours(white, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    contours, _ = cv2.findContours(white, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
     # As long as an ellipse of the largest area can be around, at most.
     longest = 8.0 * math.sqrt(settings.largest_area * limits.largest * limits.elongation)
     shortest = 2.0 * math.sqrt(settings.least_area * limits.smallest)
-    sizes = np.fromiter(map(len, contours), np.int64, len(contours))
-    usable = (sizes >= shortest) & (sizes <= longest)
+    corners = np.fromiter(map(len, contours), np.int64, len(contours))
+    usable = corners <= longest
     if not usable.any():
         return np.empty((0, 6))
     points = np.concatenate(list(itertools.compress(contours, usable.tolist())))
-    return _polygon_moments(points[:, 0], sizes[usable])
+    table, length = _polygon_moments(points[:, 0], corners[usable])
+    return table[(length >= shortest) & (length <= longest)]
 
 
 def _joined(cuts: list[Array], appearance: Appearance) -> RoundAreas:
@@ -268,25 +269,27 @@ def _round_ones(table: Array, appearance: Appearance) -> Array:
     return found
 
 
-def _polygon_moments(corners: npt.NDArray[np.int32], sizes: Integers) -> Array:
+def _polygon_moments(corners: npt.NDArray[np.int32], sizes: Integers) -> tuple[Array, Array]:
     """Return area, center u, v and moments uu, uv, vv of the pixels within contours, (n, 6).
 
     corners: of all contours, one after the other, as many of each as `sizes` (n,) says. Areas of
-    holes are negative.
+    holes are negative. The second value is how many pixels each contour leads through, (n,).
     """
     first = np.cumsum(sizes) - sizes
     x, y = np.subtract(corners, np.repeat(corners[first], sizes, axis=0), dtype=np.float64).T
     after = np.arange(len(corners)) + 1
     after[first + sizes - 1] = first
     x2, y2 = x[after], y[after]
-    terms = np.empty((7, len(corners)))
+    terms = np.empty((8, len(corners)))
     cross = np.subtract(x2 * y, x * y2, out=terms[0])  # contours of areas turn from +v to +u
     np.multiply(cross, x + x2, out=terms[1])
     np.multiply(cross, y + y2, out=terms[2])
     np.multiply(cross, x * x + x * x2 + x2 * x2, out=terms[3])
     np.multiply(cross, 2.0 * (x * y + x2 * y2) + x * y2 + x2 * y, out=terms[4])
     np.multiply(cross, y * y + y * y2 + y2 * y2, out=terms[5])
-    np.hypot(x2 - x, y2 - y, out=terms[6])
+    step_x, step_y = np.abs(x2 - x), np.abs(y2 - y)
+    np.hypot(step_x, step_y, out=terms[6])
+    np.maximum(step_x, step_y, out=terms[7])
     sums = np.add.reduceat(terms, first, axis=1).T
     area = 0.5 * sums[:, 0]
     # The contour leads through the middle of pixels: half a pixel is outside of it.
@@ -297,7 +300,7 @@ def _polygon_moments(corners: npt.NDArray[np.int32], sizes: Integers) -> Array:
         square -= center[:, [0, 0, 1]] * center[:, [0, 1, 1]]
         square *= ((area + outer) / area)[:, None]
     whole = np.where(area > 0.0, area + outer, area + outer - 2.0)
-    return np.column_stack([whole, center + corners[first], square])
+    return np.column_stack([whole, center + corners[first], square]), sums[:, 7]
 
 
 def _continued(areas: Array, above: Array, chain: Integers, settings: BlobSettings) -> Integers:
