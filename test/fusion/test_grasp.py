@@ -32,12 +32,13 @@ def fusion():
 def seen_at(fusion, force, seed):
     """Return the true shape, and an arm at its last frame, under a tip force (2,) N."""
     random, targets = np.random.default_rng(seed), fusion.arm.target_arclength
+    noise = fusion.arm.sensors.target_std
     shape = solve(fusion.arm, pressure=PRESSURE, force=force)
     state, nothing = FusionState(), np.full(targets.size, np.nan)
     for frame in range(FRAMES):
         stamp = 1_000_000_000 + 33_000_000 * frame
         x, y = (
-            np.interp(targets, shape.arclength, row) + 1e-4 * random.standard_normal(targets.size)
+            np.interp(targets, shape.arclength, row) + noise * random.standard_normal(targets.size)
             for row in (shape.x, shape.y)
         )
         event = TargetSightings(stamp_ns=stamp, x=x, y=y, **dict.fromkeys(NAMES, nothing))
