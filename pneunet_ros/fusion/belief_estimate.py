@@ -69,7 +69,7 @@ class BelievedArm:
 
 
 def unknown_swing(state: FusionState, belief: Belief, mode: Mode) -> str:
-    """Return a sentence if the swing of the arm is unknown, otherwise ''.
+    """Return a sentence if the swing of the arm is unknown, or else ''.
 
     A swing that the newest frame contradicts is not followed further; at rest nothing is lost by
     one frame that is wrong.

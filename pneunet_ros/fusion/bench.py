@@ -259,7 +259,7 @@ class Bench:
         ):
             value, std = without_prior(belief, which, before)
             if std >= limit or abs(value) > limit:
-                return False  # a straight arm tells hardly anything, and that is not linear
+                return False  # a straight arm barely observes it, and not linearly
         return True
 
     @property

@@ -43,7 +43,7 @@ from pneunet_ros.measurement.inference.gaussian import (
 )
 
 CAMERA, TARGETS, TILT = 'camera', 'targets', 'tilt'
-ANEW = 2.0  # times as unlikely as one cause it is that all is wrong that frames have told
+ANEW = 2.0  # times `odds_against`: the log odds against a belief that is all wrong
 Alternative = tuple[TakenFrame, float]  # and its log odds, but for the evidence of the frame
 
 
@@ -51,7 +51,7 @@ Alternative = tuple[TakenFrame, float]  # and its log odds, but for the evidence
 class Cause(abc.ABC):
     """A cause of error that a hypothesis may hold.
 
-    sentence: what somebody has to mend at the bench. rarity: times `odds_against`, in nats, that
+    sentence: what to mend on the rig. rarity: times `odds_against`, in nats, that
     it is unlikely before any frame: more than 1 where the error of a model looks much like it.
     """
 
@@ -159,7 +159,7 @@ class CameraCause(Cause):
     def is_told(self, bench: Bench, belief: Belief) -> float:
         """Weigh a turn too small to leave a misfit: a tip force moves the arm much like that."""
         if not bench.tells_camera or not bench.knows_force(belief):
-            return -math.inf  # what holds a force that is not determined tells of the rest too
+            return -math.inf  # an undetermined force leaves the turn undetermined too
         where, before, after, _ = self.priors(bench)
         turn = slice(where.stop - 1, where.stop)
         innocent = np.array([bench.settings.turn_tolerance])
@@ -170,7 +170,7 @@ class CameraCause(Cause):
         return bench.tells_camera
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Let it have moved since the last frame, or have been elsewhere all along."""
+        """Try a camera that moved since the last frame, or that was misplaced all along."""
         yield from lately_or_always(bench, taken, self, self.priors(bench))
 
 
@@ -190,7 +190,7 @@ class TargetsCause(Cause):
         return bench.unknowns.block(Placement).known is not None
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Let the whole row be painted elsewhere, or each target."""
+        """Try a repainted row, then targets that are each repainted."""
         unknowns = bench.unknowns
         row = unknowns.at(TargetRow)
         for where in (row, slice(unknowns.at(Placement).start, row.stop)):
@@ -221,7 +221,7 @@ class TiltCause(Cause):
         return bench.tells_camera
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Let gravity point elsewhere since the last frame, or all along."""
+        """Try a base that tilted since the last frame, or that was tilted all along."""
         tilt = bench.unknowns.block(Tilt)
         priors = bench.unknowns.at(Tilt), tilt.std, tilt.tilted_std, np.zeros(tilt.std.size)
         yield from lately_or_always(bench, taken, self, priors)
@@ -286,7 +286,7 @@ class PressureCause(Cause):
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
         """Ignore it from now on, or restart without it: wrong readings may have been learned.
 
-        Beside it a belief begun anew with it: what was learned may be wrong in itself.
+        Their rival is the belief reset with the sensor kept: the belief itself may be wrong.
         """
         frame, before = taken.frame, taken.before
         now = replace_causes(before, PRESSURE)

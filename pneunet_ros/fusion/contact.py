@@ -178,10 +178,9 @@ def find_contacts(
 ) -> list[Fit]:
     """Return the fits with a contact, the best at each place, best first.
 
-    None where nothing asks for one. fit: without a contact. Whether anything asks for one its
-    linearization tells, but not of a fit that leaves the frame unexplained: that is far from any
-    other. The best places are those no worse than their neighbors: weak contacts have several
-    minima along the arm.
+    Empty where none is needed. fit: without a contact. Its linearization shows whether one is
+    needed, unless the frame is left unexplained: such a fit is far from any other. The best places
+    are those no worse than their neighbors: weak contacts have several minima along the arm.
     """
     settings, length = problem.settings, problem.table.arm.length
     if fit.trial.residual.size != problem.std.size:  # of all targets, also of those left out

@@ -86,7 +86,7 @@ class FrameLinearization:
     """A trial with its Jacobian by xi, and what follows: the innovation and its covariance.
 
     jacobian (coordinates, unknowns): of what is predicted, whitened; lacking (coordinates,
-    errors): of what the model lacks, for a lack of all of the range; innovation (coordinates,):
+    errors): of the model error, for one of the whole range; innovation (coordinates,):
     what would be left with the prior's mean, to first order; factor: of its covariance, by
     Cholesky; weighed (coordinates,): the inverse of that covariance times the innovation; force
     (2, 2) N^2: the covariance of the tip force after the frame; step (unknowns,) in xi to where
@@ -174,9 +174,9 @@ class FrameProblem:
     What stays while it is searched: std (coordinates,) m of white noise; measured (targets,) m, x
     + i y; causes (causes, unknowns): what unknowns change of every cause; cause_root: what one
     sigma of each xi changes of the causes, of the camera's place (x, y) and of its turn; painted
-    (coordinates, xi): of the places painted, whitened; sized_causes (causes, errors): of a lack of
-    all of the range; force (2, 2) N^2: covariance of the tip force before the frame; still_root:
-    the root of the unknowns as they bend the arm.
+    (coordinates, xi): of the places painted, whitened; sized_causes (causes, errors): of a model
+    error of the whole range; force (2, 2) N^2: covariance of the tip force before the frame;
+    still_root: the root of the unknowns as they bend the arm.
     """
 
     table: PerturbationTable
@@ -441,8 +441,8 @@ class FrameProblem:
     def last_step(self, fit: FrameLinearization) -> FrameLinearization:
         """Take the last step of a search, which gains little.
 
-        Where the frame tells the force well it is as good as linear. Along what a frame hardly
-        tells it may lead to where the arm is about to buckle: then it is looked at.
+        Where the frame determines the force the problem is linear, and the cost is not checked.
+        Along a barely observed force the step may lead to an arm about to buckle: there it is.
         """
         step, _ = fit.newton_step()
         if self.knows_force(fit, self.settings.linear) and self.is_allowed(fit.trial.xi + step):

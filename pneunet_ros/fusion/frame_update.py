@@ -70,9 +70,9 @@ class FrameUpdate:
     belief: after it, None where it was not used, for which `reason` is the key. nis: the least
     cost, coordinates: how many it is of, both NaN and 0 where there was no fit; left_out: targets
     that did not fit. ambiguous: another force explains the frame as well; settled: that is known
-    already, as the search began at every cold start, or a sensor tells the force. unchecked: the
-    fit beside which others are still to be looked for, None where there is none. fit: that it came
-    from, also where the frame was not used.
+    already, as the search began at every cold start, or a sensor measures the force. unchecked:
+    the fit whose rivals are still to be searched for, None where there is none. fit: its source,
+    also where the frame was not used.
     """
 
     belief: Belief | None
@@ -99,7 +99,7 @@ def take_frame(
 
     cold: nothing is known of the force; found_better: another one explained the last frame better;
     with either the search begins everywhere, as it does where no shape near the last one explains
-    the frame. force_read: a sensor tells the force, and no other one is looked for, unless no
+    the frame. force_read: a sensor measures the force, and no other one is looked for, unless no
     shape at it explains the frame. widely: False to look near the last shape alone. believed:
     False to search only, without what is to be believed then (see `with_belief`).
     """
@@ -231,9 +231,9 @@ def hold_force(found: Fit) -> Fit:
     """Return the fit with the force as believed before in the direction that is not determined.
 
     Along it the cost is flat until the arm buckles, and where noise is fitted best it is about to:
-    there all that moves the arm sideways seems to be seen to a hair. Of an arm that swings under a
-    force that nobody reads the next frame inherits what this one tells: that is as much as it is
-    known how the arm bends under such a force.
+    there everything that moves the arm sideways seems to be known exactly. For an arm that swings
+    under an unmeasured force, the next frame inherits as much of this estimate as the bending of
+    the arm determines.
     """
     problem, fit = found
     if problem.swinging is not None:
@@ -263,8 +263,8 @@ def hold_force(found: Fit) -> Fit:
 def consider_force(found: Fit) -> Fit:
     """Return the fit that learns of the force along a swinging arm what its bending can tell.
 
-    It is linearized where that force is as believed before, as far as it is not told: noise is
-    fitted best where the arm is about to buckle. Not where the frame contradicts that force.
+    The undetermined part of that force is linearized at its prior: noise is fitted best where the
+    arm is about to buckle. Not where the frame contradicts that force.
     """
     problem, fit = found
     bending = known_bending(problem)

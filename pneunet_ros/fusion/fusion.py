@@ -354,7 +354,7 @@ class Fusion:
     ) -> NearWrench | None:
         """Return the wrench nearest to a stamp; None without one near.
 
-        Beside targets, which do as well, also None until the readings have told their noise.
+        With targets, which suffice, also None until the noise of the readings is known.
         """
         if self.settings.free_tip:
             nothing = WrenchReading(
@@ -405,7 +405,7 @@ class Fusion:
     def with_force_noise(self, before: Belief, state: FusionState) -> tuple[Belief, FusionState]:
         """Return the predicted belief and the state, with the noise of the force.
 
-        What frames have told while it was taken for much less is forgotten.
+        Forgets what frames estimated while the noise was assumed much smaller.
         """
         noise, force = self.estimate_force_noise(state), state.force
         known = max(force.largest_noise, self.arm.sensors.force_std)

@@ -109,7 +109,7 @@ class FusionState:
     for frames that come late; force: the last wrenches. waiting: frames whose pressure has not
     come yet; seen: the last one that was no copy.
     bank: what may be true, each hypothesis with what is believed at the last frame, the most
-    likely first; lasting: causes that stay when a belief is begun anew: sensors that are off, a
+    likely first; lasting: causes that stay when a belief is reset: sensors that are off, a
     mirror. wrench_used_ns: of the wrench in the belief; solution: of the last estimate; pending:
     the last frame; search: for other forces that explain it.
     """

@@ -164,8 +164,8 @@ def problem_of(
 
     From frame to frame the force is free: a frame must not inherit what the last one erred.
     But it is not drawn to zero either, frame after frame, which the unknowns that stay would
-    take for evidence. Of an arm that swings a frame alone tells no force: there it walks, by walk
-    (N/sqrt(s)), None for as it moved recently.
+    take for evidence. A frame alone does not determine the force on a swinging arm: there it is a
+    random walk of strength `walk` (N/sqrt(s)), None for as it moved recently.
     """
     bench = bench.of(belief.causes)
     frame = bench.used(frame, belief.causes)

@@ -237,7 +237,7 @@ def is_told(bench: Bench, cause: Cause, belief: Belief) -> bool:
 def causes_beside(
     bench: Bench, state: FusionState, weighed: list[Alternative], best: Alternative
 ) -> list[Alternative]:
-    """Return the frame with each cause that may be at work, and begun anew if frames are lost."""
+    """Return the frame with each possible cause, and with a reset belief if frames are lost."""
     base = without_touch(weighed, best)
     found = all_beside(bench, base)
     if state.counts.lost >= bench.settings.frames_lost and best_of([*weighed, *found])[0].misfits:

@@ -45,7 +45,7 @@ class AssociationSettings:
 
 
 ASSOCIATION = AssociationSettings()
-ENOUGH = 64  # rows that are told apart: of a crowd of them, more say nothing new
+ENOUGH = 64  # rows that are compared: more of a crowd add nothing
 
 
 class TargetRow(NamedTuple):

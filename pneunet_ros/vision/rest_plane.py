@@ -118,8 +118,8 @@ class RestSearch:
 def plane_at_rest(points: Array, arclength: Array, method: PlaneMethod) -> Plane:
     """Return the working plane of an arm at rest: targets (n, 2) normalized, arclength (n,) m.
 
-    A straight arm tells by the outermost targets that are seen; one that is bent even at rest by
-    its length along the arc between them, and by its heading at the clamp.
+    The outermost targets that are seen determine the plane of a straight arm; of one that is bent
+    at rest, its length along the arc between them and its heading at the clamp do.
     """
     seen = np.flatnonzero(np.isfinite(points[:, 0]))
     points, arclength = points[seen], arclength[seen]
@@ -293,7 +293,7 @@ def _rivals(best: TargetRow, rows: list[TargetRow], vision: VisionSettings) -> l
 
     Those are there by chance whose targets fit so much worse than the best's; half as much is
     enough in a crowd of rows, as in printed text, that the best stands out of. How many of a crowd
-    cost less than some cost is a power of it, which the crowd tells.
+    cost less than some cost is a power of that cost, estimated from the crowd.
     """
     least, settings = _cost_of_seen(best, vision), vision.rest_plane
     worse = settings.chance

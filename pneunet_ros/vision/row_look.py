@@ -149,10 +149,10 @@ def looks_of_neighbors(
 
     table (targets, COLUMNS), NaN where one is not seen; own (targets,) px^2: how large each is
     compared with the others, NaN of one that was never seen whole. Shape, smear and plateau are on
-    a line over the nearest neighbors whose edges are whole, and so is the size over their own; how
-    far these are off it is how well it tells. The size of one whose own is not known is known as
-    well as those of neighbors are alike. NaN for a target that has too few. One that is smaller by
-    more than sizes differ, as a finger covers a bit of it, tells nothing.
+    a line over the nearest neighbors whose edges are whole, and so is the size over their own; the
+    scatter about this line is its uncertainty. The size of one whose own is not known is known as
+    well as those of neighbors are alike. NaN for a target that has too few. A target that
+    is smaller by more than sizes differ, as a finger covers a bit of it, is left out.
     """
     whole = has_whole_edge(table, settings)
     first = _looks_of(table, places, own, whole, settings)

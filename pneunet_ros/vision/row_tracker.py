@@ -26,7 +26,7 @@ def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] |
     table = blobs_at(view.image, last.outlines(predicted, vision), view.appearance)
     lost = np.isnan(table[:, U])
     if lost.any() and np.count_nonzero(~lost) > 1:
-        # Where others moved otherwise than expected, so did these.
+        # Where others moved differently than expected, so did these.
         off, neighbors = (table[:, :2] - predicted)[~lost], vision.row_look.neighbors
         places = predicted + velocity_along_row(off, view.arclength, ~lost, neighbors)
         outlines_there = last.outlines(places, vision)[lost]
@@ -49,7 +49,7 @@ def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] |
         before, row = row.seen, with_partial(view, row, usual, last.sized, last)
         if row.seen == count or row.seen <= before:
             break
-        # What was found tells better where those beyond it are.
+        # Targets that were found predict those beyond them better.
     if row.seen < min(count, vision.association.least_followed):
         return None
     return row, next_row(view, row, last)

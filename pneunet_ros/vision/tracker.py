@@ -66,11 +66,11 @@ class Tracking:
     """The result of a tracked frame: seen targets, and the smooth curve through them.
 
     sightings: an entry per target; curve: None where fewer than four targets were seen. Where the
-    frame could not be explained `reason` is a key for counting, `sentence` says it to a
-    person, nothing is seen and there is no curve; both are empty otherwise. missing: the targets
-    that are not seen in a frame that was explained; found (areas, 2) px: what could be targets in
-    a frame that was not, of the polarity that the sentence is about, and row: how many of the
-    targets stand in a row there.
+    frame could not be explained `reason` is a key for counting, `sentence` is the message to
+    a user, nothing is seen and there is no curve; both are empty for other frames. missing: the
+    targets that are not seen in a frame that was explained; found (areas, 2) px: what could be
+    targets in a frame that was not, of the polarity that the sentence is about, and row: how many
+    of the targets stand in a row there.
     """
 
     sightings: TargetSightings
@@ -155,8 +155,8 @@ class Tracker:
     the image is measured by `centroid`, who is who by `association`, the curve (Eq 1) by
     `smoother`.
 
-    Raises ModelError for an arm with fewer than three targets: nothing tells two of them from two
-    glints.
+    Raises ModelError for an arm with fewer than three targets: two of them cannot be distinguished
+    from two glints.
     """
 
     def __init__(
@@ -188,8 +188,8 @@ class Tracker:
         taken (n, COLUMNS): blobs that are targets of other rows in the image (`several_rows`).
         Returns the state for the next reading, and what came of this one: a `Tracking` of an
         image that was looked at, a `Refusal` of one that was not (no lens yet, wrong size, stamp
-        not after the last), None of a lens. A stamp that jumps back by more than a second starts
-        anew, with the arm at rest.
+        not after the last), None of a lens. A stamp that jumps back by more than a second restarts
+        tracking, with the arm at rest.
         """
         if isinstance(reading, Lens):
             return self._with_lens(state, reading), None

@@ -19,7 +19,7 @@ UNIT = 0.01  # a quaternion this near to unit length was rounded and is normaliz
 
 
 def finite_numbers(values: Any, where: str, count: int) -> tuple[float, ...]:
-    """Return this many finite numbers; CameraError names the place otherwise."""
+    """Return this many finite numbers; CameraError names the place if there are not."""
     numbers = table_array(values, where, 1, CameraError)
     if numbers.size != count:
         raise CameraError(

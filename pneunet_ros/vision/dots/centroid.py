@@ -3,8 +3,8 @@
 A pixel is what the blob covers of it, times its grey level there, and what is behind it for the
 rest; the edge is as wide as it is blurred. What is behind may differ all around, as it does where
 a target lies at the edge of the arm, so each sector around has a background of its own. A sector
-whose edge is elsewhere (a glint beside the blob, a finger over it, the end of the arm that cuts
-it off) takes no part. Where neighbors tell what a target looks like, only its place is searched:
+whose edge is not the blob's (a glint beside the blob, a finger over it, the end of the arm that
+cuts it off) takes no part. Where neighbors show how a target looks, only its place is searched:
 one that is cut off is then where its center would be if it were whole.
 """
 

@@ -66,7 +66,7 @@ def with_partial(
     same = has_whole_edge(row.table, settings) & (
         row.table[:, AREA] >= settings.least_area * usual
     )
-    if last is None:  # nothing tells yet how large each is
+    if last is None:  # the size of each is not known yet
         partial &= ~same
     found = np.full_like(row.table, np.nan)
     swept = expected
@@ -126,8 +126,8 @@ def _parts_at(
 def _with_ways(view: View, row: ObservedRow, expected: Array, last: TrackedRow) -> Array:
     """Return outlines (targets, FITTED) that move as the row does while the shutter is open.
 
-    A line over how neighbors are smeared tells too little where most of them are not seen whole:
-    the longer way counts of that one and of the way since the last frame.
+    A line over the smear of neighbors is too short where most of them are not seen whole: the
+    longer of its way and the way since the last frame counts.
     """
     outlines, both = expected.copy(), np.isfinite(row.table[:, U]) & last.seen
     if both.any():
@@ -151,7 +151,7 @@ def _moving_at(
     """Return the targets that move far while the shutter is open, rows (targets, columns).
 
     moving (targets,): which are looked for, at each of `starts`, and where the others lead, as a
-    blob that is smeared may be elsewhere; expected: as `looks_of_neighbors`. NaN where there is
+    smeared blob may be off its start; expected: as `looks_of_neighbors`. NaN where there is
     none to be believed.
     """
     without = replace(row, table=row.table.copy(), points=row.points.copy())
@@ -198,7 +198,7 @@ def _moving_at(
             sure = dot.std <= look.unsure * radius and not found[target, STD] <= dot.std
             if sure and off <= radius:
                 found[target], fitted[target] = fitting, dot
-        if target in fitted:  # skin and light change along the arm: it tells the next one more
+        if target in fitted:  # skin and light change along the arm: the nearest predicts best
             tell.append(target)
     found[~is_possible(found, view.appearance.look, grey.shape)] = np.nan
     if last is not None:
@@ -212,7 +212,7 @@ def _places_by_neighbors(
 ) -> tuple[Array, ...]:
     """Return positions of targets, seen or interpolated from neighbors, (targets, 2) px each.
 
-    One that is not seen is where the row leads, which tells little beyond a gap; or, if it was
+    One that is not seen is where the row leads, which is vague beyond a gap; or, if it was
     seen in the last row, where its motion leads and the others are off theirs (NaN of all others).
     """
     seen = np.isfinite(row.table[:, U])

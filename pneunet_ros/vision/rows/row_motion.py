@@ -57,7 +57,7 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
         exposure = exposure_of(row.table[both], moved, seconds, last.exposure, view.vision)
         exposure = view.settings.shutter.exposure or exposure
         noise = np.hypot(row.table[both, STD], last.table[both, STD]) / seconds
-        # It is that of the middle between the frames; how it changed tells how it goes on.
+        # It is that of the middle between the frames; its change predicts the next one.
         change = 0.5 * np.hypot(*(velocity - last.velocity)[both].T)
         velocity_std[both] = np.hypot(noise, change)
         velocity_std[~both] = velocity_std[both].max()
@@ -106,7 +106,7 @@ def exposure_of(
     """Return the exposure time (s) estimated from the motion blur of targets.
 
     velocity (n, 2) px/s; seconds: between frames; before: what it seemed to be in the last frame,
-    0 where nothing is known. Where hardly anything moves a frame tells nothing of it.
+    0 where nothing is known. A frame in which almost nothing moves does not change it.
     """
     settings = vision.row_tracker
     least = settings.least_exposure * seconds  # and no longer than from frame to frame

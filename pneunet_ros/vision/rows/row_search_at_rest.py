@@ -30,7 +30,7 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     """Find the targets of the arm at rest, normalized (targets, 2), NaN where one is not seen.
 
     view: its plane is not known yet, and not used; rest: where the arm has rested so far, which
-    tells the targets of a frame that does not show a row on its own.
+    identifies the targets of a frame that does not show a row on its own.
     """
     areas = view.round_areas()
     if len(areas.centers) == 0:
@@ -122,7 +122,7 @@ def _search_anew(view: View, blobs: Blobs, points: Array) -> Array | Failure:
             'arm?',
         )
     again = view.lens.undistort(found.table[:, :2])
-    # One beside a slot or a glint is measured anew by its neighbors' look: the same target still.
+    # One beside a slot or a glint is measured again by its neighbors' look: the same target still.
     apart = np.hypot(*(again[: len(at_rest)] - at_rest).T)
     same = np.count_nonzero(apart < 0.5 * spacing_of(at_rest, arclength[: len(at_rest)]))
     if same < vision.beam_search.seen * arclength.size:
