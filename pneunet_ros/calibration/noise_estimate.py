@@ -110,8 +110,8 @@ def estimate_noise(
             Note(
                 f'the {name} is read in steps of {step:.3g} {unit}, coarser than its noise: '
                 f'step^2/12 is in its variance, and {key} is {coarse:.3g} {unit}. A {name} that '
-                'rests is off by the same in all of its frames; a finer sensor or converter tells '
-                'more',
+                'rests is off by the same in all of its frames; a finer sensor or converter '
+                'gives more information',
                 reason='coarse_steps',
             )
         )

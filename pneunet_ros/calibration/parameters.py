@@ -37,7 +37,7 @@ class PriorState:
 
     values (k,) and placement (2 targets,) m, tangents then normals; covariance (k + 2 targets, k +
     2 targets) of both, in this order. Placement is part of it because the dots stay where they are
-    painted: an earlier error of the curvature would otherwise count twice.
+    painted: without it an earlier error of the curvature would count twice.
     """
 
     values: Array

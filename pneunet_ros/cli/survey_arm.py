@@ -65,7 +65,7 @@ class SurveyRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurveyWork:
-    """The work on one arm, picklable so that it can run elsewhere."""
+    """The work on one arm, picklable so that another process can run it."""
 
     request: SurveyRequest
 

@@ -181,9 +181,9 @@ def add_dimensionless(parser: ArgumentParser, what: str) -> None:
     )
 
 
-def units_of(arguments: Namespace, arm: Arm, otherwise: UnitSystem = SI) -> UnitSystem:
+def units_of(arguments: Namespace, arm: Arm, default: UnitSystem = SI) -> UnitSystem:
     """Return the scales of this arm with --dimensionless, else the other units."""
-    return dimensionless(arm.length, arm.weight) if arguments.dimensionless else otherwise
+    return dimensionless(arm.length, arm.weight) if arguments.dimensionless else default
 
 
 def scales_sentence(arm: Arm) -> str:

@@ -45,7 +45,7 @@ REASONS: Mapping[str, str] = MappingProxyType({
     'wrong_form': 'a text is not of the form that it must have',
     'wrong_kind': 'a file is of another kind than needed',
     'wrong_name': 'a name has characters that it must not have',
-    'wrong_suffix': 'the name of an output must end otherwise',
+    'wrong_suffix': 'the name of an output has the wrong ending',
     'wrong_type': 'a parameter or topic is of another type',
     'wrong_value': 'ROS does not accept a parameter',
     # Numbers

@@ -451,7 +451,7 @@ def passes_alike(
 ) -> bool:
     """Whether a rival that passes, with no more effects, explains the recordings as well.
 
-    By evidence; or by chi squared alone, as what tells two effects apart is then the prior.
+    By evidence, or by chi squared alone: then only the prior separates the two.
     """
     if len(rival.names) > len(best.names):
         return False
@@ -461,7 +461,7 @@ def passes_alike(
 
 
 def comparable(records: Sequence[Record]) -> list[Added]:
-    """Return the gain of sets over the set that all of them extend, otherwise over the base."""
+    """Return the gain of sets over the set that all of them extend, or else over the base."""
     added = [item.added for item in records if item.added is not None]
     if len(added) == len(records) and len({item.names for item in added}) == 1:
         return added

@@ -1,4 +1,4 @@
-"""The effect `gravity` read as a direction: the arm's own weight, which points elsewhere.
+"""The effect `gravity` read as a direction: the arm's own weight, in another direction.
 
 A line load of at most what the arm weighs may be that weight, where the model has gravity wrong.
 """

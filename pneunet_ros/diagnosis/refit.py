@@ -1,7 +1,7 @@
 """Effects put into the model and fitted jointly with all of it, their shape parameters free.
 
 Gauss-Newton: the Jacobian of the base model is that of its linearization, the one of the effects
-is taken anew at every step, and residuals are those of the equilibrium itself.
+is recomputed at every step, and residuals are those of the equilibrium itself.
 """
 
 from __future__ import annotations

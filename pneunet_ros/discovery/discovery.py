@@ -256,7 +256,7 @@ def look_for_law(
 def by_itself(
     selection: Selection, base: Trial, search: Search, law: Discovery, best: Finding | None
 ) -> Discovery:
-    """Return the confirmed aperiodic course in time, if there is one, otherwise the law.
+    """Return the confirmed aperiodic course in time, if there is one, or else the law.
 
     It takes the place of a law that is not confirmed, and of one on time that explains less: that
     predicts nothing either.

@@ -56,7 +56,7 @@ class LawConfirmationSettings:
         1e-4, 'p-value of the law of one half of the recordings in the other half'
     )
     least_share: float = tuning(0.3, 'share of what is left that a law explains at least')
-    tied: float = tuning(4.0, 'difference that tells two kinds apart', unit='log probability')
+    tied: float = tuning(4.0, 'difference that separates two kinds', unit='log probability')
     finalists: int = tuning(3, 'kinds that are fitted jointly')
     more_finalists: int = tuning(6, 'the same where none of them leaves what a law may')
     beside_named: float = tuning(

@@ -433,7 +433,7 @@ class DelayFit:
     def repeated(self, delay: float) -> Indices:
         """Return the frames in which the arm stands still although its inputs change.
 
-        The arm is where it was a frame before, to within what is left elsewhere, and by more than
+        The arm is where it was a frame before, to within the usual residual, and by more than
         that not where pressure and load put it: the picture is the one before, or it was taken
         where the arm sets off, within the error of the delay.
         """
@@ -446,7 +446,7 @@ class DelayFit:
         limit = math.sqrt(2.0) * self.settings.motion * usual[0]
         still = (np.abs(np.diff(scores, axis=0)) < usual).all(axis=1)
         still &= np.abs(np.diff(main)) > limit
-        still &= np.abs(main[1:]) > np.abs(main[:-1])  # else the picture before is elsewhere
+        still &= np.abs(main[1:]) > np.abs(main[:-1])  # else the previous picture is off
         still &= np.diff(self.time[frames]) < 1.5 * self.period
         return np.asarray(frames[1:][still])
 

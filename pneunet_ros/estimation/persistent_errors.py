@@ -66,7 +66,7 @@ class PersistenceSettings:
     )
     camera: float = tuning(
         0.01,
-        'that a camera is elsewhere: that tells nothing of the arm',
+        'displacement of the camera, which is no error of the arm',
         unit='length',
         source=(
             'invented; sweep: halved: held out watch.agreement.persistent.chance 4.34e-102 -> '
@@ -76,8 +76,8 @@ class PersistenceSettings:
     )
     painted: float = tuning(
         0.25,
-        'that a target may be elsewhere than a calibration says: few columns do not hold all that '
-        'it left open',
+        'displacement of a target from its calibrated place: few columns do not hold all of its '
+        'uncertainty',
         unit='placement_std',
     )
     sure: float = tuning(1e-4, 'probability of such values of the unknowns by chance')
@@ -207,8 +207,8 @@ class PersistentErrors:
         if self.noise_left:
             return 'other parameters of the same model explain it: recalibrate'
         return (
-            'calibrate anew, and run pneunet diagnose on the recordings of that: the arm has '
-            'changed, or something is missing in the model'
+            'the arm has changed, or something is missing in the model. Recalibrate, and run '
+            'pneunet diagnose on the new recordings'
         )
 
 

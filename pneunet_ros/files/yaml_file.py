@@ -202,6 +202,6 @@ def size_of(content: Any, known: dict[int, float]) -> float:
     return known[id(content)]
 
 
-def or_default(value: Any, otherwise: Any) -> Any:
+def or_default(value: Any, default: Any) -> Any:
     """Return the value of a key, or the default for an empty value."""
-    return otherwise if value is None else value
+    return default if value is None else value

@@ -29,9 +29,9 @@ ALLOWED = (
 class Gravity:
     """Part of the unit vector along gravity that lies in the plane of bending.
 
-    Both are zero where gravity is normal to the plane: then the weight bends nothing. source: who
-    knows better. Empty: `base_imu`, where there is one; `FIXED`: nobody; `IMU`: only `base_imu`;
-    otherwise the name of a tf frame whose z points up.
+    Both are zero where gravity is normal to the plane: then the weight bends nothing. source: of
+    the measured direction. Empty: `base_imu`, where there is one; `FIXED`: none; `IMU`: only
+    `base_imu`; any other: the name of a tf frame whose z points up.
     """
 
     x: float = quantity(0.0, unit='-', meaning='share of gravity along E1', bounds=(-1.0, 1.0))

@@ -147,7 +147,7 @@ def error_left_out(covariance: ModelCovariance | None, sources: Mapping[str, str
     """Name the model error that the standard deviations do not include; empty if none.
 
     covariance, sources: of the model. The stiffness is measured where the covariance has it and no
-    source says otherwise.
+    source contradicts.
     """
     if covariance is None:
         return "the model's own error is not in the standard deviations: it has no covariance"

@@ -4,8 +4,8 @@
 
 The corners are rows of time (s), pressure (Pa), F1 and F2 (N), joined by straight lines. Commands
 go to `pressure_command` and `force_command`, as the virtual arm takes them; recorded are
-`pressure`, `end_wrench` and `targets`. Without a subscriber to `force_command` it tells the user
-what to hang on the arm, and waits for Enter. At the end, and where it is interrupted, the arm is
+`pressure`, `end_wrench` and `targets`. Without a subscriber to `force_command` it asks the user
+to hang a load on the arm, and waits for Enter. At the end, and where it is interrupted, the arm is
 vented and without a load.
 """
 

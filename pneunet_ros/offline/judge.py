@@ -146,7 +146,7 @@ def judge_recording(
 ) -> Verdicts:
     """Judge the meaning of the readings of a recording, by targets if there are any.
 
-    own_model: it was given; otherwise the recording may be of another arm.
+    own_model: it was given; without it the recording may be of another arm.
     No verdict where there are no readings, where all are zero, or where `judge_readings` is false.
     Raises RecordingError as `find_series` does.
     """
@@ -297,7 +297,7 @@ def judge_table(
 def table_doubts(table: ReadingTable, expected: Sequence[ExpectedPressure]) -> tuple[str, ...]:
     """Describe the likely meaning of a table's pressures, and the remedy; empty if they fit.
 
-    What a column calls absolute is left to the verbs, which are told the pressure of the air.
+    An absolute column is left to the verbs, which know the pressure of the air.
     """
     verdict = None if table.absolute else judge_table(table, expected)
     if verdict is None or not verdict.doubted:

@@ -59,7 +59,7 @@ SOLVES_TRIED = 20  # readings without an equilibrium, after which no other is tr
 class UseRequest:
     """Request of a check: the arm, the meaning of readings, names of topics.
 
-    own_model: the arm is that of the recordings; otherwise the shipped one, for want of a model.
+    own_model: the arm is that of the recordings, and not the shipped one for want of a model.
     """
 
     arm: Arm

@@ -55,7 +55,7 @@ DAMAGE = (
 class Block:
     """A stretch of a file that is read whole: offset and length in bytes, log times, channels.
 
-    `loose`: a run of records outside of chunks; otherwise the record of one chunk.
+    `loose`: a run of records outside of chunks, and not the record of one chunk.
     """
 
     offset: int

@@ -315,7 +315,7 @@ def _cells(line: str, mark: str) -> list[str]:
 
 
 def delimiter(header: str) -> str:
-    """Return the delimiter: a semicolon or tab if the first line has one, otherwise a comma."""
+    """Return the delimiter: a semicolon or tab if the first line has one, or else a comma."""
     unquoted = _QUOTED.sub('', header)
     return next((mark for mark in (';', '\t') if mark in unquoted), ',')
 

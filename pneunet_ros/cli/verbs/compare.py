@@ -118,7 +118,7 @@ def places_assumed(comparison: Comparison, arm: Arm) -> list[str]:
     lines = [side.centerlines for side in (comparison.of, comparison.to)]
     places = arm.target_arclength
     if any(line is not None and np.array_equal(line.arclength, places) for line in lines):
-        return [f'targets are taken to be where {arm.name} has them; --model says otherwise']
+        return [f'targets are assumed where {arm.name} has them; give another arm by --model']
     return []
 
 

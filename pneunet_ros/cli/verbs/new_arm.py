@@ -172,7 +172,7 @@ def answers(
 
 
 def positive(option: str, text: str, kind: str) -> float:
-    """Return a positive size, SI; RequestError otherwise."""
+    """Return a positive size, SI; RequestError if it is not positive."""
     value = size_of(option, text, kind)
     if not value > 0.0:
         raise RequestError(f'{option} {text} must be above zero', reason='out_of_bounds')

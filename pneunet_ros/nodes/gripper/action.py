@@ -70,13 +70,13 @@ class GripperGoals:
             elif self.grasping.is_reached() or self.grasping.is_stalled():
                 handle.succeed()
             else:
-                handle.publish_feedback(self.told(self.kind.Feedback(), grasp))
+                handle.publish_feedback(self.fill_message(self.kind.Feedback(), grasp))
                 begun = time.monotonic()
                 continue
-            return self.told(self.kind.Result(), grasp)
+            return self.fill_message(self.kind.Result(), grasp)
 
-    def told(self, message: Any, grasp: Grasp | None) -> Any:
-        """Fill in a result or a feedback: the width (m), and the mean force of an arm (N)."""
+    def fill_message(self, message: Any, grasp: Grasp | None) -> Any:
+        """Return a result or feedback with the width (m) and the mean force of an arm (N)."""
         if grasp is not None:
             message.position = grasp.width
             message.effort = grasp.force / len(self.grasping.fusions)

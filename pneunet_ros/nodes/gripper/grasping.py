@@ -49,7 +49,7 @@ class Grasping:
             arm: publisher(node, PRESSURE_TYPE, f'{arm}/pressure_command', output_qos())
             for arm in fusions
         }
-        self.closing()  # works out reaches before somebody waits
+        self.closing()  # computes reaches before a command waits for them
         subscription(node, COMMAND_TYPE, 'gripper/command', self.take_command, output_qos())
         self.tell_mounts()
         for arm, fusion in fusions.items():

@@ -1,7 +1,7 @@
 """The node `gripper`: the nodes of several arms in one process, in turns in one thread.
 
 Each arm has its estimator and, where asked, its fusion and its tracker, in a namespace of its
-name. They are the nodes that run alone elsewhere, with all their topics and services.
+name. They are the nodes of a single arm, with all their topics and services.
 """
 
 from __future__ import annotations
