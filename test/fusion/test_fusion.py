@@ -261,7 +261,7 @@ def test_a_row_that_is_painted_closer_lies_on_the_arc_and_not_on_its_tangent():
         )
         return sightings_at(seen.stamp_ns, seen.x + x, seen.y + y)
 
-    found = fuse(with_placement(truth.placement.T.ravel()), change=closer)
+    found = fuse(with_placement(truth.placement.T.ravel()), change=closer, frames=range(120))
     assert TARGETS in found.state.causes
     force, covariance = (
         found.force_error,
@@ -548,7 +548,7 @@ def jumped(frame):
 
 @pytest.mark.parametrize('sensor', [died, froze, jumped])
 def test_a_force_sensor_that_breaks_after_it_was_confirmed_is_called_off(sensor):
-    found = fuse(with_wrench=True, sensor=sensor)
+    found = fuse(with_wrench=True, sensor=sensor, frames=range(140))
     told = np.array([one.force_sensor is not None for one in found.estimates])
     first = int(np.argmax(told))
     assert 80 <= first < 130
@@ -638,7 +638,7 @@ def test_a_camera_that_is_moved_is_found_and_the_tip_stays_right(turn, along, wi
 
 def test_a_camera_that_was_turned_before_the_start_is_found():
     change = partial(moved_camera, turn=0.015, since=0)
-    found = fuse(calibrated(), change=change, with_wrench=True)
+    found = fuse(calibrated(), change=change, with_wrench=True, frames=range(120))
     moved = [CameraCause.sentence in one.estimate.warnings for one in found.estimates]
     assert moved[-1]
     covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in found.estimates])
@@ -687,7 +687,7 @@ def is_unplugged(frame):
 def test_a_pressure_that_is_not_what_is_read_is_found_and_the_tip_stays_right(
     gauge, since, with_wrench
 ):
-    found = fuse(calibrated(), gauge=gauge, with_wrench=with_wrench)
+    found = fuse(calibrated(), gauge=gauge, with_wrench=with_wrench, frames=range(120))
     assert PRESSURE in found.state.causes
     assert FORCE_SENSOR not in found.state.causes
     assert found.state.readings.rejected['pressure_off'] > 0
