@@ -226,7 +226,7 @@ def others_likely(
     for odds, other in zip(odds_beside_first(state.bank), state.bank[1:], strict=True):
         shape = other_shape(bench, other.belief, instant)
         found += [] if shape is None else [(odds, shape)]
-    if CAMERA in arm.belief.causes:  # what the model lacks may look like that
+    if CAMERA in arm.belief.causes:  # a model error may look like that
         found.append((1.0, shape_in_place(bench, arm.bent.shape, arm.belief)))
     return found
 

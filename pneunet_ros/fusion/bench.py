@@ -128,7 +128,7 @@ class Bench:
 
     @property
     def discrepancy(self) -> ModelDiscrepancy:
-        """The block of what the model lacks."""
+        """The block of the model discrepancy."""
         return self.unknowns.block(ModelDiscrepancy)
 
     @property

@@ -375,10 +375,10 @@ def extended(known: Belief, first: Belief) -> Belief:
 def lately_or_always(
     bench: Bench, taken: TakenFrame, cause: Cause, priors: tuple[slice, Array, Array, Array]
 ) -> Iterator[Alternative]:
-    """Yield a frame with a wider prior of some unknowns: since the last frame, or all along.
+    """Yield the frame with a wider prior of some unknowns: since the last frame, then all along.
 
-    priors: where they are, one sigma of the prior that the belief came from, of the wide one, and
-    the mean of both.
+    The second only where the frames so far support it. priors: indices of the unknowns, one sigma
+    of the prior of the belief, one of the wide prior, and the mean of both.
     """
     where, _, wide, _ = priors
     yield retaken(bench, taken, replace_causes(widen(taken.before, where, wide), cause.name)), 0.0
@@ -393,9 +393,8 @@ def told_beyond(
     """Return the log odds by all frames so far for a wide prior, where an error is not innocent.
 
     before, after: one sigma (k,) of the prior that the belief came from, and of the wide one;
-    innocent (k,): errors that call for nothing. -inf where all are smaller, or frames do not tell
-    errors so small: along a straight arm, say, the force is held, and what seems to be learned
-    then is not.
+    innocent (k,): errors that call for nothing. -inf where all are smaller, or where the frames
+    cannot resolve an error that small, as along a straight arm, where the force is held.
     """
     large = False
     for which, std, limit in zip(range(where.start, where.stop), before, innocent, strict=True):

@@ -156,5 +156,5 @@ class Closing:
 
 
 def is_reached(grasp: Grasp, command: GripCommand, tolerance: float) -> bool:
-    """Whether the width is that commanded, to a tolerance (m)."""
+    """Whether the width is within a tolerance (m) of the command."""
     return abs(grasp.width - command.width) <= tolerance

@@ -162,8 +162,8 @@ class FrameLinearization:
 class FrameProblem:
     """One frame beside a prior: what is minimized over the unknowns.
 
-    prior: moved to the stamp of the frame, with the noise of its readings; growth: how what the
-    model lacks moved since the last one, None where no pressure was read; used (targets,): which
+    prior: moved to the stamp of the frame, with the noise of its readings; growth: of the
+    model error since the last one, None where no pressure was read; used (targets,): which
     targets count.
 
     Of an arm that swings: swinging; late: the columns of the root from which on forces have walked

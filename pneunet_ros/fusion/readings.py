@@ -44,7 +44,7 @@ class SeenFrame:
     chamber: float
 
     def is_same(self, sightings: TargetSightings) -> bool:
-        """Whether targets are seen there again to the last bit, which noise never allows."""
+        """Whether a frame repeats this one bit for bit, which measurement noise rules out."""
         pairs = ((self.x, sightings.x), (self.y, sightings.y))
         return all(one.tobytes() == other.tobytes() for one, other in pairs)
 

@@ -57,7 +57,7 @@ class FusionSettings:
     still_frames: int = tuning(5, 'of which one is asked then: an idle sensor may clip at zero')
     most_lacking: float = tuning(
         0.05,
-        'size of what the model lacks, beyond which the pressure is not used; invented',
+        'size of the model error beyond which the pressure is not used; invented',
         unit='of the range',
     )
     fewest_targets: int = tuning(3, 'targets seen in a frame that is used')
@@ -125,7 +125,7 @@ class FusionSettings:
     )
     contact_least: float = tuning(
         0.012,
-        'smallest contact force that is published: what a model lacks looks like less',
+        'smallest contact force that is published: a model error looks like less',
         unit='of the force scale',
     )
 

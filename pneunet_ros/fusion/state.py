@@ -40,7 +40,7 @@ class RunningNis:
 
     @property
     def sentence(self) -> str:
-        """Describe it for users."""
+        """Warning to a user: the deviation and its limit."""
         return (
             'targets deviate from the fused shape by more than noise (running NIS '
             f'{self.mean:.3g}, limit {self.limit:.3g}): run pneunet diagnose'
@@ -141,7 +141,7 @@ class FusionState:
 
     @property
     def sure_causes(self) -> frozenset[str]:
-        """Causes of every hypothesis that is likely: what may be said of the bench."""
+        """Causes that all likely hypotheses share; the lasting ones if none is likely."""
         alike = [one.belief.causes for one in self.bank if one.is_alike]
         return frozenset.intersection(*alike) if alike else self.lasting
 

@@ -35,9 +35,9 @@ class Disturbances:
     """The nuisance parameters of runs: placement (2 x targets), then those of each run.
 
     prior covariance (n, n) in m, N and N m; the unknowns of a run are the nodes of its path in x,
-    then in y, then the error of its known load. All runs have in common where the origin of the
-    base frame is across the arm: a frame found by the row of targets lies beside the neutral line
-    as the row does. clamp_angle: rad.
+    then in y, then the error of its known load. All runs share the offset of the base frame across
+    the arm: a frame found by the row of targets is as far from the neutral line as the row is.
+    clamp_angle: rad.
     """
 
     arclength: Array

@@ -140,7 +140,7 @@ class ForwardModel:
             self.remesh(2 * self.counts, len(loads))
 
     def remesh(self, counts: npt.NDArray[np.int64], frames: int) -> None:
-        """Take another mesh."""
+        """Reallocate for a mesh with this many panels per piece, and forget all solutions."""
         self.counts = counts
         self.nodes = np.zeros((frames, int(counts.sum()) + 1, NODE_WIDTH))
         self.known = np.zeros(frames, dtype=np.bool_)
@@ -228,7 +228,7 @@ class ForwardModel:
         return self.rod_jacobian(arm, inputs, columns, knot_rotation(arm))
 
     def rod_jacobian(self, arm: Arm, inputs: Inputs, columns: Columns, rotation: Array) -> Array:
-        """Return `jacobian` with knots of this rotation (knots, pieces, 5)."""
+        """Return the `jacobian` for a given rotation (knots, pieces, 5) of the knots."""
         rods = inputs.rods(arm)
         pieces = pieces_of(arm, rods, columns)
         out = self.single_jacobian(rods, inputs.loads, pieces.columns, rotation)

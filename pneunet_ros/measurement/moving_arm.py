@@ -73,7 +73,7 @@ class Places:
 
 
 def places_along(reach: float, arclength: Array) -> Places:
-    """Return places at arclengths (places,) m of an arm that long (m)."""
+    """Return the interpolation from links to arclengths (places,) m; reach: of the arm, m."""
     from scipy.interpolate import CubicSpline  # slow to import, and only moving arms need it
 
     joints = np.linspace(0.0, reach, LINKS + 1)

@@ -225,7 +225,7 @@ class ExpectedPressure:
 
     @property
     def reach(self) -> float:
-        """The pressure (Pa) furthest from zero."""
+        """Largest absolute pressure (Pa)."""
         return max(abs(self.low), abs(self.high))
 
 
@@ -310,7 +310,7 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
 
 
 def shown(value: float) -> str:
-    """Return a number with three digits, and no minus zero."""
+    """Return a number with three digits; 0 below 0.005."""
     return f'{0.0 if abs(value) < 5e-3 else value:.3g}'
 
 

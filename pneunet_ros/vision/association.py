@@ -49,7 +49,7 @@ ENOUGH = 64  # rows that are compared: more of a crowd add nothing
 
 
 class TargetRow(NamedTuple):
-    """Index of the blob that each target is (targets,), -1 where it is missing, and the cost."""
+    """Blob index of each target (targets,), -1 for a missing one, and the cost of the row."""
 
     chosen: Indices
     cost: float

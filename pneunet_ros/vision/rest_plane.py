@@ -316,7 +316,7 @@ def _cost_of_seen(row: TargetRow, vision: VisionSettings) -> float:
 def _rows_from(
     clamp_pixel: tuple[float, float], rows: list[TargetRow], pixels: Array, vision: VisionSettings
 ) -> list[TargetRow]:
-    """Return the rows whose first target is at the clamp: of all that are, the nearest one."""
+    """Return the rows whose first target is nearest to the clamp; none if all are too far."""
     there = []
     for row in rows:
         at = row_points(row, pixels)

@@ -28,7 +28,7 @@ def step_rows(
 ) -> list[Step]:
     """Process an image or a lens for all trackers, like `Tracker.step` for one.
 
-    Rows that are followed come first: what they claim is nothing to those that search. Each
+    Rows that are followed come first: blobs that they claim are not available to a search. Each
     tracker that loses blobs to another looks again; that may claim blobs of a third one, so this
     is repeated as often as there are trackers.
     """
@@ -56,9 +56,9 @@ def step_rows(
 
 
 def check_rows(trackers: Mapping[str, Tracker]) -> None:
-    """Raise CameraError where trackers of one camera do not have a row each.
+    """Raise CameraError unless each tracker of a camera has a row of its own.
 
-    A row is known by its plane, or by its clamp_pixel.
+    Its plane or its clamp_pixel identifies a row.
     """
     if len(trackers) < 2:
         return

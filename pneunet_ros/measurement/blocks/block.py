@@ -157,7 +157,7 @@ class Block(abc.ABC):
     def on_rod(self, causes: Array, columns: slice) -> None:
         """Write the constant derivatives of every cause of the rod by each unknown.
 
-        As it stands, the first unknowns are the columns of the law of this block. causes (causes,
+        By default the first unknowns are the columns of the law of this block. causes (causes,
         k): zeros, a row for F1, F2, M, pressure and each column of the law; columns: the rows of
         this block's own.
         """

@@ -41,7 +41,7 @@ class ModelColumns(Block):
 
     @property
     def law_columns(self) -> int:
-        """All columns."""
+        """All unknowns of the block: each is a column of the law."""
         return self.known
 
     def on_rod_as_read(self, causes: Array, columns: slice, inputs: FrameInputs) -> None:

@@ -16,8 +16,8 @@ from pneunet_ros.model.uncertainty import PlacementKnown
 class Placement(Block):
     """Displacement of each dot (m), tangential then normal to the arm.
 
-    one_std (m): of a dot that nobody has found; known: of those that the model was calibrated
-    with, None if it is not known.
+    one_std (m): prior of an uncalibrated dot; known: posterior of the calibration, None without
+    one.
     """
 
     dots: int

@@ -35,7 +35,7 @@ class PressureError(SizedBlock):
         return (0,)
 
     def move(self, passage: Passage, by_times: Move) -> Move:
-        """Move with time and with the pressure."""
+        """Return process noise that grows with time and with the change of pressure."""
         (grown,) = self.growth(passage.seconds, passage.pressed)
         return Move(decay=by_times.decay, noise=np.array([passage.size * grown * self.range]))
 

@@ -26,6 +26,6 @@ def rounding_std(step: float) -> float:
 def with_rounding(std: float, rounding: float) -> float:
     """Return one sigma of a sensor including quantization.
 
-    Noise that was found with the same sensor has it already, and is larger.
+    Noise that is larger than the quantization was measured with the sensor, and includes it.
     """
     return math.hypot(std, rounding) if std < rounding else std

@@ -28,8 +28,8 @@ NO_AREAS = Failure(
 class View:
     """A frame with its tracking context.
 
-    areas: what may be a blob, where that has been found already; shallow: whether to look only at
-    what stands out, as long as another look can follow; again: whether this is the other look;
+    areas: candidate areas, if they were found already; shallow: whether to search salient areas
+    only, as a second search can follow; again: whether this is the second search;
     taken (n, COLUMNS): blobs that are targets of other rows.
     """
 
