@@ -238,8 +238,8 @@ def limits_of(
 def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:
     """Whether a further step would gain almost nothing, absolutely or relative to the misfit.
 
-    Of a model that lacks a strong effect the cost need not come to rest from one linearization to
-    the next, so that is not asked.
+    Convergence of the cost is not required: without a strong effect in the model it may change
+    from one linearization to the next.
     """
     nearly = 0.5 * settings.calibration.map_estimation.nearly**2
     return fit.gain < nearly or has_ended(fit, settings.refit)
@@ -250,7 +250,7 @@ def unsettled(seed: int, notes: Sequence[str], settings: DiagnosisSettings) -> U
     return UnsettledDiagnosis(
         sentence=(
             'The model could not be fitted to the training recordings: the search did not '
-            'converge, so nothing can be said about what the model lacks.'
+            'converge, so the model error cannot be assessed.'
         ),
         notes=(
             'check length, targets, units and the moment law of the model, and the recordings by '

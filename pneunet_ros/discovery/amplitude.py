@@ -39,7 +39,7 @@ class Evidence:
         )
 
     def along(self, factors: Array) -> Evidence:
-        """Return that of sums of the columns, with these factors (n, m)."""
+        """Return the evidence for m linear combinations of the columns, with factors (n, m)."""
         return Evidence(
             score=factors.T @ self.score, information=factors.T @ self.information @ factors
         )

@@ -83,11 +83,11 @@ class Search:
         """Return a kind at a place, made once."""
         key = kind.name, position
         if key not in self.causes:
-            self.causes[key] = self.made(kind, position)
+            self.causes[key] = self.make_cause(kind, position)
         return self.causes[key]
 
-    def made(self, kind: Kind, position: float | None) -> Cause | None:
-        """Make a kind at a place."""
+    def make_cause(self, kind: Kind, position: float | None) -> Cause | None:
+        """Return a cause of a kind at a place; None where the fit has no solution."""
         before, projection = self.points, self.projection
         if before is None:
             return None
@@ -143,7 +143,7 @@ class Search:
         return best
 
     def swing(self, cause: Cause, runs: Runs) -> Swing | None:
-        """Return the swing of a cause in some of the runs."""
+        """Return the free oscillation of a cause in some of the runs."""
         frames = self.frame_columns(cause)
         return find_swing(frames, self.covariates, cause.kind.prior, runs, self.settings.law)
 

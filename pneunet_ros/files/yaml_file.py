@@ -39,7 +39,7 @@ class PlainConstructor(SafeConstructor):
         super().flatten_mapping(node)
 
     def construct_yaml_int(self, node: Any) -> int:
-        """Refuse integers that no sentence could name."""
+        """Reject integers that are too long to be shown in a message."""
         number: int = super().construct_yaml_int(node)
         if abs(number) > LARGEST_INTEGER:
             raise ConstructorError(

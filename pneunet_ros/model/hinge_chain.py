@@ -114,9 +114,9 @@ def refuse_what_hinges_cannot(arm: Arm, rods: Rods) -> None:
 
 
 def gravity_of(arm: Arm, rods: Rods) -> Array:
-    """Return the gravity (2,) m/s^2 in the plane under which the arm has its line load.
+    """Return the gravity (2,) m/s^2 in the plane that gives the arm its line load.
 
-    Raises RequestError if the mass at the tip would have another weight under it.
+    Raises RequestError if it does not give the tip mass its weight.
     """
     load = rods.sections[0, 0, [LOAD_X, LOAD_Y]]
     gravity = load * arm.length * STANDARD_GRAVITY / arm.weight

@@ -142,7 +142,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
 
     @abstractmethod
     def diagnose(self) -> None:
-        """Publish how the node is doing."""
+        """Publish the diagnostics of the node."""
 
     def every(self, seconds: float, callback: Callable[[], None]) -> None:
         """Call back by the steady clock, even if simulated time stands still."""

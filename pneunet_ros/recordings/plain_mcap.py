@@ -49,7 +49,7 @@ def plain_mcap(path: Path) -> Path:
 
 @cache
 def _folder() -> Path:
-    """Make the folder of copies; of a worker, too, it goes when the process ends."""
+    """Create the folder of copies; it is removed at the end of the process, even of a worker."""
     folder = Path(tempfile.mkdtemp(prefix='pneunet-unpacked-'))
     util.Finalize(None, shutil.rmtree, args=(folder, True), exitpriority=1)
     return folder

@@ -77,9 +77,10 @@ def read_gravity(
     settings: EstimatorSettings,
     gravity: Gravity,
 ) -> RecordedGravity | None:
-    """Return the direction of gravity as for the estimator; None: that of the model.
+    """Return the recorded direction of gravity; None if that of the model holds.
 
-    gravity: that of the model. Raises RecordingError if nothing usable says it, and must.
+    gravity: of the model. Raises RecordingError if a recorded direction is required and none is
+    usable.
     """
     source = GravitySource(settings=settings, gravity=gravity)
     found = {

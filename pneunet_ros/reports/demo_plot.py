@@ -48,7 +48,7 @@ def draw_holds(arm: Arm, holds: Sequence[ShapeEstimate], path: Path, title: str)
 
 
 def draw_shape(axes: Axes, estimate: ShapeEstimate, color: tuple[float, ...]) -> None:
-    """Centerline, end force as an arrow, and the ellipse of the tip's uncertainty."""
+    """Draw the centerline, the end force as an arrow, and the ellipse of the tip's uncertainty."""
     shape = estimate.shape
     x, y = millimeters(1.0) * shape.x, millimeters(1.0) * shape.y
     axes.plot(x, y, color=color, linewidth=2.2, solid_capstyle='round')

@@ -222,7 +222,7 @@ class Renderer:
         return picture.astype(np.uint8), truth
 
     def _noise(self, rng: np.random.Generator) -> Grey:
-        """Return noise for one image: some place of the stock, mirrored or not."""
+        """Return noise for one image: a random crop of the stored noise, perhaps mirrored."""
         height, width = self._canvas.shape
         row, column, mirrors = rng.integers((NOISE_SHIFTS + 1, NOISE_SHIFTS + 1, 4)).tolist()
         grain = self._grain[row : row + height, column : column + width]
