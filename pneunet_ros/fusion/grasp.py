@@ -100,8 +100,8 @@ class SeenArm:
     """An arm at its last frame.
 
     fused: its estimate there, where a force is known many times better than a moment later, when
-    the load may have changed. least (N), score (chi squared): the limits that a force exceeds for a
-    contact, above the model error and above noise.
+    the load may have changed. least (N), score (chi squared): limits above the model
+    error and above noise, which the force of a contact exceeds.
     """
 
     fused: FusedEstimate
