@@ -116,19 +116,17 @@ def played_back(path, model=MODEL):
         yield step.message, messages
 
 
-def played_live(peer, path, model=MODEL):
-    """Give what `played_back` gives, by the node; one reading after the other."""
-    for message, expected in played_back(path, model):
-        publishers = {'pressure': peer.pressures, 'base_imu': peer.imus}
-        name = message.topic.rsplit('/', 1)[1]
-        publishers.get(name, peer.wrenches).publish(bytes(message.raw))
-        if expected is None:
-            peer.barrier()
-        else:
-            assert peer.spin_until(lambda: all(peer.outputs().values())), peer.outputs()
-        got = {name: messages.pop() for name, messages in peer.received.items() if messages}
-        assert not any(peer.outputs().values())
-        yield message, got or None
+def live_answer(peer, topic, raw, *, is_expected):
+    """Send a reading to the node, and return the messages by topic that it brings, or None."""
+    publishers = {'pressure': peer.pressures, 'base_imu': peer.imus}
+    publishers.get(topic.rsplit('/', 1)[1], peer.wrenches).publish(raw)
+    if is_expected:
+        assert peer.spin_until(lambda: all(peer.outputs().values())), peer.outputs()
+    else:
+        peer.barrier()
+    got = {name: messages.pop() for name, messages in peer.received.items() if messages}
+    assert not any(peer.outputs().values())
+    return got or None
 
 
 def exactly(messages):
@@ -143,15 +141,19 @@ def same_live_as_replayed(peer, path, model=MODEL):
     # may differ in the last digit of a standard deviation.
     with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as pool:
         expected = pool.submit(replayed_texts, path, model).result()
-    for (_, live), replayed in zip(played_live(peer, path, model), expected, strict=True):
+    for topic, raw, replayed in expected:
+        live = live_answer(peer, topic, raw, is_expected=replayed is not None)
         assert exactly(live) == replayed
         estimates += live is not None
     return estimates
 
 
 def replayed_texts(path, model):
-    """Give `exactly` of every step of a replay."""
-    return [exactly(messages) for _, messages in played_back(path, model)]
+    """Give topic, bytes and `exactly` of every step of a replay."""
+    return [
+        (message.topic, bytes(message.raw), exactly(messages))
+        for message, messages in played_back(path, model)
+    ]
 
 
 def test_live_equals_replay_bit_for_bit(peer, tmp_path):
