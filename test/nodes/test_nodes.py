@@ -98,6 +98,17 @@ def lonely_peer():
 # Live and replay
 
 
+@pytest.fixture(scope='module')
+def replays():
+    """Return a process for replays, as new as that of a node.
+
+    Kernels that many tests have compiled here, in whatever order, may differ in the last digit of
+    a standard deviation.
+    """
+    with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as pool:
+        yield pool
+
+
 MODEL = share_path('config/paper_arm.yaml')
 
 
@@ -134,13 +145,10 @@ def exactly(messages):
     return messages and {name: repr(plain(messages[name])) for name in sorted(messages)}
 
 
-def same_live_as_replayed(peer, path, model=MODEL):
+def same_live_as_replayed(peer, replays, path, model=MODEL):
     """Compare all messages of all topics field by field; returns how many estimates there were."""
     estimates = 0
-    # In a new process, as the node is one: what many tests have compiled here, in whatever order,
-    # may differ in the last digit of a standard deviation.
-    with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as pool:
-        expected = pool.submit(replayed_texts, path, model).result()
+    expected = replays.submit(replayed_texts, path, model).result()
     for topic, raw, replayed in expected:
         live = live_answer(peer, topic, raw, is_expected=replayed is not None)
         assert exactly(live) == replayed
@@ -156,7 +164,7 @@ def replayed_texts(path, model):
     ]
 
 
-def test_live_equals_replay_bit_for_bit(peer, tmp_path):
+def test_live_equals_replay_bit_for_bit(peer, replays, tmp_path):
     """A part of the shipped recording, over all its loads."""
     recording = open_recording(share_path('bags/table1'))
     part = tmp_path / 'part.mcap'
@@ -165,10 +173,10 @@ def test_live_equals_replay_bit_for_bit(peer, tmp_path):
         for message in recording.raw_messages(list(topics)):
             if round(message.log_time_ns * 1e-9 / 0.05) % 10 == 0:
                 writer.write_raw(topics[message.topic], message.log_time_ns, message.raw)
-    assert same_live_as_replayed(peer, part) > 150
+    assert same_live_as_replayed(peer, replays, part) > 150
 
 
-def test_live_equals_replay_for_an_arm_with_a_past(lonely_peer, tmp_path):
+def test_live_equals_replay_for_an_arm_with_a_past(lonely_peer, replays, tmp_path):
     """Lag, play, creep and softening, also where readings are refused and time jumps back."""
     effects = (
         EFFECTS['pressure_lag'](time_constant=0.2),
@@ -183,11 +191,11 @@ def test_live_equals_replay_for_an_arm_with_a_past(lonely_peer, tmp_path):
     with running_node(tmp_path / 'output', OTHER_DOMAIN, *arguments) as node:
         node.wait_for('ready')
         lonely_peer.connect()
-        assert same_live_as_replayed(lonely_peer, readings, model) > 20
+        assert same_live_as_replayed(lonely_peer, replays, readings, model) > 20
         assert node.end(signal.SIGTERM) == 0, node.text
 
 
-def test_live_equals_replay_on_a_base_that_turns(lonely_peer, tmp_path):
+def test_live_equals_replay_on_a_base_that_turns(lonely_peer, replays, tmp_path):
     """And an Imu in g among its readings."""
     scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
     turning = dataclasses.replace(
@@ -212,7 +220,7 @@ def test_live_equals_replay_on_a_base_that_turns(lonely_peer, tmp_path):
             lonely_peer.imus.publish(Imu())
             lonely_peer.spin_for(0.05)
         lonely_peer.start_anew()
-        assert same_live_as_replayed(lonely_peer, path, model) > 80
+        assert same_live_as_replayed(lonely_peer, replays, path, model) > 80
         assert node.end(signal.SIGTERM) == 0, node.text
 
 
@@ -247,11 +255,11 @@ def write_bad_readings(path):
             writer.write(topic, index * bags.STEP_NS, make(round(seconds * 1e9), value))
 
 
-def test_live_equals_replay_where_readings_are_refused(peer, tmp_path):
+def test_live_equals_replay_where_readings_are_refused(peer, replays, tmp_path):
     readings = tmp_path / 'bad.mcap'
     write_bad_readings(readings)
     before = peer.report()[2]
-    assert same_live_as_replayed(peer, readings) == 25
+    assert same_live_as_replayed(peer, replays, readings) == 25
     after = peer.report()[2]
     reasons = [name.partition('/')[2] for name in after if '/' in name]
     assert {name: rejected(after, name) - rejected(before, name) for name in reasons} == {
