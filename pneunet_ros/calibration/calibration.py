@@ -328,8 +328,9 @@ def describe_structure(fit: Fit, resolution: Resolution) -> list[Note]:
     if parameters.shapes is not None and parameters.shapes < resolution.shapes:
         notes.append(
             Note(
-                f'the recordings are more probable with {parameters.shapes} of these numbers '
-                f'along the arm than with {resolution.shapes}: the model has {parameters.shapes}',
+                f'the recordings are more probable with {parameters.shapes} numbers along the arm '
+                f'than with the {resolution.shapes} that are resolved: the model has '
+                f'{parameters.shapes}',
                 reason='shapes_by_evidence',
             )
         )

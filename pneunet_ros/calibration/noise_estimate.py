@@ -221,7 +221,7 @@ def differing_noise(
         return []
     return [
         Note(
-            f'the noise of these recordings is not what the arm file says: {"; ".join(said)}. The '
+            f'the noise of these recordings differs from the arm file: {"; ".join(said)}. The '
             'measured values are used and written to the model',
             reason='other_noise',
         )

@@ -39,7 +39,7 @@ def message_class(type_name: str) -> Callable[..., Any]:
         raise RequestError(
             f'{type_name} is needed, and this ROS does not have the package {package}. '
             f'Install it (apt install ros-jazzy-{package.replace("_", "-")}; it is not '
-            'among the wheels on PyPI if pip does not find it), or do not use what needs it',
+            'among the wheels on PyPI if pip does not find it), or leave out what needs it',
             reason='not_installed',
         ) from None
     found: Callable[..., Any] = getattr(module, name)

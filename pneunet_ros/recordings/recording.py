@@ -298,7 +298,7 @@ def _left_out(file: McapFile, channel: Channel, known: RecordedTopic | None) -> 
     if known is not None and schema is not None:
         return Note(
             f'{channel.topic} in {file.path} is read as {known.type} only; '
-            f'what was recorded of it as {schema.name} ({what}) is left out',
+            f'its messages of type {schema.name} ({what}) are left out',
             reason='not_supported',
         )
     return Note(

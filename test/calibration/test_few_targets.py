@@ -72,8 +72,8 @@ def test_every_target_that_stands_apart_is_worth_a_number(shares, shapes):
     arm = with_targets(*shares)
     found = resolve(arm, [made(arm, FEW)], [])
     assert (found.shapes, found.free_shapes) == (shapes, shapes)
-    words = 'taken as constant' if shapes == 1 else f'described by {shapes} numbers'
-    assert words in found.notes[0]
+    reason = 'constant_curvature' if shapes == 1 else 'few_shapes'
+    assert found.notes[0].reason == reason
 
 
 def test_many_targets_resolve_all_knots():

@@ -150,8 +150,8 @@ def misfit_of_few(fit: Fit, settings: SameArmSettings) -> Note | None:
             'targets there'
         )
     return Note(
-        f'{missed.size} of {dof.size} frames are missed by far more than noise explains '
-        f'({where}), and the others are not, so that the standard errors are too small: {cause}',
+        f'{missed.size} of {dof.size} frames deviate by far more than noise ({where}), unlike the '
+        f'others: the standard errors are too small; {cause}',
         reason='few_misfit',
     )
 

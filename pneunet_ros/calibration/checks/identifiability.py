@@ -55,8 +55,8 @@ def undetermined_quantities(
     elif fit.status != 'converged':
         notes.append(
             Note(
-                f'the fit has not quite settled ({fit.status}): the model cannot explain these '
-                'recordings; see what `pneunet diagnose` finds missing in it',
+                f'the fit has not fully converged ({fit.status}): the model does not explain '
+                'these recordings. Run pneunet diagnose to find the model error',
                 reason='not_quite_settled',
             )
         )

@@ -41,10 +41,10 @@ class LeftOutRecordings:
             return []
         return [
             Note(
-                f'{self.recordings} loaded recordings, each left out of the fit: the tip moves '
-                f'there by {self.changed:.2g} times what the standard errors say, so these are '
-                'widened. Check the loads (--end-load, --wrench-sign); the model may miss '
-                'something (`pneunet diagnose`)',
+                f'{self.recordings} loaded recordings, each left out of the fit in turn: the tip '
+                f'moves there by {self.changed:.2g} times its standard error, so the errors were '
+                'widened. Check the loads (--end-load, --wrench-sign), then run pneunet diagnose '
+                'to find a model error',
                 reason='left_out_recordings',
             )
         ]

@@ -59,14 +59,14 @@ def check_runs(
     without = [run for run in runs if not run.pressurized]
     if without and len(without) < len(runs):
         raise RecordingError(
-            f'{names_of(without)}: there is no pressure topic, and the other recordings have one; '
-            'record the pressure (see --topic), also where it is zero',
+            f'{names_of(without)}: no pressure topic, but the other recordings have one. Record '
+            'the pressure (see --topic), even if it is zero',
             reason='no_pressure',
         )
     if without and not loaded:
         raise RecordingError(
-            f'{names_of(without)}: there is no pressure topic (see --topic); of an arm that has '
-            'no pressure recordings under load are needed, after --loaded',
+            f'{names_of(without)}: no pressure topic (see --topic). For an arm without pressure, '
+            'name recordings under load after --loaded',
             reason='no_pressure',
         )
     frames = sum(len(run.stamp_ns) for run in runs)
@@ -301,17 +301,17 @@ def check_clamp(run: RecordingData, arm: Arm, settings: RowOrderSettings = ROW_O
         first, last = np.degrees(end_turns(run.points, places, settings) or (0.0, 0.0))
         raise RecordingError(
             f'{run.name}: the targets are numbered from the free end: the arm turns by '
-            f'{first:.3g} degrees at target 0 and by {last:.3g} at target {places.size - 1}, and '
-            'at the clamp it does not turn; track it again with --clamp-pixel U V (clamp_pixel in '
-            'the camera file), or reverse the ids',
+            f'{first:.3g} degrees at target 0 and by {last:.3g} at target {places.size - 1}, but '
+            'the clamp cannot turn. Track it again with --clamp-pixel U V (clamp_pixel in the '
+            'camera file), or reverse the ids',
             reason='wrong_end',
         )
     moved = clamp_motion(run.points, run.frame_pressure, places, arm.length, settings)
     if moved > settings.clamp_loose * arm.length:
         raise RecordingError(
             f'{run.name}: the first target moves by {millimeters(moved):.3g} mm as the pressure '
-            'changes, and it should be at the clamp, which stays where it is; fix the clamp, or '
-            'put the first target there (target_arclength of --arm)',
+            'changes, but a target at the clamp cannot move. Fix the clamp, or give the arclength '
+            'of this target (target_arclength of --arm)',
             reason='clamp_moves',
         )
 
@@ -334,8 +334,7 @@ def describe_clamp(
     return (
         Note(
             f'the first target moves as the pressure changes: {", ".join(loose)}. The clamp '
-            'gives, or the camera moved meanwhile; the model knows neither, and its errors hold '
-            'this motion as if it were noise',
+            'gives, or the camera moved. The model has neither, and treats this motion as noise',
             reason='clamp_moves',
         ),
     )

@@ -65,8 +65,7 @@ def resolve(
         shown = f'{count_of(targets, "target")}, {places(targets)}' if targets else 'one heading'
         notes.append(
             Note(
-                'the curvature along the arm is taken as constant, as no more is seen than '
-                f'{shown}',
+                f'assuming constant curvature along the arm: the frames show only {shown}',
                 reason='constant_curvature',
             )
         )
@@ -103,7 +102,7 @@ def resolve(
         other = '' if constant else f' (if it does not fit: --law {PiecewiseLinearLaw.kind})'
         law_notes.append(
             Note(
-                'the moment law is one stiffness EI, as no more is seen than '
+                'the moment law is a single stiffness EI: there is only data of '
                 f'{count_of(range(frames), "loaded frame")} of {count_of(targets, "target")} at '
                 f'{count_of(range(pressures), "pressure")}{other}',
                 reason='one_stiffness',

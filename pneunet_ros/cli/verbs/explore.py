@@ -239,11 +239,11 @@ def writer_of(arguments: Namespace, model: Arm) -> WriteRecording:
     if arguments.simulated is not None:
         return SimulatedArm(scenario=simulated_scenario(arguments, model)).record
     if arguments.effect or arguments.arm_seed:
-        raise RequestError('--effect and --arm-seed are of --simulated arms', reason='exclusive')
+        raise RequestError('--effect and --arm-seed require --simulated', reason='exclusive')
     if arguments.live:
         return LiveArm(namespace=arguments.namespace or NAMESPACE).record
     if arguments.namespace is not None:
-        raise RequestError('--namespace is of a --live arm', reason='exclusive')
+        raise RequestError('--namespace requires --live', reason='exclusive')
     return wait_for_recording
 
 
