@@ -229,8 +229,10 @@ def fuse(
         for event in events:
             state, fused = fusion.step(state, event)
             if isinstance(fused, FusedEstimate):
-                tip = np.array([truth.x[instant, -1], truth.y[instant, -1]])
-                rows[instant] = row_of(fused, tip, truth.force[instant])
+                # Without the pressure it is of the last frame, as its stamp says.
+                of = int(np.abs(recording.stamp_ns - fused.estimate.stamp_ns).argmin())
+                tip = np.array([truth.x[of, -1], truth.y[of, -1]])
+                rows[instant] = row_of(fused, tip, truth.force[of])
                 sentences = tuple(fused.estimate.warnings)
                 sentences += (CONTACT,) * (fused.contact is not None)
         said.append(sentences)

@@ -38,6 +38,14 @@ class RunningNis:
         """Whether targets have recently been further from the fused shape than noise explains."""
         return self.mean > self.limit
 
+    def birge_ratio(self, most: float) -> float:
+        """Return by how much all errors are larger than stated, 1 where noise explains the frames.
+
+        The root of chi squared per coordinate (Birge, Physical Review 40 (1932)), whatever the
+        cause. most: limits of the NIS of a frame that is used; one that is not counts as that.
+        """
+        return math.sqrt(min(self.mean, most * self.limit)) if self.beyond else 1.0
+
     @property
     def sentence(self) -> str:
         """Warning to a user: the deviation and its limit."""

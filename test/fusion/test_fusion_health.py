@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 
 import numpy as np
 from pneunet_ros.core.outcome import Refusal
@@ -148,3 +149,13 @@ def test_a_running_nis_beyond_noise_is_told_once_for_each_new_frame():
 def test_the_warm_up_gives_an_estimate(arm):
     serializer = MessageSerializer(types=RCLPY_TYPES, serialize=serialize, frame_id='base')
     assert warm_up(Fusion(arm=arm), serializer) == ''
+
+
+def test_errors_are_as_large_as_the_frames_of_the_last_while_say():
+    def ratio(mean):
+        nis = RunningNis(stamp_ns=1, weight=5.0, last=1.0, mean=mean, limit=2.0)
+        return nis.birge_ratio(4.0)
+
+    assert ratio(1.9) == 1.0  # noise has as much
+    assert ratio(4.0) == 2.0
+    assert ratio(1e5) == pytest.approx(math.sqrt(8.0))  # of a frame that is not used
