@@ -22,7 +22,7 @@ from pneunet_ros.estimation.sensor_mapping import base_wrench, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit, EstimatorState
 from pneunet_ros.measurement.errors.extrapolation_error import with_extrapolation_error
-from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian
+from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian, PRESSURE
 from pneunet_ros.measurement.errors.propagated_errors import propagate_errors
 from pneunet_ros.measurement.moving_arm import MovingArm, Places, places_along
 from pneunet_ros.measurement.wrench_judge import load_hint
@@ -170,8 +170,9 @@ class Estimator:
             return state.with_reading(reading.stamp_ns, history), refusal
         moving = motion = None
         if self.moving is not None and self.places is not None:
+            by_reading = noise[: PRESSURE + 1] @ sensitivity.tip
             moving, motion, shape, errors = self.moving.step(
-                state.moving, reading.stamp_ns, shape, errors, self.places
+                state.moving, reading.stamp_ns, shape, errors, by_reading, self.places
             )
         estimate = estimate_of(
             stamp_ns=reading.stamp_ns,

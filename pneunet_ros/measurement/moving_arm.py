@@ -182,11 +182,13 @@ class MovingArm:
         stamp_ns: int,
         shape: Shape,
         errors: PropagatedErrors,
+        by_reading: Array,
         places: Places,
     ) -> tuple[MovingState, MotionEstimate, Shape, PropagatedErrors]:
         """Advance to the equilibrium of a reading.
 
-        shape: the equilibrium at these places; errors: its own. Returns both for the moving arm.
+        shape: the equilibrium at these places; errors: its own; by_reading (readings, 3): of x, y
+        (m), theta of its tip by one sigma of each. Returns shape and errors for the moving arm.
         """
         assert shape.solution is not None
         assert self.arm.inertia is not None
@@ -199,7 +201,8 @@ class MovingArm:
         along, bent = moved.at_nodes @ places.nodes, moved.at_joints @ places.joints
         std, covariance = errors.std.copy(), errors.tip_covariance.copy()
         left_out = LEFT_OUT * math.hypot(*along[:2, -1].tolist(), *swinging.tolist())
-        widen(swing, self.relative, left_out, along, bent, std, covariance)
+        length = self.arm.length
+        widen(swing, self.relative, left_out, length, by_reading, along, bent, std, covariance)
         motion = MotionEstimate(
             velocity=freeze(moved.velocity),
             settled=is_settled(along[:2, -1], swinging, covariance),

@@ -495,6 +495,8 @@ def widen(
     swing: Swing,
     relative: Array,
     left_out: float,
+    length: float,
+    by_reading: Array,
     along: Array,
     bent: Array,
     std: Array,
@@ -502,10 +504,14 @@ def widen(
 ) -> None:
     """Add the uncertainty of a swing to standard deviations, in place.
 
-    relative (2,): one sigma of mass and damping; left_out m: of the tip, in each shape. along (3 +
-    3 shapes, places), bent (2 + shapes, places): as at_nodes and at_joints of `follow_swing`, at
-    places of which the last is the tip; std (3, places): of x, y (m) and curvature (1/m);
-    covariance (3, 3): of x, y, theta of the tip.
+    The noise of a reading moves an equilibrium at once, and the arm later, each shape at a rate of
+    its own: what is beside the direction of the equilibrium does not cancel any more.
+
+    relative (2,): one sigma of mass and damping; left_out m: of the tip, in each shape; length (m)
+    of the arm; by_reading (readings, 3): what one sigma of each moves x, y (m), theta of the tip
+    of an equilibrium, which covariance holds. along (3 + 3 shapes, places), bent (2 + shapes,
+    places): as at_nodes and at_joints of `follow_swing`, at places of which the last is the tip;
+    std (3, places): of x, y (m) and curvature (1/m); covariance (3, 3): of x, y, theta of the tip.
     """
     count = swing.state.shape[1]
     q = np.empty((count, count))
@@ -537,3 +543,38 @@ def widen(
                 for b in range(count):
                     both = along[3 + 3 * a + row, tip] * along[3 + 3 * b + column, tip]
                     covariance[row, column] += q[a, b] * both
+    part_shapes(by_reading, along[3:, tip], length, covariance)
+
+
+@inner
+def part_shapes(by_reading: Array, tips: Array, length: float, covariance: Array) -> None:
+    """Add what errors move of the tip beside their own direction, as each shape has it, in place.
+
+    by_reading (errors, 3): of x, y (m), theta, which covariance (3, 3) holds; tips (3 shapes,): of
+    the same per q of each shape; length (m): of the arm, by which an angle counts. How much of an
+    error is in which shape is a least-squares fit.
+    """
+    shapes, errors = tips.size // 3, len(by_reading)
+    matrix, q = np.zeros((shapes, shapes)), np.zeros((shapes, errors))
+    for a in range(shapes):
+        for row in range(3):
+            weight = tips[3 * a + row] * (length * length if row == 2 else 1.0)
+            for b in range(shapes):
+                matrix[a, b] += weight * tips[3 * b + row]
+            for error in range(errors):
+                q[a, error] += weight * by_reading[error, row]
+    solve_small(matrix, q)
+    for error in range(errors):
+        for a in range(shapes):
+            along = square = 0.0
+            for row in range(3):
+                weight = by_reading[error, row] * (length * length if row == 2 else 1.0)
+                along += weight * tips[3 * a + row]
+                square += weight * by_reading[error, row]
+            if square > 0.0:
+                along /= square
+            for row in range(3):
+                first = tips[3 * a + row] - along * by_reading[error, row]
+                for column in range(3):
+                    second = tips[3 * a + column] - along * by_reading[error, column]
+                    covariance[row, column] += q[a, error] * q[a, error] * first * second

@@ -104,7 +104,8 @@ def test_what_effects_add_stays_beside_a_measured_direction():
         found = last(sideways, imu(0.0, 0.9 * G, 0.0), pressure(2))
         expected = last(still, pressure(2))
         assert found.shape.tip == pytest.approx(expected.shape.tip, abs=1e-9)
-        assert found.tip_covariance == pytest.approx(expected.tip_covariance, rel=1e-5)
+        # It swings about another unloaded shape.
+        assert found.tip_covariance == pytest.approx(expected.tip_covariance, rel=1e-3)
 
 
 def test_the_frame_of_the_imu_is_turned_by_tf_or_by_a_setting():

@@ -23,7 +23,7 @@ from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.uncertainty import ModelCovariance
 from pneunet_ros.model.vibration import links_at, masses_of, vibration
 from pneunet_ros.solver.links import mass_matrix
-from pneunet_ros.solver.swing import at_rest, go_on, room_for, Swing
+from pneunet_ros.solver.swing import at_rest, go_on, part_shapes, room_for, Swing
 import pytest
 from support.example_arms import paper_arm
 from support.refusals import refused
@@ -143,7 +143,9 @@ def test_without_motion_in_the_model_no_bit_changes_and_at_rest_it_is_the_equili
         assert one.motion is None
         assert other.motion.settled
         assert other.shape.x == pytest.approx(one.shape.x, abs=1e-15)
-        assert other.tip_covariance == pytest.approx(one.tip_covariance, rel=1e-12)
+        sizes = np.linalg.eigvalsh(one.tip_covariance), np.linalg.eigvalsh(other.tip_covariance)
+        assert sizes[1][-1] == pytest.approx(sizes[0][-1], rel=0.03)  # see `part_shapes`
+        assert (sizes[1] >= (1.0 - 1e-9) * sizes[0]).all()
         assert other.motion.velocity == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
 
 
@@ -311,3 +313,33 @@ def test_diagnostics_say_how_the_arm_moves():
         health.report(EstimatorState(), UNLOADED, 0.4).values[name]
         for name in ('settled', 'frequency_hz', 'decay_time_s')
     )
+
+
+LENGTH = 0.3
+SHAPES_AT_TIP = np.array([[1e-3, 2e-4, 0.03], [-2e-4, 4e-4, 0.05]])
+
+
+def parted(errors):
+    """Return by how much the covariance of errors (errors, 3) grows for a chain that is late."""
+    covariance = errors.T @ errors
+    part_shapes(errors, SHAPES_AT_TIP.ravel(), LENGTH, covariance)
+    return covariance - errors.T @ errors
+
+
+def test_an_error_in_two_shapes_is_larger_beside_its_direction_and_as_large_along_it():
+    error = np.array([[0.9, -0.5]]) @ SHAPES_AT_TIP
+    weights = np.array([1.0, 1.0, LENGTH])
+    added, along = parted(error) * np.outer(weights, weights), (weights * error)[0]
+    assert added @ along == pytest.approx(np.zeros(3), abs=1e-15)
+    beside = np.cross(*(weights * SHAPES_AT_TIP))  # of neither
+    assert added @ beside == pytest.approx(np.zeros(3), abs=1e-15)
+    across = np.cross(along, beside) / np.linalg.norm(np.cross(along, beside))
+    sizes = np.array([0.9, 0.5]) * (weights * SHAPES_AT_TIP @ across)
+    assert across @ added @ across == pytest.approx(np.sum(sizes**2), rel=1e-9)
+
+
+def test_an_error_that_is_in_no_shape_or_in_one_alone_stays_as_it_is():
+    weights = np.array([1.0, 1.0, LENGTH])
+    none = np.cross(*(weights * SHAPES_AT_TIP)) / weights
+    for errors in (none[None], 0.7 * SHAPES_AT_TIP[1:], np.zeros((1, 3))):
+        assert parted(errors) == pytest.approx(np.zeros((3, 3)), abs=1e-15)
