@@ -42,7 +42,10 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
     """
     arclength, seen = view.arclength, np.isfinite(row.table[:, U])
     pixels, area = row.table[:, :2].copy(), last.area.copy()
-    shown = shows_own_size(row.table, view.vision.row_look, view.vision.gating) & ~last.sized
+    # One that gets smaller is cut off or covered: what is left of its edge looks whole by chance.
+    look = view.vision.row_look
+    smaller = last.seen & (row.table[:, AREA] < look.least_area * last.area)
+    shown = shows_own_size(row.table, look, view.vision.gating) & ~last.sized & ~smaller
     area[shown] = row.table[shown, AREA]
     area[seen] += view.vision.row_tracker.area_gain * (row.table[seen, AREA] - area[seen])
     if not seen.all():
@@ -72,7 +75,7 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
         area=area,
         table=looked,
         seen=seen,
-        sized=last.sized | has_whole_edge(row.table, view.vision.row_look),
+        sized=last.sized | (has_whole_edge(row.table, look) & ~smaller),
         spacing=float(np.median(known)) if known.size else math.nan,
         exposure=exposure,
     )
