@@ -33,6 +33,7 @@ from pneunet_ros.measurement.predicted_targets import (
     seen_targets,
 )
 from pneunet_ros.solver.columns import LOADS
+from pneunet_ros.solver.swing import part_shapes
 
 BESIDE = 2  # estimates on either side of a frame, for interpolation
 
@@ -121,11 +122,16 @@ def in_motion(
     for estimate, share in zip(pair, shares, strict=True):
         if estimate.motion is not None:
             beside += share * estimate.motion.beside(places)
-    errors = nearest.motion.errors(places)[:, :2]
     see = partial(estimator.arm.see_moves, predicted.x, predicted.y)
-    return predicted.moved(
-        *see(beside[0], beside[1]), np.stack(see(errors[:, 0], errors[:, 1]), axis=1)
+    errors, shapes = (
+        np.stack(see(moves[:, 0], moves[:, 1]), axis=1)
+        for moves in (nearest.motion.errors(places), nearest.motion.shapes(places))
     )
+    by_reading = predicted.errors[: PRESSURE + 1].reshape(PRESSURE + 1, -1)
+    parts = np.empty((len(by_reading), len(shapes), by_reading.shape[1]))
+    part_shapes(by_reading, shapes.reshape(len(shapes), -1), parts)
+    parts = parts.reshape(-1, *shapes.shape[1:])
+    return predicted.moved(*see(beside[0], beside[1]), np.concatenate([errors, parts]))
 
 
 def load_of(estimate: ShapeEstimate) -> Array:

@@ -117,8 +117,11 @@ class MotionEstimate:
                 np.diag(self.left_out / tips),
             ]
         )
-        along = (self.at_nodes[3:] @ places.nodes).reshape(SHAPES, 3, -1)
-        return np.asarray(np.tensordot(spread, along, axes=1))
+        return np.asarray(np.tensordot(spread, self.shapes(places), axes=1))
+
+    def shapes(self, places: Places) -> Array:
+        """Return the change of x, y (m), theta (rad) per q of each shape, (shapes, 3, places)."""
+        return np.asarray((self.at_nodes[3:] @ places.nodes).reshape(SHAPES, 3, -1))
 
 
 def likely_motion(arm: Arm) -> Motion | None:

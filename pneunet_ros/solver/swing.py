@@ -543,38 +543,51 @@ def widen(
                 for b in range(count):
                     both = along[3 + 3 * a + row, tip] * along[3 + 3 * b + column, tip]
                     covariance[row, column] += q[a, b] * both
-    part_shapes(by_reading, along[3:, tip], length, covariance)
+    unit = np.ones(3)
+    unit[2] = length  # by which an angle counts
+    moved, shapes = np.empty(by_reading.shape), np.empty((count, 3))
+    parts = np.empty((len(by_reading), count, 3))
+    for row in range(3):
+        for a in range(count):
+            shapes[a, row] = unit[row] * along[3 + 3 * a + row, tip]
+        for reading in range(len(by_reading)):
+            moved[reading, row] = unit[row] * by_reading[reading, row]
+    part_shapes(moved, shapes, parts)
+    for row in range(3):
+        for column in range(3):
+            for reading in range(len(by_reading)):
+                for a in range(count):
+                    both = parts[reading, a, row] * parts[reading, a, column]
+                    covariance[row, column] += both / (unit[row] * unit[column])
 
 
-@inner
-def part_shapes(by_reading: Array, tips: Array, length: float, covariance: Array) -> None:
-    """Add what errors move of the tip beside their own direction, as each shape has it, in place.
+@kernel
+def part_shapes(errors: Array, shapes: Array, parts: Array) -> None:
+    """Find what errors move beside their own direction, as each shape has it.
 
-    by_reading (errors, 3): of x, y (m), theta, which covariance (3, 3) holds; tips (3 shapes,): of
-    the same per q of each shape; length (m): of the arm, by which an angle counts. How much of an
-    error is in which shape is a least-squares fit.
+    errors (errors, coordinates): what each moves; shapes (shapes, coordinates): the same per q of
+    each shape. Fills parts (errors, shapes, coordinates). How much of an error is in which shape
+    is a least-squares fit.
     """
-    shapes, errors = tips.size // 3, len(by_reading)
-    matrix, q = np.zeros((shapes, shapes)), np.zeros((shapes, errors))
-    for a in range(shapes):
-        for row in range(3):
-            weight = tips[3 * a + row] * (length * length if row == 2 else 1.0)
-            for b in range(shapes):
-                matrix[a, b] += weight * tips[3 * b + row]
-            for error in range(errors):
-                q[a, error] += weight * by_reading[error, row]
+    count, coordinates = shapes.shape
+    matrix, q = np.zeros((count, count)), np.zeros((count, len(errors)))
+    for a in range(count):
+        for i in range(coordinates):
+            for b in range(count):
+                matrix[a, b] += shapes[a, i] * shapes[b, i]
+            for error in range(len(errors)):
+                q[a, error] += shapes[a, i] * errors[error, i]
     solve_small(matrix, q)
-    for error in range(errors):
-        for a in range(shapes):
-            along = square = 0.0
-            for row in range(3):
-                weight = by_reading[error, row] * (length * length if row == 2 else 1.0)
-                along += weight * tips[3 * a + row]
-                square += weight * by_reading[error, row]
+    for error in range(len(errors)):
+        square = 0.0
+        for i in range(coordinates):
+            square += errors[error, i] * errors[error, i]
+        for a in range(count):
+            along = 0.0
+            for i in range(coordinates):
+                along += shapes[a, i] * errors[error, i]
             if square > 0.0:
                 along /= square
-            for row in range(3):
-                first = tips[3 * a + row] - along * by_reading[error, row]
-                for column in range(3):
-                    second = tips[3 * a + column] - along * by_reading[error, column]
-                    covariance[row, column] += q[a, error] * q[a, error] * first * second
+            for i in range(coordinates):
+                beside = shapes[a, i] - along * errors[error, i]
+                parts[error, a, i] = q[a, error] * beside

@@ -321,9 +321,10 @@ SHAPES_AT_TIP = np.array([[1e-3, 2e-4, 0.03], [-2e-4, 4e-4, 0.05]])
 
 def parted(errors):
     """Return by how much the covariance of errors (errors, 3) grows for a chain that is late."""
-    covariance = errors.T @ errors
-    part_shapes(errors, SHAPES_AT_TIP.ravel(), LENGTH, covariance)
-    return covariance - errors.T @ errors
+    weights = np.array([1.0, 1.0, LENGTH])
+    parts = np.empty((len(errors), 2, 3))
+    part_shapes(weights * errors, weights * SHAPES_AT_TIP, parts)
+    return np.einsum('esi,esj->ij', parts, parts) / np.outer(weights, weights)
 
 
 def test_an_error_in_two_shapes_is_larger_beside_its_direction_and_as_large_along_it():
