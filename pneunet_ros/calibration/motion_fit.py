@@ -75,6 +75,15 @@ class SwingingRun:
         return self.points - self.still[self.reading]
 
 
+class WrongWeight(RequestError):
+    """The arm swings as one of another weight (N) would."""
+
+    def __init__(self, sentence: str, *, reason: str, weight: float) -> None:
+        """Take the weight (N) that explains the swing."""
+        super().__init__(sentence, reason=reason)
+        self.weight = weight
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionFit:
     """Mass and damping that were fitted, with standard errors.
@@ -343,7 +352,8 @@ def fit_motion(
         Mass and damping with standard errors.
 
     Raises:
-        RequestError: the arm hardly swings in the recordings, or no mass at the tip explains how.
+        RequestError: the arm hardly swings in the recordings, or no mass at the tip explains how:
+            WrongWeight if that of a lighter arm would.
 
     """
     problem = motion_problem(arm, runs)
@@ -375,11 +385,12 @@ def fit_motion(
     tip_std = mass_error * problem.share * max(1.0 + float(fitted.x[0]), 1.0)
     if tip_mass < -SURE * tip_std:
         whole = (1.0 + tip_mass / problem.share) * arm.weight
-        raise RequestError(
+        raise WrongWeight(
             f'the arm swings faster than its weight allows: arm.weight is {arm.weight:.4g} N, and '
             f'{whole:.4g} N would do; weigh the arm, and give --arm a file '
             'with its weight',
             reason='wrong_weight',
+            weight=whole,
         )
     tip_mass = max(tip_mass, 0.0)
     motion = Motion(

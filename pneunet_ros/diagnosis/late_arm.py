@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import math
 from operator import attrgetter
 
-from pneunet_ros.calibration.motion_fit import fit_motion, less_swing, MotionFit
+from pneunet_ros.calibration.motion_fit import fit_motion, less_swing, MotionFit, WrongWeight
 from pneunet_ros.core.errors import PneunetError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.diagnosis.augmented_model import augment_model, fit_with_effects
 from pneunet_ros.diagnosis.evaluation import adequacy
 from pneunet_ros.diagnosis.inertia import (
@@ -33,6 +34,7 @@ from pneunet_ros.diagnosis.selection import Record, Trial
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.moving_arm import WEIGHT_ERROR, WITHIN_95
 
 LATE = CameraDelay.name, PressureLag.name  # what else makes an arm late
 ROUNDS = 2  # of mass and damping, and of what else is missing: each bends the fit of the other
@@ -59,11 +61,17 @@ def with_late_arm(
     at_rest, rival = found.diagnosis, found.best
     if isinstance(at_rest, UnsettledDiagnosis) or rival is None or is_known(at_rest):
         return found
-    moving = less_motion(found, search, training, held_out) if is_late(at_rest, rival) else None
+    moving, note = None, None
+    if is_late(at_rest, rival):
+        try:
+            moving = less_motion(found, search, training, held_out)
+        except WrongWeight as error:
+            note = of_weight(error, at_rest.after.arm.weight)
     shown = math.inf if moving is None else 2.0 * moving.fit.damping_time_std
     at_rest = replace(at_rest, detectable=detectable(at_rest, shown))
     if moving is None:
-        return replace(found, diagnosis=at_rest)
+        found = replace(found, diagnosis=at_rest)
+        return found if note is None else found.noted(note)
     gained = log_densities(moving.found, moving.best)[0] - log_densities(found, rival)[0]
     row = evidence_of(moving.best, rival, gained)
     at_rest = replace(at_rest, evidence=(*at_rest.evidence, row))
@@ -86,6 +94,16 @@ def is_late(diagnosis: Diagnosis, best: Trial) -> bool:
     return not {*best.names, *diagnosis.alternatives}.isdisjoint(LATE)
 
 
+def of_weight(error: WrongWeight, weight: float) -> Note | None:
+    """Return a note where the weight (N) of the model may be as far off as the swing says.
+
+    Without mass, an arm that something else makes late swings as if it weighed next to nothing.
+    """
+    if error.weight < (1.0 - WITHIN_95 * WEIGHT_ERROR) * weight:
+        return None
+    return Note(f'{NAME} was not fitted: {error}', reason='closest')
+
+
 def less_motion(
     found: Investigation,
     search: Search,
@@ -95,7 +113,8 @@ def less_motion(
     """Fit mass and damping, and search recordings less the swing; None where none fits.
 
     Once more with what was found beside it, as an effect that was not known bends the fit. As of
-    any effect, its law may leave a share of what the model without it leaves.
+    any effect, its law may leave a share of what the model without it leaves. Raises WrongWeight
+    where that of a lighter arm would fit.
     """
     start, settings, moving = found.base, found.diagnosis.settings, None
     assert start is not None
@@ -107,7 +126,9 @@ def less_motion(
             fit = fit_motion(arm, unloaded(training), near=near)
             slow = [less_swing(arm, fit.motion, part) for part in (training, held_out)]
             result = search(*slow, allowed=allowed)
-        except PneunetError:  # no mass explains it, or nothing is left to search
+        except PneunetError as error:  # no mass explains it, or nothing is left to search
+            if moving is None and isinstance(error, WrongWeight):
+                raise
             return moving
         if result.best is None:
             return moving

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
-from pneunet_ros.calibration.motion_fit import MotionFit
-from pneunet_ros.core.errors import RequestError
+from pneunet_ros.calibration.motion_fit import MotionFit, WrongWeight
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis import late_arm
 from pneunet_ros.diagnosis.diagnosis import investigate, take_back
@@ -117,14 +116,22 @@ def test_mass_is_not_asked_of_an_arm_that_is_not_late(asked, nothing):
     assert math.isinf(found.diagnosis.detectable['inertia'].smallest)
 
 
-def test_recordings_that_no_mass_explains_keep_their_name(asked, monkeypatch):
+@pytest.mark.parametrize(('share', 'notes'), [(0.05, 0), (0.9, 1)])
+def test_recordings_that_no_mass_explains_keep_their_name(
+    asked, nothing, monkeypatch, share, notes
+):
+    """Where another weight would explain them, and the scales may be wrong by that, it is said."""
+    weight = share * nothing[0].diagnosis.after.arm.weight
+
     def refuse(*args, **kwargs):
-        raise RequestError('too light', reason='wrong_weight')
+        raise WrongWeight('too light', reason='wrong_weight', weight=weight)
 
     monkeypatch.setattr(late_arm, 'fit_motion', refuse)
     found, calls = asked(100.0)
     assert not calls
     assert found.diagnosis.answer == 'named'
+    said = [note for note in found.diagnosis.notes if note.endswith('too light')]
+    assert [note.reason for note in said] == notes * ['closest']
 
 
 def test_a_name_that_is_taken_back_is_said_with_the_reason(asked):
