@@ -338,7 +338,11 @@ class MotionProblem:
 
 
 def fit_motion(
-    arm: Arm, runs: Sequence[RecordingData], *, near: Motion | None = None
+    arm: Arm,
+    runs: Sequence[RecordingData],
+    *,
+    near: Motion | None = None,
+    trusts_weight: bool = False,
 ) -> MotionFit:
     """Fit mass at the tip and damping to recordings in which the arm swings.
 
@@ -347,6 +351,7 @@ def fit_motion(
         runs: recordings with quick changes of the pressure, or of an arm that was plucked and let
             go while the pressure stands still.
         near: where the search begins; anywhere if None.
+        trusts_weight: the arm is as heavy as its file says, whatever the swing says.
 
     Returns:
         Mass and damping with standard errors.
@@ -360,8 +365,18 @@ def fit_motion(
     from scipy.optimize import least_squares  # slow to import, and few fits need it
 
     start = problem.best_of_scan() if near is None else problem.numbers_of(near)
+    least = np.full(start.size, -math.inf)
+    if trusts_weight:
+        least[0] = 0.0
+        start[0] = max(start[0], LIGHTEST)  # within the bound, as the search wants it
     fitted = least_squares(
-        problem.cost, start, x_scale='jac', loss='soft_l1', diff_step=1e-4, max_nfev=MOST_STEPS
+        problem.cost,
+        start,
+        bounds=(least, math.inf),
+        x_scale='jac',
+        loss='soft_l1',
+        diff_step=1e-4,
+        max_nfev=MOST_STEPS,
     )
     beside, settled = problem.follow(fitted.x)
     left = problem.residuals(beside)

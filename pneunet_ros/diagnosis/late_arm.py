@@ -14,7 +14,6 @@ from operator import attrgetter
 
 from pneunet_ros.calibration.motion_fit import fit_motion, less_swing, MotionFit, WrongWeight
 from pneunet_ros.core.errors import PneunetError
-from pneunet_ros.core.notes import Note
 from pneunet_ros.diagnosis.augmented_model import augment_model, fit_with_effects
 from pneunet_ros.diagnosis.evaluation import adequacy
 from pneunet_ros.diagnosis.inertia import (
@@ -35,6 +34,8 @@ from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.moving_arm import WEIGHT_ERROR, WITHIN_95
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.motion import Motion
 
 LATE = CameraDelay.name, PressureLag.name  # what else makes an arm late
 ROUNDS = 2  # of mass and damping, and of what else is missing: each bends the fit of the other
@@ -61,17 +62,11 @@ def with_late_arm(
     at_rest, rival = found.diagnosis, found.best
     if isinstance(at_rest, UnsettledDiagnosis) or rival is None or is_known(at_rest):
         return found
-    moving, note = None, None
-    if is_late(at_rest, rival):
-        try:
-            moving = less_motion(found, search, training, held_out)
-        except WrongWeight as error:
-            note = of_weight(error, at_rest.after.arm.weight)
+    moving = less_motion(found, search, training, held_out) if is_late(at_rest, rival) else None
     shown = math.inf if moving is None else 2.0 * moving.fit.damping_time_std
     at_rest = replace(at_rest, detectable=detectable(at_rest, shown))
     if moving is None:
-        found = replace(found, diagnosis=at_rest)
-        return found if note is None else found.noted(note)
+        return replace(found, diagnosis=at_rest)
     gained = log_densities(moving.found, moving.best)[0] - log_densities(found, rival)[0]
     row = evidence_of(moving.best, rival, gained)
     at_rest = replace(at_rest, evidence=(*at_rest.evidence, row))
@@ -94,14 +89,19 @@ def is_late(diagnosis: Diagnosis, best: Trial) -> bool:
     return not {*best.names, *diagnosis.alternatives}.isdisjoint(LATE)
 
 
-def of_weight(error: WrongWeight, weight: float) -> Note | None:
-    """Return a note where the weight (N) of the model may be as far off as the swing says.
+def fitted_motion(arm: Arm, training: Sequence[RecordingData], near: Motion | None) -> MotionFit:
+    """Fit mass and damping; where a little less than the weight would fit best, with the weight.
 
-    Without mass, an arm that something else makes late swings as if it weighed next to nothing.
+    What the statics of a model miss on a ramp looks like a part of the mass. Without mass an arm
+    that something else makes late swings as if it weighed next to nothing: that is an error.
     """
-    if error.weight < (1.0 - WITHIN_95 * WEIGHT_ERROR) * weight:
-        return None
-    return Note(f'{NAME} was not fitted: {error}', reason='closest')
+    runs = unloaded(training)
+    try:
+        return fit_motion(arm, runs, near=near)
+    except WrongWeight as error:
+        if error.weight < (1.0 - WITHIN_95 * WEIGHT_ERROR) * arm.weight:
+            raise
+    return fit_motion(arm, runs, near=near, trusts_weight=True)
 
 
 def less_motion(
@@ -113,8 +113,7 @@ def less_motion(
     """Fit mass and damping, and search recordings less the swing; None where none fits.
 
     Once more with what was found beside it, as an effect that was not known bends the fit. As of
-    any effect, its law may leave a share of what the model without it leaves. Raises WrongWeight
-    where that of a lighter arm would fit.
+    any effect, its law may leave a share of what the model without it leaves.
     """
     start, settings, moving = found.base, found.diagnosis.settings, None
     assert start is not None
@@ -123,12 +122,10 @@ def less_motion(
         arm = augment_model(start.refit, fit_with_effects(start.refit, settings), settings)
         near = None if moving is None else moving.fit.motion
         try:
-            fit = fit_motion(arm, unloaded(training), near=near)
+            fit = fitted_motion(arm, training, near)
             slow = [less_swing(arm, fit.motion, part) for part in (training, held_out)]
             result = search(*slow, allowed=allowed)
-        except PneunetError as error:  # no mass explains it, or nothing is left to search
-            if moving is None and isinstance(error, WrongWeight):
-                raise
+        except PneunetError:  # no mass explains it, or nothing is left to search
             return moving
         if result.best is None:
             return moving
