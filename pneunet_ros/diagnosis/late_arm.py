@@ -163,13 +163,15 @@ def judged(found: Investigation, moving: Moving, *, tested: bool) -> Diagnosis:
         return not_named(diagnosis, moving.fit, 'what else the recordings show is not explained')
     assert found.base is not None
     base = whitened_as(moving.found, found.base, found)
+    row = next(item for item in at_rest.evidence if NAME in item.effects)
     level, tests = diagnosis.settings.lack_of_fit.level, base.record.tests
     falls = log_densities(moving.found, moving.best)[1] - log_densities(found, found.base)[1]
     if tested and 2.0 * falls < diagnosis.settings.confirmation.fall:
         return not_named(replace(diagnosis, answer='unknown'), moving.fit, NO_FALL)
     whole = replace(
         diagnosis,
-        certainty=at_rest.certainty,
+        certainty=f'{at_rest.certainty} That is without motion: with {" + ".join(row.effects)} '
+        f'({row.evidence:.0f} nats) the p-value is {row.p_value:.2g}.',
         where=at_rest.where,
         where_sentence=at_rest.where_sentence,
         heat_maps=tuple(
