@@ -230,9 +230,9 @@ def fuse(
             state, fused = fusion.step(state, event)
             if isinstance(fused, FusedEstimate):
                 # Without the pressure it is of the last frame, as its stamp says.
-                of = int(np.abs(recording.stamp_ns - fused.estimate.stamp_ns).argmin())
-                tip = np.array([truth.x[of, -1], truth.y[of, -1]])
-                rows[instant] = row_of(fused, tip, truth.force[of])
+                shown = int(np.abs(recording.stamp_ns - fused.estimate.stamp_ns).argmin())
+                tip = np.array([truth.x[shown, -1], truth.y[shown, -1]])
+                rows[instant] = row_of(fused, tip, truth.force[shown])
                 sentences = tuple(fused.estimate.warnings)
                 sentences += (CONTACT,) * (fused.contact is not None)
         said.append(sentences)

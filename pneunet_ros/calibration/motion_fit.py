@@ -368,7 +368,7 @@ def fit_motion(
     least = np.full(start.size, -math.inf)
     if trusts_weight:
         least[0] = 0.0
-        start[0] = max(start[0], LIGHTEST)  # within the bound, as the search wants it
+        start[0] = max(start[0], 0.0)
     fitted = least_squares(
         problem.cost,
         start,

@@ -74,7 +74,7 @@ def with_late_arm(
     margin = at_rest.settings.selection.least_evidence
     if gained < -margin:
         return found
-    diagnosis = judged(found, moving, tested=bool(held_out))
+    diagnosis = judged(found, moving, row, tested=bool(held_out))
     if gained > margin:
         if diagnosis.answer == 'unknown':
             return found.noted(diagnosis.notes[-1])
@@ -90,10 +90,10 @@ def is_late(diagnosis: Diagnosis, best: Trial) -> bool:
 
 
 def fitted_motion(arm: Arm, training: Sequence[RecordingData], near: Motion | None) -> MotionFit:
-    """Fit mass and damping; where a little less than the weight would fit best, with the weight.
+    """Fit mass and damping, and trust the weight of the arm if the best fit is slightly lighter.
 
-    What the statics of a model miss on a ramp looks like a part of the mass. Without mass an arm
-    that something else makes late swings as if it weighed next to nothing: that is an error.
+    On ramps, errors of the static model look like a part of the mass. An arm without mass that is
+    late for another reason would fit best with almost no weight: WrongWeight.
     """
     runs = unloaded(training)
     try:
@@ -150,11 +150,11 @@ def log_densities(found: Investigation, best: Trial) -> tuple[float, float]:
     )
 
 
-def judged(found: Investigation, moving: Moving, *, tested: bool) -> Diagnosis:
+def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool) -> Diagnosis:
     """Return the diagnosis of recordings less the swing with inertia named; or why it is not.
 
     What is said of the model before is of the recordings as they are, whitened by the same noise
-    as the model after; held-out ones must be less probable by it.
+    as the model after; held-out ones must be less probable by it. row: the evidence for inertia.
     """
     diagnosis, at_rest = moving.found.diagnosis, found.diagnosis
     assert isinstance(diagnosis, Diagnosis)
@@ -163,7 +163,6 @@ def judged(found: Investigation, moving: Moving, *, tested: bool) -> Diagnosis:
         return not_named(diagnosis, moving.fit, 'what else the recordings show is not explained')
     assert found.base is not None
     base = whitened_as(moving.found, found.base, found)
-    row = next(item for item in at_rest.evidence if NAME in item.effects)
     level, tests = diagnosis.settings.lack_of_fit.level, base.record.tests
     falls = log_densities(moving.found, moving.best)[1] - log_densities(found, found.base)[1]
     if tested and 2.0 * falls < diagnosis.settings.confirmation.fall:

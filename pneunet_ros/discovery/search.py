@@ -143,7 +143,7 @@ class Search:
         return best
 
     def swing(self, cause: Cause, runs: Runs) -> Swing | None:
-        """Return the free oscillation of a cause in some of the runs."""
+        """Return the most probable swing of the amplitude of a cause in some of the runs."""
         frames = self.frame_columns(cause)
         return find_swing(frames, self.covariates, cause.kind.prior, runs, self.settings.law)
 

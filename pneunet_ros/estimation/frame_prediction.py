@@ -27,13 +27,13 @@ from pneunet_ros.measurement.between_readings import (
 )
 from pneunet_ros.measurement.disturbances import SMALLEST_STD
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
+from pneunet_ros.measurement.moving_arm import late_parts
 from pneunet_ros.measurement.predicted_targets import (
     predict_targets,
     PredictedTargets,
     seen_targets,
 )
 from pneunet_ros.solver.columns import LOADS
-from pneunet_ros.solver.swing import part_shapes
 
 BESIDE = 2  # estimates on either side of a frame, for interpolation
 
@@ -127,11 +127,8 @@ def in_motion(
         np.stack(see(moves[:, 0], moves[:, 1]), axis=1)
         for moves in (nearest.motion.errors(places), nearest.motion.shapes(places))
     )
-    by_reading = predicted.errors[: PRESSURE + 1].reshape(PRESSURE + 1, -1)
-    parts = np.empty((len(by_reading), len(shapes), by_reading.shape[1]))
-    part_shapes(by_reading, shapes.reshape(len(shapes), -1), parts)
-    parts = parts.reshape(-1, *shapes.shape[1:])
-    return predicted.moved(*see(beside[0], beside[1]), np.concatenate([errors, parts]))
+    late = late_parts(predicted.errors[: PRESSURE + 1], shapes)
+    return predicted.moved(*see(beside[0], beside[1]), np.concatenate([errors, late]))
 
 
 def load_of(estimate: ShapeEstimate) -> Array:

@@ -190,8 +190,8 @@ def arm_at(
         if bench.swinging and bent.shape.converged and not bench.knows_force(belief):
             every = causes_with_contact(bench.unknowns, causes, bent.contact)
         belief, moved = swung_on(bench.swinging, before, belief, bent, path, every)
-    if state.nis is not None and state.nis.beyond:  # no hypothesis explains the last frames
-        ratio = state.nis.birge_ratio(bench.settings.frame_gate)
+    ratio = 1.0 if state.nis is None else state.nis.birge_ratio(bench.settings.frame_gate)
+    if ratio > 1.0:  # no hypothesis explains the last frames
         belief, unseen = replace(belief, root=freeze(ratio * belief.root)), ratio * unseen
     return BelievedArm(
         belief=belief,

@@ -32,7 +32,15 @@ from pneunet_ros.solver.links import (
     stiffness_matrix,
 )
 from pneunet_ros.solver.modes import Modes, modes_of
-from pneunet_ros.solver.swing import at_rest, follow_swing, go_on, room_for, Swing, widen
+from pneunet_ros.solver.swing import (
+    at_rest,
+    follow_swing,
+    go_on,
+    part_shapes,
+    room_for,
+    Swing,
+    widen,
+)
 
 SHAPES = 2  # with 3 the tip is up to 0.06 mm nearer to MuJoCo, at three times the cost
 # What links and shapes leave out: relative error of frequency^2, of damping and, per swing of the
@@ -122,6 +130,17 @@ class MotionEstimate:
     def shapes(self, places: Places) -> Array:
         """Return the change of x, y (m), theta (rad) per q of each shape, (shapes, 3, places)."""
         return np.asarray((self.at_nodes[3:] @ places.nodes).reshape(SHAPES, 3, -1))
+
+
+def late_parts(errors: Array, shapes: Array) -> Array:
+    """Return the further errors of points on an arm that follows the noise of readings late.
+
+    errors (n, 2, points) m: of the equilibrium, by one sigma of each reading; shapes (shapes, 2,
+    points): by q of each shape. Returns (n shapes, 2, points) m, see `solver.swing.part_shapes`.
+    """
+    parts = np.empty((len(errors), len(shapes), errors[0].size))
+    part_shapes(errors.reshape(len(errors), -1), shapes.reshape(len(shapes), -1), parts)
+    return parts.reshape(-1, *shapes.shape[1:])
 
 
 def likely_motion(arm: Arm) -> Motion | None:

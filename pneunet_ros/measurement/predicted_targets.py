@@ -214,10 +214,10 @@ def tip_chi_squared(residual: Array, std: Array, errors: Array, share: Array) ->
     """Return the squared Mahalanobis distance of the tip from its prediction; 2 coordinates.
 
     residual (2, targets) m; std (targets,) m of their own noise; errors (n, 2, targets) m; share
-    (targets,): where they are along the arm. A smooth bend through all
-    targets determines the tip better than the noise of any one target: an error there of less than
-    that noise, in every frame, hides in `chi_square`. The tip is taken relative to the clamp,
-    wherever the camera is. NaN for fewer than three targets beyond the clamp.
+    (targets,): where they are along the arm. A smooth bend through all targets determines the tip
+    better than a single target does: an error there below the noise of a target, in every frame,
+    hides in `chi_square`. The tip is taken relative to the clamp, wherever the camera is. NaN for
+    fewer than three targets beyond the clamp.
     """
     if np.count_nonzero(share > 0.0) < 3:
         return math.nan
