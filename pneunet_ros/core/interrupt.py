@@ -2,30 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 import signal
 import threading
+from types import FrameType
+from typing import Any
+
+_held: list[int] | None = None  # signals that came while something is completed
+
+
+@dataclass(frozen=True, slots=True)
+class Deferrable:
+    """A handler of signals that waits for what must be completed.
+
+    Work that finds it in use leaves it there: to put another one in its place would also take away
+    the handlers that a library in C, such as rclpy, has put before it.
+    """
+
+    handler: Callable[[int, FrameType | None], Any]
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Handle a signal, now or afterwards."""
+        if _held is None:
+            self.handler(number, frame)
+        else:
+            _held.append(number)
 
 
 @contextmanager
 def interrupted_afterwards() -> Iterator[None]:
-    """Defer an interrupt (SIGINT) until the block has finished.
+    """Defer an interrupt (SIGINT, and what else is `Deferrable`) until the block has finished.
 
     Only the main thread is ever interrupted; in others nothing has to be held back.
     """
-    if threading.current_thread() is not threading.main_thread():
+    global _held
+    if threading.current_thread() is not threading.main_thread() or _held is not None:
         yield
         return
-    held: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: held.append(number))
+    before = signal.getsignal(signal.SIGINT)
+    held = _held = []
+    if not isinstance(before, Deferrable):
+        signal.signal(signal.SIGINT, Deferrable(signal.default_int_handler))
     try:
         yield
     finally:
-        # None: a handler that is not of Python, and cannot be set from here.
-        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+        _held = None
+        if not isinstance(before, Deferrable):
+            # None: a handler that is not of Python, and cannot be set from here.
+            signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
         if held:
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(held[0])
 
 
 def forget_interrupt() -> None:

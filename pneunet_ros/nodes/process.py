@@ -15,6 +15,7 @@ from pneunet_ros.nodes.prompt_executor import PromptExecutor
 from pneunet_ros.nodes.signals import end_at_signal, ignore_signals, refuse_signals, signal_came
 import rclpy
 from rclpy.executors import ExternalShutdownException
+from rclpy.signals import install_signal_handlers, SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 DONE, WRONG_REQUEST = 0, 2
@@ -44,7 +45,11 @@ def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str
         # All made up to here stays; the collector need not look through it while readings wait.
         gc.collect()
         gc.freeze()
-        executor.spin()
+        # The handlers of rclpy wake a wait, and shut ROS down from another thread: not while a
+        # node is made.
+        install_signal_handlers()
+        if not signal_came():  # which is lost where LLVM calls back while it compiles
+            executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except Exception as error:
@@ -58,6 +63,7 @@ def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str
         ignore_signals()
         for node in nodes:
             node.destroy_node()
+        gc.collect()  # a node that was cut off while it was made goes before ROS does
         rclpy.try_shutdown()
         refuse_signals()
     return DONE
@@ -74,7 +80,7 @@ def _warn_of_missed_parameters(node: Any, arguments: list[str]) -> None:
 def _start_ros(arguments: list[str]) -> None:
     """Initialize ROS; RequestError for arguments that cannot be used."""
     try:
-        rclpy.init(args=arguments)
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         # Errors of rcl end with the lines of its sources they passed through.
         reason = re.sub(r'failed to initialize rcl: |, at /\S+:\d+', '', str(error))

@@ -7,7 +7,7 @@ import signal
 import sys
 from types import FrameType
 
-from pneunet_ros.core.interrupt import forget_interrupt
+from pneunet_ros.core.interrupt import Deferrable, forget_interrupt
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -35,12 +35,12 @@ def refuse_signals() -> None:
 
 def signal_came() -> bool:
     """Whether a signal has arrived or the shutdown has begun."""
-    return signal.getsignal(SIGNALS[0]) is _ignore
+    return signal.getsignal(SIGNALS[0]) == Deferrable(_ignore)
 
 
 def _handle(handler: Callable[[int, FrameType | None], None]) -> None:
     for number in SIGNALS:
-        signal.signal(number, handler)
+        signal.signal(number, Deferrable(handler))
 
 
 def _end(number: int, frame: FrameType | None) -> None:

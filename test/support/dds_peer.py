@@ -55,7 +55,7 @@ class NodeProcess:
         code: str = '',
     ) -> None:
         self.output = output
-        environment = os.environ | {'ROS_DOMAIN_ID': str(domain)}
+        environment = os.environ | {'ROS_DOMAIN_ID': str(domain), 'PYTHONFAULTHANDLER': '1'}
         program = ['-c', code] if code else ['-m', f'pneunet_ros.nodes.{node}']
         command = [sys.executable, *program, *positional, '--ros-args']
         with output.open('w') as stream:

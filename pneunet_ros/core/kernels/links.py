@@ -16,6 +16,8 @@ import hashlib
 from pickle import UnpicklingError
 from typing import Any
 
+from pneunet_ros.core.interrupt import interrupted_afterwards
+
 # By what it is called with, too, a kernel is compiled: its name here, and the types.
 KERNELS: dict[str, Any] = {}
 NAMED: dict[str, tuple[str, tuple[Any, ...]]] = {}
@@ -60,10 +62,12 @@ def linked_cache() -> Any:
             """Return the cached kernel for some types; None if it is damaged or of other types.
 
             Numba writes the index and then the code, so that of two processes at once one may
-            find the code of the other.
+            find the code of the other. LLVM calls back while it loads: an interrupt raised there
+            is lost, and what was to be loaded is a null pointer.
             """
             try:
-                result = super()._load_overload(types, target_context)
+                with interrupted_afterwards():
+                    result = super()._load_overload(types, target_context)
             except (EOFError, KeyError, ValueError, UnpicklingError):
                 return None
             same = result is not None and tuple(result.signature.args) == tuple(types)
