@@ -28,6 +28,7 @@ from pneunet_ros.measurement.moving_arm import (
     SHAPES,
     unloaded_modes,
 )
+from pneunet_ros.measurement.reading_filter import without_reading_noise
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.vibration import masses_of
@@ -120,7 +121,7 @@ class MotionFit:
 
 def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
     """Solve the equilibrium at every reading and frame of a recording."""
-    run = run.at_instants(arm.frame_delay)
+    run = without_reading_noise(run, arm.sensors).at_instants(arm.frame_delay)
     stamps, count = run.reading_stamp_ns, len(run.reading_stamp_ns)
     loads = np.zeros((count, 3))
     if run.loaded:

@@ -202,9 +202,7 @@ def investigate_at_rest(
     first = selection.fit_base()
     if not is_settled(first.refit, settings):
         return Investigation(diagnosis=unsettled(seed, notes, settings))
-    best = first
-    if not (allowed and first.record.adequate):  # else what is left may be the law of what is off
-        best = selection.fit_rivals(first, selection.select_forward(first))
+    best = selection.fit_rivals(first, selection.select_forward(first))
     detectable = limits_of(selection, first, asked)
     verdict = decide(selection, first, best, detectable)
     if verdict.mimicked:

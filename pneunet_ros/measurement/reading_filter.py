@@ -83,13 +83,49 @@ def filtered_wrench(
     """Return the piecewise linear load at all its readings (wrenches, 3) N, N m."""
     if run.wrench_stamp_ns is None or run.wrench is None:
         return run.wrench
-    columns = []
-    for values, std in zip(
-        run.wrench.T, (noise.force_std, noise.force_std, noise.moment_std), strict=True
-    ):
-        lines = Lines(run.wrench_stamp_ns, values, std, settings)
-        columns.append(lines.joined(lines.pieces()))
-    return np.column_stack(columns)
+    return filtered_load(run.wrench_stamp_ns, run.wrench, noise, settings)
+
+
+def filtered_load(
+    stamp_ns: Stamps, load: Array, noise: SensorNoise, settings: ReadingFilterSettings
+) -> Array:
+    """Return the straight lines that loads (n, 3) N, N m follow."""
+    stds = noise.force_std, noise.force_std, noise.moment_std
+    return np.column_stack(
+        [
+            filtered(stamp_ns, values, std, settings)
+            for values, std in zip(load.T, stds, strict=True)
+        ]
+    )
+
+
+def filtered(
+    stamp_ns: Stamps, values: Array, std: float, settings: ReadingFilterSettings
+) -> Array:
+    """Return the straight lines that values (n,) follow."""
+    lines = Lines(stamp_ns, values, std, settings)
+    return lines.joined(lines.pieces())
+
+
+def without_reading_noise(
+    run: RecordingData, noise: SensorNoise, settings: ReadingFilterSettings = READING_FILTER
+) -> RecordingData:
+    """Return a run with all readings on the straight lines that they follow.
+
+    For what an arm with mass makes of them: it would swing by their noise as well.
+    """
+    if run.static:
+        return run
+    load = run.load
+    if run.loaded and run.wrench is None:
+        load = filtered_load(run.stamp_ns, load, noise, settings)
+    return replace(
+        run,
+        pressure=filtered(run.reading_stamp_ns, run.pressure, noise.pressure_std, settings),
+        force=load[:, :2],
+        moment=load[:, 2],
+        wrench=filtered_wrench(run, noise, settings),
+    )
 
 
 class Lines:

@@ -12,6 +12,7 @@ from pneunet_ros.diagnosis.diagnosis import investigate, take_back
 from pneunet_ros.diagnosis.late_arm import with_late_arm
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.effects.camera_delay import CameraDelay
+from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.motion import Motion
@@ -114,6 +115,37 @@ def test_mass_is_not_asked_of_an_arm_that_is_not_late(asked, nothing):
     found, calls = asked(100.0, start=nothing[0])
     assert not calls
     assert math.isinf(found.diagnosis.detectable['inertia'].smallest)
+
+
+@pytest.mark.parametrize('probable', [(1.0, 2.0), (2.0, 1.0)])
+def test_mass_is_asked_beside_what_was_found_without_it_too(nothing, monkeypatch, probable):
+    """Less the camera that was late in its stead; the more probable of both is believed."""
+    found, runs = nothing
+    names, line = (PressureLag.name, CameraDelay.name), PressureLag(time_constant=0.1)
+    bare = found.diagnosis.after.arm
+    arms = {
+        (): bare,
+        names: replace(bare, effects=(line, CameraDelay(delay=0.03)), covariance=None),
+    }
+    fitted, left = [], list(probable)
+
+    def fit(arm, *args, **kwargs):
+        fitted.append(arm.effects)
+        return FIT
+
+    def search(*recordings, allowed):
+        return judged(found, left.pop(0))
+
+    monkeypatch.setattr(late_arm, 'fit_motion', fit)
+    monkeypatch.setattr(late_arm, 'less_swing', lambda *args: runs)
+    monkeypatch.setattr(late_arm, 'augment_model', lambda refit, *args: arms[refit])
+    monkeypatch.setattr(late_arm, 'fit_with_effects', lambda *args: None)
+    monkeypatch.setattr(late_arm, 'is_adequate', lambda *args: False)
+    late = judged(found, 0.0, names=names, answer='named')
+    late = replace(late, base=replace(found.base, refit=()), best=replace(late.best, refit=names))
+    moving = late_arm.less_motion(late, search, runs, [])
+    assert fitted == [(), (line,)]
+    assert moving.best.record.log_probability == 2.0
 
 
 @pytest.mark.parametrize(('share', 'answer'), [(0.05, ['camera_delay']), (0.9, ['inertia'])])

@@ -10,7 +10,11 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.effects.hysteresis import Hysteresis
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.inputs import inputs_of
-from pneunet_ros.measurement.reading_filter import filter_readings, FilteredReadings
+from pneunet_ros.measurement.reading_filter import (
+    filter_readings,
+    FilteredReadings,
+    without_reading_noise,
+)
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made, USUAL
@@ -147,3 +151,30 @@ def test_readings_too_few_for_a_line_are_left_alone(count: int):
 def test_static_frames_have_no_order_in_which_to_lie_on_a_line():
     run = replace(made(paper_arm(), np.full(9, 1e4)), static=True)
     assert filter_readings(run, NOISE).run is run
+
+
+@pytest.mark.parametrize('wrenches', [True, False])
+def test_what_an_arm_with_mass_follows_has_little_noise(wrenches: bool):
+    """Readings stay where they are in time; of loads without readings those of the frames."""
+    truth, random = course(50.0), np.random.default_rng(5)
+    run = with_readings(truth + STD * random.standard_normal(truth.size), frames=400)
+    stamps = run.reading_stamp_ns if wrenches else run.stamp_ns
+    force = 1e-6 * np.interp(stamps, run.reading_stamp_ns, truth)
+    std = NOISE.force_std
+    load = np.column_stack([force, 0.0 * force, 0.0 * force])
+    noisy = load + std * random.standard_normal(load.shape)
+    if wrenches:
+        run = replace(run, wrench_stamp_ns=stamps, wrench=noisy, loaded=True)
+    else:
+        run = replace(run, force=noisy[:, :2], moment=noisy[:, 2], loaded=True)
+    quiet = without_reading_noise(run, NOISE)
+    assert np.array_equal(quiet.reading_stamp_ns, run.reading_stamp_ns)
+    assert np.array_equal(quiet.reading, run.reading)
+    assert np.std(quiet.pressure - truth) < 0.4 * STD
+    left = (quiet.wrench if wrenches else quiet.load)[:, 0] - force
+    assert np.std(left) < 0.6 * std
+
+
+def test_static_frames_keep_their_readings():
+    run = replace(made(paper_arm(), np.zeros(5)), static=True)
+    assert without_reading_noise(run, NOISE) is run
