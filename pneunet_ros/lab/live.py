@@ -54,6 +54,7 @@ SCENE: Final = Scene(
     blur=0.75,
     noise=0.85,
 )
+SMALL_FORCE = 1e-3  # of the weight of an arm: its tip gives in proportion to it
 MIDDLE = 0.5  # share of the time of a recording at which rich cameras see live
 
 
@@ -254,11 +255,30 @@ class LiveLab:
         """
         if self.run is not None:
             return state, self.run.shape(state.swing or self.run.resting)
+        shape = self.shape_at_rest(state)
+        return replace(state, angles=shape.angles[0]), shape
+
+    def shape_at_rest(self, state: LiveState) -> ChainShape:
+        """Return the shape in equilibrium, near the last one; RequestError if none is found."""
         chain = self.chain_at(state.course, state.load, state.course.time[-1:])
         if self.scenario.motion is not None:
             chain = with_weight(self.scenario, chain, self.felt(state.time)[:, :2])
-        shape = equilibrium_shape(chain, state.angles)
-        return replace(state, angles=shape.angles[0]), shape
+        return equilibrium_shape(chain, state.angles)
+
+    def tip_compliance(self, state: LiveState, along: Array) -> float:
+        """Return how far (m/N) the tip gives along a direction (2,), in equilibrium.
+
+        RequestError if none is found.
+        """
+        arm, load = self.scenario.arm, state.load
+        small = SMALL_FORCE * arm.weight
+        force = np.array([load.force_x, load.force_y]) + small * along
+        pushed = replace(load, force_x=float(force[0]), force_y=float(force[1]))
+        tips = [
+            np.array(self.shape_at_rest(one).points([arm.reach])[:2])[:, 0, 0]
+            for one in (state, replace(state, load=pushed))
+        ]
+        return float((tips[1] - tips[0]) @ along) / small
 
     def reading(self, state: LiveState, random: np.random.Generator) -> LiveReading:
         """Return noisy sensor readings."""

@@ -124,6 +124,23 @@ def test_a_load_stays_until_it_is_taken_away():
     assert not state.load.hangs
 
 
+def test_an_object_that_knows_how_far_a_tip_gives_is_at_rest_with_it_in_a_few_steps():
+    """A spring of 60 N/m, 300 times as stiff as the tip, would swing by its own force alone."""
+    live, stiffness, down = lab(), 60.0, np.array([0.0, -1.0])
+    state, shape = live.shape(live.step(live.begin(), 1.0, 2e4))
+    wall, force, forces = shape.y[0, -1] - 0.001, 0.0, []
+    for step in range(8):
+        load = Load(force_y=-force)
+        state, shape = live.shape(live.step(state, 2.0 + step, 2e4, load))
+        depth = shape.y[0, -1] - wall
+        share = 1.0 / (1.0 + stiffness * live.tip_compliance(state, down))
+        force += share * (stiffness * depth - force)
+        forces.append(force)
+    assert share < 0.02
+    assert forces[-1] == pytest.approx(stiffness * depth, rel=1e-6)
+    assert forces[2] == pytest.approx(forces[-1], rel=1e-3)
+
+
 def test_a_moment_bends_the_arm():
     plain = lab().shape(lab().step(lab().begin(), 1.0, 0.0))[1]
     bent = lab().shape(lab().step(lab().begin(), 1.0, 0.0, Load(moment=1e-3)))[1]

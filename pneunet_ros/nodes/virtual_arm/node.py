@@ -219,6 +219,13 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.with_shape(lambda shape: tips.append(np.array(shape.points(reach)[:2])[:, 0, 0]))
         return tips[0] if tips else None
 
+    def tip_compliance(self, along: Array) -> float:
+        """Return how far (m/N) the tip gives along a direction (2,); 0 without a shape."""
+        try:
+            return max(self.configuration.lab.tip_compliance(self.state, along), 0.0)
+        except RequestError:
+            return 0.0
+
     def tip(self, shape: ChainShape | MovingShape, stamp_ns: int) -> Any:
         """Return the pose of the true free end."""
         tip = self.configuration.lab.scenario.arm.reach

@@ -33,9 +33,6 @@ those of the node gripper in a file of parameters, by default config/gripper.yam
   pneunet-virtual-gripper --ros-args -r __ns:=/hand --params-file my_gripper.yaml
   pneunet-virtual-gripper --ros-args -r __ns:=/hand -p object_width:=0.03
 """
-# Part of the way to its force that the object goes each time: an arm has no mass, and one that
-# gives by 5 m/N would swing beyond 2 / (1 + 60 N/m x 5 m/N).
-FOLLOWS = 0.005
 
 
 class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
@@ -68,10 +65,13 @@ class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
                 continue
             place = mount.origin + mount.axes[:, :2] @ tip + mount.thickness * inward
             depth = float(inward @ (place - center)) + 0.5 * settings.object_width
+            outward = -(mount.axes[:, :2].T @ inward)
+            # An arm without mass gives way at once, by up to 300 times as much as the object.
+            share = 1.0 / (1.0 + settings.object_stiffness * member.tip_compliance(outward))
             force = self.forces[arm]
-            force += FOLLOWS * (settings.object_stiffness * depth - force)
+            force += share * (settings.object_stiffness * depth - force)
             self.forces[arm] = max(force, 0.0) * (settings.object_width > 0.0)
-            force_x, force_y = (-self.forces[arm] * (mount.axes[:, :2].T @ inward)).tolist()
+            force_x, force_y = (self.forces[arm] * outward).tolist()
             member.load = Load(force_x=force_x, force_y=force_y)
 
     def forget(self) -> str:
