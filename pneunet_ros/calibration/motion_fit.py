@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -74,15 +75,6 @@ class SwingingRun:
     def beside(self) -> Array:
         """Measured targets relative to equilibrium (frames, 2, targets) m, NaN where not seen."""
         return self.points - self.still[self.reading]
-
-
-class WrongWeight(RequestError):
-    """The arm swings as one of another weight (N) would."""
-
-    def __init__(self, sentence: str, *, reason: str, weight: float) -> None:
-        """Take the weight (N) that explains the swing."""
-        super().__init__(sentence, reason=reason)
-        self.weight = weight
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -267,8 +259,7 @@ class MotionProblem:
         starts = iter(numbers[2:].reshape(-1, 2, SHAPES))
         beside, settled = [], []
         for run in self.runs:
-            found = np.empty((len(run.stamp_ns), 2, run.points.shape[2]))
-            rest = np.empty(len(run.stamp_ns), np.bool_)
+            along = np.empty((len(run.stamp_ns), 2, len(self.places.nodes)))
             state = None
             for index, stamp in enumerate(run.stamp_ns.tolist()):
                 state, moved = follow_reading(
@@ -276,11 +267,11 @@ class MotionProblem:
                 )
                 if index == 0 and run.plucked:
                     state.swing.state[:] = next(starts)
-                # of numbers with which the chain flies apart nothing may look like a target unseen
-                along = np.nan_to_num(moved.at_nodes[:2], nan=self.lost)
-                found[index] = np.clip(along, -self.lost, self.lost) @ self.places.nodes
-                rest[index] = math.hypot(*moved.at_nodes[:2, -1].tolist()) <= SURE * self.std
-            beside.append(found[run.reading])
+                along[index] = moved.at_nodes[:2]
+            rest = np.hypot(*along[:, :, -1].T) <= SURE * self.std
+            # of numbers with which the chain flies apart nothing may look like a target unseen
+            found = np.clip(np.nan_to_num(along, nan=self.lost), -self.lost, self.lost)
+            beside.append(found[run.reading] @ self.places.nodes)
             settled.append(rest[run.reading])
         return beside, settled
 
@@ -343,7 +334,7 @@ def fit_motion(
     runs: Sequence[RecordingData],
     *,
     near: Motion | None = None,
-    trusts_weight: bool = False,
+    trusted_error: float = 0.0,
 ) -> MotionFit:
     """Fit mass at the tip and damping to recordings in which the arm swings.
 
@@ -352,33 +343,34 @@ def fit_motion(
         runs: recordings with quick changes of the pressure, or of an arm that was plucked and let
             go while the pressure stands still.
         near: where the search begins; anywhere if None.
-        trusts_weight: the arm is as heavy as its file says, whatever the swing says.
+        trusted_error: by so much, relative, the swing may say that the arm is lighter than its
+            file says, and the file is believed.
 
     Returns:
         Mass and damping with standard errors.
 
     Raises:
-        RequestError: the arm hardly swings in the recordings, or no mass at the tip explains how:
-            WrongWeight if that of a lighter arm would.
+        RequestError: the arm hardly swings in the recordings, or no mass at the tip explains how.
 
     """
     problem = motion_problem(arm, runs)
     from scipy.optimize import least_squares  # slow to import, and few fits need it
 
+    def search(start: Array, least: float) -> Any:
+        return least_squares(
+            problem.cost,
+            start,
+            bounds=([least, *[-math.inf] * (start.size - 1)], math.inf),
+            x_scale='jac',
+            loss='soft_l1',
+            diff_step=1e-4,
+            max_nfev=MOST_STEPS,
+        )
+
     start = problem.best_of_scan() if near is None else problem.numbers_of(near)
-    least = np.full(start.size, -math.inf)
-    if trusts_weight:
-        least[0] = 0.0
-        start[0] = max(start[0], 0.0)
-    fitted = least_squares(
-        problem.cost,
-        start,
-        bounds=(least, math.inf),
-        x_scale='jac',
-        loss='soft_l1',
-        diff_step=1e-4,
-        max_nfev=MOST_STEPS,
-    )
+    fitted = search(start, -math.inf)
+    if 0.0 < -fitted.x[0] <= trusted_error:
+        fitted = search(np.array([0.0, *fitted.x[1:]]), 0.0)
     beside, settled = problem.follow(fitted.x)
     left = problem.residuals(beside)
     never = problem.residuals([np.zeros_like(item) for item in beside])
@@ -401,12 +393,11 @@ def fit_motion(
     tip_std = mass_error * problem.share * max(1.0 + float(fitted.x[0]), 1.0)
     if tip_mass < -SURE * tip_std:
         whole = (1.0 + tip_mass / problem.share) * arm.weight
-        raise WrongWeight(
+        raise RequestError(
             f'the arm swings faster than its weight allows: arm.weight is {arm.weight:.4g} N, and '
             f'{whole:.4g} N would do; weigh the arm, and give --arm a file '
             'with its weight',
             reason='wrong_weight',
-            weight=whole,
         )
     tip_mass = max(tip_mass, 0.0)
     motion = Motion(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import math
 from operator import attrgetter
 
-from pneunet_ros.calibration.motion_fit import fit_motion, less_swing, MotionFit, WrongWeight
+from pneunet_ros.calibration.motion_fit import fit_motion, less_swing, MotionFit
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.diagnosis.augmented_model import augment_model, fit_with_effects
 from pneunet_ros.diagnosis.evaluation import adequacy
@@ -34,8 +34,6 @@ from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.moving_arm import WEIGHT_ERROR, WITHIN_95
-from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.motion import Motion
 
 LATE = CameraDelay.name, PressureLag.name  # what else makes an arm late
 ROUNDS = 2  # of mass and damping, and of what else is missing: each bends the fit of the other
@@ -89,21 +87,6 @@ def is_late(diagnosis: Diagnosis, best: Trial) -> bool:
     return not {*best.names, *diagnosis.alternatives}.isdisjoint(LATE)
 
 
-def fitted_motion(arm: Arm, training: Sequence[RecordingData], near: Motion | None) -> MotionFit:
-    """Fit mass and damping, and trust the weight of the arm if the best fit is slightly lighter.
-
-    On ramps, errors of the static model look like a part of the mass. An arm without mass that is
-    late for another reason would fit best with almost no weight: WrongWeight.
-    """
-    runs = unloaded(training)
-    try:
-        return fit_motion(arm, runs, near=near)
-    except WrongWeight as error:
-        if error.weight < (1.0 - WITHIN_95 * WEIGHT_ERROR) * arm.weight:
-            raise
-    return fit_motion(arm, runs, near=near, trusts_weight=True)
-
-
 def less_motion(
     found: Investigation,
     search: Search,
@@ -149,7 +132,10 @@ def moving_beside(
             arm = replace(arm, effects=effects, covariance=None)
         near = None if moving is None else moving.fit.motion
         try:
-            fit = fitted_motion(arm, training, near)
+            # On ramps, errors of the static model look like a part of the mass. An arm without
+            # mass that is late for another reason would fit best with almost no weight.
+            error = WITHIN_95 * WEIGHT_ERROR
+            fit = fit_motion(arm, unloaded(training), near=near, trusted_error=error)
             slow = [less_swing(arm, fit.motion, part) for part in (training, held_out)]
             result = search(*slow, allowed=allowed)
         except PneunetError:  # no mass explains it, or nothing is left to search

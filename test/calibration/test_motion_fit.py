@@ -93,19 +93,23 @@ def test_a_swing_is_hardly_that_of_the_noise_of_the_readings():
     assert np.sqrt(np.nanmean((swings[0] - swings[1]) ** 2)) < 2e-4
 
 
-def test_a_weight_that_is_too_large_is_named():
+def heavier(times):
+    """Return the arm of `fitted` as if it weighed so many times as much."""
     _, arm = fitted()
-    heavier = dataclasses.replace(
-        arm,
-        weight=3.0 * arm.weight,
-        moment_law=dataclasses.replace(
-            arm.moment_law,
-            rigidity=arm.moment_law.rigidity / 3.0,
-            moment_offset=arm.moment_law.moment_offset / 3.0,
-        ),
+    law = arm.moment_law
+    law = dataclasses.replace(
+        law, rigidity=law.rigidity / times, moment_offset=law.moment_offset / times
     )
+    return dataclasses.replace(arm, weight=times * arm.weight, moment_law=law)
+
+
+def test_a_weight_that_is_too_large_is_named():
+    run = run_of(simulate(swinging(*STEPS))).without_load()
     with refused(RequestError, 'wrong_weight'):
-        fit_motion(heavier, [run_of(simulate(swinging(*STEPS))).without_load()])
+        fit_motion(heavier(3.0), [run], trusted_error=0.3)
+    with refused(RequestError, 'wrong_weight'):
+        fit_motion(heavier(2.0), [run])
+    assert 0.0 <= fit_motion(heavier(2.0), [run], trusted_error=0.3).motion.tip_mass < 1e-4
 
 
 def test_errors_count_a_period_as_one_observation():

@@ -11,7 +11,7 @@ PACKAGE = Path(pneunet_ros.__file__).parent
 TESTS = Path(__file__).resolve().parents[1]
 SAID_BY = {
     'CameraError', 'MessageError', 'ModelError', 'Note', 'RecordingError', 'Refusal',
-    'RequestError', 'WrongWeight', 'drop',
+    'RequestError', 'drop',
 }  # fmt: skip
 ROOMS = tuple(sorted(item.name for item in PACKAGE.iterdir() if (item / '__init__.py').exists()))
 
