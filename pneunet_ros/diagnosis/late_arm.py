@@ -36,7 +36,9 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.moving_arm import WEIGHT_ERROR, WITHIN_95
 
 LATE = CameraDelay.name, PressureLag.name  # what else makes an arm late
-ROUNDS = 2  # of mass and damping, and of what else is missing: each bends the fit of the other
+# Of mass and damping, and of what else is missing: each bends the fit of the other, that of a late
+# camera by a third of the damping after two.
+MOST_ROUNDS = 5
 
 Search = Callable[..., Investigation]  # of training and held-out recordings
 
@@ -48,6 +50,12 @@ class Moving:
     fit: MotionFit
     found: Investigation
     best: Trial
+
+    def settles(self, before: Moving) -> bool:
+        """Whether it found what was found before, with a damping that stays within its error."""
+        change = self.fit.motion.damping_time - before.fit.motion.damping_time
+        same = self.best.names == before.best.names
+        return same and abs(change) <= self.fit.damping_time_std
 
 
 def with_late_arm(
@@ -119,13 +127,15 @@ def moving_beside(
 ) -> Moving | None:
     """Fit mass and damping beside the effects of a trial, and search recordings less the swing.
 
-    Once more with what was found beside it, as an effect that was not known bends the fit. As of
-    any effect, its law may leave a share of what the model without it leaves.
+    Again with what was found beside it, as an effect that was not known bends the fit, until the
+    damping stays within its error. As of any effect, its law may leave a share of what the model
+    without it leaves.
     """
-    settings, moving = found.diagnosis.settings, None
+    settings = found.diagnosis.settings
+    moving: Moving | None = None
     assert found.base is not None
     allowed = settings.lack_of_fit.law_error * found.base.record.excess
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         arm = augment_model(start.refit, fit_with_effects(start.refit, settings), settings)
         if moving is None and CameraDelay.name in start.names:
             effects = tuple(item for item in arm.effects if item.name != CameraDelay.name)
@@ -142,8 +152,8 @@ def moving_beside(
             return moving
         if result.best is None:
             return moving
-        moving = Moving(fit, result, result.best)
-        if not result.best.names:
+        before, moving = moving, Moving(fit, result, result.best)
+        if not result.best.names or (before is not None and moving.settles(before)):
             return moving
         start = result.best
     return moving

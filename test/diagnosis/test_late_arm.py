@@ -102,8 +102,24 @@ def test_what_explains_as_well_is_an_alternative(asked):
 def test_a_swing_that_leaves_something_is_a_note_and_no_name(asked):
     found, calls = asked(100.0, names=('gravity',), answer='unknown')
     assert names_of(found) == []
-    assert len(calls) == late_arm.ROUNDS  # once more, with what was found beside it
+    assert len(calls) == 2  # once more, with what was found beside it
     assert found.diagnosis.notes[-1].reason == 'closest'
+
+
+@pytest.mark.parametrize(('change', 'rounds'), [(0.9e-3, 2), (2e-3, late_arm.MOST_ROUNDS)])
+def test_mass_is_fitted_until_the_damping_stays_within_its_error(
+    asked, monkeypatch, change, rounds
+):
+    """A camera that is late as well takes a part of the damping with it in each round."""
+    fits = iter(range(100))
+
+    def fit(*args, **kwargs):
+        motion = replace(FIT.motion, damping_time=0.03 + change * next(fits))
+        return replace(FIT, motion=motion)
+
+    monkeypatch.setattr(late_arm, 'fit_motion', fit)
+    _, calls = asked(100.0, names=('camera_delay',), answer='named')
+    assert len(calls) == rounds
 
 
 def test_a_swing_that_held_out_recordings_do_not_show_is_no_name(asked, nothing):
