@@ -305,6 +305,20 @@ class MotionProblem:
         ]
         return min(guesses, key=lambda numbers: float(np.sum(short.cost(numbers) ** 2)))
 
+    def search(self, start: Array, least_mass: float = -math.inf) -> Any:
+        """Search for the most likely numbers; least_mass: bound of the first of them."""
+        from scipy.optimize import least_squares  # slow to import, and few fits need it
+
+        return least_squares(
+            self.cost,
+            start,
+            bounds=([least_mass, *[-math.inf] * (start.size - 1)], math.inf),
+            x_scale='jac',
+            loss='soft_l1',
+            diff_step=1e-4,
+            max_nfev=MOST_STEPS,
+        )
+
     def numbers_of(self, motion: Motion) -> Array:
         """Return the numbers of a mass and damping; plucked runs begin at their first frame."""
         numbers = self.first_numbers(0.0, 0.1)
@@ -354,23 +368,10 @@ def fit_motion(
 
     """
     problem = motion_problem(arm, runs)
-    from scipy.optimize import least_squares  # slow to import, and few fits need it
-
-    def search(start: Array, least: float) -> Any:
-        return least_squares(
-            problem.cost,
-            start,
-            bounds=([least, *[-math.inf] * (start.size - 1)], math.inf),
-            x_scale='jac',
-            loss='soft_l1',
-            diff_step=1e-4,
-            max_nfev=MOST_STEPS,
-        )
-
     start = problem.best_of_scan() if near is None else problem.numbers_of(near)
-    fitted = search(start, -math.inf)
+    fitted = problem.search(start)
     if 0.0 < -fitted.x[0] <= trusted_error:
-        fitted = search(np.array([0.0, *fitted.x[1:]]), 0.0)
+        fitted = problem.search(np.array([0.0, *fitted.x[1:]]), least_mass=0.0)
     beside, settled = problem.follow(fitted.x)
     left = problem.residuals(beside)
     never = problem.residuals([np.zeros_like(item) for item in beside])

@@ -48,10 +48,10 @@ def interrupted_afterwards() -> Iterator[None]:
     try:
         yield
     finally:
-        _held = None
         if not isinstance(before, Deferrable):
             # None: a handler that is not of Python, and cannot be set from here.
             signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+        _held = None
         if held:
             signal.raise_signal(held[0])
 
