@@ -458,9 +458,9 @@ def toy_of_kernels(folder: Path) -> Path:
     """Return a package with a kernel that calls another, and the compiler of this one."""
     toy = folder / 'toy'
     (toy / 'core' / 'kernels').mkdir(parents=True)
-    for module in ('jit', 'compiler', 'links'):
-        text = Path(jit.__file__).with_name(f'{module}.py').read_text()
-        (toy / 'core' / 'kernels' / f'{module}.py').write_text(text.replace('pneunet_ros', 'toy'))
+    for module in ('kernels/jit', 'kernels/compiler', 'kernels/links', 'interrupt'):
+        text = (Path(jit.__file__).parents[1] / f'{module}.py').read_text()
+        (toy / 'core' / f'{module}.py').write_text(text.replace('pneunet_ros', 'toy'))
     (toy / 'whole.py').write_text(
         'from toy.core.kernels.jit import kernel\n'
         'from toy.piece import piece\n\n\n'
