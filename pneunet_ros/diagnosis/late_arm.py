@@ -51,11 +51,10 @@ class Moving:
     found: Investigation
     best: Trial
 
-    def settles(self, before: Moving) -> bool:
-        """Whether it found what was found before, with a damping that stays within its error."""
-        change = self.fit.motion.damping_time - before.fit.motion.damping_time
-        same = self.best.names == before.best.names
-        return same and abs(change) <= self.fit.damping_time_std
+    @property
+    def log_probability(self) -> float:
+        """Of the training recordings (`log_densities`)."""
+        return log_densities(self.found, self.best)[0]
 
 
 def with_late_arm(
@@ -73,7 +72,7 @@ def with_late_arm(
     at_rest = replace(at_rest, detectable=detectable(at_rest, shown))
     if moving is None:
         return replace(found, diagnosis=at_rest)
-    gained = log_densities(moving.found, moving.best)[0] - log_densities(found, rival)[0]
+    gained = moving.log_probability - log_densities(found, rival)[0]
     row = evidence_of(moving.best, rival, gained)
     at_rest = replace(at_rest, evidence=(*at_rest.evidence, row))
     found = replace(found, diagnosis=at_rest)
@@ -115,7 +114,7 @@ def less_motion(
         return moving
     other = moving_beside(found.best, found, search, training, held_out)
     pair = [item for item in (moving, other) if item is not None]
-    return max(pair, key=lambda item: log_densities(item.found, item.best)[0])
+    return max(pair, key=attrgetter('log_probability'))
 
 
 def moving_beside(
@@ -127,11 +126,12 @@ def moving_beside(
 ) -> Moving | None:
     """Fit mass and damping beside the effects of a trial, and search recordings less the swing.
 
-    Again with what was found beside it, as an effect that was not known bends the fit, until the
-    damping stays within its error. As of any effect, its law may leave a share of what the model
+    Again with what was found beside it, as an effect that was not known bends the fit, while the
+    recordings become more probable. As of any effect, its law may leave a share of what the model
     without it leaves.
     """
     settings = found.diagnosis.settings
+    margin = settings.selection.least_evidence
     moving: Moving | None = None
     assert found.base is not None
     allowed = settings.lack_of_fit.law_error * found.base.record.excess
@@ -152,8 +152,10 @@ def moving_beside(
             return moving
         if result.best is None:
             return moving
-        before, moving = moving, Moving(fit, result, result.best)
-        if not result.best.names or (before is not None and moving.settles(before)):
+        latest = Moving(fit, result, result.best)
+        gained = math.inf if moving is None else latest.log_probability - moving.log_probability
+        moving = moving if moving is not None and gained < 0.0 else latest
+        if not result.best.names or gained <= margin:
             return moving
         start = result.best
     return moving

@@ -106,20 +106,27 @@ def test_a_swing_that_leaves_something_is_a_note_and_no_name(asked):
     assert found.diagnosis.notes[-1].reason == 'closest'
 
 
-@pytest.mark.parametrize(('change', 'rounds'), [(0.9e-3, 2), (2e-3, late_arm.MOST_ROUNDS)])
-def test_mass_is_fitted_until_the_damping_stays_within_its_error(
-    asked, monkeypatch, change, rounds
+@pytest.mark.parametrize(
+    ('gains', 'rounds', 'believed'),
+    [([0.0, 2.0], 2, 1), ([0.0, 9.0, 18.0, 17.0], 4, 2), ([0.0, 9.0, 18.0, 27.0, 36.0], 5, 4)],
+)
+def test_mass_is_fitted_while_the_recordings_become_more_probable(
+    nothing, monkeypatch, gains, rounds, believed
 ):
     """A camera that is late as well takes a part of the damping with it in each round."""
-    fits = iter(range(100))
+    fits = iter([replace(FIT, hertz=float(which)) for which in range(rounds)])
+    monkeypatch.setattr(late_arm, 'fit_motion', lambda *args, **kwargs: next(fits))
+    monkeypatch.setattr(late_arm, 'less_swing', lambda arm, motion, runs: runs)
+    left = [100.0 + gain for gain in gains]
 
-    def fit(*args, **kwargs):
-        motion = replace(FIT.motion, damping_time=0.03 + change * next(fits))
-        return replace(FIT, motion=motion)
+    def search(*recordings, allowed):
+        names = (CameraDelay.name,)
+        return judged(nothing[0], left.pop(0), names=names, answer='named')
 
-    monkeypatch.setattr(late_arm, 'fit_motion', fit)
-    _, calls = asked(100.0, names=('camera_delay',), answer='named')
-    assert len(calls) == rounds
+    late = judged(nothing[0], 0.0, names=(CameraDelay.name,), answer='named')
+    moving = late_arm.less_motion(late, search, nothing[1], [])
+    assert not left
+    assert moving.fit.hertz == believed
 
 
 def test_a_swing_that_held_out_recordings_do_not_show_is_no_name(asked, nothing):
