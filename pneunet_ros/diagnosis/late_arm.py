@@ -37,7 +37,7 @@ from pneunet_ros.measurement.moving_arm import WEIGHT_ERROR, WITHIN_95
 
 LATE = CameraDelay.name, PressureLag.name  # what else makes an arm late
 # Of mass and damping, and of what else is missing: each bends the fit of the other, that of a late
-# camera by a third of the damping after two.
+# camera by a fifth of the damping after two (acceptance/diagnosis.md).
 MOST_ROUNDS = 5
 
 Search = Callable[..., Investigation]  # of training and held-out recordings
