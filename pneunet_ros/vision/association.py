@@ -181,11 +181,15 @@ def _is_whole(
 
 
 def _grown_from_pairs(
-    blobs: BlobColumns, arclength: Array, search: BeamSearchSettings
+    blobs: BlobColumns,
+    arclength: Array,
+    search: BeamSearchSettings,
+    limits: Array | None = None,
 ) -> tuple[Indices, Array]:
     """Grow a row from every blob and each of its neighbors; rows (seeds, targets) and costs.
 
-    Where only some blobs cost nothing, the second of a row is any of these.
+    Where only some blobs cost nothing, the second of a row is any of these. limits: as of
+    `grow_rows`.
     """
     x, y, looks, costs = blobs
     targets = arclength.size
@@ -207,7 +211,7 @@ def _grown_from_pairs(
     starts[:, SIZE:LAST] = 0.5 * (looks[:, first] + looks[:, second]).T
     rows = np.full((len(first), targets), NOTHING)
     rows[:, 0], rows[:, 1] = first, second
-    return grow_rows(blobs, arclength, starts, rows, True, search)
+    return grow_rows(blobs, arclength, starts, rows, True, search, limits)
 
 
 def near_rows_anywhere(
@@ -217,28 +221,34 @@ def near_rows_anywhere(
     known: Indices,
     search: BeamSearchSettings = BEAM_SEARCH,
     shapes: Array | None = None,
+    limit: float = math.inf,
 ) -> Indices:
     """Return the blobs near a row of known ones (indices), or near its extensions.
 
     Other arguments as of `rows_anywhere`; rows may go on beyond their ends, and the last target
-    may be missing.
+    may be missing where no row shows it. limit: what the targets that are seen of a row may cost.
     """
     near = np.zeros(len(points), np.bool_)
-    for targets in (arclength, arclength[:-1]):
-        if near.any() or not 2 < targets.size <= len(known):
-            continue
-        looks = None if shapes is None else shapes[known]
-        blobs = _columns(points[known], areas[known], looks)
-        chosen, costs = _grown_from_pairs(blobs, targets, search)
-        rows, others = chosen[np.isfinite(costs)], np.arange(len(points))
-        for seed in np.unique(np.sort(rows, axis=1), axis=0, return_index=True)[1].tolist():
-            seen = np.flatnonzero(rows[seed] >= 0)
-            row, places = points[known[rows[seed, seen]]], targets[seen]
-            for line, along in ((row, places), (row[::-1], targets[-1] - places[::-1])):
-                near[others] = _near_line(points[others], line, along, search)
-                others = others[~near[others]]  # in noise there are a thousand rows
-            if not others.size:
-                break
+    if len(known) < arclength.size - 1:
+        return np.flatnonzero(near)
+    limits = np.full(arclength.size, limit, np.float64)
+    if _is_symmetric(arclength):  # one half of a row costs half as much at most, from its end
+        limits[: arclength.size // 2] *= 0.5
+    looks = None if shapes is None else shapes[known]
+    blobs = _columns(points[known], areas[known], looks)
+    chosen, costs = _grown_from_pairs(blobs, arclength, search, limits)
+    rows, others = chosen[np.isfinite(costs)], np.arange(len(points))
+    whole = rows[:, -1] >= 0
+    if whole.any():
+        rows = rows[whole]
+    for seed in np.unique(np.sort(rows, axis=1), axis=0, return_index=True)[1].tolist():
+        seen = np.flatnonzero(rows[seed] >= 0)
+        row, places = points[known[rows[seed, seen]]], arclength[seen]
+        for line, along in ((row, places), (row[::-1], arclength[-1] - places[::-1])):
+            near[others] = _near_line(points[others], line, along, search)
+            others = others[~near[others]]  # in noise there are a thousand rows
+        if not others.size:
+            break
     return np.flatnonzero(near)
 
 
@@ -248,10 +258,15 @@ def _readings(row: TargetRow, arclength: Array) -> tuple[TargetRow, ...]:
     It is grown by what its last blobs were like, and dots of different sizes may be found from one
     end alone.
     """
-    steps = np.diff(arclength)
-    if not np.allclose(steps, steps[::-1]):
+    if not _is_symmetric(arclength):
         return (row,)
     return row, TargetRow(np.ascontiguousarray(row.chosen[::-1]), row.cost)
+
+
+def _is_symmetric(arclength: Array) -> bool:
+    """Whether targets are spaced alike from either end."""
+    steps = np.diff(arclength)
+    return bool(np.allclose(steps, steps[::-1]))
 
 
 def share_of_blobs(row: TargetRow, other: TargetRow) -> float:

@@ -112,13 +112,19 @@ def grow_rows(
     chosen: Indices,
     whole: bool,
     search: BeamSearchSettings,
+    limits: Array | None = None,
 ) -> tuple[Indices, Array]:
     """Grow a row from each start; `chosen` (starts, targets): its targets so far.
 
     starts (starts, LAST + 1): what is known of the rows, all up to the same target; whole: the
-    first three targets and the last must be seen, and as many of all as of a row found anywhere.
-    Returns the best row of each start, and the costs (starts,), infinite where there is none.
+    first three targets and the last must be seen, and as many of all as of a row found anywhere;
+    limits (targets,): what the seen targets of a row may cost up to each target, and with limits
+    the last target may be missing. Returns the best row of each start, and the costs (starts,),
+    infinite where there is none.
     """
+    open_end = limits is not None
+    if limits is None:
+        limits = np.full(arclength.size, math.inf)
     best, costs = np.array(chosen, np.int64), np.full(len(starts), math.inf)
     if not len(blobs.x) and whole:
         return best, costs
@@ -134,6 +140,8 @@ def grow_rows(
         np.array(arclength),
         np.array(starts),
         whole,
+        open_end,
+        limits,
         search_numbers(search),
         best,
         costs,
@@ -149,6 +157,8 @@ def grow_all(
     arclength: Array,
     starts: Array,
     whole: bool,
+    open_end: bool,
+    limits: Array,
     search: BeamSearchSettings,
     best: Indices,
     costs: Array,
@@ -156,7 +166,8 @@ def grow_all(
     """Grow a row from each start; fills best (starts, targets) and costs, as `grow_rows`.
 
     blobs (BLOB_ROWS, blobs): along two sides, looks and costs, in the order of the first; order
-    (blobs,): which they are; sides (2,): 0 where a side is x, and 1 where it is y.
+    (blobs,): which they are; sides (2,): 0 where a side is x, and 1 where it is y; open_end:
+    whether the last target may be missing.
     """
     targets, kept = arclength.size, int(search.kept)
     dearest = math.inf
@@ -170,9 +181,10 @@ def grow_all(
         count = 1
         for target in range(int(starts[number, LAST]) + 1, targets):
             many = _ways_on(
-                blobs, sides, arclength, known, rows, count, target, whole, search, ways, ways_cost
-            )
-            if many == 0 or ways_cost[0] > dearest:
+                blobs, sides, arclength, known, rows, count, target, whole, open_end,
+                limits[target], dearest, search, ways, ways_cost,
+            )  # fmt: skip
+            if many == 0:
                 count = 0
                 break
             for place in range(many):
@@ -201,16 +213,20 @@ def _ways_on(
     count: int,
     target: int,
     whole: bool,
+    open_end: bool,
+    limit: float,
+    dearest: float,
     search: BeamSearchSettings,
     ways: Indices,
     costs: Array,
 ) -> int:
     """Find the best continuations of rows to a target: with a nearby blob, and without.
 
-    known, rows: of `count` rows. Fills ways (kept, 2), row and blob, NOTHING without one, and
+    known, rows: of `count` rows; limit: what the seen targets of a row may cost, and dearest: what
+    all of them may. Fills ways (kept, 2), row and blob, NOTHING without one, and
     their costs (kept,), the cheapest first; returns how many there are.
     """
-    targets = arclength.size
+    targets, missing = arclength.size, search.farthest**2
     longest_gap = search.first_gap if whole else search.longest_gap
     spacing = arclength[max(target, 1)] - arclength[max(target, 1) - 1]
     # Between targets far apart an arm turns by more than it does between near ones.
@@ -227,9 +243,11 @@ def _ways_on(
         lost = 0
         for before in range(target):
             lost += rows[row, before] == NOTHING
-        if not whole or (2 < target < targets - 1 and gap < longest_gap and lost < most):
-            many = _insert(row, NOTHING, one[COST] + search.farthest**2, ways, costs, many)
-        if gap > longest_gap:
+        allowed = min(limit + lost * missing, dearest)
+        may_miss = 2 < target < targets - 1 + open_end and gap < longest_gap and lost < most
+        if (not whole or may_miss) and one[COST] + missing <= dearest:
+            many = _insert(row, NOTHING, one[COST] + missing, ways, costs, many)
+        if gap > longest_gap or one[COST] > allowed:
             continue
         ahead = arclength[target] - (arclength[last] if last >= 0 else 0.0)
         unit = one[SCALE] * spacing
@@ -238,12 +256,19 @@ def _ways_on(
         length = one[SCALE] * ahead
         toward_x, toward_y = math.cos(middle), math.sin(middle)
         at_x, at_y = one[X] + length * toward_x, one[Y] + length * toward_y
-        reach = unit * (search.farthest * (search.along_std + loose * search.across_std) + bend)
-        # What `misfit` allows at most: the distance, and the cosine of the angle to it.
+        # What misfit and cost allow at most: the distance, and the cosine of the angle to it.
+        sigmas = math.sqrt(allowed - one[COST])
+        most_along = unit * min(search.farthest, sigmas) * search.along_std
+        most_across = (
+            unit
+            * loose
+            * min(search.farthest * search.across_std + bend, sigmas * (search.across_std + bend))
+        )
+        reach = most_along + most_across
         longest, within = math.inf, -2.0
         if ahead > 0.0:
-            longest = length + unit * search.farthest * search.along_std
-            angle = loose * unit * (search.farthest * search.across_std + bend) / length
+            longest = length + most_along
+            angle = most_across / length
             within = math.cos(min(angle, math.pi))
         at, aside = (at_x, at_y) if sides[0] == 0 else (at_y, at_x)
         for blob in range(np.searchsorted(blobs[0], at - reach), blobs.shape[1]):
@@ -260,7 +285,8 @@ def _ways_on(
             cost = one[COST] + misfit(along / unit, across / (loose * unit), bend, search)
             if cost < math.inf and (many < costs.size or cost < costs[-1]):
                 cost += look_cost(blobs, blob, one, search)
-                many = _insert(row, blob, cost, ways, costs, many)
+                if cost <= allowed:
+                    many = _insert(row, blob, cost, ways, costs, many)
     return many
 
 

@@ -21,6 +21,7 @@ from pneunet_ros.vision.settings import RestPlaneSettings, VISION, VisionSetting
 
 HEADING_CHORDS, HEADING_SHARE = 5, 0.4  # chords from the clamp that tell the heading there
 UPRIGHT = 'upright'  # reason: which end is the clamp is not known
+NO_ROW = 'no_row', 'no_areas'  # reasons that rows which cost more may change
 RESTING = 'resting'  # reason of a frame that is averaged, in which all is well
 
 Counts = npt.NDArray[np.int64]

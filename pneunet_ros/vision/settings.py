@@ -82,6 +82,14 @@ class RestPlaneSettings:
     )
     places: int = tuning(4, 'places in which it may rest that are remembered')
 
+    @property
+    def limits(self) -> tuple[float, ...]:
+        """Costs up to which rows are looked for, one search after the other.
+
+        Whatever they are, all rows that are not there by chance beside the first are found.
+        """
+        return 0.5 * self.chance, self.chance, 2.0 * self.chance
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VisionSettings:

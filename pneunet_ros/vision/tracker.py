@@ -31,6 +31,7 @@ from pneunet_ros.vision.dots.areas import bright_and_dark_areas, RoundAreas
 from pneunet_ros.vision.dots.ellipse_fit import for_colors
 from pneunet_ros.vision.rest_plane import (
     Failure,
+    NO_ROW,
     plane_at_rest,
     RESTING,
     RestSearch,
@@ -209,31 +210,19 @@ class Tracker:
     ) -> tuple[TrackerState, Tracking]:
         """Look for bright and for dark targets, until a complete row decides on one polarity.
 
-        A row of either kind in one image is no answer. Until it is whole, the one that has shown a
-        row alone is looked for first, and the other only where that fails. Areas that hardly stand
-        out are looked at where the others show nothing.
+        A row of either kind in one image is no answer.
         """
-        found = None if state.leading else self._bright_and_dark(image)
-        areas = dict(zip((BRIGHT, DARK), found or (None, None), strict=True))
-        looks: dict[str, tuple[TrackerState, Tracking]] = {}
-        for again in (False, True):
-            for name in sorted((BRIGHT, DARK), key=lambda name: name != state.leading):
-                looks[name] = self._look(state, image, name, areas[name], not again, again, taken)
-                if name == state.leading and looks[name][1].reason == RESTING:
-                    return looks[name]
-            if any(it.reason in ('', RESTING) for _, it in looks.values()):
-                break
+        looks = self._look_for_either(state, image, taken)
         shown = [name for name, (_, it) in looks.items() if it.reason in ('', RESTING)]
-        said = {name: looks[name][1].sentence for name in (BRIGHT, DARK)}
         if len(shown) == 1:
             (name,) = shown
-            (other,) = looks.keys() - {name}
             state, tracking = looks[name]
             if tracking.reason:
                 return replace(state, leading=name), tracking
+            (other,) = looks.keys() - {name}
             evidence = (
                 f'{name}: {tracking.sightings.seen} of {self.arclength.size} targets in a row; '
-                f'{other}: {said[other]}'
+                f'{other}: {looks[other][1].sentence}'
             )
             return replace(state, polarity=Polarity(name=name, evidence=evidence)), tracking
         still = {name: it.still[name] for name, (it, _) in looks.items() if name in it.still}
@@ -249,6 +238,44 @@ class Tracker:
             image,
             Failure(reason=best.reason, sentence=best.sentence, seen=best.row, found=best.found),
         )
+
+    def _look_for_either(
+        self, state: TrackerState, image: Image, taken: Array | None
+    ) -> dict[str, tuple[TrackerState, Tracking]]:
+        """Look for bright and for dark targets until one of them shows a row.
+
+        The one that has shown a row alone before is looked for first, and the other only where
+        that fails. Rows at rest that cost little are looked for first; where there is one, also
+        those of the other kind that are not there by chance beside it. Areas that hardly stand out
+        are looked at where the others show nothing.
+        """
+        found = None if state.leading else self._bright_and_dark(image)
+        areas = dict(zip((BRIGHT, DARK), found or (None, None), strict=True))
+        looks: dict[str, tuple[TrackerState, Tracking]] = {}
+
+        def shows_row(name: str, *limits: float) -> bool:
+            looks[name] = self._look(state, image, name, areas[name], bool(limits), limits, taken)
+            return looks[name][1].reason in ('', RESTING)
+
+        settings, anywhere = self.vision.rest_plane, state.plane is None
+        names = sorted((BRIGHT, DARK), key=lambda name: name != state.leading)
+        for limit in settings.limits if anywhere else (math.inf,):
+            shown = []
+            for name in names:
+                if name in looks and looks[name][1].reason not in NO_ROW:
+                    continue  # there are several, and more would cost more
+                if shows_row(name, limit):
+                    shown.append(name)
+                if name == state.leading and looks[name][1].reason == RESTING:
+                    return {name: looks[name]}
+            if len(shown) == 1 and anywhere:
+                (other,) = set(names) - set(shown)
+                shows_row(other, limit + settings.chance)
+            if shown:
+                return looks
+        for name in names:
+            shows_row(name)
+        return looks
 
     def _rank(self, tracking: Tracking) -> tuple[int, int, int]:
         """Rank the results for bright and dark areas by their similarity to a row of targets."""
@@ -269,10 +296,10 @@ class Tracker:
         polarity: str,
         areas: RoundAreas | None = None,
         shallow: bool = False,
-        again: bool = False,
+        limits: tuple[float, ...] | None = None,
         taken: Array | None = None,
     ) -> tuple[TrackerState, Tracking]:
-        """Look for targets of one polarity; areas, shallow, again and taken: as of `View`."""
+        """Look for targets of one polarity; areas, shallow, limits and taken: as of `View`."""
         assert state.lens is not None
         settings = self.settings
         if polarity == DARK:
@@ -288,7 +315,7 @@ class Tracker:
             vision=self.vision,
             areas=areas,
             shallow=shallow,
-            again=again,
+            limits=self.vision.rest_plane.limits if limits is None else limits,
             taken=NONE_TAKEN if taken is None else taken,
         )
         if state.plane is None:

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 import numpy as np
 from pneunet_ros.vision.association import (
     least_seen,
+    near_rows_anywhere,
     row_from_clamp,
     rows_anywhere,
     share_of_blobs,
@@ -118,6 +119,26 @@ def test_a_straight_row_is_found_wherever_it_is_from_both_ends():
         found = {tuple(mixture.named(row.chosen).tolist()) for row in rows}
         assert tuple(TARGETS.tolist()) in found
         assert tuple(TARGETS[::-1].tolist()) in found
+
+
+@pytest.mark.parametrize('seen', [23, 22])
+def test_near_a_row_that_costs_little_are_its_targets_and_few_others(seen):
+    """Rows of others cost far more; the last target may be one of the areas not known yet."""
+    rng = np.random.default_rng(7)
+    row = 3000.0 * arc(0.0, 5.0)
+    others = rng.uniform([-100.0, -200.0], [400.0, 200.0], (60, 2))
+    mixture = Mixture(rng, row, TARGETS >= 0, away_from(row, others, 8.0), noise=0.1)
+    points, areas = mixture.points, mixture.areas
+    known = np.flatnonzero(mixture.who < seen)
+    near = {
+        limit: near_rows_anywhere(points, areas, ARCLENGTH, known, limit=limit)
+        for limit in (10, 30, np.inf)
+    }
+    for found in near.values():
+        assert set(np.flatnonzero(mixture.who >= 0)) <= set(found)
+    assert len(near[10]) <= len(near[30]) < 0.4 * len(near[np.inf])
+    of_others = np.flatnonzero(mixture.who < 0)
+    assert not len(near_rows_anywhere(points, areas, ARCLENGTH, of_others, limit=10.0))
 
 
 def test_a_longer_row_of_equal_dots_is_not_the_arm():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import functools
 import math
 
 import numpy as np
@@ -13,6 +14,7 @@ from pneunet_ros.vision.dots.areas import RoundAreas
 from pneunet_ros.vision.dots.blobs import Blobs, measure_areas
 from pneunet_ros.vision.rest_plane import (
     Failure,
+    NO_ROW,
     plane_at_rest,
     RestAverage,
     RestSearch,
@@ -35,7 +37,7 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     areas = view.round_areas()
     if len(areas.centers) == 0:
         return NO_AREAS
-    if not view.again:
+    if view.limits:
         first = _search_what_stands_out(view, areas)
         if view.shallow or not (isinstance(first, Failure) or np.isnan(first).any()):
             return first
@@ -65,28 +67,45 @@ def _free_blobs(view: View, areas: RoundAreas) -> Blobs:
 def _search_what_stands_out(view: View, areas: RoundAreas) -> Array | Failure:
     """Find the targets of the arm at rest by the areas that stand out, as `search_at_rest`.
 
-    Only those on a row, as their moments say, are measured, and all areas near it.
+    Only those on a row, as their moments say, are measured, and all areas near it or near a row
+    that is not there by chance beside it; rows that cost little are looked for first.
     """
     points = view.lens.undistort(areas.centers)
     usable = np.isfinite(points[:, 0])
     clear = areas.stand_out(view.appearance)
     clear = clear[usable[clear]]
-    near = near_rows_anywhere(
-        points, areas.areas, view.arclength, clear, view.vision.beam_search, areas.shapes
+    found: Array | Failure = Failure(
+        reason='no_row',
+        sentence=f'no row of {view.arclength.size} targets with the distances of '
+        f'target_arclength among {len(clear)} areas that stand out clearly',
+        found=areas.centers[clear],
     )
-    near = near[usable[near]]
-    if not len(near):
-        return Failure(
-            reason='no_row',
-            sentence=f'no row of {view.arclength.size} targets with the distances of '
-            f'target_arclength among {len(clear)} areas that stand out clearly',
-            found=areas.centers[clear],
-        )
-    blobs = _free_blobs(view, areas.only(near))
-    if len(blobs) == 0:
-        return NO_AREAS
-    found = _search_anew(view, blobs, view.lens.undistort(blobs.centers))
-    return replace(found, found=blobs.centers) if isinstance(found, Failure) else found
+    look = functools.partial(
+        near_rows_anywhere,
+        points,
+        areas.areas,
+        view.arclength,
+        clear,
+        view.vision.beam_search,
+        areas.shapes,
+    )
+    for limit in view.limits:
+        near = look(limit)
+        if not len(near):
+            continue
+        near = np.union1d(near, look(limit + view.vision.rest_plane.chance))
+        near = near[usable[near]]
+        blobs = _free_blobs(view, areas.only(near))
+        if len(blobs) == 0:
+            found = NO_AREAS
+            continue
+        found = _search_anew(view, blobs, view.lens.undistort(blobs.centers))
+        if not isinstance(found, Failure):
+            return found
+        found = replace(found, found=blobs.centers)
+        if found.reason not in NO_ROW:
+            break
+    return found
 
 
 def _search_anew(view: View, blobs: Blobs, points: Array) -> Array | Failure:

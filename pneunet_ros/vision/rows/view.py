@@ -29,8 +29,9 @@ class View:
     """A frame with its tracking context.
 
     areas: candidate areas, if they were found already; shallow: whether to search salient areas
-    only, as a second search can follow; again: whether this is the second search;
-    taken (n, COLUMNS): blobs that are targets of other rows.
+    only, as another search can follow; limits: what the targets of a row at rest may cost in each
+    search among these, none where they were searched before; taken (n, COLUMNS): blobs that are
+    targets of other rows.
     """
 
     image: Image
@@ -42,7 +43,7 @@ class View:
     vision: VisionSettings
     areas: RoundAreas | None = None
     shallow: bool = False
-    again: bool = False
+    limits: tuple[float, ...] = ()
     taken: Array = field(default_factory=lambda: NONE_TAKEN)
 
     def is_taken(self, table: Array) -> Mask:
