@@ -24,6 +24,7 @@ from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.measurement.moving_arm import (
     follow_reading,
+    follow_readings,
     Places,
     places_along,
     SHAPES,
@@ -58,14 +59,14 @@ Flags = npt.NDArray[np.bool_]
 class SwingingRun:
     """A recording with the equilibrium at each of its readings.
 
-    stamp_ns (readings,); solved: tables of the rod at each; still (readings, 2, targets) m: the
-    targets in equilibrium; reading (frames,): of each frame; points (frames, 2, targets) m.
-    plucked: the pressure stands still.
+    stamp_ns (readings,); solved: tables of the rod, (readings, ...) each; still (readings, 2,
+    targets) m: the targets in equilibrium; reading (frames,): of each frame; points (frames, 2,
+    targets) m. plucked: the pressure stands still.
     """
 
     name: str
     stamp_ns: Stamps
-    solved: tuple[Solved, ...]
+    solved: Solved
     still: Array
     reading: Stamps
     points: Array
@@ -75,6 +76,11 @@ class SwingingRun:
     def beside(self) -> Array:
         """Measured targets relative to equilibrium (frames, 2, targets) m, NaN where not seen."""
         return self.points - self.still[self.reading]
+
+    def solved_from(self, readings: slice) -> Solved:
+        """Return the tables of some of the readings."""
+        panels, ends, nodes = self.solved
+        return panels[readings], ends[readings], nodes[readings]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,17 +153,15 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
         )
     rods = inputs.rods(arm)
     ends = join_ends(rods.clamp, inputs.loads)
-    solved = []
-    for index in range(count):
-        panels = np.empty((model.nodes.shape[1] - 1, PANEL_WIDTH))
+    panels = np.empty((count, model.nodes.shape[1] - 1, PANEL_WIDTH))
+    for index, table in enumerate(panels):
         sections, rotation = rods.sections[index], rods.rotation[index]
-        prepare(rods.length, sections, rods.knots, rotation, ends[index], model.counts, panels)
-        solved.append((panels, ends[index], model.nodes[index].copy()))
+        prepare(rods.length, sections, rods.knots, rotation, ends[index], model.counts, table)
     still = stands_still(run, loads, arm)
     found = SwingingRun(
         name=run.name,
         stamp_ns=stamps,
-        solved=tuple(solved),
+        solved=(panels, ends, model.nodes.copy()),
         still=model.points,
         reading=run.reading,
         points=run.points,
@@ -193,7 +197,7 @@ def let_go(run: SwingingRun) -> SwingingRun:
     return replace(
         run,
         stamp_ns=run.stamp_ns[start:],
-        solved=run.solved[start:],
+        solved=run.solved_from(slice(start, None)),
         still=run.still[start:],
         reading=run.reading[first:] - start,
         points=run.points[first:],
@@ -245,7 +249,9 @@ class MotionProblem:
     def first_start(self, run: SwingingRun) -> list[float]:
         """Return the initial q closest to the first frame of a run, at zero velocity."""
         masses = masses_of(self.arm)
-        first = follow_reading(None, 0, run.solved[0], masses, 0.0, self.modes)[1]
+        panels, ends, nodes = run.solved
+        rod = panels[0], ends[0], nodes[0]
+        first = follow_reading(None, 0, rod, masses, 0.0, self.modes)[1]
         along = (first.at_nodes[3:] @ self.places.nodes).reshape(SHAPES, 3, -1)[:, :2]
         seen = run.beside[0].reshape(-1)
         known = np.isfinite(seen)
@@ -259,15 +265,10 @@ class MotionProblem:
         starts = iter(numbers[2:].reshape(-1, 2, SHAPES))
         beside, settled = [], []
         for run in self.runs:
-            along = np.empty((len(run.stamp_ns), 2, len(self.places.nodes)))
-            state = None
-            for index, stamp in enumerate(run.stamp_ns.tolist()):
-                state, moved = follow_reading(
-                    state, stamp, run.solved[index], masses, damping_time, self.modes
-                )
-                if index == 0 and run.plucked:
-                    state.swing.state[:] = next(starts)
-                along[index] = moved.at_nodes[:2]
+            start = next(starts) if run.plucked else np.zeros((2, SHAPES))
+            along = follow_readings(
+                run.stamp_ns, run.solved, start, masses, damping_time, self.modes
+            )
             rest = np.hypot(*along[:, :, -1].T) <= SURE * self.std
             # of numbers with which the chain flies apart nothing may look like a target unseen
             found = np.clip(np.nan_to_num(along, nan=self.lost), -self.lost, self.lost)
@@ -333,7 +334,7 @@ class MotionProblem:
                 replace(
                     run,
                     stamp_ns=run.stamp_ns[:most],
-                    solved=run.solved[:most],
+                    solved=run.solved_from(slice(most)),
                     still=run.still[:most],
                     reading=run.reading[run.reading < most],
                     points=run.points[run.reading < most],

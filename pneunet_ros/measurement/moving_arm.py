@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.core.units import seconds_between
+from pneunet_ros.core.stamps import Stamps
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.measurement.errors.propagated_errors import PropagatedErrors
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve
@@ -34,6 +35,7 @@ from pneunet_ros.solver.links import (
 from pneunet_ros.solver.modes import Modes, modes_of
 from pneunet_ros.solver.swing import (
     at_rest,
+    follow_series,
     follow_swing,
     go_on,
     part_shapes,
@@ -306,6 +308,30 @@ def follow_reading(
         swing.covariance[:] = after_gap(state, gap, after, masses, damping_time, modes.moment)
     following = MovingState(stamp_ns=stamp_ns, links=after, swing=swing, turned=turned)
     return following, Moved(at_nodes, at_joints, tip[:3], tip[3:])
+
+
+def follow_readings(
+    stamp_ns: Stamps,
+    solved: tuple[Array, Array, Array],
+    start: Array,
+    masses: Masses,
+    damping_time: float,
+    modes: Modes,
+) -> Array:
+    """Return how far an arm is from its equilibria, (readings, 2, links + 2) m.
+
+    As `follow_reading`, one after the other, from a state (2, SHAPES) of the swing at the first.
+    """
+    seconds = np.diff(stamp_ns, prepend=stamp_ns[0]) / NANOSECONDS_PER_SECOND
+    steps = np.array([steps_between(item, damping_time, modes) for item in seconds.tolist()])
+    steps[steps > MOST_STEPS] = 0
+    pair = room_for_links(LINKS), room_for_links(LINKS)
+    at_nodes = np.empty((len(stamp_ns), 3, LINKS + 2))
+    room = room_for(SHAPES, LINKS)
+    follow_series(
+        solved, start, seconds, steps, masses, damping_time, modes.moment, pair, room, at_nodes
+    )
+    return at_nodes[:, :2]
 
 
 def steps_between(seconds: float, damping_time: float, modes: Modes) -> int:

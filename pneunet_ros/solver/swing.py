@@ -399,6 +399,93 @@ def go_on(
             swing.covariance[count + a, count + b] += kick[a] * kick[b]
 
 
+@inner
+def put_beside(links: Links, q: Array, turns: Array, at_nodes: Array) -> None:
+    """Fill the first rows of at_nodes, of `follow_swing`: how far q takes a chain from rest."""
+    count, size = q.size, links.heading.size
+    at_nodes[0, 0], at_nodes[1, 0], at_nodes[2, 0] = 0.0, 0.0, 0.0
+    x, y = 0.0, 0.0
+    for i in range(size):
+        added = 0.0
+        for a in range(count):
+            added += q[a] * turns[1 + a, i]
+        sine, cosine = sine_cosine(links.heading[i] + added)
+        sine_e, cosine_e = sine_cosine(links.heading[i])
+        dx, dy = links.length[i] * (cosine - cosine_e), links.length[i] * (sine - sine_e)
+        at_nodes[0, 1 + i], at_nodes[1, 1 + i] = x + 0.5 * dx, y + 0.5 * dy
+        at_nodes[2, 1 + i] = added
+        x += dx
+        y += dy
+    at_nodes[0, 1 + size], at_nodes[1, 1 + size] = x, y
+    at_nodes[2, 1 + size] = at_nodes[2, size]
+
+
+@kernel
+def follow_series(
+    solved: tuple[Array, Array, Array],
+    start: Array,
+    seconds: Array,
+    steps: Array,
+    masses: Masses,
+    damping_time: float,
+    moments: Array,
+    pair: tuple[Links, Links],
+    room: Room,
+    at_nodes: Array,
+) -> None:
+    """Follow a chain through a series of solved rods, without the errors of its swing.
+
+    solved: tables of the rods, (readings, ...) each. start (2, shapes): q and p at the first.
+    seconds (readings,): since the reading before; steps (readings,): of the integration, 0 where
+    the chain rests again. pair: room for two chains. Fills at_nodes (readings, 3, n + 2): x, y
+    (m), theta (rad) beside the equilibrium at the clamp, the middles of the links and the tip.
+    """
+    panels, ends, nodes = solved
+    first, second = pair
+    offset = 0.0
+    count, links = moments.shape
+    state = np.empty((2, count))
+    for row in range(2):
+        for a in range(count):
+            state[row, a] = start[row, a]
+    for which in range(len(panels)):
+        before = Links(first.heading, first.length, first.compliance, first.force, offset)
+        offset = ends[which, col.LOAD_OFFSET]
+        after = Links(second.heading, second.length, second.compliance, second.force, offset)
+        cut_links(
+            panels[which],
+            ends[which],
+            nodes[which],
+            after.heading,
+            after.length,
+            after.compliance,
+            after.force,
+        )
+        if steps[which]:
+            advance(
+                state,
+                seconds[which],
+                steps[which],
+                before,
+                after,
+                masses,
+                damping_time,
+                moments,
+                room,
+            )
+        else:
+            if which:
+                for row in range(2):
+                    for a in range(count):
+                        state[row, a] = 0.0
+            slopes(state, 0.0, 1.0, after, after, masses, damping_time, moments, room, room.rates)
+        put_beside(after, state[Q], room.turns, at_nodes[which])
+        for i in range(links):
+            before.heading[i], before.length[i] = after.heading[i], after.length[i]
+            before.compliance[i] = after.compliance[i]
+            before.force[i, 0], before.force[i, 1] = after.force[i, 0], after.force[i, 1]
+
+
 @kernel
 def follow_swing(
     solved: tuple[Array, Array, Array],
@@ -446,22 +533,11 @@ def follow_swing(
                 at_nodes[3 + 3 * a + axis, i] = 0.0 if i == 0 else room.way[1 + a, axis, i - 1]
             turns = room.turns[1 + a, min(i, links) - 1] if i else 0.0
             at_nodes[5 + 3 * a, i] = turns
-    at_nodes[0, 0], at_nodes[1, 0], at_nodes[2, 0] = 0.0, 0.0, 0.0
-    x, y = 0.0, 0.0
+    put_beside(after, q, room.turns, at_nodes)
     reach = 0.0
     for p in range(len(panels)):
         reach += panels[p, col.PANEL_LENGTH]
     for i in range(links):
-        added = 0.0
-        for a in range(count):
-            added += q[a] * room.turns[1 + a, i]
-        sine, cosine = sine_cosine(after.heading[i] + added)
-        sine_e, cosine_e = sine_cosine(after.heading[i])
-        dx, dy = after.length[i] * (cosine - cosine_e), after.length[i] * (sine - sine_e)
-        at_nodes[0, 1 + i], at_nodes[1, 1 + i] = x + 0.5 * dx, y + 0.5 * dy
-        at_nodes[2, 1 + i] = added
-        x += dx
-        y += dy
         at_joints[0, i], at_joints[1, i] = 0.0, 0.0
         # The joint at the clamp stands for half a link, and has what the clamp gives.
         compliance = after.compliance[i] if i else after.compliance[1]
@@ -470,8 +546,6 @@ def follow_swing(
             at_joints[2 + a, i] = bend
             at_joints[0, i] += q[a] * bend
             at_joints[1, i] += q[a] * moments[a, i]
-    at_nodes[0, 1 + links], at_nodes[1, 1 + links] = x, y
-    at_nodes[2, 1 + links] = at_nodes[2, links]
     for row in range(2 + count):
         at_joints[row, links] = 0.0
     held, matrix = np.empty((count, 1)), np.empty((count, count))
