@@ -50,6 +50,7 @@ LIGHTEST = 0.2  # of its weight that an arm may have as mass, while it is sought
 # What fits leave out, relative: in MuJoCo they are off by up to 0.3 % of mass, 0.6 % of damping.
 LEFT_OUT = 0.004
 SURE = 1.96  # standard deviations, 95 % of a normal error
+DIFFERENCE = 0.01  # of a standard deviation, for numerical derivatives by other errors
 
 Solved = tuple[Array, Array, Array]
 Flags = npt.NDArray[np.bool_]
@@ -90,7 +91,8 @@ class MotionFit:
     tip_mass kg, damping_time s; hertz and decay_time (s): of the slowest vibration of the unloaded
     arm in the middle of its pressures. still_rms, moving_rms (m): of targets beside the arm in
     equilibrium and in motion. in_motion: in so many frames motion moves the tip by more than
-    1.96 standard deviations of a target.
+    1.96 standard deviations of a target. shares (arms,): how far the arm is from that of the fit
+    towards each of `nearby`.
     """
 
     motion: Motion
@@ -102,6 +104,7 @@ class MotionFit:
     moving_rms: float
     in_motion: int
     frames: int
+    shares: tuple[float, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -211,6 +214,7 @@ class MotionProblem:
     The numbers: mass at the tip, in units of the arm's share there, less than zero if the arm
     itself is lighter; log of the damping time (s);
     then, of each plucked recording, q and p where it begins. std (m): white noise of a target.
+    others (rows, arms): columns of residuals by what else is not known exactly, one sigma each.
     """
 
     arm: Arm
@@ -218,6 +222,7 @@ class MotionProblem:
     modes: Modes
     places: Places
     std: float
+    others: Array | None = None
 
     @property
     def lost(self) -> float:
@@ -292,9 +297,51 @@ class MotionProblem:
         return left
 
     def cost(self, numbers: Array) -> Array:
-        """Return all residuals as one vector, in units of the noise."""
-        left = self.residuals(self.follow(numbers)[0])
+        """Return all residuals as one vector, in units of the noise, then `shares`."""
+        left = self.white(self.residuals(self.follow(numbers)[0]))
+        return np.concatenate([self.rest(left), self.shares(left)])
+
+    def white(self, left: Sequence[Array]) -> Array:
+        """Return residuals per run as one vector, in units of the noise."""
         return np.nan_to_num(np.concatenate([item.ravel() for item in left]) / self.std)
+
+    def root_mean_square(self, left: Sequence[Array]) -> float:
+        """Return the root mean square (m) of distances of targets, less `shares` of the others."""
+        rest = self.rest(self.white(left))
+        return self.std * math.sqrt(
+            2.0 * float(rest @ rest) / sum(int(np.isfinite(item).sum()) for item in left)
+        )
+
+    def rest(self, left: Array) -> Array:
+        """Return residuals (rows,) less `shares` of the others."""
+        return left if self.others is None else left - self.others @ self.shares(left)
+
+    def shares(self, left: Array) -> Array:
+        """Return how much of what else is not known explains residuals best, in sigma."""
+        if self.others is None:
+            return np.zeros(0)
+        gram = self.others.T @ self.others + np.eye(self.others.shape[1])
+        return np.asarray(np.linalg.solve(gram, self.others.T @ left))
+
+    def beside_arms(
+        self, arms: Sequence[Arm], runs: Sequence[RecordingData], numbers: Array
+    ) -> MotionProblem:
+        """Return the problem with how far the arm is towards these left open, at these numbers."""
+        if not arms:
+            return self
+        here = self.follow(numbers)[0]
+        columns = []
+        for arm in arms:
+            other = motion_problem(arm, runs)
+            moved = [
+                mine if run.plucked else beside + run.still[run.reading] - one.still[one.reading]
+                for run, one, beside, mine in zip(
+                    other.runs, self.runs, other.follow(numbers)[0], here, strict=True
+                )
+            ]
+            change = self.white(self.residuals(here)) - self.white(self.residuals(moved))
+            columns.append(change / DIFFERENCE)
+        return replace(self, others=np.column_stack(columns))
 
     def best_of_scan(self) -> Array:
         """Return the numbers of a grid that explain the first readings of each run best."""
@@ -349,6 +396,7 @@ def fit_motion(
     runs: Sequence[RecordingData],
     *,
     near: Motion | None = None,
+    nearby: Sequence[Arm] = (),
     trusted_error: float = 0.0,
 ) -> MotionFit:
     """Fit mass at the tip and damping to recordings in which the arm swings.
@@ -358,6 +406,8 @@ def fit_motion(
         runs: recordings with quick changes of the pressure, or of an arm that was plucked and let
             go while the pressure stands still.
         near: where the search begins; anywhere if None.
+        nearby: arms that differ from this one by one of its errors each, by `DIFFERENCE` of a
+            standard deviation: what goes on the way to them is fitted as well.
         trusted_error: by so much, relative, the swing may say that the arm is lighter than its
             file says, and the file is believed.
 
@@ -370,13 +420,14 @@ def fit_motion(
     """
     problem = motion_problem(arm, runs)
     start = problem.best_of_scan() if near is None else problem.numbers_of(near)
+    problem = problem.beside_arms(nearby, runs, start)
     fitted = problem.search(start)
     if 0.0 < -fitted.x[0] <= trusted_error:
         fitted = problem.search(np.array([0.0, *fitted.x[1:]]), least_mass=0.0)
     beside, settled = problem.follow(fitted.x)
     left = problem.residuals(beside)
     never = problem.residuals([np.zeros_like(item) for item in beside])
-    moving_rms, still_rms = root_mean_square(left), root_mean_square(never)
+    moving_rms, still_rms = problem.root_mean_square(left), problem.root_mean_square(never)
     in_motion = sum(int(np.count_nonzero(~item)) for item in settled)
     frames = sum(len(item) for item in settled)
     if not moving_rms < still_rms:
@@ -420,6 +471,7 @@ def fit_motion(
         moving_rms=moving_rms,
         in_motion=in_motion,
         frames=frames,
+        shares=tuple(problem.shares(problem.white(left)).tolist()),
     )
 
 
@@ -479,11 +531,6 @@ def motion_problem(arm: Arm, runs: Sequence[RecordingData]) -> MotionProblem:
     )
 
 
-def root_mean_square(left: Sequence[Array]) -> float:
-    """Return the root mean square (m) of distances of targets."""
-    return math.sqrt(2.0 * float(np.nanmean(np.concatenate([item.ravel() for item in left]) ** 2)))
-
-
 def standard_errors(problem: MotionProblem, jacobian: Array, left: Sequence[Array]) -> Array:
     """Return the standard errors of the numbers.
 
@@ -498,7 +545,8 @@ def standard_errors(problem: MotionProblem, jacobian: Array, left: Sequence[Arra
         block = first + (seconds / period).astype(np.int64)
         blocks.append(np.repeat(block, residual[0].size))
         first = int(block[-1]) + 1 if which + 1 < len(problem.runs) else first
-    residuals = np.nan_to_num(np.concatenate([item.ravel() for item in left]) / problem.std)
+    residuals = problem.rest(problem.white(left))
+    jacobian = jacobian[: len(residuals)]
     scores = np.zeros((int(np.concatenate(blocks).max()) + 1, jacobian.shape[1]))
     np.add.at(scores, np.concatenate(blocks), jacobian * residuals[:, None])
     bread = np.linalg.pinv(jacobian.T @ jacobian)

@@ -12,7 +12,14 @@ from dataclasses import dataclass, replace
 import math
 from operator import attrgetter
 
-from pneunet_ros.calibration.motion_fit import fit_motion, less_swing, MotionFit
+import numpy as np
+from pneunet_ros.calibration.motion_fit import (
+    DIFFERENCE,
+    fit_motion,
+    less_swing,
+    MotionFit,
+)
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.diagnosis.augmented_model import augment_model, fit_with_effects
 from pneunet_ros.diagnosis.evaluation import adequacy
@@ -28,17 +35,21 @@ from pneunet_ros.diagnosis.inertia import (
 from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.lack_of_fit import worst_p_value
 from pneunet_ros.diagnosis.linearization import Linearization
+from pneunet_ros.diagnosis.refit import effects_of
 from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Evidence, UnsettledDiagnosis
-from pneunet_ros.diagnosis.selection import is_adequate, Record, Trial
+from pneunet_ros.diagnosis.selection import Record, Trial
+from pneunet_ros.diagnosis.settings import DiagnosisSettings
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.moving_arm import WEIGHT_ERROR, WITHIN_95
+from pneunet_ros.model.arm import Arm
 
 LATE = CameraDelay.name, PressureLag.name  # what else makes an arm late
-# Of mass and damping, and of what else is missing: each bends the fit of the other, that of a late
-# camera by a fifth of the damping after two (acceptance/diagnosis.md).
-MOST_ROUNDS = 5
+MOST_ROUNDS = (
+    5  # of mass and damping, and of what else is missing: each bends the fit of the other
+)
+TRUSTED = WITHIN_95 * WEIGHT_ERROR  # of a weight in a model file
 
 Search = Callable[..., Investigation]  # of training and held-out recordings
 
@@ -102,63 +113,60 @@ def less_motion(
 ) -> Moving | None:
     """Fit mass and damping, and search recordings less the swing; None where none fits.
 
-    Where something is left, again beside what was found without motion, less the camera that was
-    late in its stead: a line that fills slowly bends the fit of the damping too far to be found.
-    """
-    assert found.base is not None
-    assert found.best is not None
-    moving = moving_beside(found.base, found, search, training, held_out)
-    others = {*found.best.names} - {CameraDelay.name}
-    level = found.diagnosis.settings.lack_of_fit.level
-    if not others or moving is None or is_adequate(moving.best.record.tests, level):
-        return moving
-    other = moving_beside(found.best, found, search, training, held_out)
-    pair = [item for item in (moving, other) if item is not None]
-    return max(pair, key=attrgetter('log_probability'))
-
-
-def moving_beside(
-    start: Trial,
-    found: Investigation,
-    search: Search,
-    training: Sequence[RecordingData],
-    held_out: Sequence[RecordingData],
-) -> Moving | None:
-    """Fit mass and damping beside the effects of a trial, and search recordings less the swing.
-
-    Again with what was found beside it, as an effect that was not known bends the fit, while the
-    recordings become more probable. As of any effect, its law may leave a share of what the model
-    without it leaves.
+    At first beside what was found without motion, of which some stands for it: a camera that is
+    late by as much as damping delays the arm. Their numbers are fitted as well, to first order.
+    Again with what the search has found, while the recordings become more probable. As of any
+    effect, its law may leave a share of what the model without it leaves.
     """
     settings = found.diagnosis.settings
     margin = settings.selection.least_evidence
-    moving: Moving | None = None
     assert found.base is not None
+    assert found.best is not None
     allowed = settings.lack_of_fit.law_error * found.base.record.excess
-    for _ in range(MOST_ROUNDS):
-        arm = augment_model(start.refit, fit_with_effects(start.refit, settings), settings)
-        if moving is None and CameraDelay.name in start.names:
-            effects = tuple(item for item in arm.effects if item.name != CameraDelay.name)
-            arm = replace(arm, effects=effects, covariance=None)
-        near = None if moving is None else moving.fit.motion
-        try:
+    swinging, moving, near, trial = unloaded(training), None, None, found.best
+    try:
+        for _ in range(MOST_ROUNDS):
+            arm, nearby = found_arm(trial, settings)
             # On ramps, errors of the static model look like a part of the mass. An arm without
             # mass that is late for another reason would fit best with almost no weight.
-            error = WITHIN_95 * WEIGHT_ERROR
-            fit = fit_motion(arm, unloaded(training), near=near, trusted_error=error)
-            slow = [less_swing(arm, fit.motion, part) for part in (training, held_out)]
-            result = search(*slow, allowed=allowed)
-        except PneunetError:  # no mass explains it, or nothing is left to search
-            return moving
-        if result.best is None:
-            return moving
-        latest = Moving(fit, result, result.best)
-        gained = math.inf if moving is None else latest.log_probability - moving.log_probability
-        moving = moving if moving is not None and gained < 0.0 else latest
-        if not result.best.names or gained <= margin:
-            return moving
-        start = result.best
+            fit = fit_motion(arm, swinging, near=near, nearby=nearby, trusted_error=TRUSTED)
+            arm = arm_towards(arm, trial, fit.shares)
+            result = search(
+                *(less_swing(arm, fit.motion, part) for part in (training, held_out)),
+                allowed=allowed,
+            )
+            if result.best is None:
+                return moving
+            latest = Moving(fit, result, result.best)
+            gained = math.inf
+            if moving is not None:
+                gained = latest.log_probability - moving.log_probability
+            moving = moving if gained < 0.0 else latest
+            if not result.best.names or gained <= margin:
+                return moving
+            trial, near = result.best, fit.motion
+    except PneunetError:  # no mass explains it, or nothing is left to search
+        return moving
     return moving
+
+
+def found_arm(trial: Trial, settings: DiagnosisSettings) -> tuple[Arm, list[Arm]]:
+    """Return the arm with the effects of a trial, and arms with each number a little larger."""
+    refit = trial.refit
+    arm = augment_model(refit, fit_with_effects(refit, settings), settings)
+    steps = np.eye(refit.numbers.size) * DIFFERENCE
+    return arm, [arm_towards(arm, trial, step) for step in steps]
+
+
+def arm_towards(arm: Arm, trial: Trial, steps: Sequence[float] | Array) -> Arm:
+    """Return the arm with the numbers of a trial changed by steps, in units of their priors."""
+    hypotheses, numbers = trial.refit.hypotheses, trial.refit.numbers.copy()
+    if not hypotheses:
+        return arm
+    numbers += np.concatenate([item.std for item in hypotheses]) * np.asarray(steps)
+    known = (item for item in arm.effects if item.name not in trial.names)
+    effects = (*known, *effects_of(hypotheses, numbers))
+    return replace(arm, effects=effects, covariance=None)
 
 
 def log_densities(found: Investigation, best: Trial) -> tuple[float, float]:

@@ -7,13 +7,17 @@ from functools import cache
 
 import numpy as np
 from pneunet_ros.calibration.motion_fit import (
+    DIFFERENCE,
     fit_motion,
     less_swing,
     MotionFit,
+    MotionProblem,
     standard_errors,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
+from pneunet_ros.diagnosis.hypothesis import hypothesis
+from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.protocols import Corners
@@ -69,6 +73,23 @@ def test_steps_of_pressure_give_mass_and_damping():
     assert 0.5 * fit.frames < fit.in_motion < fit.frames
 
 
+def test_what_else_is_not_known_exactly_is_fitted_beside_mass_and_damping():
+    """A camera that is 50 ms late instead of 30 takes a tenth of the damping with it."""
+    scenario = swinging(*STEPS).with_effects({'camera_delay': {'delay': 0.03}})
+    bare = dataclasses.replace(true_model(scenario), effects=())
+    run, known = run_of(simulate(scenario)).without_load(), hypothesis(CameraDelay)
+    arm, nearby = (
+        dataclasses.replace(bare, effects=(CameraDelay(delay=0.05 + step * known.std[0]),))
+        for step in (0.0, DIFFERENCE)
+    )
+    alone, beside = (
+        fit_motion(arm, [run], near=fitted()[0].motion, nearby=arms) for arms in ((), (nearby,))
+    )
+    assert alone.motion.damping_time < 0.93 * DAMPING_TIME
+    assert beside.motion.damping_time == pytest.approx(DAMPING_TIME, rel=0.04)
+    assert 0.05 + beside.shares[0] * known.std[0] == pytest.approx(0.03, abs=2e-3)
+
+
 def test_an_arm_that_is_plucked_gives_them_from_its_decay():
     pushed = {'push': {'force': 0.02, 'place': 0.9, 'begins': 0.2, 'ends': 0.8, 'every': 100.0}}
     scenario = swinging((20e3, 20e3), (0.0, 1.0)).with_effects(pushed)
@@ -120,9 +141,10 @@ def test_errors_count_a_period_as_one_observation():
     class Problem:
         runs, std = (Run(),), 1.0
         modes = type('Modes', (), {'frequency': np.array([2.0 * np.pi])})
+        others, white, rest = None, MotionProblem.white, MotionProblem.rest
 
     jacobian = np.ones((80, 1))
     alike = np.repeat([1.0, -1.0, 1.0, -1.0], 20).reshape(40, 2, 1)
     apart = np.tile([1.0, -1.0], 40).reshape(40, 2, 1)
-    assert standard_errors(Problem, jacobian, [alike])[0] == pytest.approx(0.5, rel=1e-9)
-    assert standard_errors(Problem, jacobian, [apart])[0] == pytest.approx(0.0, abs=1e-12)
+    assert standard_errors(Problem(), jacobian, [alike])[0] == pytest.approx(0.5, rel=1e-9)
+    assert standard_errors(Problem(), jacobian, [apart])[0] == pytest.approx(0.0, abs=1e-12)

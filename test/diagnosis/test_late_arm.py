@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
+import numpy as np
 from pneunet_ros.calibration.motion_fit import MotionFit
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis import late_arm
 from pneunet_ros.diagnosis.diagnosis import investigate, take_back
+from pneunet_ros.diagnosis.hypothesis import hypothesis
 from pneunet_ros.diagnosis.late_arm import with_late_arm
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.effects.camera_delay import CameraDelay
-from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.motion import Motion
@@ -141,35 +142,31 @@ def test_mass_is_not_asked_of_an_arm_that_is_not_late(asked, nothing):
     assert math.isinf(found.diagnosis.detectable['inertia'].smallest)
 
 
-@pytest.mark.parametrize('probable', [(1.0, 2.0), (2.0, 1.0)])
-def test_mass_is_asked_beside_what_was_found_without_it_too(nothing, monkeypatch, probable):
-    """Less the camera that was late in its stead; the more probable of both is believed."""
+def test_mass_is_fitted_beside_what_was_found_without_it(nothing, monkeypatch):
+    """Its numbers as well: a camera that stands for the damping comes to be less late."""
     found, runs = nothing
-    names, line = (PressureLag.name, CameraDelay.name), PressureLag(time_constant=0.1)
-    bare = found.diagnosis.after.arm
-    arms = {
-        (): bare,
-        names: replace(bare, effects=(line, CameraDelay(delay=0.03)), covariance=None),
-    }
-    fitted, left = [], list(probable)
+    asked = hypothesis(CameraDelay)
+    refit = replace(found.best.refit, hypotheses=(asked,), numbers=np.array([0.05]))
+    best = replace(found.best, refit=refit, record=replace(found.best.record, names=(asked.name,)))
+    bare, swung = found.diagnosis.after.arm, []
+    arm = replace(bare, effects=(CameraDelay(delay=0.05),), covariance=None)
 
-    def fit(arm, *args, **kwargs):
-        fitted.append(arm.effects)
-        return FIT
+    def fit(arm, runs, *, nearby, **kwargs):
+        swung.extend(nearby)
+        return replace(FIT, shares=(-0.4,))
 
-    def search(*recordings, allowed):
-        return judged(found, left.pop(0))
+    def less_swing(arm, *args):
+        swung.append(arm)
+        return runs
 
     monkeypatch.setattr(late_arm, 'fit_motion', fit)
-    monkeypatch.setattr(late_arm, 'less_swing', lambda *args: runs)
-    monkeypatch.setattr(late_arm, 'augment_model', lambda refit, *args: arms[refit])
+    monkeypatch.setattr(late_arm, 'less_swing', less_swing)
+    monkeypatch.setattr(late_arm, 'augment_model', lambda *args: arm)
     monkeypatch.setattr(late_arm, 'fit_with_effects', lambda *args: None)
-    monkeypatch.setattr(late_arm, 'is_adequate', lambda *args: False)
-    late = judged(found, 0.0, names=names, answer='named')
-    late = replace(late, base=replace(found.base, refit=()), best=replace(late.best, refit=names))
-    moving = late_arm.less_motion(late, search, runs, [])
-    assert fitted == [(), (line,)]
-    assert moving.best.record.log_probability == 2.0
+    late_arm.less_motion(
+        replace(found, best=best), lambda *args, allowed: judged(found, 0.0), runs, []
+    )
+    assert [one.frame_delay for one in swung] == pytest.approx([0.051, 0.01, 0.01])
 
 
 def test_a_late_camera_stays_one_where_no_mass_explains_it(asked, monkeypatch):
