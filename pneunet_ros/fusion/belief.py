@@ -1,8 +1,8 @@
 """The belief about all unknowns at the stamp of a frame, and its propagation.
 
-It rests on a hypothesis: some causes (`fusion.causes`) at work, and no others. Without a contact
-its force and place are known to be zero; a camera that nobody moved and a force sensor in order
-are known to be right, to a hair.
+A belief is conditional on a hypothesis: a set of active causes (`fusion.causes`). The unknowns of
+an inactive cause have a tiny prior variance around zero: no contact force, no shift of the camera,
+no error of the force sensor.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Belief(Gaussian):
     walk: of the forces; sizes (sizes,): log weights of the sizes of the model error; chamber: the
     pressure (Pa) as read, NaN where it was not; solution: the rod there, None before the first;
     frames: how many have been used; causes: that are taken to be at work, by name; reference: what
-    a swing is counted from, None where the model has no `motion`, or before any frame.
+    a swing is counted from, None if the model has no `motion`, or before any frame.
     """
 
     stamp_ns: int
@@ -114,7 +114,7 @@ def move_belief(
 
     size: of the model error; pressed (Pa): by how much the pressure has moved since; walk
     (N/sqrt(s)): of the forces from now on, None for as they moved recently; noise (N m, Pa): one
-    sigma of readings of moment and pressure there, None where they are those of before.
+    sigma of readings of moment and pressure there, None if they are those of before.
     """
     seconds = seconds_between(belief.stamp_ns, stamp_ns)
     steady = belief.walk.steadiness(seconds) if walk is None else 1.0
@@ -138,8 +138,8 @@ def move_belief(
 def with_walk(unknowns: Unknowns, before: Belief, after: Belief) -> Belief:
     """Return the belief after a frame, with the random walk of the forces estimated from it.
 
-    before, after: the beliefs at the last frame and at this one, which are all but independent in
-    the forces. What their two variances leave of a change is walk.
+    before, after: the beliefs at the last frame and at this one; their forces are nearly
+    independent. A change of force beyond the sum of the two variances is attributed to the walk.
     """
     seconds = seconds_between(before.stamp_ns, after.stamp_ns)
     if not before.frames or seconds <= 0.0:

@@ -56,7 +56,7 @@ class BelievedArm:
 
     belief: moved there; unseen (unknowns, errors): what has moved since the last frame; inputs:
     what was read; causes: what one of each unknown changes; bent: the rod; position: of its load
-    to the domain of the model. swinging: the arm beside that, None without `motion`.
+    to the domain of the model. swinging: the arm beside that, None if the model has no `motion`.
     """
 
     belief: Belief
@@ -235,7 +235,7 @@ def others_likely(
 
 
 def said_of_bench(bench: Bench, state: FusionState) -> list[str]:
-    """Return sentences about named causes and missing calibration that the user can mend."""
+    """Return sentences about problems of the setup that the user can fix."""
     sure = state.sure_causes
     said = [one.sentence for one in CAUSES if one.name in sure]
     return [*said, STIFFNESS_UNKNOWN] if bench.stiffness_unknown else said
@@ -244,10 +244,10 @@ def said_of_bench(bench: Bench, state: FusionState) -> list[str]:
 def contact_at(
     bench: Bench, state: FusionState, arm: BelievedArm, wrench: NearWrench | None
 ) -> Contact | None:
-    """Return the likely contact, None without one.
+    """Return the likely contact; None if there is none.
 
-    It is ambiguous where another hypothesis is as good, and where nobody reads the tip force,
-    which looks much the same.
+    The contact is ambiguous if another hypothesis is as likely, or if no sensor measures the tip
+    force: both loads bend the arm much alike.
     """
     belief, bent = arm.belief, arm.bent
     if bent.contact is None or not state.bank:

@@ -195,8 +195,8 @@ class Bench:
     def with_wrench(self, belief: Belief, wrench: NearWrench, gauge: float) -> Belief:
         """Return the belief after an end wrench (base frame), a linear measurement of the force.
 
-        By its age the force may have walked. One that is not where it was believed makes its
-        past forgotten.
+        The force may have changed since the reading, by its random walk. A reading beyond
+        `force_gate` of the belief resets the force first.
         """
         reading = load_read(wrench.reading, gauge)
         true = self.arm.sense(reading)
@@ -282,11 +282,11 @@ class Bench:
         return rounding_std(step) if step <= coarsest else 0.0
 
     def shown_ns(self, sightings: TargetSightings) -> int:
-        """Return the stamp of what a frame shows."""
+        """Return when a frame was taken (ns): its stamp minus the delay of the camera."""
         return sightings.stamp_ns - round(self.arm.frame_delay * NANOSECONDS_PER_SECOND)
 
     def held_contact(self, belief: Belief) -> PartLoad | None:
-        """Return the contact that is believed, on the arm; None without one."""
+        """Return the estimated contact as a load on the arm; None if the belief has none."""
         if not belief.touched:
             return None
         return self.unknowns.block(Push).held(belief.mean[self.unknowns.at(Push)])

@@ -49,10 +49,10 @@ Alternative = tuple[TakenFrame, float]  # and its log odds, but for the evidence
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cause(abc.ABC):
-    """A cause of error that a hypothesis may hold.
+    """A cause of error that a hypothesis may include.
 
-    sentence: what to mend on the rig. rarity: times `odds_against`, in nats, that
-    it is unlikely before any frame: more than 1 where the error of a model looks much like it.
+    sentence: what to fix on the rig. rarity: prior log odds against the cause, in units of
+    `odds_against`; more than 1 if a model error looks much like it.
     """
 
     name: ClassVar[str]
@@ -60,28 +60,28 @@ class Cause(abc.ABC):
     rarity: ClassVar[float] = 1.0
 
     def is_told(self, bench: Bench, belief: Belief) -> float:
-        """Return the log odds for it by all frames so far, without a look at the last one."""
+        """Return the log odds of the cause from the belief after all frames so far."""
         return -math.inf
 
     @abc.abstractmethod
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Whether a frame that nothing else explains, or only a contact, may be due to it."""
+        """Whether this cause may produce a frame that no hypothesis fits, or only a contact."""
 
     @abc.abstractmethod
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Yield the frame as it would be taken if this cause were at work as well.
+        """Yield updates by the frame with this cause added.
 
-        Each comes with the log odds (nats) by which earlier frames favor it; 0 where they say
-        nothing. taken: the same frame without this cause.
+        Each comes with the log odds (nats) by which earlier frames favor it; 0 if they are
+        uninformative. taken: the update without this cause.
         """
 
 
 def retaken(
     bench: Bench, taken: TakenFrame, before: Belief, walk: float | None = None
 ) -> TakenFrame:
-    """Return a frame taken by another belief, near the last shape where there is one.
+    """Return the update of another belief by the same frame, starting at the last shape, if any.
 
-    walk (N/sqrt(s)): of the tip force of an arm that swings, None for as the frame was taken.
+    walk (N/sqrt(s)): random walk of the tip force on a swinging arm; None: as in `taken`.
     """
     if walk is None and before.frames and taken.problem.swinging is not None:
         walk = taken.problem.prior.walk.recent
@@ -89,13 +89,13 @@ def retaken(
 
 
 def relearned(taken: TakenFrame, after: Belief) -> TakenFrame:
-    """Return a frame with what would be believed after it by another prior from the start on."""
+    """Return the frame with the belief that another prior, used from the start, would give."""
     return replace(taken, update=replace(taken.update, belief=after))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactCause(Cause):
-    """Something touches the arm. It comes and goes: a hypothesis with it asks if it has gone."""
+    """An object touches the arm. A hypothesis with a contact also tests whether it has ended."""
 
     name: ClassVar = CONTACT
     sentence: ClassVar = ''
@@ -105,7 +105,7 @@ class ContactCause(Cause):
         return taken.update.fit is not None
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Seek a push along the arm; without the one that is believed, if there is one."""
+        """Search for a contact along the arm, starting without the current one, if any."""
         fit, frame, before = taken.update.fit, taken.frame, taken.before
         if fit is None:
             return
@@ -122,10 +122,10 @@ class ContactCause(Cause):
             yield there, 0.0
 
     def is_sure(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Whether a contact that explains a frame beside a force that is read has not gone.
+        """Whether a contact is still certain: it fits the frame together with the measured force.
 
-        Without a force sensor a contact force far from zero is no proof: with another tip force
-        there may be none.
+        Without a force sensor even a large contact force proves nothing: another tip force may
+        fit without a contact.
         """
         fit = taken.update.fit
         read = bench.settings.free_tip or taken.frame.wrench is not None
@@ -267,7 +267,7 @@ class ForceSensorCause(Cause):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureCause(Cause):
-    """The pressure is not what is read: its sensor hangs, or its zero or unit is another."""
+    """The pressure reading is wrong: the sensor is frozen, or its zero or unit has changed."""
 
     name: ClassVar = PRESSURE
     rarity: ClassVar = 2.0
@@ -308,9 +308,8 @@ class MirroredCause(Cause):
 
     name: ClassVar = MIRRORED
     sentence: ClassVar = (
-        'the image is mirrored: the targets are taken from the other side of the '
-        'clamp. Flip the image in the camera driver, or find base_from_camera again, '
-        'and reset'
+        'the image is mirrored: the arm bends to the wrong side. Flip the image in '
+        'the camera driver, or calibrate base_from_camera again, and reset'
     )
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:

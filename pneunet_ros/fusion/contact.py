@@ -150,9 +150,10 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
 
 
 def pulled_at(problem: FrameProblem, fit: FrameLinearization, place: Array) -> Array | None:
-    """Return the displacement of a swinging arm by 1 N at some places since the last frame.
+    """Return how much 1 N at each place moves a swinging arm within one frame interval.
 
-    place (places,) m; returns places and momenta of its shapes (4, places), None of another arm.
+    place (places,): arclength (m). Returns the changes of the modal coordinates and momenta
+    (4, places); None if the arm does not swing.
     """
     swung, reference, arm = fit.trial.swung, problem.prior.reference, problem.swinging
     if swung is None or reference is None or arm is None:
@@ -161,9 +162,9 @@ def pulled_at(problem: FrameProblem, fit: FrameLinearization, place: Array) -> A
 
 
 def with_pull(problem: FrameProblem, pulled: Array) -> Belief:
-    """Return the prior of a frame with a contact that has pressed since the last one.
+    """Return the prior of a frame, for a contact that has pressed since the last frame.
 
-    pulled (4,): what 1 N of it does to places and momenta of the shapes.
+    pulled (4,): change of the modal coordinates and momenta per 1 N of contact force.
     """
     prior, arm = problem.prior, problem.swinging
     assert arm is not None
@@ -178,9 +179,9 @@ def find_contacts(
 ) -> list[Fit]:
     """Return the fits with a contact, the best at each place, best first.
 
-    Empty where none is needed. fit: without a contact. Its linearization shows whether one is
-    needed, unless the frame is left unexplained: such a fit is far from any other. The best places
-    are those no worse than their neighbors: weak contacts have several minima along the arm.
+    Empty if no contact is needed. fit: the fit without a contact; its linearization shows whether
+    one is needed, unless that fit is inconsistent with the frame (unexplained). The best places
+    are local minima of the cost along the arm: weak contacts have several.
     """
     settings, length = problem.settings, problem.table.arm.length
     if fit.trial.residual.size != problem.std.size:  # of all targets, also of those left out

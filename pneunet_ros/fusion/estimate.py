@@ -70,9 +70,9 @@ class FusedEstimate:
 
     estimate: the shape with its uncertainty, also of the tip. force (2,) N at the tip and its
     force_covariance (2, 2) N^2, NaN in components that are not determined, and everywhere where it
-    is ambiguous. contact: along the arm, None where none is likely. pressure_bias (Pa) and its
+    is ambiguous. contact: along the arm, None if none is likely. pressure_bias (Pa) and its
     std: the model error, as an error of the pressure: creep, hysteresis and a drifting sensor
-    look like that. force_sensor: one that is off and not used, None where none is known to be.
+    look like that. force_sensor: one that is off and not used, None if none is known to be.
     nis: running mean of the normalized innovation squared of frames per coordinate, 1 where all is
     noise, nis_limit what noise rarely exceeds; NaN before the first. target_age: s since the last
     frame that was used, None before the first.

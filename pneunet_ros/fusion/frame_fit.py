@@ -163,7 +163,7 @@ class FrameProblem:
     """One frame beside a prior: what is minimized over the unknowns.
 
     prior: moved to the stamp of the frame, with the noise of its readings; growth: of the
-    model error since the last one, None where no pressure was read; used (targets,): which
+    model error since the last one, None if no pressure was read; used (targets,): which
     targets count.
 
     Of an arm that swings: swinging; late: the columns of the root from which on forces have walked
@@ -265,7 +265,7 @@ class FrameProblem:
         return np.asarray(root.T @ gain)
 
     def try_at(self, xi: Array, start: SolverNodes | None) -> Trial | None:
-        """Predict the targets; None where there is no stable shape."""
+        """Predict the targets; None if there is no stable shape."""
         pause()
         x = self.mean + self.still_root @ xi
         contact = self.contact_of(x) if self.touched else None
@@ -321,7 +321,7 @@ class FrameProblem:
         )
 
     def swung(self, bent: BentArm, x: Array) -> Swung | None:
-        """Return the targets beside an equilibrium; None where the arm does not swing."""
+        """Return the targets beside an equilibrium; None if the arm does not swing."""
         arm, reference = self.swinging, self.prior.reference
         if arm is None or reference is None:
             return None
@@ -330,7 +330,7 @@ class FrameProblem:
     def moved_too(self, trial: Trial, sensitivity: Sensitivity, moves: Array) -> Array | None:
         """Add to moves (causes, 4, targets) what causes move beside the equilibrium, in place.
 
-        Returns how each cause turns the links of the equilibrium; None where the arm does not
+        Returns how each cause turns the links of the equilibrium; None if the arm does not
         swing.
         """
         if self.swinging is None or trial.swung is None:
@@ -415,7 +415,7 @@ class FrameProblem:
         )
 
     def search(self, xi: Array, start: SolverNodes | None) -> FrameLinearization | None:
-        """Search from xi for the lowest cost; None where there is no shape to start from."""
+        """Search from xi for the lowest cost; None if there is no shape to start from."""
         trial = self.try_at(xi, start)
         first = None if trial is None else self.linearize(trial)
         if first is None:
@@ -472,7 +472,7 @@ class FrameProblem:
         return self.contact_of(x) is not None
 
     def contact_of(self, x: Array) -> PartLoad | None:
-        """Return the contact among the unknowns; None where it is off the arm."""
+        """Return the contact among the unknowns; None if it is off the arm."""
         unknowns = self.unknowns
         return unknowns.block(Push).load_of(x[unknowns.at(Push)])
 
@@ -527,7 +527,7 @@ class FrameProblem:
     def walk_information(self, fit: FrameLinearization) -> tuple[Array, Array, float] | None:
         """Return H^T S^-1 v (2,), H^T S^-1 H of the walk of the tip force, and its assumed size.
 
-        None where the force did not walk since the last frame, or a sensor reads it.
+        None if the force did not walk since the last frame, or a sensor reads it.
         """
         size = self.prior.walk.recent
         if self.late is None:

@@ -38,10 +38,10 @@ class ColdRound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ColdSearch:
-    """State of the search for another force that explains the frames, round by round.
+    """State of the search for another tip force that fits the frames, round by round.
 
-    ambiguous: one does as well; found_better: one explained the last frame better, and the search
-    in the next one begins everywhere; clear: frames in a row in which none was found.
+    ambiguous: another force fits as well; found_better: another force fitted the last frame
+    better, so the next frame gets a full search; clear: consecutive frames without such a force.
     """
 
     ambiguous: bool = False
@@ -50,7 +50,7 @@ class ColdSearch:
     round: ColdRound = field(default_factory=ColdRound)
 
     def looked(self, fit: Fit) -> ColdSearch:
-        """Return it after it has looked beside one more fit, with as much as is due in a frame."""
+        """Return the state after one frame's share of the search for rivals of a fit."""
         settings = fit[0].settings
         gain, round_ = look_elsewhere(fit, self.round)
         clear = 0 if gain > -settings.rival else self.clear + 1
@@ -67,11 +67,11 @@ class ColdSearch:
 class FrameUpdate:
     """Result of a frame.
 
-    belief: after it, None where it was not used, for which `reason` is the key. nis: the least
+    belief: after it, None if it was not used, for which `reason` is the key. nis: the least
     cost, coordinates: how many it is of, both NaN and 0 where there was no fit; left_out: targets
     that did not fit. ambiguous: another force explains the frame as well; settled: that is known
     already, as the search began at every cold start, or a sensor measures the force. unchecked:
-    the fit whose rivals are still to be searched for, None where there is none. fit: its source,
+    the fit whose rivals are still to be searched for, None if there is none. fit: its source,
     also where the frame was not used.
     """
 
@@ -95,13 +95,13 @@ def take_frame(
     widely: bool = True,
     believed: bool = True,
 ) -> FrameUpdate:
-    """Take a frame.
+    """Fit a frame, and update the belief.
 
-    cold: nothing is known of the force; found_better: another one explained the last frame better;
-    with either the search begins everywhere, as it does where no shape near the last one explains
-    the frame. force_read: a sensor measures the force, and no other one is looked for, unless no
-    shape at it explains the frame. widely: False to look near the last shape alone. believed:
-    False to search only, without what is to be believed then (see `with_belief`).
+    The search covers all forces if cold (the force is unknown), if found_better (another force
+    fitted the last frame better), or if no shape near the last one fits the frame. force_read: a
+    sensor measures the force; no other force is tried unless the measured one does not fit.
+    widely: False to search only near the last shape. believed: False to fit only, without
+    updating the belief (see `with_belief`).
     """
     if np.count_nonzero(problem.used) < problem.settings.fewest_targets:
         return FrameUpdate(belief=None, reason='too_few_targets')
@@ -169,9 +169,9 @@ def with_belief(problem: FrameProblem, found: FrameUpdate) -> FrameUpdate:
 
 
 def with_fit(update: FrameUpdate, best: Fit, used: Fit, seen: int) -> FrameUpdate:
-    """Return an update by the best fit of a frame, and the one of it that is to be believed.
+    """Return an update: the best fit decides on consistency, and the used one gives the belief.
 
-    seen: how many targets were.
+    seen: number of targets seen.
     """
     problem, fit = used
     inconsistent = is_inconsistent(best)
@@ -199,9 +199,9 @@ def excess(fit: Fit) -> float:
 
 
 def misfits(fit: Fit) -> bool:
-    """Whether noise does not explain a frame, nor would it where the search could not get to.
+    """Whether a frame deviates from a fit by more than noise, even beyond the reach of the search.
 
-    Along a straight arm the force ends where it buckles, and the search with it.
+    The search for the force along a straight arm ends at buckling.
     """
     found = fit[1]
     coordinates = found.trial.residual.size
@@ -228,12 +228,11 @@ def leave_out(problem: FrameProblem, fit: FrameLinearization) -> Fit:
 
 
 def hold_force(found: Fit) -> Fit:
-    """Return the fit with the force as believed before in the direction that is not determined.
+    """Return the fit with the force held at its prior in the direction that is not determined.
 
-    Along it the cost is flat until the arm buckles, and where noise is fitted best it is about to:
-    there everything that moves the arm sideways seems to be known exactly. For an arm that swings
-    under an unmeasured force, the next frame inherits as much of this estimate as the bending of
-    the arm determines.
+    In this direction the cost is flat until the arm buckles. Noise alone pulls the fit towards
+    buckling, where all lateral loads would seem to be known exactly. For a swinging arm under an
+    unmeasured force, the next frame inherits the part of the force that bending determines.
     """
     problem, fit = found
     if problem.swinging is not None:
@@ -261,7 +260,7 @@ def hold_force(found: Fit) -> Fit:
 
 
 def consider_force(found: Fit) -> Fit:
-    """Return the fit that learns of the force along a swinging arm what its bending can tell.
+    """Return the fit that uses only the observable part of the force along a swinging arm.
 
     The undetermined part of that force is linearized at its prior: noise is fitted best where the
     arm is about to buckle. Not where the frame contradicts that force.
@@ -291,7 +290,7 @@ def known_bending(problem: FrameProblem) -> tuple[Array, float] | None:
     How links turn per newton along it is a derivative at the arm as it was believed before, which
     is not known exactly: the share is what its own error leaves of its square. Of a straight arm
     nothing is left, and filters that take the error for a derivative see what cannot be seen.
-    None where the force is known exactly, or nobody saw how the arm swings.
+    None if the force is known exactly, or nobody saw how the arm swings.
 
     Source: Huang, Mourikis & Roumeliotis, Int. J. Robotics Research 29 (2010).
     """

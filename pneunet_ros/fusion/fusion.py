@@ -108,15 +108,14 @@ class Fusion:
         """Take one reading or one frame of targets.
 
         Args:
-            state: what is remembered of earlier ones; it is not changed.
+            state: the state after all earlier events; it is not changed.
             event: a pressure (Pa), an end wrench (N, N m) or the targets seen in a frame (m, base
-                frame), stamped by its message's header; or what says where gravity points.
+                frame), stamped by its message's header; or a reading of the gravity direction.
 
         Returns:
-            The state for the next one, and what came of this one: of a pressure a FusedEstimate or
-            a Refusal; of a frame nothing or a Refusal, or a FusedEstimate where the pressure is
-            too old and the camera is alone; of a wrench nothing or a Refusal. Nothing is raised
-            for what a reading holds.
+            The next state, and the result. A pressure gives a FusedEstimate or a Refusal. A frame
+            gives None or a Refusal, or a FusedEstimate if the pressure is out of date, so that
+            only the camera is used. A wrench gives None or a Refusal. Bad readings never raise.
 
         """
         state = self.settle(state)
@@ -352,7 +351,7 @@ class Fusion:
     def wrench_at(
         self, state: FusionState, stamp_ns: int, *, with_targets: bool
     ) -> NearWrench | None:
-        """Return the wrench nearest to a stamp; None without one near.
+        """Return the wrench nearest to a stamp; None if none is near.
 
         With targets, which suffice, also None until the noise of the readings is known.
         """
@@ -534,7 +533,7 @@ class Fusion:
         return self.after_frame(self.with_learned(state, bank, taken), taken)
 
     def read_frame(self, state: FusionState, sightings: TargetSightings) -> ReadFrame:
-        """Return a frame with what was read at the stamp of what it shows."""
+        """Return a frame with the sensor readings at the time when it was taken."""
         shown_ns = self.bench.shown_ns(sightings)
         wrench = self.wrench_at(state, shown_ns, with_targets=True)
         turn = not state.counts.frames % self.settings.still_frames
@@ -552,9 +551,9 @@ class Fusion:
         )
 
     def is_still(self, state: FusionState) -> bool:
-        """Whether the last readings of the pressure are the same to the last bit.
+        """Whether the last readings of the pressure are identical to the last bit.
 
-        Of a sensor that reads in steps that says nothing.
+        False for a coarsely quantized sensor, whose readings repeat anyway.
         """
         if 'pressure' in self.coarse_sensors(state):
             return False

@@ -118,7 +118,7 @@ class SeenArm:
 
 
 def seen_arm(fusion: Fusion, state: FusionState) -> SeenArm | None:
-    """Return an arm at its last frame; None without one, or where it has no estimate there."""
+    """Return an arm at its last frame; None if it has no frame, or no estimate at that frame."""
     belief = state.belief
     if belief is None or not belief.frames:
         return None

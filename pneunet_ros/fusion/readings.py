@@ -66,7 +66,7 @@ class ReadFrame:
     """A frame with what was read at the stamp of what it shows.
 
     alone: no pressure is known there; pressure_still: the last readings of it are the same to the
-    last bit, and it is this frame's turn to be asked; wrench: None where none is near. before,
+    last bit, and it is this frame's turn to be asked; wrench: None if none is near. before,
     pulls: readings of pressure and force around it, of an arm that swings.
     """
 

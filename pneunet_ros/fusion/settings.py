@@ -12,49 +12,48 @@ class FusionSettings:
     """Settings of the random walks, of gating, and of what is published."""
 
     force_gate: float = tuning(
-        6.0, 'of a wrench, beyond which the last frame tells no force', unit='chi squared'
+        6.0, 'innovation of a wrench that resets the force of the belief', unit='chi squared'
     )
     target_timeout: float = tuning(
-        0.5, 'age of the last frame from which on there is a prediction only', unit='s'
+        0.5, 'age of the last frame above which estimates are predictions only', unit='s'
     )
     coarsest: float = tuning(
-        0.05, 'step in which a sensor reads, at most', unit='of the range, or of the force scale'
+        0.05, 'largest quantization step', unit='of the range, or of the force scale'
     )
-    noise_readings: int = tuning(60, 'last readings of the force that tell its noise; invented')
+    noise_readings: int = tuning(60, 'latest force readings for estimating their noise; invented')
     noise_period: float = tuning(
         0.12,
-        'time between them, above which the load moves as much as noise does; invented',
+        'time between readings above which the load changes as much as noise; invented',
         unit='s',
     )
     fewest_readings: int = tuning(
-        8, 'readings of the force that tell its noise, as it takes for six second differences'
+        8, 'force readings needed to estimate their noise: six second differences'
     )
     noise_ratio: float = tuning(
         2.0,
-        'noise of them, above which it is used instead of that of the model; invented',
+        'estimated noise above which it replaces that of the model; invented',
         unit='noise of the model',
     )
     usual_gap: float = tuning(
         1.5,
-        'time between two readings of the pressure, up to which a line tells it; invented',
-        unit='time before',
+        'longest gap between pressure readings to interpolate across; invented',
+        unit='gap before',
     )
     most_ahead: float = tuning(
-        0.1, 'of a frame before its pressure, which is told beyond it', unit='s'
+        0.1, 'lead of a frame over its pressure that triggers a note', unit='s'
     )
     frozen: float = tuning(
         7.0,
-        'change of the pressure during which no target moved in the least, beyond which a frame '
-        'is a copy of the one before; invented',
+        'change of pressure above which a bit-identical frame counts as a copy; invented',
         unit='sigma',
     )
     turn_tolerance: float = tuning(
         0.002, 'turn below which a camera is never taken for moved; invented', unit='rad'
     )
     still_readings: int = tuning(
-        5, 'of the pressure, the same to the last bit, with which frames are asked if it hangs'
+        5, 'identical pressure readings after which the sensor is tested for being frozen'
     )
-    still_frames: int = tuning(5, 'of which one is asked then: an idle sensor may clip at zero')
+    still_frames: int = tuning(5, 'one test per so many frames: an idle sensor may clip at zero')
     most_lacking: float = tuning(
         0.05,
         'size of the model error beyond which the pressure is not used; invented',

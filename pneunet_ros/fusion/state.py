@@ -35,11 +35,11 @@ class RunningNis:
 
     @property
     def beyond(self) -> bool:
-        """Whether targets have recently been further from the fused shape than noise explains."""
+        """Whether targets recently deviated from the fused shape by more than noise."""
         return self.mean > self.limit
 
     def birge_ratio(self, most: float) -> float:
-        """Return by how much all errors are larger than stated, 1 where noise explains the frames.
+        """Return the factor by which errors exceed the stated ones; 1 if the frames fit.
 
         The root of chi squared per coordinate (Birge, Physical Review 40 (1932)), whatever the
         cause. most: limits of the NIS of a frame that is used; one that is not counts as that.
@@ -69,11 +69,11 @@ class RunningNis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceReadings:
-    """The last end wrenches, for frames that come late, and what they tell of their sensor.
+    """The last end wrenches, kept for late frames, and the estimated noise of the sensor.
 
-    step (N): the smallest change from wrench to wrench so far, see `rounding_error`; noise (N): of
-    the last ones, 0 where it is that of the model; largest_noise (N): with which the belief has
-    taken a frame.
+    step (N): smallest change between successive wrenches so far, see `rounding_error`; noise (N):
+    estimated from the last wrenches, 0 if the noise of the model is used; largest_noise (N): the
+    largest that was used in an update by a frame.
     """
 
     kept: tuple[WrenchReading, ...] = ()
@@ -84,10 +84,10 @@ class ForceReadings:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PendingFrame:
-    """The last frame that was used, and what of it is still to be looked at.
+    """The last frame that was used, and the work still to be done on it.
 
-    taken: to be weighed against all else that it may be; unchecked: its fit, beside which other
-    forces are to be looked for; answered: an estimate since then is out.
+    taken: the update, not yet compared with alternative hypotheses; unchecked: its fit, if the
+    search for other tip forces is still to be made; answered: an estimate was published since.
     """
 
     taken: TakenFrame | None = None
@@ -97,9 +97,10 @@ class PendingFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Counts:
-    """Estimates so far, frames used, others by reason; lost: frames in a row that were not.
+    """Counts of estimates, of frames used, and of frames rejected, by reason.
 
-    contradicted: a frame since the last one used shows the arm where no hypothesis has it.
+    lost: consecutive frames that were not used; contradicted: since the last used frame, one
+    contradicted every hypothesis.
     """
 
     estimates: int = 0
@@ -111,15 +112,15 @@ class Counts:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FusionState:
-    """All that a fusion remembers from one reading or frame to the next.
+    """State of a fusion between readings and frames.
 
-    readings: as of an estimator, which admits pressures and wrenches; pressures: the last ones,
-    for frames that come late; force: the last wrenches. waiting: frames whose pressure has not
-    come yet; seen: the last one that was no copy.
-    bank: what may be true, each hypothesis with what is believed at the last frame, the most
-    likely first; lasting: causes that stay when a belief is reset: sensors that are off, a
-    mirror. wrench_used_ns: of the wrench in the belief; solution: of the last estimate; pending:
-    the last frame; search: for other forces that explain it.
+    readings: state of the estimator that admits pressures and wrenches; pressures: the last
+    pressures, kept for late frames; force: the last wrenches; waiting: frames whose pressure has
+    not arrived; seen: the last frame that is not a copy of an earlier one.
+    bank: the hypotheses, most likely first, each with its belief at the last frame; lasting:
+    causes that survive a reset of the belief (faulty sensors, a mirrored image). wrench_used_ns:
+    stamp of the last wrench in the belief; solution: of the last estimate; pending: the last
+    frame; search: the search for other tip forces that fit it.
     """
 
     readings: EstimatorState = field(default_factory=EstimatorState)
@@ -144,7 +145,7 @@ class FusionState:
 
     @property
     def causes(self) -> frozenset[str]:
-        """Causes that are taken to be at work."""
+        """Active causes of the most likely hypothesis."""
         return self.bank[0].belief.causes if self.bank else self.lasting
 
     @property

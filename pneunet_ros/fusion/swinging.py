@@ -33,8 +33,8 @@ def swung_on(
 ) -> tuple[Belief, Moved | None]:
     """Return a belief that has moved with the swing of the arm there, and how the arm moves.
 
-    before: it moved from there; bent: its equilibrium; path: as of `SwingingArm.go_on`; causes
-    (causes, unknowns): what one of each unknown changes, None where the force is known. Where
+    before: it moved from there; bent: its equilibrium; path: as in `SwingingArm.go_on`; causes
+    (causes, unknowns): what one of each unknown changes, None if the force is known. Where
     there is no equilibrium, nothing is known of the swing.
     """
     if arm is None:
@@ -106,7 +106,7 @@ class SwingingEstimate:
         return second_order_factor(1.0) * (before + after - 2.0 * self.swung.beside)
 
     def motion(self, errors: PropagatedErrors) -> MotionEstimate | None:
-        """Return how the arm moves; errors: of the arm."""
+        """Return the estimated motion of the arm; errors: propagated errors of its shape."""
         moved, moving, where = self.moved, self.arm.moving, self.arm.part(Motion.SWING)
         if moved is None or moving.arm.motion is None:
             return None
@@ -134,9 +134,9 @@ class SwingingEstimate:
 def swinging_estimate(
     arm: SwingingArm | None, belief: Belief, bent: BentArm, moved: Moved | None
 ) -> SwingingEstimate | None:
-    """Return an arm as it is believed to swing; None where it does not.
+    """Return the estimate of a swinging arm; None if the belief has no swing.
 
-    bent: its equilibrium at the stations; moved: how it moves.
+    bent: the equilibrium at the stations; moved: the estimated motion.
     """
     reference = belief.reference
     if arm is None or reference is None or not bent.shape.converged:

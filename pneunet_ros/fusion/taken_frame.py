@@ -1,4 +1,4 @@
-"""One frame of targets beside one hypothesis: its problem, its fit, and how likely it makes it."""
+"""Update of one hypothesis by one frame of targets: the problem, its fit, and its evidence."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ from pneunet_ros.measurement.swinging_arm import ERRORS
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TakenFrame:
-    """A frame as a hypothesis takes it.
+    """The update of a hypothesis by a frame.
 
-    frame: with all that was read at its stamp; before: what was believed before it; problem: of
-    all targets that were seen; update: what came of it.
+    frame: the targets, with the readings at their stamp; before: the belief before the frame;
+    problem: the estimation problem of all targets seen; update: the result.
     """
 
     frame: ReadFrame
@@ -52,13 +52,13 @@ class TakenFrame:
 
     @property
     def misfits(self) -> bool:
-        """Whether noise does not explain it."""
+        """Whether the frame deviates from the fit by more than noise."""
         fit = self.update.fit
         return fit is None or misfits(fit)
 
     @property
     def explained(self) -> bool:
-        """Whether noise explains all of its targets."""
+        """Whether the fit agrees with all targets of the frame within noise."""
         update = self.update
         fit = None if update.belief is None or update.left_out else update.fit
         return fit is not None and excess(fit) <= 1.0
@@ -90,12 +90,12 @@ def taken_by(
     found_better: bool = False,
     widely: bool | None = None,
 ) -> TakenFrame:
-    """Return a frame taken by a belief.
+    """Return the update of a belief by a frame.
 
-    Of an arm that swings an unread load may walk faster or slower than it did recently: a frame
-    that this does not explain, or that alone speaks for another walk, is taken by the most likely
-    of all walks. A slower walk explains nothing that the fastest does not: where that fits no
-    shape to the frame, or no wide search is due, the others are not tried.
+    On a swinging arm an unmeasured load may change faster or slower than it did recently. If the
+    recent random walk does not fit the frame, or the frame alone indicates another, the most
+    likely of the candidate walks is used. The fastest walk fits whatever a slower one fits: if it
+    has no consistent fit, or no wide search is due, the slower ones are not tried.
     """
     once = partial(taken_once, bench, frame, before, found_better=found_better, widely=widely)
     taken = once()
@@ -140,10 +140,10 @@ def taken_once(
     widely: bool | None = None,
     believed: bool = True,
 ) -> TakenFrame:
-    """Return a frame taken by a belief, near the last shape where there is one.
+    """Return the update of a belief by a frame; the search starts at the last shape, if any.
 
-    walk (N/sqrt(s)): of the tip force, as `problem_of` takes it; found_better, widely, believed:
-    as of `take_frame`; widely None: only if the belief has seen no frame yet.
+    walk (N/sqrt(s)): random walk of the tip force, see `problem_of`; found_better, widely,
+    believed: see `take_frame`. widely=None searches widely only for the first frame of a belief.
     """
     problem, cold = problem_of(bench, frame, before, walk), not before.frames
     update = take_frame(
@@ -160,12 +160,12 @@ def taken_once(
 def problem_of(
     bench: Bench, frame: ReadFrame, belief: Belief, walk: float | None = None
 ) -> FrameProblem:
-    """Return a frame beside what was believed before it.
+    """Return the estimation problem of a frame: its measurements and the propagated prior.
 
-    From frame to frame the force is free: a frame must not inherit what the last one erred.
-    But it is not drawn to zero either, frame after frame, which the unknowns that stay would
-    take for evidence. A frame alone does not determine the force on a swinging arm: there it is a
-    random walk of strength `walk` (N/sqrt(s)), None for as it moved recently.
+    The force is free from frame to frame, so that a frame does not inherit the last one's error.
+    Nor is it pulled to zero at every frame: the constant unknowns would take that for evidence.
+    A single frame does not determine the force on a swinging arm. There the force is a random walk
+    of strength `walk` (N/sqrt(s)); None: the strength of its recent motion.
     """
     bench = bench.of(belief.causes)
     frame = bench.used(frame, belief.causes)

@@ -1,10 +1,9 @@
-"""The one loop in which causes compete: every hypothesis takes a frame, and may be joined by more.
+"""Hypothesis test over causes: each frame updates all hypotheses, and may add new ones.
 
-A frame is taken by the hypothesis that leads. If noise explains it, the others can wait until the
-estimate is out. Then they take it as well; where the leading one leaves the frame unexplained, or
-only a contact explains it, or all frames together speak for a cause, every cause that may be at
-work is tried once beside it. All are weighed by the evidence of the same frame, and what is far
-less likely than the best is dropped.
+The leading hypothesis is updated first. If it fits the frame within noise, the estimate is
+published before the others are updated. If it does not, or if it needs a contact to fit, or if all
+frames together indicate a cause, every possible cause is added to it once. All hypotheses are
+weighted by the evidence of the same frame, and those far less likely than the best are dropped.
 """
 
 from __future__ import annotations
@@ -27,15 +26,15 @@ FREE = 2.0  # chi squared by which a frame fits better, on average, with a force
 
 
 def is_copy(bench: Bench, seen: SeenFrame, frame: ReadFrame) -> bool:
-    """Whether a frame, the same as one before to the last bit, should have been another."""
+    """Whether a bit-identical frame is a copy: since the earlier one the pressure has changed."""
     pressed = abs(frame.instant.chamber - seen.chamber)
     return not frame.alone and pressed > bench.settings.frozen * frame.instant.std
 
 
 def take(bench: Bench, state: FusionState, frame: ReadFrame, before: Belief) -> TakenFrame:
-    """Return a frame as the hypothesis that leads takes it.
+    """Return the update of the leading hypothesis by a frame.
 
-    Where frames in a row were not used, the search goes everywhere in a few of them alone.
+    If consecutive frames were not used, only a few of them are searched over all forces.
     """
     widely = is_due(state) or not before.frames
     found_better = state.search.found_better
@@ -63,9 +62,9 @@ def with_walk_told(bench: Bench, taken: TakenFrame) -> Belief:
 
 
 def is_due(state: FusionState) -> bool:
-    """Whether a frame is looked at with all that there is: the 1st, 2nd, 4th, 8th .. in a row.
+    """Whether a lost frame gets the full search: the 1st, 2nd, 4th, 8th .. of consecutive ones.
 
-    Frames that nothing explains must not take the time of those to come.
+    Frames that no hypothesis fits must not delay the frames that follow.
     """
     return not state.counts.lost & (state.counts.lost + 1)
 
@@ -129,7 +128,7 @@ def best_of(weighed: list[Alternative]) -> Alternative:
 def log_weights(bench: Bench, weighed: list[Alternative], temper: float) -> list[float]:
     """Return the log weights after a frame.
 
-    temper: by which it counts less, as nothing explains it well.
+    temper: divides the log evidence of a frame that no hypothesis fits well.
     """
     swings = bench.moving is not None and any(MOTION in one.after.causes for one, _ in weighed)
     weights = [
@@ -156,10 +155,10 @@ def log_weights(bench: Bench, weighed: list[Alternative], temper: float) -> list
 
 
 def evidence_beside_swing(bench: Bench, taken: TakenFrame) -> float:
-    """Return the log evidence of a frame, where an arm may swing whose force walks.
+    """Return the log evidence of a frame, comparable with that of a swinging arm.
 
-    An arm that does not swing is taken with a force that is free from frame to frame, and would
-    pay for that, however steadily it is loaded: here its force may also walk as it did recently.
+    Without a swing the force is free from frame to frame, and the evidence is penalized for that
+    even under a steady load. So the recent random walk of the force is tried here as well.
     """
     before = taken.before
     if MOTION in before.causes or not before.frames:
@@ -171,9 +170,9 @@ def evidence_beside_swing(bench: Bench, taken: TakenFrame) -> float:
 def is_open(bench: Bench, taken: TakenFrame) -> bool:
     """Whether a contact rests on a force sensor that no frame has confirmed.
 
-    The error of such a sensor may follow any law. So what it reads is no evidence for a contact:
-    a hypothesis without the sensor does not pay for predicting less, and stays as likely as the
-    contact while it explains the frames nearly as well.
+    The error of such a sensor may follow any law, so its reading is no evidence for a contact. A
+    hypothesis without the sensor is not penalized for predicting less: it stays as likely as the
+    contact as long as it fits the frames nearly as well.
     """
     belief = taken.after
     read = bench.used(taken.frame, belief.causes).wrench is not None
@@ -203,7 +202,7 @@ def contacts_beside(
 
 
 def beside(bench: Bench, cause: Cause, base: Alternative) -> list[Alternative]:
-    """Return a frame as it would be taken if a cause were at work beside a hypothesis."""
+    """Return the alternatives in which a cause is added to those of a hypothesis."""
     taken, weight = base
     against = weight - cause.rarity * bench.settings.odds_against
     return [(one, against + told) for one, told in cause.alternatives(bench, taken)]
@@ -212,10 +211,10 @@ def beside(bench: Bench, cause: Cause, base: Alternative) -> list[Alternative]:
 def is_asked(
     bench: Bench, taken: TakenFrame, weighed: list[Alternative], touches: list[Alternative]
 ) -> bool:
-    """Whether other causes are asked for.
+    """Whether to test causes other than the current hypothesis.
 
-    Where nothing explains a frame, or a contact would explain it better, which is what any other
-    cause is most easily taken for; also where all frames together tell of one.
+    True if no hypothesis fits the frame, if a contact would fit better (most other causes look
+    like a contact), or if all frames together indicate a cause.
     """
     touched = any(one.after.touched for one, _ in touches)
     if touched or taken.misfits or taken.frame.pressure_still:
@@ -250,7 +249,7 @@ def causes_beside(
 
 
 def all_beside(bench: Bench, base: Alternative) -> list[Alternative]:
-    """Return a frame as it would be taken if one more cause were at work beside a hypothesis."""
+    """Return the alternatives in which any one possible cause is added to a hypothesis."""
     taken = base[0]
     return [
         one
@@ -261,9 +260,9 @@ def all_beside(bench: Bench, base: Alternative) -> list[Alternative]:
 
 
 def without_touch(weighed: list[Alternative], best: Alternative) -> Alternative:
-    """Return the best hypothesis as it is without its contact, where that was tried.
+    """Return the best hypothesis without its contact, if that was evaluated.
 
-    A contact is what a cause is most easily taken for: it must not stand before others are asked.
+    Most causes look like a contact, so a contact is accepted only after the others were tried.
     """
     causes = best[0].after.causes - {CONTACT}
     return next((one for one in weighed if one[0].after.causes == causes), best)
