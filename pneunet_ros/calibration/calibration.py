@@ -173,7 +173,7 @@ def calibrate_as_stamped(
     on_progress: OnProgress,
     settings: CalibrationSettings,
 ) -> Calibration:
-    """Calibrate as `calibrate` does, by the stamps that frames have."""
+    """Calibrate once, without correcting the clocks of the cameras (see `calibrate`)."""
     if kind is not None and kind not in MOMENT_LAW_PARAMETERS:
         allowed = ', '.join(MOMENT_LAW_PARAMETERS)
         raise RequestError(

@@ -49,9 +49,9 @@ def is_given(arm: Arm) -> bool:
 
 
 def without_fitted(arm: Arm) -> Arm:
-    """Return the arm without the elongation that a calibration has fitted; the same without one.
+    """Remove the elongation that an earlier calibration fitted, if any.
 
-    The covariance is dropped too, because it belongs to the arm that lengthens.
+    The covariance is removed with it: it holds only for the elongating arm.
     """
     if arm.sources.get(KEY) != FITTED:
         return arm

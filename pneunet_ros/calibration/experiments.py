@@ -65,7 +65,7 @@ class FitSequence:
     planned, done: how many fits there will be, 0 if that is not known, and were.
     low, high (Pa): what the recordings span. uniform: kappa_p0 is the same all along the arm; that
     is part of the model. resolution: what the recordings can resolve; None: all that is fitted.
-    shapes, elongates: as of `Parameters`, the most that is tried until the first experiment has
+    shapes, elongates: as in `Parameters`, the most that is tried until the first experiment has
     chosen them.
     """
 

@@ -22,14 +22,14 @@ def low_rank(
     painted: int | None = None,
     guessed: Array | None = None,
 ) -> tuple[ModelCovariance, float]:
-    """Return the covariance of the model's numbers, and its share of the shape's variance.
+    """Return a low-rank covariance of the parameters, and the share of shape variance it captures.
 
-    painted: of how many targets the placement goes with it, the first; of all where None. guessed
-    (parameters, errors): further errors, of which each is a column of its own.
+    most: number of columns. painted: include the placement of only the first `painted` targets;
+    None: of all targets. guessed (parameters, errors): assumed errors, one extra column each.
 
-    Keeps the `most` directions of the factor Q of the full covariance that move the targets of the
-    fitted frames most, enlarged to preserve the total variance. Where targets show less than the
-    table of kappa_p0 holds, all of the arm counts, also at the pressures of the table.
+    Keeps the directions of the full covariance that move the targets of the fitted frames most,
+    and scales them to preserve the total variance. If the targets resolve less than the table of
+    kappa_p0, the shape at its knots and pressures counts too.
     """
     if guessed is None:
         guessed = np.zeros((fit.values.size, 0))
@@ -66,7 +66,7 @@ def placement_with(
     """Return the posterior of the placement, and its correlation with columns of the covariance.
 
     factor (n, n): root of the covariance of the parameters; turned (columns, n): the columns, in
-    sigma of it; guessed: how many more there are, with which the placement does not go.
+    sigma of that root; guessed: number of extra columns, uncorrelated with the placement.
     """
     targets, size = fit.placement.shape[1], fit.values.size
     kept = np.arange(2 * targets).reshape(2, targets)[:, :painted].ravel()

@@ -119,13 +119,13 @@ def estimate_noise(
         factor = math.sqrt(alike)
         found['target_std'] = (
             factor * white,
-            f'{found["target_std"][1]}, times {factor:.2g}: it is alike in neighboring targets',
+            f'{found["target_std"][1]}, times {factor:.2g}: neighboring targets are correlated',
         )
         notes.append(
             Note(
                 'while the arm rests, the errors of neighboring targets are correlated '
-                f'({neighbors:.2f}), as by hot air, a curved window or lossy video. The noise of '
-                f'each is taken as {factor:.2g} times what is measured',
+                f'({neighbors:.2f}), as with hot air, a curved window or lossy video. The noise '
+                f'of each target is set to {factor:.2g} times the measured one',
                 reason='alike_neighbors',
             )
         )
@@ -134,8 +134,8 @@ def estimate_noise(
         'targets beside a smooth curve while the arm is straightest',
     )
     place, drift = camera(runs, arclength, white, settings)
-    found['registration_std'] = place, 'the target at the clamp, between recordings'
-    found['drift_std'] = drift, 'the target at the clamp, within recordings'
+    found['registration_std'] = place, 'motion of the target at the clamp, between recordings'
+    found['drift_std'] = drift, 'motion of the target at the clamp, within recordings'
     noise, sources = assumed, {}
     for name, (std, sentence) in found.items():
         if name == 'heading_std' and not headings:
@@ -362,9 +362,9 @@ def likeness(
 ) -> tuple[float, float]:
     """Return the number of targets with a common error at rest, and the correlation of neighbors.
 
-    1 where each errs by itself, and where too few frames rest: motion is alike in them, too. Every
-    frame counts the same, so that a few in which the arm moves after all do not matter. What all
-    targets do together is the camera's, and is taken off.
+    The number is 1 if the errors are independent, or if too few frames rest (motion is correlated
+    too). All frames have equal weight, so that a few with undetected motion do not matter. The
+    common motion of all targets is attributed to the camera and subtracted.
     """
     rest = [resting_differences(run, pressure_std) for run in runs if not run.loaded]
     rest = [values for values in rest if values.shape[-1] >= settings.many_targets]

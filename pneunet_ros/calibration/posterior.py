@@ -16,7 +16,7 @@ class PosteriorState(PriorState):
 
     pressure (rows,) Pa and arclength (knots,) s / l of the table of kappa_p0; kind and stiffness
     (N m^2) of the moment law's parameters over low to high (Pa), kind '' where none was fitted.
-    shapes, elongates: as of `Parameters`, 0 for as many as there are knots. information (n, n):
+    shapes, elongates: as in `Parameters`, 0 for as many as there are knots. information (n, n):
     information of all recordings so far on the values, without the prior.
     """
 

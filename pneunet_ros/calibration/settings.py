@@ -158,23 +158,23 @@ class ResolutionSettings:
         0.05, 'distance between targets that resolve two features', unit='length'
     )
     noise_span: float = tuning(
-        8.0, 'pressures, or loads, that differ by more are two', unit='sigma'
+        8.0, 'difference above which pressures, or loads, count as distinct', unit='sigma'
     )
     few_pressures: int = tuning(
         6, 'number of pressures below which a note is given', source='invented'
     )
     law_frames: int = tuning(20, 'loaded frames to distinguish two sections of the arm')
-    law_shapes: int = tuning(3, 'the same in distinct targets')
+    law_shapes: int = tuning(3, 'distinct targets to distinguish them')
     nonuniform: float = tuning(
         0.3,
-        'of kappa_p0 around its mean along the arm, one sigma, where no target shows it',
+        'relative std of kappa_p0 along the arm, where no target determines it',
         source="the shipped table of the paper's arm: 0.3",
     )
     nonuniform_rest: float = tuning(
-        0.05, 'the same, of the arm at rest', unit='1/length', source='invented'
+        0.05, 'std of the rest curvature along the arm', unit='1/length', source='invented'
     )
     nonuniform_scale: float = tuning(
-        0.3, 'over which it is smooth', unit='length', source="the paper's arm, about"
+        0.3, 'correlation length of both', unit='length', source="the paper's arm, about"
     )
 
 
@@ -255,7 +255,7 @@ class StiffnessVariationSettings:
     expected: float = tuning(0.3, 'prior sigma of ln EI in each of them', source='invented')
     significant: float = tuning(
         100.0,
-        'chi squared that they explain beyond noise',
+        'reduction of chi squared, beyond noise, for a variation to count',
         source='invented: of 24 arms of the virtual lab whose law is the true one at most 34',
     )
     most_nees: float = tuning(

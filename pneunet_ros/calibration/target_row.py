@@ -27,7 +27,7 @@ class TargetRow:
     def sentence(self) -> str:
         """Describe the row to a person."""
         offset, offset_std = (millimeters(value) for value in (self.offset, self.offset_std))
-        text = f'Targets {offset:.3f} ± {offset_std:.3f} mm beside the neutral line'
+        text = f'Targets {offset:.3f} ± {offset_std:.3f} mm off the neutral line'
         if self.spacing_std == 0.0:
             return f'{text}.'
         return (

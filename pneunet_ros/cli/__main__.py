@@ -1,6 +1,6 @@
 """Start the command: `python -m pneunet_ros.cli`, and `pneunet`.
 
-What takes a while to import is imported where an interrupt is met.
+Slow imports are made inside `main`, so that Ctrl-C is handled during them too.
 """
 
 from __future__ import annotations

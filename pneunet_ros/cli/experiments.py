@@ -37,8 +37,8 @@ STATIC = (
 )
 
 CONSTANT = (
-    '--end-load is a constant force, as of a weight that hangs straight down from the tip; a '
-    'thread over a pulley turns with the tip, which --string knows'
+    '--end-load is a constant force, such as a weight hanging from the tip; the pull of a thread '
+    'over a pulley changes direction with the tip: give it by --string'
 )
 
 
@@ -80,9 +80,9 @@ def add_experiments(parser: ArgumentParser) -> None:
         action='append',
         default=[],
         metavar=('REC', 'FX', 'FY'),
-        help='a known constant end load (base frame; N, or with a unit, as 20g), as of a weight '
-        'that hangs straight down from the tip, in a recording without `end_wrench`; its error '
-        'is force_std of the model; may be repeated',
+        help='a known constant end load (base frame; N, or with a unit, as 20g), such as a weight '
+        'hanging from the tip, in a recording without `end_wrench`; its error is force_std of the '
+        'model; may be repeated',
     )
     parser.add_argument(
         '--string',
@@ -90,8 +90,8 @@ def add_experiments(parser: ArgumentParser) -> None:
         action='append',
         default=[],
         metavar=('REC', 'TENSION', 'X', 'Y'),
-        help='the same of a thread that is led over a fixed eye or pulley at X, Y (base frame; m, '
-        'or with a unit, as 300mm): TENSION pulls there from wherever the tip is; may be repeated',
+        help='a known tension of a thread from the tip over a fixed eye or pulley at X, Y (base '
+        'frame; m, or with a unit, as 300mm); like --end-load; may be repeated',
     )
     add_topics(parser)
     add_settings(parser, SENSOR_SETTINGS)

@@ -45,7 +45,7 @@ class FilmReadings:
 
 
 def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | None:
-    """Return the given table; None without one; RequestError if it is unusable."""
+    """Return the given table; None if there is none; RequestError if it is unusable."""
     if arguments.readings is None:
         for option in ('delay', 'end_load', 'string', 'select', 'rename', 'offset', 'ignore'):
             if getattr(arguments, option):
@@ -87,7 +87,7 @@ def reading_doubts(
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Describe a wrong or doubtful unit of the pressures in the table.
 
-    Empty where they fit. Without --model they are compared with those of any soft actuator.
+    Empty if they fit. Without --model they are compared with those of any soft actuator.
     """
     if not arguments.judge_readings:
         return (), ()

@@ -29,7 +29,7 @@ def open_preview(
 ) -> AbstractContextManager[Preview | TrackingPage]:
     """Return a preview of all frames that is written when its context ends without an error.
 
-    film: the numbers of the delay, which are known by then.
+    film: the estimated delay, which the caller fills in before the context ends.
     """
     preview = Preview(frames=stream.frames, targets=arm.target_arclength.size)
     if arguments.preview.suffix.lower() != PAGE:

@@ -110,7 +110,7 @@ def table_array(
     dimensions: int,
     error: type[PneunetError] = ModelError,
 ) -> Array:
-    """Return a read-only table of finite numbers with this many dimensions; else raise."""
+    """Return a read-only table of finite numbers with this many dimensions; raise otherwise."""
     sentence = f'{where} must be a table of numbers with rows of equal length'
     if not only_numbers(values):
         raise error(sentence, reason='not_a_table')

@@ -21,9 +21,8 @@ LONGEST_SENTENCE = 2_000  # characters; what a file says may be quoted, and be m
 class PneunetError(Exception):
     """Base of all errors of this package; its text is one sentence for the user.
 
-    `reason` is the key by which programs and tests know what was wrong, as that of a `Refusal`
-    (meanings: `reasons.REASONS`); empty if it has none. A sentence that is too long to read
-    keeps its beginning and end.
+    `reason` is the machine-readable cause, as in a `Refusal` (meanings: `reasons.REASONS`); it may
+    be empty. A sentence that is too long to read keeps its beginning and end.
     """
 
     def __init__(self, sentence: object = '', *, reason: str = '') -> None:

@@ -1,4 +1,4 @@
-"""Paths followed through their links, the one place where a path that leads nowhere is met."""
+"""Resolution of paths with symbolic links; the only place that handles broken ones."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ from pneunet_ros.core.errors import PneunetError, RequestError
 
 
 def resolved(path: str | Path, error: type[PneunetError] = RequestError) -> Path:
-    """Return the absolute path behind all links; it need not exist.
+    """Return the absolute path with all symbolic links resolved; the file need not exist.
 
-    Raises `error` for a link that leads to itself, a name that no file can have, and a folder
-    that may not be looked into.
+    Raises `error` for a loop of links, an invalid file name, or a folder without read permission.
     """
     try:
         return Path(path).resolve()
     except RuntimeError:  # Python before 3.13, of a loop of links
         raise error(
-            f'{path} leads back to itself by a link: name the file itself', reason='loop'
+            f'{path} is a symbolic link to itself: name the file instead', reason='loop'
         ) from None
     except (OSError, ValueError) as reason:
         why = getattr(reason, 'strerror', None) or reason

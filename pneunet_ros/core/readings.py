@@ -54,7 +54,7 @@ class TipPoseReading:
 class ImuReading:
     """Reading of an accelerometer at the base: the specific force (m/s^2) in its `frame_id`.
 
-    At rest that is 9.81 m/s^2 upwards. known: False where the sensor says that it measures none.
+    At rest that is 9.81 m/s^2 upwards. known: False if the sensor says that it measures none.
     """
 
     stamp_ns: int

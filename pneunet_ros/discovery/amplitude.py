@@ -194,7 +194,7 @@ def left_out_gains(
 ) -> Array:
     """Return gains in log probability of every run predicted from the others, (choices, stds).
 
-    evidence: as of `Columns.left_out`; chosen: which columns, as many in each choice; stds: priors
+    evidence: as in `Columns.left_out`; chosen: which columns, as many in each choice; stds: priors
     of their coefficients.
     """
     which = np.asarray(chosen)
@@ -212,7 +212,7 @@ def unit_fields(
     """Return the derivatives of points (frames, 2 targets) m by an amplitude, per run.
 
     before: points (frames, 2, targets) m of the fit itself; effect: with an amplitude of `size` in
-    every frame of the fit's runs. None where the arm has no shape with it.
+    every frame of the fit's runs. None if the arm has no shape with it.
     """
     linearization, point = fit.linearization, fit.point
     runs = range(len(linearization.blocks))

@@ -366,7 +366,7 @@ def finding_of(suspect: Suspect, proposal: Proposal | None, fits: JointFits) -> 
 
 
 def shortened(finding: Finding, fits: JointFits) -> Finding:
-    """Return a finding without terms that its law does not need, as a constant if that does."""
+    """Drop the terms that a finding's law does not need; reduce it to a constant if that fits."""
     if finding.proposal is None:
         return finding
     shorter = fits.without_idle_terms(finding.proposal)
@@ -542,7 +542,7 @@ def tied_kinds(
 
 
 def describe(finding: Finding, tied: Sequence[str], search: Search) -> Discovered:
-    """Return a finding as of the contract of diagnosis.json."""
+    """Return a finding in the format of diagnosis.json."""
     suspect, proposal = finding.suspect, finding.proposal
     kind = suspect.kind
     location = location_of(finding, search)

@@ -44,7 +44,7 @@ class Proposal:
 
     @property
     def numbers(self) -> Array:
-        """The fitted numbers of this effect, as of its hypothesis."""
+        """The fitted numbers of this effect, as in its hypothesis."""
         fit = self.trial.refit
         return fit.numbers[-fit.hypotheses[-1].size :]
 
@@ -72,7 +72,7 @@ class JointFits:
     def propose(self, law: Law) -> Proposal | None:
         """Fit a law with a fixed position, and add missing terms.
 
-        None where the arm has no shape with it.
+        None if the arm has no shape with it.
         """
         return self.lengthened(self.fit(law.cause.kind, law.terms, self.start(law)))
 
@@ -167,7 +167,7 @@ class JointFits:
     ) -> Proposal | None:
         """Fit jointly from these start values until converged; held: the position is fixed.
 
-        None where the arm has no shape with it, in a training recording or in a held-out one.
+        None if the arm has no shape with it, in a training recording or in a held-out one.
         """
         parameters = parameters_of(kind, terms, self.covariates)
         source = effect_source(

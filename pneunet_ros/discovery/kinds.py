@@ -273,7 +273,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='camera_radial',
-            subject='the lens bends the picture about its middle, amid the straight arm',
+            subject='radial lens distortion, centered on the middle of the straight arm',
             amplitude='relative shift half a length from the middle',
             unit='-',
             prior=0.02,

@@ -29,7 +29,7 @@ STEP = 1e-3  # of the prior of an amplitude: the size of unit fields
 class Cause:
     """A kind at a place, ready for laws.
 
-    position (s / l), None where it has none; fields (frames, 2 targets) m per unit of amplitude,
+    position (s / l), None if it has none; fields (frames, 2 targets) m per unit of amplitude,
     per run; covariates: that its amplitude may follow; terms: names of the columns, first those of
     the covariates. A column is that of the kind's prior times a covariate of size one.
     """
@@ -70,7 +70,7 @@ def cause_of(
     *,
     play: float,
 ) -> Cause | None:
-    """Return a kind of cause at a position around a fit; None without a solution.
+    """Return a kind of cause at a position around a fit; None if there is no solution.
 
     before: points (frames, 2, targets) m of the fit itself, per run.
     """

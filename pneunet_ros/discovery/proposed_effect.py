@@ -180,7 +180,7 @@ def parameters_of(
 
 
 def parameter_of(kind: Kind, term: str, covariates: Mapping[str, Covariate]) -> Parameter:
-    """Return the parameter of a term: a covariate, or what comes out of the equilibrium."""
+    """Return the parameter of a term: a covariate, or a quantity that the equilibrium yields."""
     if term in kind.natives:
         native = kind.natives[term]
         name = 'per_' + term.replace('^2', '_squared').replace(' ', '_')
@@ -294,7 +294,7 @@ def field_text(kind: Kind, item: Parameter) -> str:
 
 
 def position_text(kind: Kind) -> str:
-    """Return the declaration of the place, empty where a kind has none."""
+    """Return the declaration of the place, empty if a kind has none."""
     if kind.positions is None:
         return ''
     low, high = kind.positions

@@ -36,7 +36,7 @@ class Discovered:
     location (s / l), None for what has no place; size: parameters of the proposed effect; share of
     the lack of fit that it explains; left_out_gain: in log probability of every training recording
     predicted from the others; tied_with: kinds that explain as much; effect_file: name of the file
-    of the proposed effect, None where nothing measured predicts the law; source: its text.
+    of the proposed effect, None if nothing measured predicts the law; source: its text.
     """
 
     kind: str
@@ -83,11 +83,11 @@ class AmplitudeSeries:
 class Discovery:
     """The result of `discover`: laws, what they rest on, and the model with the first of them.
 
-    searched: whether anything was looked for; found: empty where no law was found or confirmed,
+    searched: whether anything was looked for; found: empty if no law was found or confirmed,
     and the notes then say why. evaluation: of the model with the proposed effect, None without
     one; closed: share of the reducible error on held-out recordings that it removes. overruling:
     the diagnosis without its name, where the law predicts recordings better than the effects that
-    were named; None where the diagnosis stands.
+    were named; None if the diagnosis stands.
     """
 
     searched: bool

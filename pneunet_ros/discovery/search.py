@@ -87,7 +87,7 @@ class Search:
         return self.causes[key]
 
     def make_cause(self, kind: Kind, position: float | None) -> Cause | None:
-        """Return a cause of a kind at a place; None where the fit has no solution."""
+        """Return a cause of a kind at a place; None if the fit has no solution."""
         before, projection = self.points, self.projection
         if before is None:
             return None
@@ -97,7 +97,7 @@ class Search:
 
     @cached_property
     def points(self) -> list[Array] | None:
-        """Points (frames, 2, targets) m of the fit in all runs; None without a solution."""
+        """Points (frames, 2, targets) m of the fit in all runs; None if there is no solution."""
         linearization = self.fit.linearization
         return linearization.points(self.fit.point.arm, range(len(linearization.blocks)))
 
@@ -117,7 +117,7 @@ class Search:
         return {} if seconds is None else wandering_courses(seconds, self.settings.law)
 
     def law(self, kind: Kind, position: float | None, runs: Runs) -> Law | None:
-        """Return the law of a kind at a place in some of the runs; None where there is none."""
+        """Return the law of a kind at a place in some of the runs; None if there is none."""
         cause = self.cause(kind, position)
         return None if cause is None else choose_law(cause, runs, self.settings.law)
 

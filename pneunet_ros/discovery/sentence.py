@@ -39,14 +39,13 @@ def swing_sentence(
         return (
             f'{begin(kind, location)}: the {kind.amplitude} changes by itself, over about '
             f'{swing.period:.2g} s and without a period ({swing.size * kind.prior:.2g} '
-            f'{kind.unit} rms).{tied_words(tied)} It depends on nothing that is measured, so that '
-            'no model can predict it.'
+            f'{kind.unit} rms).{tied_words(tied)} It depends on no measured quantity, so no model '
+            'can predict it.'
         )
     return (
-        f'{begin(kind, location)}: the {kind.amplitude} goes by itself, with a period of '
+        f'{begin(kind, location)}: the {kind.amplitude} oscillates with a period of '
         f'{swing.period:.3g} s{grows} (up to {swing.size * kind.prior:.2g} {kind.unit}).'
-        f'{tied_words(tied)} It depends on nothing that is measured, so that no model can predict '
-        'it.'
+        f'{tied_words(tied)} It depends on no measured quantity, so no model can predict it.'
     )
 
 
@@ -57,7 +56,7 @@ def drift_sentence(
     words = join_words([term_words(kind, item.name) for item in terms])
     return (
         f'{begin(kind, location)}: the {kind.amplitude} {words}.{tied_words(tied)} The time since '
-        'the start of a recording is no reading, so that no model can predict it.'
+        'the start of a recording is not a sensor reading, so no model can use it.'
     )
 
 

@@ -33,7 +33,7 @@ class LawSettings:
         (0.01, 0.1, 1.0), 'prior std of coefficients, the best is taken', unit='prior of the kind'
     )
     idle: float = tuning(3.0, 'size of a term that may be left out', unit='its std')
-    rounds: int = tuning(2, 'times that a fitted law is asked what it lacks')
+    rounds: int = tuning(2, 'rounds of fitting a law to the residuals of the last one')
     period_cost: float = tuning(
         5.0, 'gain that the search over periods finds by chance', unit='log probability'
     )
@@ -58,7 +58,7 @@ class LawConfirmationSettings:
     least_share: float = tuning(0.3, 'share of what is left that a law explains at least')
     tied: float = tuning(4.0, 'difference that separates two kinds', unit='log probability')
     finalists: int = tuning(3, 'kinds that are fitted jointly')
-    more_finalists: int = tuning(6, 'the same where none of them leaves what a law may')
+    more_finalists: int = tuning(6, 'kinds that are fitted jointly if none of those passes')
     beside_named: float = tuning(
         0.1, 'gain of a law beside a named effect, at least', unit='evidence of that effect'
     )

@@ -65,7 +65,7 @@ def find_swing(
     runs: Runs,
     settings: LawSettings = DISCOVERY.law,
 ) -> Swing | None:
-    """Return the most probable swing of an amplitude in some runs; None where there is none.
+    """Return the most probable swing of an amplitude in some runs; None if there is none.
 
     prior: that of the amplitude. A law on time takes several recordings.
     """

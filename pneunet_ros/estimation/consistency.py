@@ -4,7 +4,7 @@ As the estimator: state in, state out; no clock, no topic, no file. `take_estima
 pressure reading with its outcome, `take_targets` every frame of targets, and
 `ConsistencyState.disagreement` gives the current result. A frame is compared with the prediction
 from the neighboring estimates (`frame_prediction`); one is at most `reach` away by the stamps.
-`agreement_of` is the verdict on a whole recording, of the same frames, each by itself and, by
+`agreement_of` is the verdict on a whole recording, of the same frames, each on its own and, by
 `persistent_errors`, all together.
 """
 
@@ -67,7 +67,7 @@ class ConsistencySettings:
     )
     most_tips: float = tuning(
         0.2,
-        'the same, on which a model still holds: what is wrong by the same in all of a recording '
+        'largest share of tips outside their ellipses for a model that holds: a systematic error '
         'puts more outside',
         source='invented; 24 recordings of the virtual lab by the true model: 0.01 to 0.11',
     )
@@ -159,7 +159,7 @@ class Agreement:
 
     @property
     def holds(self) -> bool | None:
-        """Whether noise explains nearly all frames, and where their tips are; None: too few."""
+        """Whether frames and tips are consistent with noise; None if there are too few frames."""
         if self.frames < self.fewest:
             return None
         return self.frames_hold and (self.persistent is None or self.persistent.holds)
@@ -447,7 +447,7 @@ def evidence_of(
 ) -> FrameEvidence | None:
     """Return the evidence of a frame for persistent errors; None outside the domain of the model.
 
-    beyond: it is further off than noise explains.
+    beyond: it is further off than noise can explain.
     """
     position = estimate.position
     if estimate.curved is None or (position is not None and any(position.error)):

@@ -20,7 +20,7 @@ class ShapeEstimate:
 
     stamp_ns: the pressure reading's; chamber_pressure: Pa; jacobian (3, 4): d(x, y, theta of the
     tip) / d(pressure in the chamber, F1, F2, M); tip_covariance (3, 3) of (x, y, theta); std_x,
-    std_y (m) and std_curvature (1/m): per station, arrays (stations,); wrench_age: s, None where
+    std_y (m) and std_curvature (1/m): per station, arrays (stations,); wrench_age: s, None if
     no wrench is needed; warnings: sentences about what limits the estimate. position: where its
     load stands to the domain of the model. gravity: as it was measured, along x and y, in g; None:
     as the model has it.

@@ -84,7 +84,7 @@ class Estimator:
                 of an accelerometer on the base, or of frames.
 
         Returns:
-            The state for the next reading, and what came of this one: of a pressure a
+            The state for the next reading, and the result of this one: of a pressure a
             ShapeEstimate or a Refusal, of any other None or a Refusal. Nothing is raised for what
             a reading holds.
 

@@ -67,7 +67,7 @@ class EstimatorHealth(InputHealth):
     def disagreement(
         self, settings: EstimatorSettings, consistency: ConsistencyState, now: float
     ) -> Disagreement | None:
-        """Return the distance of targets from estimates; None without recent comparisons."""
+        """Return the distance of targets from estimates; None if there were none recently."""
         if self._targets_at is None or now - self._targets_at > settings.watch_time:
             return None
         return consistency.disagreement()

@@ -101,7 +101,7 @@ class FrameEvidence:
     residual (2, targets) m: measured minus predicted, NaN where not seen; std (targets,) m of the
     white noise, NaN: that of the model; tip_errors (sources, 2) m: what one sigma of each error
     of readings and model moves the tip; tip_covariance (2, 2) m^2 as the estimate states it.
-    beyond: the frame by itself is further off than noise explains.
+    beyond: the frame by itself is further off than noise can explain.
     """
 
     stamp_ns: int

@@ -65,9 +65,9 @@ class Centerlines:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tips:
-    """The free end over time: place (frames, 2) m, heading (frames,) rad, NaN where not known.
+    """The free end over time: place (frames, 2) m, heading (frames,) rad; NaN where unknown.
 
-    covariance (frames, 2, 2) m^2 of the place, None if nothing says how sure it is.
+    covariance (frames, 2, 2) m^2 of the place; None if the source gives none.
     """
 
     topic: str
@@ -173,7 +173,7 @@ class CenterlineErrors:
 class Comparison:
     """One source against another. length (m): of the arm, NaN if unknown.
 
-    tip, shape: None where not both sides know it, or where no frame matches, or where the two
+    tip, shape: None if not both sides know it, or where no frame matches, or where the two
     are of different arms or runs, as the sentences of `unlike` say.
     """
 
@@ -246,7 +246,7 @@ def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
             said.append(
                 Note(
                     f'{item.name}: the first and the last target are {stretch:.3g} times as far '
-                    'apart as on the arm: it is another arm; --model says where its targets are',
+                    'apart as on the arm of the model: give the model of this arm by --model',
                     reason='other_length',
                 )
             )

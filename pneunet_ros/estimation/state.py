@@ -183,7 +183,7 @@ def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refu
 def resume(state: EstimatorState, reading: Reading) -> EstimatorState | None:
     """Return the state without the last reading of a kind, if this one shows its stamp was wrong.
 
-    None where time itself has jumped back. A pressure shows it by following the reading before the
+    None if time itself has jumped back. A pressure shows it by following the reading before the
     last, a wrench by being nearer to the pressure than the last.
     """
     before, stamp_ns = state.before, reading.stamp_ns

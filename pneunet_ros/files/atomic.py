@@ -1,4 +1,4 @@
-"""Output files and folders that appear whole or not at all.
+"""Atomic output: files and folders appear complete or not at all.
 
 Everything is written beside its final place under a hidden name and moved there at the very end.
 After an exception nothing is left, whenever an interrupt comes; after a kill only the hidden

@@ -106,7 +106,8 @@ class YamlFile:
         try:
             if size_of(content, {}) > LARGEST_CONTENT:
                 raise self.error(
-                    f'aliases make it more than {LARGEST_CONTENT:,} values', reason='too_large'
+                    f'its aliases expand to more than {LARGEST_CONTENT:,} values',
+                    reason='too_large',
                 )
             return build(content)
         except self.error as error:

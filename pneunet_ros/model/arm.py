@@ -367,7 +367,7 @@ class Arm:
         history: tuple[History, ...] | tuple[Array, ...] | None,
         loads: Array | None = None,
     ) -> Iterator[Terms]:
-        """Yield the terms of every effect; arguments as of `rods`."""
+        """Yield the terms of every effect; arguments as in `rods`."""
         for effect in self.effects:
             yield self.without_neutral_part(effect, effect.terms(pressure))
         yield from self.further_terms(pressure, history, loads)
@@ -379,7 +379,7 @@ class Arm:
         history: tuple[History, ...] | tuple[Array, ...] | None,
         loads: Array | None = None,
     ) -> bool:
-        """Whether the terms of effects depend on the pressure; arguments as of `terms`."""
+        """Whether the terms of effects depend on the pressure; arguments as in `terms`."""
         sides = [self.terms(pressure + side * step, history, loads) for side in (-1.0, 1.0)]
         return any(below.differs(above) for below, above in zip(*sides, strict=True))
 

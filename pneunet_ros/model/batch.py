@@ -85,7 +85,7 @@ def solve_many(
         moment: on the free end, (n,) or one for all, N m.
         start: a converged shape near them all.
         stations: how many equally spaced places along the arm each shape has.
-        history: as of `Arm.rods`; None is an arm that has rested for ever.
+        history: as in `Arm.rods`; None is an arm that has rested for ever.
         settings: the numbers by which the solver decides.
 
     Returns:
@@ -110,7 +110,9 @@ def solve_many(
             'pressures, forces and moments must be finite numbers', reason='not_finite'
         )
     if start.solution is None:
-        raise RequestError(f'the start is not a shape: {start.status}', reason='no_equilibrium')
+        raise RequestError(
+            f'the start has no equilibrium: {start.status}', reason='no_equilibrium'
+        )
     arclength = station_arclength(arm.reach, stations)
     rods = arm.rods(pressure, history, loads)
     guesses = predict_nodes(arm, start, np.column_stack([loads, pressure]))

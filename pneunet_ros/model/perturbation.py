@@ -402,7 +402,7 @@ def both_sides(own: Array, sides: Array) -> Array:
 
 
 def places_on_both_sides(every: Rods, records: Record) -> Array:
-    """Return the places of pushes (2, 1 + columns, pushes) m; arguments as of `both_sides`."""
+    """Return the places of pushes (2, 1 + columns, pushes) m; arguments as in `both_sides`."""
     places = every.push_place
     if not places.size:
         return np.empty((2, len(records.sections) // 2, 0))

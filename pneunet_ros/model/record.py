@@ -76,7 +76,7 @@ def owners(sections: Array, cut: Array) -> Indices:
 
 
 def middles(sections: Array, end: float) -> Array:
-    """Return the middle (n, sections) m of each section of a rod that ends there."""
+    """Return the arclength (n, sections) m of the middle of each section of a rod up to `end`."""
     starts = sections[:, :, START]
     stops = np.concatenate([starts[:, 1:], np.full((len(starts), 1), end)], axis=1)
     return np.asarray(0.5 * (starts + stops))
@@ -108,7 +108,7 @@ def cut_knots(knots: Array, places: Array) -> Array:
 
 
 def add_curvature(rotation: Array, knots: Array, terms: Terms, length: float) -> Array:
-    """Return rotation (n, pieces, 5) with a change of the intrinsic curvature on a part."""
+    """Add the change of intrinsic curvature on one part of the arm to rotation (n, pieces, 5)."""
     start, end = ends_of([terms.part], length) if terms.part is not None else (0.0, length)
     inside = (knots[:-1] >= start) & (knots[:-1] < end)
     turned = rotation.copy()

@@ -298,7 +298,7 @@ def test_a_missing_key_is_named(write, line, missing):
         ('[[0, 0, 0], [25, 30, 20]]', '[[0, 0, x], [25, 30, 20]]', 'must be a table of numbers'),
         ('[[0, 0, 0], [25, 30, 20]]', '[[0, 0, "1"], [25, 30, 20]]', 'a table of numbers'),
         ('[0.0, 0.005]', '[true, false]', 'must be a table of numbers'),
-        ('[0.0, 0.005]', '&a [*a]', 'aliases make it more than 1,000,000 values'),
+        ('[0.0, 0.005]', '&a [*a]', 'aliases expand to more than 1,000,000 values'),
         ('[[0, 0, 0], [25, 30, 20]]', '[0, 25]', 'must be a list of rows of numbers'),
         ('[0.0, 0.5, 1.0]', '[0.0, 0.056, 0.112]', 'must increase from 0.0 to 1.0'),
         ('[0.0, 55000.0]', '[55000.0, 0.0]', 'strictly increasing values in Pa'),

@@ -102,7 +102,7 @@ def chord(run: RecordingData) -> Array:
 
 
 def describe_misfit(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[Note]:
-    """Return a sentence where the model misses the targets by much more than noise explains."""
+    """Return a sentence where the model misses the targets by much more than noise can explain."""
     chi_squared = fit.chi_squared / max(fit.dof, 1)
     if chi_squared < settings.misfit:
         return []

@@ -71,9 +71,9 @@ class Vibration:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FramesInMotion:
-    """Frames that show the arm in motion, and the vibration.
+    """Frames that show the arm in motion, and its vibration.
 
-    moving: per recording (frames,).
+    moving: one mask (frames,) per recording.
     """
 
     moving: tuple[Flags, ...]
@@ -145,7 +145,7 @@ class Course:
         return float(np.median(np.diff(self.time)))
 
     def windows(self, seconds: float) -> npt.NDArray[np.int64]:
-        """Return the frames (windows, frames) of every window so long that has no gap."""
+        """Return the frame indices (windows, frames) of every gapless window of this duration."""
         frames = max(FEWEST, round(seconds / self.period) + 1)
         places = np.arange(max(self.time.size - frames + 1, 0))[:, None] + np.arange(frames)
         spans = self.time[places[:, -1]] - self.time[places[:, 0]]
@@ -155,8 +155,8 @@ class Course:
 def frames_in_motion(runs: Sequence[RecordingData], arm: Arm) -> FramesInMotion | None:
     """Return the frames that show an arm in motion; None if no recording shows it swing.
 
-    A recording whose stamps mean nothing shows nothing of the kind. Of the arm only the length
-    counts: it says how slowly a soft arm may swing at most.
+    Skips recordings without usable stamps. Only the length of the arm is used: it bounds the
+    period of a soft arm from above.
     """
     slowest = slowest_period(arm.length)
     courses = [course_of(run) for run in runs]

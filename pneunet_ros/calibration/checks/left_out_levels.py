@@ -77,7 +77,7 @@ class LeftOutLevels:
 
     @property
     def better(self) -> str:
-        """Name the baseline that does as well as the model; empty where none does."""
+        """Name the baseline that does as well as the model; empty if none does."""
         least = min(self.arc, self.interpolation)
         if self.model <= least:
             return ''

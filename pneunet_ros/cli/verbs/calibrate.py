@@ -89,13 +89,13 @@ def options(parser: ArgumentParser) -> None:
         dest='earlier',
         type=Path,
         metavar='MODEL.yaml',
-        help='go on from this calibration; its .knowledge.npz must stand beside it',
+        help='continue this calibration; its .knowledge.npz must be in the same folder',
     )
     parser.add_argument(
         '--no-compare',
         action='store_true',
         help='do not fit without each loaded recording, nor the other moment laws (about half '
-        'the time); the errors then do not hold what leaving out a recording changes',
+        'the time); the error bars then do not include the effect of leaving out a recording',
     )
     add_overwrite(parser)
     add_experiments(parser)

@@ -105,8 +105,8 @@ def add_film_options(parser: ArgumentParser) -> None:
         '--string',
         nargs=3,
         metavar=('TENSION', 'X', 'Y'),
-        help='the same of a thread that is led over a fixed eye or pulley at X, Y (base frame; m, '
-        'or with a unit, as 300mm): TENSION pulls there from wherever the tip is seen',
+        help='a known tension of a thread from the tip over a fixed eye or pulley at X, Y (base '
+        'frame; m, or with a unit, as 300mm), where no sensor measured the load',
     )
     add_table_options(parser)
     add_settings(parser, ['judge_readings'])
