@@ -173,7 +173,7 @@ def investigate_at_rest(
     settings: DiagnosisSettings,
     allowed: float = 0.0,
 ) -> Investigation:
-    """Diagnose a model by frames that show the arm in equilibrium; allowed: as of `Selection`."""
+    """Diagnose a model by frames that show the arm in equilibrium; allowed: as in `Selection`."""
     (training, held_out), unread = without_unread(model, training, held_out)
     notes = (*unread, *notes)
     base = fit_base(

@@ -77,7 +77,7 @@ def noise_floor(
 
 
 def removed_share(before: float, after: float, floor: float) -> float | None:
-    """Return the share of the reducible error that is removed; None where there was none."""
+    """Return the share of the reducible error that is removed; None if there was none."""
     reducible = before**2 - floor**2
     if reducible <= 0.0:
         return None

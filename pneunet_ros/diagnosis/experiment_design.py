@@ -111,7 +111,7 @@ def propose_experiment(
 ) -> str:
     """Propose the experiment most informative about a wanted effect, its rivals fitted jointly.
 
-    Counted is the chi squared of each wanted effect at the far end of its prior range. Empty where
+    Counted is the chi squared of each wanted effect at the far end of its prior range. Empty if
     nothing is wanted.
     """
     if not wanted:
@@ -163,7 +163,7 @@ def linearize_experiments(
 ) -> Linearization | None:
     """Linearize the training runs and each candidate experiment at a refit.
 
-    pressure_range (Pa) and force (N): what the shares of an experiment are of. None where the arm
+    pressure_range (Pa) and force (N): what the shares of an experiment are of. None if the arm
     has no shape in one.
     """
     fitted = refit.linearization
@@ -196,7 +196,7 @@ def effect_information(
 ) -> float:
     """Return chi squared of an effect in these runs, its rivals fitted jointly.
 
-    effect, rivals: their directions in all runs, None where they are not known.
+    effect, rivals: their directions in all runs, None if they are not known.
     """
     if effect is None:
         return 0.0

@@ -16,7 +16,7 @@ class Investigation:
 
     selection: all that was tried; base: the fit of the model without any further effect; best: of
     all sets of effects, named or not; trial: the model of the answer; recordings: training and
-    held out; notes: on these, whatever the answer. None where nothing settled.
+    held out; notes: on these, whatever the answer. None if nothing settled.
     """
 
     diagnosis: Diagnosis | UnsettledDiagnosis

@@ -111,7 +111,7 @@ def less_motion(
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
 ) -> Moving | None:
-    """Fit mass and damping, and search recordings less the swing; None where none fits.
+    """Fit mass and damping, and search recordings less the swing; None if none fits.
 
     At first beside what was found without motion, of which some stands for it: a camera that is
     late by as much as damping delays the arm. Their numbers are fitted as well, to first order.

@@ -1,9 +1,9 @@
 """Law errors of effects: the size of each, independent in every frame and along the arm.
 
-No law is exact: a line that fills faster than it empties, an elongation that is not even. What a
-strong effect's law misses may look like another effect, and be far above the noise. So what is
-said beside an effect is said with its size unknown to a share, of which frames and places are
-independent. These errors are integrated out run by run, as the path of the camera is.
+No law is exact: a line may fill faster than it empties, an elongation may be uneven. The law error
+of a strong effect may look like another effect, far above the noise. So every effect is given a
+relative error of its size, independent in every frame and along the arm. These errors are
+integrated out run by run, like the path of the camera.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ class LinearizedRun:
     integrates out of whitened columns (rows, n); placed (frames, 2, targets) m: the part of the
     placement at the point that `base` takes off; fields: generic ones, and tilt: how points answer
     to that of the picture, neither whitened. model: where searches for equilibria start.
-    load_error, tangent: as of `measurement.linearization.RunLinearization`.
+    load_error, tangent: as in `measurement.linearization.RunLinearization`.
     """
 
     fitted: FittedRun
@@ -273,7 +273,7 @@ class Linearization:
     def residual(
         self, values: Array, effects: Sequence[Effect], which: range
     ) -> list[Array] | None:
-        """Return the whitened residuals (rows,) of runs for a model; None without a solution.
+        """Return the whitened residuals (rows,) of runs for a model; None if there is no solution.
 
         Placement and departures are not taken off; effects come beside those of the model.
         """
@@ -292,7 +292,7 @@ class Linearization:
         return out
 
     def points(self, arm: Arm, which: range) -> list[Array] | None:
-        """Return the predicted points (frames, 2, targets) m of an arm; None without a solution.
+        """Return predicted points (frames, 2, targets) m of an arm; None if there is no solution.
 
         Under the loads around which the runs are linearized. Of the placement only how it differs
         from its linearization.

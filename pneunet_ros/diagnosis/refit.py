@@ -135,7 +135,7 @@ class JointFit:
         return linearization.residual(values, effects_of(self.hypotheses, numbers), self.runs)
 
     def iterate(self, base: Array, numbers: Array) -> Iterate | None:
-        """Return a point of the search; None where the model has no shape there."""
+        """Return a point of the search; None if the model has no shape there."""
         residuals = self.residuals(base, numbers)
         if residuals is None:
             return None
@@ -169,7 +169,7 @@ class JointFit:
         ]
 
     def linearize(self, at: Iterate) -> GaussianModel | None:
-        """Return the linear problem at a point of the search; None where there is none."""
+        """Return the linear problem at a point of the search; None if there is none."""
         jacobian = self.jacobian(at)
         if jacobian is None:
             return None
@@ -191,7 +191,7 @@ class JointFit:
         return np.concatenate([known, np.zeros(self.fixed[0].shape[1] - known.size)])
 
     def fit(self, numbers: Array, base: Array | None = None) -> Refit | None:
-        """Find the most probable numbers from a start; None where the start has no shapes.
+        """Find the most probable numbers from a start; None if the start has no shapes.
 
         base: scaled position of all other unknowns to begin with; else that of the linearization.
         """
@@ -251,7 +251,7 @@ class JointFit:
         return following if following is not None and following.cost < at.cost else None
 
     def relinearize(self, at: Iterate) -> tuple[Iterate, GaussianModel] | None:
-        """Return the linear problem at a point of the search; None without a solution."""
+        """Return the linear problem at a point of the search; None if there is no solution."""
         gaussian = self.linearize(at)
         return None if gaussian is None else (at, gaussian)
 
@@ -273,7 +273,7 @@ def refit(
     rounds: int,
     settings: RefitSettings = DEFAULTS.refit,
 ) -> Refit | None:
-    """Fit jointly with a limited number of relinearizations; None without a solution."""
+    """Fit jointly with a limited number of relinearizations; None if there is no solution."""
     first = JointFit(linearization, hypotheses, settings).fit(numbers)
     return None if first is None else settle(first, rounds, settings)
 
@@ -320,7 +320,7 @@ def halfway(one: Refit, other: Refit) -> Refit:
 def linearize_all_runs(
     linearization: Linearization, fit: Refit, settings: RefitSettings = DEFAULTS.refit
 ) -> tuple[Iterate, GaussianModel] | None:
-    """Linearize all runs at a fit to some of them; None where one has no solution.
+    """Linearize all runs at a fit to some of them; None if one has no solution.
 
     Scores of fields in held-out recordings are then those of what the training ones predict of
     them: V^-1 of all, with the fields of a part, is that of the part given the others.
@@ -336,7 +336,7 @@ def effect_direction(
 ) -> tuple[Array, ...] | None:
     """Return the reduction of whitened residuals (rows,) per run by one more effect.
 
-    residuals: those without it, of the first runs of the linearization. None where the arm has no
+    residuals: those without it, of the first runs of the linearization. None if the arm has no
     shape with it.
     """
     effects = (*fit.effects, effect)

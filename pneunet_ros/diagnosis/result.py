@@ -74,7 +74,7 @@ class Evaluation:
     """A model, before or after, evaluated on all recordings.
 
     arm: the model with its covariance; fit: of its base to the training recordings. Scores and
-    errors (m) are after removing each recording's registration; held_out is None without any.
+    errors (m) exclude each recording's registration; held_out is None if there are none.
     """
 
     arm: Arm
@@ -170,7 +170,7 @@ class Diagnosis:
     before, after: the base model, and the one with the effects (the same where none was added).
     noise_floor (m): the rms that a perfect model would have, and how far its rms may be from that
     on these recordings. closed: share of the reducible error on held-out recordings that was
-    removed, None where there was none. adequacy_before, _after: the worst lack-of-fit test of
+    removed, None if there was none. adequacy_before, _after: the worst lack-of-fit test of
     each; adequacy_same: the worst before, once more after. detectable: detection limit by effect.
     shift: base quantities, by dotted name, that were biased by the missing effect. evidence: what
     was tried, best first. cosines: of the directions of two effects, -1 to 1, where worth a word.

@@ -77,7 +77,7 @@ def score_effect(
     residuals: list[Array],
     settings: ScoreTestSettings,
 ) -> Candidate | None:
-    """Return the best start of an effect; None where the arm has no shape with it.
+    """Return the best start of an effect; None if the arm has no shape with it.
 
     residuals (rows,) per training run: those of the refit.
     """

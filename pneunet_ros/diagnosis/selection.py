@@ -45,7 +45,7 @@ class Record:
     the whitened residuals of each run, held-out ones too, and coordinates: their number.
     log_probability: of the training runs, without: of all but each in turn, both linearized at
     the fit to all; predicted: of the held-out runs given the training ones; nonuniform: of the
-    training runs where the arm may bend unevenly along it, None where its curvature is free
+    training runs where the arm may bend unevenly along it, None if its curvature is free
     there. added: over the set to which the last effect was added.
     """
 
@@ -150,7 +150,7 @@ class Selection:
     ) -> Trial | None:
         """Test a joint fit on all recordings, and store the result.
 
-        known: the set to which an effect was added. None where the arm has no shape in a held-out
+        known: the set to which an effect was added. None if the arm has no shape in a held-out
         recording with it.
         """
         all_runs = self.linearization.at(trial.point)
@@ -283,7 +283,7 @@ class Selection:
     def significant_candidate(self, trial: Trial) -> Candidate | None:
         """Return the effect with the best score on top of these.
 
-        None where noise, or what the laws of these miss, has as much.
+        None if noise, or what the laws of these miss, has as much.
         """
         candidates, settings = self.score_candidates(trial), self.settings
         if not candidates:
@@ -298,7 +298,7 @@ class Selection:
         return candidates[0] if candidates[0].gain > needed else None
 
     def add_effect(self, base: Trial, trial: Trial, *, thorough: bool) -> Trial | None:
-        """Return the best set with one effect more; None without one good enough.
+        """Return the best set with one effect more; None if none is good enough.
 
         thorough: where no set is adequate, fit all likely effects; small steps may mislead.
         """

@@ -84,7 +84,7 @@ class LawErrorSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LackOfFitSettings:
-    """The tests whether anything is left to explain."""
+    """Tests for lack of fit."""
 
     level: float = tuning(0.002, 'probability of a false alarm in any of the tests')
     least_seen: float = tuning(0.3, 'score variance from which a field is seen in the data')
@@ -101,7 +101,7 @@ class RefitSettings:
     """The joint fit of effects and base model."""
 
     rounds: int = tuning(5, 'most relinearizations')
-    base_rounds: int = tuning(20, 'the same without effects, which all else is compared with')
+    base_rounds: int = tuning(20, 'most relinearizations of the base fit, without effects')
     least_gain: float = tuning(0.1, 'cost that a step must gain; below it has converged')
     settled: float = tuning(0.5, 'change of cost from round to round; below it is settled')
     unsettled: float = tuning(1e-3, 'gain of a step more that is no answer', unit='of misfit')

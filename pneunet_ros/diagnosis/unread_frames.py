@@ -60,7 +60,7 @@ def without_unread(
 
 
 def read_part(run: RecordingData, flags: Flags, noise: SensorNoise) -> RecordingData | None:
-    """Return these frames of a run; None where none is left, or none with the load it had."""
+    """Return these frames of a run; None if none is left, or none with the load it had."""
     if not flags.any():
         return None
     part = run.subset(np.flatnonzero(flags))

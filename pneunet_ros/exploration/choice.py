@@ -173,7 +173,7 @@ def pair_divergences(
     either may be the true one.
 
     squares (n,): expected square of each size; gained (n, n + 1): chi squared per square of size
-    that an experiment adds, as of `separations`.
+    that an experiment adds, as in `separations`.
     """
     worth = 0.5 * np.log1p(squares[:, None] * gained)
     divergence = {(name, NOTHING): float(worth[place, -1]) for place, name in enumerate(names)}

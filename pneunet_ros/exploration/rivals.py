@@ -26,7 +26,7 @@ def named_effects(investigation: Investigation) -> frozenset[str]:
 
 
 def trial_in_question(investigation: Investigation) -> Trial | None:
-    """Return the trial that rivals extend: the named one, else the base; None without a fit.
+    """Return the trial that rivals extend: the named one, else the base; None if there is no fit.
 
     Where effects cannot be distinguished each is a rival of the other, on top of the base.
     """

@@ -118,10 +118,10 @@ class Frame(NamedTuple):
 def moving_shape(
     arm: LabArm, motion: LabMotion, chain_at: ChainAt, times: Array, duration: float
 ) -> tuple[MovingShape, MotionTruth]:
-    """Return shapes at times (frames,) s of an arm that rests at the beginning, and its motion.
+    """Return the shapes and the motion, at times (frames,) s, of an arm that starts at rest.
 
-    chain_at: the chain, of two elements for each hinge, at times (n,) s. Raises RequestError
-    where MuJoCo is not installed, cannot carry what the chain has, or diverges.
+    chain_at: returns the chain (two elements per hinge) at times (n,) s. Raises RequestError if
+    MuJoCo is not installed, does not support part of the chain, or diverges.
     """
     run = Run(arm, motion, chain_at, duration)
     frames = list(run.frames(times))

@@ -109,7 +109,7 @@ def draw_stamps(
 def draw_placement(random: np.random.Generator, places: Array, noise: LabNoise) -> Array:
     """Return placement errors (targets, 2) m of targets at places (targets,) m.
 
-    Along and across the arm: each by itself, and the whole row.
+    Along and across the arm: each on its own, and the whole row.
     """
     row = np.column_stack([noise.row_spacing * places, np.full(places.size, noise.row_offset)])
     return freeze(row + noise.placement_std * random.standard_normal((places.size, 2)))

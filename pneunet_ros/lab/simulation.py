@@ -210,13 +210,13 @@ def with_weight(scenario: Scenario, chain: Chain, pulls: Array) -> Chain:
 
 
 def sample(course: Course, columns: Array, times: Array) -> Array:
-    """Interpolate columns (n, k) of a course at other times (s), (times, k)."""
+    """Interpolate columns (n, k) of a time series at other times (s); returns (times, k)."""
     values = [np.interp(times, course.time, column) for column in columns.T]
     return freeze(np.column_stack(values))
 
 
 def chain_of(scenario: Scenario, course: Course, times: Array, force: Array) -> Chain:
-    """Return the arm at times (n,) s, under forces (n, 2) N, with all that effects bring."""
+    """Return the arm as a chain at times (n,) s, under forces (n, 2) N, including its effects."""
     arm = scenario.arm
     chamber = freeze(np.interp(times, course.time, course.chamber))
     factor = np.interp(times, course.time, course.rigidity_factor)

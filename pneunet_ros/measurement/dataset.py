@@ -61,14 +61,14 @@ class RecordingData:
     `reading_stamp_ns` (readings,) and `pressure` (readings,) Pa are all pressure readings, stamps
     increasing; `stamp_ns` (frames,) are the frames in which targets were seen and `reading`
     (frames,) the pressure reading that belongs to each. force (frames, 2) N and moment (frames,)
-    N m are the end load at the frames in the base frame, as read; `loaded` is False where nothing
+    N m are the end load at the frames in the base frame, as read; `loaded` is False if nothing
     was attached, and the load then exactly zero. x, y (frames, targets) m in the base frame, NaN
     where a target was not seen. tip_pose (frames, 3): x, y m and heading rad of the tip, NaN where
     not measured; None: never (see `measurement.tip_pose`); in the frame tip_frame. static: frames
-    are steady states in any order, their stamps mean nothing. pressurized: False where no pressure
+    are steady states in any order, their stamps mean nothing. pressurized: False if no pressure
     was recorded; it is then zero. load_known: the load is a known constant, which no sensor has
     read. wrench_stamp_ns (wrenches,) and wrench (wrenches, 3) N, N m are all readings of the
-    end load; None where only those at the frames are known. gravity (frames, 2): along x and y as
+    end load; None if only those at the frames are known. gravity (frames, 2): along x and y as
     the base felt it, in g; None: as the arm has it; gravity_stamp_ns (n,) and gravity_read (n, 2):
     all readings of it. Raises RecordingError where these do not fit together.
     """

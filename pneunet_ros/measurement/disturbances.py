@@ -163,7 +163,7 @@ def acting_inputs(run: RecordingData, inputs: Inputs, disturbance: Array) -> Inp
 
 
 def painted(theta: Array, curvature: Array, disturbance: Array) -> PaintedTargets:
-    """Return the targets of a run at their painted positions; disturbance: as of `of_run`.
+    """Return the targets of a run at their painted positions; disturbance: as in `of_run`.
 
     theta (rad), curvature (1/m), both (frames, targets): of the arm at their places.
     """

@@ -81,7 +81,7 @@ class FittedRun:
         return replace(run, dof=np.count_nonzero(run.counted, axis=1))
 
     def whiten_residual(self, whitening: Whitening, tangent: Array) -> Array:
-        """Return the whitened residual (frames, coordinates); tangent as of `RunLinearization`."""
+        """Return the whitened residual (frames, coordinates); tangent as in `RunLinearization`."""
         residual = self.residual.reshape(len(self.solved), -1)
         if self.run.heading is not None:
             heading = heading_residual(self.run.heading, self.fields[:, THETA, -1])
@@ -95,7 +95,7 @@ class RunLinearization:
 
     fitted: at the load that was read. All else is at the most probable load: load_error (frames,
     3) N, N m is by how much that differs, and tangent (frames, coordinates) how far it moves what
-    is measured. fields (frames, 6, targets) as of `FittedRun`; jacobian (frames, coordinates,
+    is measured. fields (frames, 6, targets) as in `FittedRun`; jacobian (frames, coordinates,
     parameters + disturbances of the run); errors (frames, coordinates, n): what one sigma of each
     reading moves; white_residual (frames, coordinates); whitening: of what targets' noise and
     readings leave.

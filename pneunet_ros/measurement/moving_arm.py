@@ -418,7 +418,7 @@ def rates_about(
 
 
 def moved_shape(shape: Shape, along: Array, bent: Array) -> Shape:
-    """Return a shape in motion; along (3 or more, stations) and bent: as of `follow_swing`."""
+    """Return a shape in motion; along (3 or more, stations) and bent: as in `follow_swing`."""
     return Shape(
         arclength=shape.arclength,
         x=freeze(shape.x + along[0]),

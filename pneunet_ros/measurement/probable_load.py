@@ -61,7 +61,7 @@ def probable_load_errors(
 ) -> Array:
     """Return the difference between load and reading, (frames, 3) N, N m.
 
-    Zero where no load was read, where its noise cannot explain the difference, and in frames
+    Zero if no load was read, where its noise cannot explain the difference, and in frames
     without a shape. A known load is not corrected: its error is the same in all frames.
 
     inputs: with the load as read; disturbance (frames, 2, targets) m: what placement and camera
@@ -145,8 +145,8 @@ def linear_errors(
 ) -> Array:
     """Return the most probable errors of the load, (frames, 3) sigma, linearized at a shift.
 
-    The noise of pressure is left out, as the errors say only where to linearize. model: solved
-    there.
+    Pressure noise is neglected, since the result only serves as the next linearization point.
+    model: solved at that shift.
     """
     by_load = model.load_jacobian(arm, inputs)
     residual = (run.points - model.points - disturbance).reshape(len(shift), -1)

@@ -36,14 +36,16 @@ class RowOrderSettings:
     )
     clamp_moves: float = tuning(
         0.005,
-        'motion of the clamp with pressure that is reported',
+        'motion of the clamp with pressure above which a note is given',
         unit='length',
         source='invented',
     )
-    clamp_noise: float = tuning(5.0, 'the same, by the noise of a target', unit='sigma')
+    clamp_noise: float = tuning(
+        5.0, 'motion of the clamp that exceeds the noise of a target', unit='sigma'
+    )
     clamp_loose: float = tuning(
         0.05,
-        'motion of the clamp with pressure that is refused',
+        'motion of the clamp with pressure above which the recording is refused',
         unit='length',
         source='invented',
     )
@@ -92,7 +94,7 @@ def first_target_moves(
 def end_turns(
     points: Array, arclength: Array, settings: RowOrderSettings = ROW_ORDER
 ) -> tuple[float, float] | None:
-    """Return over which angles (rad) the first and the last targets turn, None where unknown."""
+    """Return over which angles (rad) the first and the last targets turn, None if unknown."""
     seen = np.isfinite(points[:, 0]).sum(axis=0) >= settings.fewest_frames
     known = np.flatnonzero(seen)
     if known.size < 3:

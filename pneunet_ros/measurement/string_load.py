@@ -38,10 +38,10 @@ def with_string(run: RecordingData, arm: Arm, string: String) -> tuple[Recording
 
 
 def tips_of(points: Array, places: Array, reach: float) -> Array:
-    """Return the tip (frames, 2) m of targets (frames, 2, targets) m, NaN if unknown.
+    """Return the tip position (frames, 2) m from points (frames, 2, targets) m; NaN if unknown.
 
-    places (targets,) m of them; reach (m) of the arm. Where the last target is not at the tip, the
-    curve through the last three goes on to it.
+    places (targets,): arclength (m) of the targets; reach: arclength (m) of the tip. If the last
+    target is not at the tip, the curve through the last three is extrapolated.
     """
     last = places[-CURVE:] - reach
     if places.size < CURVE or last[-1] == 0.0:

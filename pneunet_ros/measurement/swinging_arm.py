@@ -232,7 +232,7 @@ class SwingingArm:
         """Advance a swinging arm to a stamp with a solved equilibrium.
 
         Args:
-            before: what was known, its reference, None where nobody saw the arm, and its stamp.
+            before: what was known, its reference, None if nobody saw the arm, and its stamp.
             moved: the same with all other unknowns moved, and the force there if it is read.
             solution: the equilibrium there, at the mean of that; it is the new reference.
             stamp_ns: where to.

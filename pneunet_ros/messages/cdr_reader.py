@@ -98,7 +98,7 @@ READERS: dict[str, Callable[[bytes], tuple[Any, int]]] = {
 
 
 def read_message(raw: bytes, type_name: str) -> Any | None:
-    """Read a message of a type that is read here; None where only ROS can."""
+    """Read a message of a type that is read here; None if only ROS can."""
     reader = READERS.get(type_name)
     if reader is None or raw[:2] != LITTLE_ENDIAN:
         return None

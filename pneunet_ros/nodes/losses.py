@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 
-NUMBER = 'publication_sequence_number'  # of a message's info; None where the middleware has none
+NUMBER = 'publication_sequence_number'  # of a message's info; None if the middleware has none
 
 
 class Losses:

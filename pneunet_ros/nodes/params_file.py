@@ -42,7 +42,7 @@ def parameters_of(path: str | Path, node: str) -> dict[str, Any]:
 
 
 def missed_node(path: str | Path, node: str) -> str:
-    """Report that a file names a node (full name) only in other namespaces; empty where not so."""
+    """Report that a file names a node (full name) only in other namespaces; empty if not so."""
     try:
         names = _names_in_file(path)
     except PneunetError:  # ROS has read the file, and says itself what it does not like

@@ -142,9 +142,8 @@ class FusionTally:
     """Counts of a replay of the fusion.
 
     modes: estimates by mode; determined: estimates with F1, and with F2; contacts: estimates with
-    a contact, and those in which it may be the tip force as well; beyond: those made while the
-    running NIS was more than noise explains; said: estimates with a warning about the bench, by
-    sentence.
+    a contact, and those whose contact cannot be distinguished from a tip force; beyond: estimates
+    while the running NIS exceeded its noise limit; said: estimates per warning about the setup.
     """
 
     messages: int = 0

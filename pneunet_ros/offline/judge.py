@@ -231,7 +231,7 @@ def complex_forces(load: Array) -> Forces:
 def shown_forces(
     series: Mapping[str, ReadingSeries], arm: Arm, declared: WrenchConvention
 ) -> ShownForces | None:
-    """Return the forces estimated from targets in a few frames; None without any."""
+    """Return the forces estimated from targets in a few frames; None if there are none."""
     targets, pressure = series.get(TARGETS.name), series.get(PRESSURE.name)
     wrench = series[END_WRENCH.name]
     if targets is None or pressure is None or not len(targets.stamp_ns):
@@ -348,7 +348,7 @@ def readable_series(
 
 
 def target_fit(series: Mapping[str, ReadingSeries], reading: Array, arm: Arm) -> TargetFit | None:
-    """Choose frames at pressures from lowest to highest; None without targets.
+    """Choose frames at pressures from lowest to highest; None if there are no targets.
 
     reading (readings,): of the pressure, in the unit of the sensor.
     """

@@ -117,7 +117,7 @@ def record_tracking(
 ) -> tuple[str, ...]:
     """Write all that the tracker measured, and the other topics of a recording unchanged.
 
-    with_images: copy images, too. `on_progress` sees every step. start: as of `track_steps`.
+    with_images: copy images, too. `on_progress` sees every step. start: as in `track_steps`.
     Returns sentences about topics that were left out.
     """
     outputs = {

@@ -89,7 +89,7 @@ def uses(
     verdicts: Verdicts,
     reads_as_run: Callable[[], RecordingData],
 ) -> dict[str, dict[str, Any]]:
-    """Return for each use whether the recording serves it, and why not or how."""
+    """Return for each use whether the recording is suitable, with the reason or a remark."""
     settings, overrides = request.settings, request.overrides
     images = {topic.type for topic in recording.topics} & set(IMAGE_TYPES.values())
 

@@ -22,7 +22,7 @@ def is_matroska(path: Path) -> bool:
 
 
 def is_cut(path: Path) -> bool:
-    """Whether a Matroska file ends before its segment does; False where that says no size."""
+    """Whether a Matroska file ends before its segment does; False if that says no size."""
     with open_regular(path) as stream:
         there = stream.seek(0, 2)
         stream.seek(len(MAGIC))

@@ -167,7 +167,7 @@ def read_measured(
 
 
 def read_pressures(recording: Recording) -> Pressures | None:
-    """Return the pressures of a recording; None without a unique topic."""
+    """Return the pressures of a recording; None if no topic is unique."""
     if len(recording.candidates(PRESSURE.name, PRESSURE.type)) != 1:
         return None
     topic = recording.find(PRESSURE.name, PRESSURE.type)

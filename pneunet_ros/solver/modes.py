@@ -41,7 +41,7 @@ class Modes:
 
 
 def modes_of(links: Links, masses: Masses, damping_time: float, count: int) -> Modes | None:
-    """Return the slowest modes of a chain of links; None where its equilibrium is not stable.
+    """Return the slowest modes of a chain of links; None if its equilibrium is not stable.
 
     damping_time: s, of Kelvin and Voigt. The stiffness is the second variation of the energy.
     """

@@ -75,7 +75,7 @@ def row_from_clamp(
 ) -> TargetRow:
     """Find the row that starts at the clamp; points (blobs, 2) m in the base frame.
 
-    areas (blobs,) px^2; arclength (targets,) m; shapes (blobs, 3), as `Blobs` has them, None where
+    areas (blobs,) px^2; arclength (targets,) m; shapes (blobs, 3), as `Blobs` has them, None if
     they are not known. A row that goes on beyond the last target is none.
     """
     blobs = _columns(points, areas, shapes)
@@ -96,7 +96,7 @@ def near_row_from_clamp(
 ) -> Indices:
     """Return the blobs near the row that starts at the clamp, or near its extension.
 
-    Arguments as of `row_from_clamp`; all of them where there is no row.
+    Arguments as in `row_from_clamp`; all of them where there is no row.
     """
     blobs = _columns(points, areas, shapes)
     chosen = _grown_from_clamp(blobs, arclength, clamp_angle, search)[0]
@@ -145,8 +145,8 @@ def rows_anywhere(
 ) -> list[TargetRow]:
     """Find all rows whose place and scale are not known; both ends of a row must be seen.
 
-    points (blobs, 2) in any coordinates that are true to shape; shapes: as of `row_from_clamp`;
-    costs (blobs,): of each blob in a row, None where all are as good. A row that goes on beyond
+    points (blobs, 2) in any coordinates that are true to shape; shapes: as in `row_from_clamp`;
+    costs (blobs,): of each blob in a row, None if all are as good. A row that goes on beyond
     its ends with more blobs alike is none. The best reading of each row comes first, and of a
     crowd of rows the best ones; the same blobs may be read from either end.
     """
@@ -225,7 +225,7 @@ def near_rows_anywhere(
 ) -> Indices:
     """Return the blobs near a row of known ones (indices), or near its extensions.
 
-    Other arguments as of `rows_anywhere`; rows may go on beyond their ends, and the last target
+    Other arguments as in `rows_anywhere`; rows may go on beyond their ends, and the last target
     may be missing where no row shows it. limit: what the targets that are seen of a row may cost.
     """
     near = np.zeros(len(points), np.bool_)

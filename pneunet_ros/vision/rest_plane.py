@@ -103,7 +103,7 @@ class RestSearch:
     ) -> Array | None:
         """Return the targets (targets, 2) among points (n, 2) where the arm has rested before.
 
-        NaN where a target is not there; None where too few are, in every place.
+        NaN where a target is not there; None if too few are, in every place.
         """
         for place in sorted(self.places, key=lambda place: -place.frames):
             reach = vision.rest_plane.still * spacing_of(place.points, arclength)
@@ -184,7 +184,7 @@ def row_at_rest(
     points (blobs, 2) normalized; pixels (blobs, 2); areas (blobs,) px^2; arclength (targets,) m;
     clamp_pixel: (u, v) of the first target, None for the left-most end; straightness: largest
     distance from the line between the ends, of its length; infinite for an arm that is bent;
-    shapes (blobs, 3), as `Blobs` has them, None where they are not known; costs (blobs,): as of
+    shapes (blobs, 3), as `Blobs` has them, None if they are not known; costs (blobs,): as of
     `rows_anywhere`.
     """
     count = arclength.size
@@ -257,7 +257,7 @@ def regular_rows(
     shapes: Array | None = None,
     costs: Array | None = None,
 ) -> list[TargetRow]:
-    """Find all rows of targets that lie on a smooth line; arguments as of `row_at_rest`."""
+    """Find all rows of targets that lie on a smooth line; arguments as in `row_at_rest`."""
     rows = rows_anywhere(
         points, areas, arclength, vision.association, vision.beam_search, shapes, costs
     )

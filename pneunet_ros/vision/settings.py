@@ -53,9 +53,9 @@ class RowTrackerSettings:
         ),
     )
     least_way: float = tuning(
-        5.0, 'of all targets between frames, that tells of the shutter', unit='px'
+        5.0, 'motion of all targets between frames for estimating the shutter', unit='px'
     )
-    longest_prediction: float = tuning(0.1, 'for which velocities tell anything', unit='s')
+    longest_prediction: float = tuning(0.1, 'longest prediction by the last velocities', unit='s')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +71,7 @@ class RestPlaneSettings:
     )
     chance: float = tuning(
         20.0,
-        'cost of what is seen of another row over that of the best, by which it is one by chance',
+        'cost above that of the best row from which a row counts as one by chance',
         source='invented: odds of exp(10); 0.1 on arms, 53 in grass',
     )
     crowd: int = tuning(

@@ -66,7 +66,7 @@ class Missing(NamedTuple):
 class Tracking:
     """The result of a tracked frame: seen targets, and the smooth curve through them.
 
-    sightings: an entry per target; curve: None where fewer than four targets were seen. Where the
+    sightings: an entry per target; curve: None if fewer than four targets were seen. Where the
     frame could not be explained `reason` is a key for counting, `sentence` is the message to
     a user, nothing is seen and there is no curve; both are empty for other frames. missing: the
     targets that are not seen in a frame that was explained; found (areas, 2) px: what could be
@@ -186,10 +186,10 @@ class Tracker:
     ) -> tuple[TrackerState, Tracking | Refusal | None]:
         """Process an image, or the lens of a camera_info; the given state is not changed.
 
-        taken (n, COLUMNS): blobs that are targets of other rows in the image (`several_rows`).
-        Returns the state for the next reading, and what came of this one: a `Tracking` of an
-        image that was looked at, a `Refusal` of one that was not (no lens yet, wrong size, stamp
-        not after the last), None of a lens. A stamp that jumps back by more than a second restarts
+        taken (n, COLUMNS): blobs already assigned to other rows in the image (`several_rows`).
+        Returns the state for the next reading, and the result of this one: a `Tracking` for a
+        processed image, a `Refusal` for a rejected image (no lens yet, wrong size, stamp not after
+        the last), None for a lens. A stamp that jumps back by more than a second restarts
         tracking, with the arm at rest.
         """
         if isinstance(reading, Lens):
@@ -299,7 +299,7 @@ class Tracker:
         limits: tuple[float, ...] | None = None,
         taken: Array | None = None,
     ) -> tuple[TrackerState, Tracking]:
-        """Look for targets of one polarity; areas, shallow, limits and taken: as of `View`."""
+        """Look for targets of one polarity; areas, shallow, limits and taken: as in `View`."""
         assert state.lens is not None
         settings = self.settings
         if polarity == DARK:

@@ -50,7 +50,7 @@ class Camera:
         object.__setattr__(self, 'rotation', frozen_array(self.rotation, (3, 3)))
 
     def project(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return u, v (px) of points (m) of the working plane z = 0, of any shape; NaN behind."""
+        """Project points (m) of the plane z = 0 to pixels u, v; NaN behind the camera."""
         rotation, position = self.rotation, self.position
         # Camera coordinates are R^T (point - position).
         dx, dy = x - position[0], y - position[1]

@@ -108,7 +108,7 @@ class TipForce(Block):
         return Move(decay=decay, noise=np.sqrt(1.0 - decay**2) * self.scale, held=True)
 
     def on_rod(self, causes: Array, columns: slice) -> None:
-        """Be F1 and F2."""
+        """Map the force to the loads F1 and F2 of the rod."""
         causes[:2] = np.eye(2)
 
     def on_wrench(self, seen: WrenchSeen) -> Array:
@@ -117,9 +117,10 @@ class TipForce(Block):
 
     @property
     def walks(self) -> SizeGrid:
-        """The walks (N/sqrt(s)) of the load of an arm that swings.
+        """Candidate random walks (N/sqrt(s)) of the load on a swinging arm.
 
-        None is so slow that a load which goes on steadily would be taken for an error that stays.
+        Even the slowest is fast enough to keep a steadily growing load from being taken for a
+        constant error.
         """
         walks = tuple(self.first_walk * 10.0 ** (0.5 * half) * self.scale for half in range(-1, 5))
         return SizeGrid(sizes=walks, fall=0.0, time=self.walk_time)

@@ -18,7 +18,7 @@ SILENCE = 2.0  # s without a frame, after which a goal is given up
 
 
 def gripper_command() -> Any | None:
-    """Return the type of the action; None where control_msgs is not installed."""
+    """Return the type of the action; None if control_msgs is not installed."""
     try:
         return import_module('control_msgs.action').GripperCommand
     except ModuleNotFoundError:
@@ -85,7 +85,7 @@ class GripperGoals:
         return message
 
     async def next_grasp(self, begun: float) -> Grasp | None:
-        """Return the next answer; None where none comes."""
+        """Return the next answer; None if none comes."""
         before = self.grasping.grasp
         while self.grasping.grasp is before or self.grasping.grasp is None:
             if time.monotonic() - begun > SILENCE:

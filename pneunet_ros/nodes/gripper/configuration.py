@@ -164,7 +164,7 @@ def check_blocks(given: Mapping[str, Any]) -> None:
 
 
 def gripper_of(settings: GripperSettings, blocks: Mapping[str, ArmBlock]) -> Gripper | None:
-    """Return where the arms are; None where no block has a mount, or there is no fusion.
+    """Return where the arms are; None if no block has a mount, or there is no fusion.
 
     RequestError where only some blocks have one, or they are no gripper.
     """

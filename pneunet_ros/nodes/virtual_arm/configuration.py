@@ -102,10 +102,10 @@ class VirtualArmConfiguration:
 def configured_virtual_arm(
     values: Mapping[str, Any], current: VirtualArmConfiguration | None
 ) -> VirtualArmConfiguration:
-    """Build the configuration of all parameter values.
+    """Build the configuration from all parameter values.
 
-    With `current`, the arm of the same file stays the same one. Raises PneunetError with what is
-    wrong.
+    Keeps the arm of `current` if the scenario file has not changed. Raises PneunetError for
+    invalid values.
     """
     node, valve = PARAMETERS.settings(values)
     scenario = load_lab(node.path)

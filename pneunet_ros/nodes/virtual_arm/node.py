@@ -212,7 +212,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             use(shape)
 
     def tip_now(self) -> Array | None:
-        """Advance the arm to the present; return its tip (2,) m, None without a shape."""
+        """Advance the arm to the present; return its tip (2,) m, None if there is no shape."""
         tips: list[Array] = []
         reach = [self.configuration.lab.scenario.arm.reach]
         self.advance()

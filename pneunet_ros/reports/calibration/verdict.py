@@ -37,7 +37,7 @@ UNKNOWN_FILES = Files()
 class Verdict:
     """Quality of the fit, accuracy of its parameters, and the next step.
 
-    fits: False where there is no model, or something is missing in it. command: to type for the
+    fits: False if there is no model, or something is missing in it. command: to type for the
     next step, with capitals for what the user has to fill in.
     """
 

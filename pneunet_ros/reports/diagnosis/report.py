@@ -41,10 +41,10 @@ SIMILAR_COSINE = 0.5  # from it a table lists two effects as similar
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Given:
-    """Arguments of the command, for notes and commands of the page; capitals if unknown.
+    """Command-line arguments that the page repeats; unknown ones are placeholders (MODEL.yaml).
 
-    notes: on the recordings; model: file of the model in question; recordings: files of
-    all recordings; folder: where the page and its files go.
+    notes: on the recordings; model: file of the diagnosed model; recordings: files of all
+    recordings; folder: output folder of the page and its files.
     """
 
     notes: tuple[str, ...] = ()

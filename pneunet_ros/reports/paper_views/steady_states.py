@@ -131,7 +131,7 @@ def thin(states: Sequence[SteadyState], count: int) -> list[SteadyState]:
 def predict_states(arm: Arm, states: Sequence[SteadyState], arclength: Array) -> Array:
     """Predict the arm under these loads, (states, 6, arclength); NaN: no equilibrium.
 
-    Fields as of `solver.interpolation.at_stations`; arclength in m.
+    Fields as in `solver.interpolation.at_stations`; arclength in m.
     """
     if not states:
         return np.zeros((0, 6, arclength.size))

@@ -145,7 +145,7 @@ class TrackingPage:
         return [round(value) if math.isfinite(value) else None for value in away.tolist()]
 
     def _estimate_at(self, stamp_ns: int) -> Array | None:
-        """Return the estimated points (2, stations) m nearest to a stamp; None without one."""
+        """Return estimated points (2, stations) m nearest to a stamp; None if there are none."""
         if self.estimated is None or not self.estimated.stamp_ns.size:
             return None
         reach = 0.5 * median_period(self.estimated.stamp_ns)

@@ -179,7 +179,7 @@ def bright_and_dark_areas(
 ) -> tuple[RoundAreas, RoundAreas] | None:
     """Find elliptical areas brighter or darker than their surroundings.
 
-    None without an adaptive band: only then do both kinds have the same grey levels.
+    None if the band is not adaptive: only then do both kinds have the same grey levels.
     """
     if not isinstance(appearance.band, AdaptiveBand):
         return None

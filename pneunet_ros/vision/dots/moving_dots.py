@@ -195,7 +195,7 @@ def fit_moving_dot(
     known: Known,
     settings: MovingDotSettings = MOVING_DOTS,
 ) -> MovingDot | None:
-    """Fit a dot from an initial guess; None where there is none.
+    """Fit a dot from an initial guess; None if there is none.
 
     outline (FITTED,): its place, and how it looks by its neighbors; along (2,): which way the arm
     leads, a unit vector; end: how many px from the center that way the arm may end, infinite where

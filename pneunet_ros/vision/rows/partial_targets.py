@@ -50,7 +50,7 @@ def with_partial(
 ) -> ObservedRow:
     """Return a row with its partly visible targets, completed from their neighbors.
 
-    sized (targets,): whose usual area is their own; other arguments as of `gate_row`.
+    sized (targets,): whose usual area is their own; other arguments as in `gate_row`.
     """
     settings = view.vision.row_look
     if row.seen <= settings.fewest:

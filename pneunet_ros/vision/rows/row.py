@@ -92,7 +92,7 @@ class ObservedRow:
 
     table (targets, columns): what was measured in the image, in the columns of `centroid`;
     points (targets, 2) m in base; std (targets,) m; seen: how many are; causes (targets,): why
-    each is not seen, empty where it is.
+    each is not seen, empty if it is.
     """
 
     table: Array

@@ -166,7 +166,7 @@ def search_what_moved(view: View, still: StillAreas, wanted: int) -> RestAverage
     """Find where the arm rested, among areas that stayed in their places until it moved.
 
     wanted: frames in which an area must have been there, and gone since. What stays is as bad in
-    a row as a missing target: near the clamp an arm hardly moves. None where nothing moved, or
+    a row as a missing target: near the clamp an arm hardly moves. None if nothing moved, or
     what moved is no row of all targets.
     """
     known = still.only(still.seen >= wanted)
