@@ -53,7 +53,7 @@ class Belief(Gaussian):
 
     @property
     def unpressed(self) -> bool:
-        """Whether no pressure was read at the last frame, and its error stands for all of it."""
+        """Whether the last frame had no pressure reading: its error holds the whole pressure."""
         return self.frames > 0 and math.isnan(self.chamber)
 
     @property
@@ -79,7 +79,7 @@ def first_belief(
 
 
 def reset_to_prior(unknowns: Unknowns, belief: Belief) -> Belief:
-    """Reset to the prior; the search starts at the believed position of the arm."""
+    """Reset to the prior; keep the mean tip force as the start of the search."""
     first, force = first_belief(unknowns, belief.stamp_ns, belief.causes), unknowns.at(TipForce)
     mean = first.mean.copy()
     mean[force] = belief.mean[force]

@@ -207,7 +207,7 @@ def arm_at(
 def bent_at(
     bench: Bench, belief: Belief, inputs: FrameInputs, causes: Array, start: SolverNodes | None
 ) -> BentArm:
-    """Return the believed rod; causes: its derivatives by the unknowns."""
+    """Solve the rod at the mean of the belief; causes: derivatives by the unknowns."""
     return bend_arm(
         bench.table,
         inputs,
@@ -222,7 +222,7 @@ def bent_at(
 def others_likely(
     bench: Bench, state: FusionState, arm: BelievedArm, instant: PressureInstant, mode: Mode
 ) -> list[tuple[float, Shape]]:
-    """Return shapes that may be right as well, with their odds beside it."""
+    """Return the alternative shapes, with their odds against the best one."""
     if mode is Mode.PREDICTION:
         return []
     found = []
@@ -283,7 +283,7 @@ def is_there(bench: Bench, place: float, other: Hypothesis[Belief]) -> bool:
 def position_of(
     bench: Bench, belief: Belief, bent: BentArm, inputs: FrameInputs
 ) -> DomainPosition:
-    """Return the position of the believed load in the domain of the model."""
+    """Return where the estimated load lies relative to the domain of the model."""
     shape = bent.shape
     load = Load(
         pressure=shape.pressure,

@@ -103,7 +103,7 @@ class Bench:
         object.__setattr__(self, 'moving', self._moving())
 
     def _moving(self) -> Bench | None:
-        """Return the same bench of an arm that swings, where the model does not say how."""
+        """Return the bench with a likely inertia; None if it is known or not wanted."""
         if self.arm.motion is not None or self.given is not None:
             return None
         motion = likely_motion(self.arm)
@@ -277,7 +277,7 @@ class Bench:
         return rounding_std(step) if step <= self.coarsest_pressure else 0.0
 
     def force_rounding(self, step: float) -> float:
-        """Return the same (N) of each component of the force."""
+        """Return one sigma (N) of the quantization error of each force component."""
         coarsest = self.settings.coarsest * self.force_scale
         return rounding_std(step) if step <= coarsest else 0.0
 

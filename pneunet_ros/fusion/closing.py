@@ -43,7 +43,7 @@ class Reach:
     inward: Array
 
     def pressure_for(self, inward: float) -> float:
-        """Return the pressure (Pa) that brings the surface there, or as near as it comes."""
+        """Return the pressure (Pa) that moves the surface inward this far, or as far as it can."""
         return float(np.interp(inward, self.inward, self.pressure))
 
 

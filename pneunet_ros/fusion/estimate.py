@@ -13,7 +13,7 @@ from pneunet_ros.fusion.contact import Contact
 
 
 class Mode(IntEnum):
-    """From what an estimate is made."""
+    """Inputs of an estimate: pressure and targets, targets alone, or pressure alone."""
 
     FUSED = 0
     CAMERA_ONLY = 1

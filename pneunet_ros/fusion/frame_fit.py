@@ -54,14 +54,13 @@ Complex = npt.NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trial:
-    """Unknowns that were tried: xi, the arm there, the whitened residual, and what it costs.
+    """A trial point of the search: unknowns xi, the arm, the whitened residual, and the cost.
 
-    Of targets x + i y: seen (targets,) m where they would be seen, from where the camera has the
-    clamp; beside: their nominal places, before the camera turns; and back (targets,): what turns a
-    vector of the camera into one along and across the arm. residual (coordinates,): along and
-    across the arm at one target after the other. solved: xi of the arm; the others may be a last
-    step further, as good as linear. swung: the targets of an arm that swings, beside its
-    equilibrium.
+    Targets are complex, x + i y. seen (targets,) m: predicted positions relative to the clamp in
+    the camera; beside: nominal positions before the rotation of the camera; back (targets,):
+    rotation from the camera to the directions along and across the arm. residual (coordinates,):
+    along and across the arm, target by target. solved: xi at which the arm was solved; xi itself
+    may be one linear step further. swung: offset of a swinging arm's targets from equilibrium.
     """
 
     xi: Array
@@ -83,14 +82,14 @@ def solve_factored(factor: Array, sides: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameLinearization:
-    """A trial with its Jacobian by xi, and what follows: the innovation and its covariance.
+    """A trial with its Jacobian with respect to xi, the innovation, and its covariance.
 
-    jacobian (coordinates, unknowns): of what is predicted, whitened; lacking (coordinates,
-    errors): of the model error, for one of the whole range; innovation (coordinates,):
-    what would be left with the prior's mean, to first order; factor: of its covariance, by
-    Cholesky; weighed (coordinates,): the inverse of that covariance times the innovation; force
-    (2, 2) N^2: the covariance of the tip force after the frame; step (unknowns,) in xi to where
-    the cost is least, and its gain. turning (causes, links): of the links of an arm that swings.
+    jacobian (coordinates, unknowns): of the prediction, whitened; lacking (coordinates, errors):
+    effect of a model error of the whole range; innovation (coordinates,): residual at the mean of
+    the prior, to first order; factor: Cholesky factor of its covariance; weighed (coordinates,):
+    inverse of that covariance times the innovation; force (2, 2) N^2: posterior covariance of the
+    tip force; step (unknowns,): Gauss-Newton step in xi, and its gain. turning (causes, links):
+    rotation of the links of a swinging arm by each cause.
     """
 
     trial: Trial
@@ -123,7 +122,7 @@ class FrameLinearization:
         return self.step, self.gain
 
     def stepped(self) -> FrameLinearization:
-        """Return it at the end of its step, as good as linear: what is solved with it stays."""
+        """Return the linearization after its step; the arm is not solved again."""
         trial = self.trial
         there = Trial(
             xi=trial.xi + self.step,
@@ -160,11 +159,11 @@ class FrameLinearization:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameProblem:
-    """One frame beside a prior: what is minimized over the unknowns.
+    """Estimation problem of one frame: the cost of targets and prior over the unknowns.
 
-    prior: moved to the stamp of the frame, with the noise of its readings; growth: of the
-    model error since the last one, None if no pressure was read; used (targets,): which
-    targets count.
+    prior: propagated to the stamp of the frame, with the noise of its readings; growth: of the
+    model error since the last frame, None if no pressure was read; used (targets,): the targets
+    that are used.
 
     Of an arm that swings: swinging; late: the columns of the root from which on forces have walked
     since the last frame, and answered: the share to which the arm has bent by that already;
@@ -321,14 +320,14 @@ class FrameProblem:
         )
 
     def swung(self, bent: BentArm, x: Array) -> Swung | None:
-        """Return the targets beside an equilibrium; None if the arm does not swing."""
+        """Return the offset of the targets from equilibrium; None if the arm does not swing."""
         arm, reference = self.swinging, self.prior.reference
         if arm is None or reference is None:
             return None
         return arm.swung(bent.solution, x, reference, arm.targets)
 
     def moved_too(self, trial: Trial, sensitivity: Sensitivity, moves: Array) -> Array | None:
-        """Add to moves (causes, 4, targets) what causes move beside the equilibrium, in place.
+        """Add, in place, the effect of causes on the swing to moves (causes, 4, targets).
 
         Returns how each cause turns the links of the equilibrium; None if the arm does not
         swing.
@@ -368,7 +367,7 @@ class FrameProblem:
         return stretch
 
     def linearize(self, trial: Trial) -> FrameLinearization | None:
-        """Linearize what is predicted around a trial; None at a limit point of the arm."""
+        """Linearize the prediction around a trial; None at a limit point of the arm."""
         xi, root, tip = trial.xi, self.root, self.unknowns.at(TipForce)
         sensitivity = trial.bent.linearize()
         by_cause = target_jacobian(self.table, sensitivity)

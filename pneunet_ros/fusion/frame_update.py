@@ -192,7 +192,7 @@ def is_inconsistent(fit: Fit) -> bool:
 
 
 def excess(fit: Fit) -> float:
-    """Return the NIS of a fit over what noise rarely exceeds."""
+    """Return the ratio of the NIS of a fit to its noise limit."""
     found = fit[1]
     coordinates = found.trial.residual.size
     return found.cost / (coordinates * chi_square_limit(coordinates))
@@ -343,7 +343,7 @@ def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial
 
 
 def compared(problem: FrameProblem, trials: list[Trial]) -> list[Trial]:
-    """Return the same trials compared with the targets that count in a problem, best first."""
+    """Return the trials re-evaluated with the targets that a problem uses, best first."""
     known = [problem.trial_of(trial.xi, trial.bent) for trial in trials]
     return sorted((one for one in known if one is not None), key=lambda trial: trial.cost)
 

@@ -79,13 +79,12 @@ NEAR = 3  # readings on either side that tell how the pressure went between two
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fusion:
-    """A calibrated arm with its sensors and painted targets: one estimate from what is there.
+    """Fusion of pressure, end wrench and targets into one estimate of a calibrated arm.
 
-    arm: with the noise of its sensors and the covariance of its model; sensors: what they report
-    and when a reading is too old (a wrench is used while it is fresh, whatever `wrench_required`);
-    settings: the numbers by which readings and targets are fused; unknowns: what may be wrong,
-    None for `unknowns_of` the arm. Raises ModelError where the arm
-    has no targets.
+    arm: with the noise of its sensors and the covariance of its model; sensors: meaning and
+    timeouts of the readings (a fresh wrench is used, whatever `wrench_required`); settings: of the
+    filter; unknowns: the errors to estimate, None for `unknowns_of` the arm. Raises ModelError if
+    the arm has no targets.
     """
 
     arm: Arm
@@ -138,10 +137,10 @@ class Fusion:
         return self.take_pressure(state, event, [note] if note else [])
 
     def settle(self, state: FusionState) -> FusionState:
-        """Do what no estimate has to wait for: weigh the last frame.
+        """Compare the hypotheses for the last frame, which no estimate has to wait for.
 
-        A node does it when an estimate is out; where nobody did, the next step does. What comes of
-        all steps is the same.
+        A node calls this after publishing an estimate; otherwise the next step does it, with the
+        same results.
         """
         pending = state.pending
         return self.weigh_pending(state) if pending and pending.answered else state
@@ -415,7 +414,7 @@ class Fusion:
         return before, replace(state, force=force)
 
     def other_sensors(self, state: FusionState) -> dict[str, Note]:
-        """Return a sentence by sensor that is worse than the one of the calibration."""
+        """Return a note per sensor that is noisier or coarser than the model states."""
         sentences = self.coarse_sensors(state)
         if state.force.noise:
             sentences['force'] = Note(
@@ -447,7 +446,7 @@ class Fusion:
     def publish(
         self, state: FusionState, instant: PressureInstant, mode: Mode, notes: list[str]
     ) -> tuple[FusionState, FusedEstimate | Refusal]:
-        """Estimate shape and force; beside targets by a wrench that a frame has checked."""
+        """Estimate shape and force; with targets, only a wrench that a frame confirmed is used."""
         seen = mode is not Mode.PREDICTION and state.belief is not None and state.belief.frames > 0
         wrench = self.wrench_at(state, instant.stamp_ns, with_targets=seen)
         checked = state.wrench_used_ns is not None or self.bench.trusts_force(state.belief)
@@ -607,10 +606,10 @@ class Fusion:
         return state.with_bank((first, *bank[1:]))
 
     def weigh_pending(self, state: FusionState) -> FusionState:
-        """Weigh the last frame against all else that it may be, then look for another force.
+        """Compare all hypotheses for the last frame, then search for another tip force.
 
-        A force that explains it better leaves the force ambiguous, and the search in the next
-        frame begins everywhere.
+        If another force fits the frame better, the force is ambiguous, and the next frame gets a
+        full search.
         """
         pending = state.pending
         if pending is None:

@@ -39,9 +39,9 @@ class FusionHealth(InputHealth):
         self._warnings: dict[str, None] = {}
 
     def took(self, sensor: str, outcome: object, now: float, solve_time: float | None) -> None:
-        """Note what became of a message of a sensor, and how long (s) that took.
+        """Record the outcome of a sensor's message, and its processing time (s).
 
-        None: not live.
+        solve_time: None in a replay.
         """
         if not isinstance(outcome, Refusal):
             self._at[sensor] = now
@@ -74,7 +74,7 @@ class FusionHealth(InputHealth):
         return Report(level=level, message=message, values=values)
 
     def silent(self, fusion: Fusion, now: float) -> bool:
-        """Whether there has been nothing to make an estimate of for longer than is allowed."""
+        """Whether no usable input has arrived for longer than the timeout."""
         timeout = max(fusion.sensors.input_timeout, fusion.settings.target_timeout)
         return self.silence(now) > timeout
 
@@ -133,7 +133,7 @@ class FusionHealth(InputHealth):
 
 
 def warnings_of(outcome: FusedEstimate) -> list[str]:
-    """Return in words what limits an estimate."""
+    """Return sentences on what limits an estimate."""
     limited = (
         []
         if outcome.mode is Mode.FUSED

@@ -1,4 +1,4 @@
-"""Readings and frames as a fusion keeps them, until those come that belong to them."""
+"""Readings and frames, buffered until the matching ones arrive."""
 
 from __future__ import annotations
 
@@ -16,12 +16,11 @@ from pneunet_ros.measurement.swinging_arm import Passed
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureInstant:
-    """The chamber (Pa, one sigma of its noise) and the effects' history at a pressure reading.
+    """Chamber pressure (Pa, one sigma of its noise) and effects' history at a pressure reading.
 
-    memory: the pressures (Pa) that lag behind the chamber, and that behind a play; step (Pa): the
-    smallest change from reading to reading so far, see `rounding_error`; missed (Pa): how far the
-    line between two readings may be off there, which is in std. gravity: along x and y, in g;
-    None: as the model has it.
+    memory: internal pressures (Pa) of lags and of a play; step (Pa): smallest change between
+    successive readings so far, see `rounding_error`; missed (Pa): interpolation error between two
+    readings, included in std. gravity: along x and y, in g; None: that of the model.
     """
 
     stamp_ns: int
@@ -37,7 +36,7 @@ class PressureInstant:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SeenFrame:
-    """Where targets were first seen just so (targets,) m, and the chamber (Pa) then."""
+    """First frame with these target positions (targets,) m, and its chamber pressure (Pa)."""
 
     x: Array
     y: Array

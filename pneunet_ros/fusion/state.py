@@ -196,13 +196,13 @@ class FusionState:
         return replace(self, waiting=waiting, bank=bank).count_unused(AHEAD)
 
     def with_bank(self, bank: tuple[Hypothesis[Belief], ...]) -> FusionState:
-        """Return it with other hypotheses; without a pressure that is not what is read."""
+        """Return the state with other hypotheses; drops the pressures of a faulty sensor."""
         lasting = bank[0].belief.causes & LASTING
         pressures = () if PRESSURE in lasting else self.pressures
         return replace(self, bank=bank, lasting=lasting, pressures=pressures)
 
     def compressed(self) -> FusionState:
-        """Return it with compacted square roots of the beliefs, which grow with every frame."""
+        """Return the state with compacted square roots of the beliefs (they grow every frame)."""
         bank = tuple(replace(one, belief=compressed(one.belief)) for one in self.bank)
         return replace(self, bank=bank)
 
@@ -217,7 +217,7 @@ class FusionState:
         return replace(self, counts=replace(self.counts, estimates=self.counts.estimates + 1))
 
     def count_unused(self, reason: str, *, lost: int = 0) -> FusionState:
-        """Count one more frame that was not used; lost: 1 where nothing explains it."""
+        """Count one more frame that was not used; lost: 1 if no hypothesis fits it, else 0."""
         counts = self.counts
         unused = count_reason(counts.unused, reason)
         counts = replace(

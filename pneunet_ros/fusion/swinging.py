@@ -1,4 +1,4 @@
-"""An arm as it is believed to swing: on to the stamp of a frame or reading, and its estimate."""
+"""Belief of a swinging arm: propagation to the stamp of a frame or reading, and its estimate."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ def swung_on(
     path: Sequence[Passed] = (),
     causes: Array | None = None,
 ) -> tuple[Belief, Moved | None]:
-    """Return a belief that has moved with the swing of the arm there, and how the arm moves.
+    """Propagate the swing of a belief to its new stamp; return the belief and the motion.
 
-    before: it moved from there; bent: its equilibrium; path: as in `SwingingArm.go_on`; causes
-    (causes, unknowns): what one of each unknown changes, None if the force is known. Where
-    there is no equilibrium, nothing is known of the swing.
+    before: the belief before; moved: the belief at the new stamp, without its swing; bent: its
+    equilibrium; path: see `SwingingArm.go_on`; causes (causes, unknowns): derivatives by the
+    unknowns, None if the force is known. Without an equilibrium the swing is reset.
     """
     if arm is None:
         return moved, None
