@@ -72,12 +72,11 @@ class Calibration:
     """The result: the arm, its fits, the noise, and a comparison of moment laws.
 
     posterior: the prior for continuing this calibration. free is the fit of experiment 1; joint
-    that of all recordings (the same where there is no loaded one). explained_variance is the share
-    of the shape's variance that the few columns of the model file's covariance have. notes:
-    undetermined quantities, and recordings that do not fit the others. variation: of the stiffness
-    along the arm, beside the law; None if it was not asked. motion: frames that show the arm in
-    motion, which were left out; None: there are none. settings: the numbers by which it was
-    decided.
+    that of all recordings (equal to free if none is loaded). explained_variance: share of the
+    shape's variance in the low-rank covariance of the model file. notes: undetermined quantities,
+    and recordings that do not fit the others. variation: variation of the stiffness along the arm;
+    None if it was not tested. motion: frames that were left out because the arm moves; None if
+    there are none. settings: of the calibration.
     """
 
     arm: Arm
@@ -109,18 +108,17 @@ def calibrate(
 
     Args:
         unloaded: recordings with nothing attached: pressure in Pa gauge, targets in m in the base
-            frame. May be missing where `earlier` is given, and of an arm whose pressure never
-            changes.
+            frame. Optional if `earlier` is given, or if the pressure of the arm never changes.
         loaded: recordings under end load, N and N m in the base frame; may be none.
         frame: an arm that gives length, weight, clamp, targets, effects, and what the recordings
             do not determine; of a Majidi law also the section.
         kind: the moment law to fit; None: the paper's, or one stiffness where the loaded frames
             add no information.
-        compare: fit without each of the loaded recordings, the other laws too; what that changes
-            is in the errors.
-        earlier: go on from what another calibration knew, on its tables.
+        compare: fit also without each of the loaded recordings, and the other laws; the error
+            bars include the changes.
+        earlier: posterior of another calibration to continue from, with its tables.
         on_progress: called with the stage, how far it is, and of how much (0: unknown).
-        settings: the numbers by which is decided.
+        settings: thresholds and priors.
 
     Returns:
         The arm with error bars, and the fits behind it; `joint.converged` says whether to use it.

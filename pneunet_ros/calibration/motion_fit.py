@@ -86,13 +86,13 @@ class SwingingRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionFit:
-    """Mass and damping that were fitted, with standard errors.
+    """Fitted mass and damping, with standard errors.
 
     tip_mass kg, damping_time s; hertz and decay_time (s): of the slowest vibration of the unloaded
-    arm in the middle of its pressures. still_rms, moving_rms (m): of targets beside the arm in
-    equilibrium and in motion. in_motion: in so many frames motion moves the tip by more than
-    1.96 standard deviations of a target. shares (arms,): how far the arm is from that of the fit
-    towards each of `nearby`.
+    arm in the middle of its pressures. still_rms, moving_rms (m): residuals of targets from the
+    arm in equilibrium and in motion. in_motion: number of frames in which motion moves the tip by
+    more than 1.96 standard deviations of a target. shares (arms,): fitted step towards each of
+    `nearby`.
     """
 
     motion: Motion
@@ -115,7 +115,7 @@ class MotionFit:
             f'tip_mass {1e3 * self.motion.tip_mass:.2g} ± {1e3 * self.tip_mass_std:.1g} g, '
             f'damping_time {1e3 * self.motion.damping_time:.3g} ± '
             f'{1e3 * self.damping_time_std:.1g} ms; targets are '
-            f'{millimeters(self.moving_rms):.2g} mm beside the moving arm, '
+            f'{millimeters(self.moving_rms):.2g} mm off the moving arm, '
             f'{millimeters(self.still_rms):.2g} mm beside its equilibrium'
         )
 
@@ -174,7 +174,7 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
 
 
 def stands_still(run: RecordingData, loads: Array, arm: Arm) -> bool:
-    """Whether pressure and loads (readings, 3) stand still: what moves the arm plucks it."""
+    """Whether pressure and loads (readings, 3) are constant: then the arm was plucked."""
     reach, noise = 2.0 * run.idle_reach(), arm.sensors
     known = (run.pressure, noise.pressure_std), (loads[:, :2], noise.force_std)
     return all(float(np.max(np.ptp(values, axis=0))) <= reach * std for values, std in known)
@@ -317,7 +317,7 @@ class MotionProblem:
         return left if self.others is None else left - self.others @ self.shares(left)
 
     def shares(self, left: Array) -> Array:
-        """Return how much of what else is not known explains residuals best, in sigma."""
+        """Return the most probable values (sigma) of the other unknowns, given residuals."""
         if self.others is None:
             return np.zeros(0)
         gram = self.others.T @ self.others + np.eye(self.others.shape[1])
@@ -326,7 +326,7 @@ class MotionProblem:
     def beside_arms(
         self, arms: Sequence[Arm], runs: Sequence[RecordingData], numbers: Array
     ) -> MotionProblem:
-        """Return the problem with how far the arm is towards these left open, at these numbers."""
+        """Return the problem with an unknown step towards each of these arms, at these numbers."""
         if not arms:
             return self
         here = self.follow(numbers)[0]
@@ -404,12 +404,12 @@ def fit_motion(
     Args:
         arm: the calibrated arm; its weight is its mass.
         runs: recordings with quick changes of the pressure, or of an arm that was plucked and let
-            go while the pressure stands still.
-        near: where the search begins; anywhere if None.
-        nearby: arms that differ from this one by one of its errors each, by `DIFFERENCE` of a
-            standard deviation: what goes on the way to them is fitted as well.
-        trusted_error: by so much, relative, the swing may say that the arm is lighter than its
-            file says, and the file is believed.
+            go at constant pressure.
+        near: start of the search; None: scan a grid.
+        nearby: arms that each differ from this one in one of its errors, by `DIFFERENCE` of a
+            standard deviation: the size of each error is fitted too.
+        trusted_error: relative error of the mass up to which a swing that suggests a lighter arm
+            is overruled by the model file.
 
     Returns:
         Mass and damping with standard errors.

@@ -79,6 +79,6 @@ def fit_base(
 
 
 def has_uniform_curvature(arm: Arm) -> bool:
-    """Whether curvature without knots between the ends, the same at both, is part of a model."""
+    """Whether the intrinsic curvature of a model is uniform along the arm by construction."""
     table = arm.intrinsic_curvature
     return table.arclength.size == 2 and bool(np.all(np.ptp(table.curvature, axis=1) == 0.0))

@@ -43,10 +43,10 @@ NO_FALL = 'the held-out error does not fall significantly with it'
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Swings:
-    """Distance of targets from an arm in recordings, per run (frames, 2, targets) m.
+    """Residuals of targets in recordings with motion, per run (frames, 2, targets) m.
 
-    still: beside its equilibrium; left: beside the moving arm; swung: how far this is beside its
-    equilibrium; rest (frames,): the frames in which it is there.
+    still: residuals from the equilibrium; left: residuals from the moving arm; swung: the moving
+    arm minus the equilibrium; rest (frames,): frames in which the arm is at equilibrium.
     """
 
     still: tuple[Array, ...]
@@ -66,10 +66,9 @@ class Swings:
         )
 
     def objection(self, floor: float) -> str:
-        """Explain why the moving arm fails to explain the swings; empty if it does.
+        """Return why the moving arm does not fit the swings; empty if it does.
 
-        It may be beside them by what noise does (rms floor, m), and by what no arm follows its
-        law.
+        Allowed are residuals by noise (rms floor, m) and by the law error of inertia.
         """
         moving = [~item for item in self.rest]
         left = mean_square(self.left, moving)
@@ -166,7 +165,7 @@ def with_inertia(
 
 
 def is_known(diagnosis: Diagnosis) -> bool:
-    """Whether the model has motion already, or nobody wants the name."""
+    """Whether the model already has inertia, or the name is withheld."""
     withheld = diagnosis.settings.hypothesis.withheld
     return diagnosis.after.arm.inertia is not None or NAME in withheld
 
@@ -205,9 +204,10 @@ def detectable(diagnosis: Diagnosis, smallest: float) -> Mapping[str, Detectable
 
 
 def named(diagnosis: Diagnosis, fit: MotionFit, *, tested: bool) -> Diagnosis:
-    """Return a diagnosis that names inertia beside what it names.
+    """Return a diagnosis that names inertia in addition to its other effects.
 
-    Its model before and after is evaluated on what shows the motion; tested: held-out ones too.
+    The models before and after are evaluated on recordings that show the motion; tested: also on
+    held-out ones.
     """
     known = diagnosis.settings.confirmation
     effect = NamedEffect(

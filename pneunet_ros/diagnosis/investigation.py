@@ -28,7 +28,7 @@ class Investigation:
     notes: tuple[str, ...] = ()
 
     def overruled(self, diagnosis: Diagnosis | None) -> Investigation:
-        """Return the investigation with its name taken back; the same where none was: None."""
+        """Return the investigation with a corrected diagnosis; unchanged if that is None."""
         if diagnosis is None:
             return self
         return replace(self, diagnosis=diagnosis, trial=self.base)

@@ -56,7 +56,7 @@ Search = Callable[..., Investigation]  # of training and held-out recordings
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moving:
-    """Mass and damping, and what was found in recordings less the swing by them."""
+    """Fitted mass and damping, and the diagnosis of recordings with their swing subtracted."""
 
     fit: MotionFit
     found: Investigation
@@ -101,7 +101,7 @@ def with_late_arm(
 
 
 def is_late(diagnosis: Diagnosis, best: Trial) -> bool:
-    """Whether what was found, or came closest, makes an arm late."""
+    """Whether a named or alternative effect delays the arm."""
     return not {*best.names, *diagnosis.alternatives}.isdisjoint(LATE)
 
 
@@ -113,10 +113,10 @@ def less_motion(
 ) -> Moving | None:
     """Fit mass and damping, and search recordings less the swing; None if none fits.
 
-    At first beside what was found without motion, of which some stands for it: a camera that is
-    late by as much as damping delays the arm. Their numbers are fitted as well, to first order.
-    Again with what the search has found, while the recordings become more probable. As of any
-    effect, its law may leave a share of what the model without it leaves.
+    Starts from the effects found without motion, since some of them may imitate it: a late camera
+    looks like damping. Their parameters are fitted too, to first order. Repeats with the effects
+    that the search finds, as long as the recordings become more probable. Like any effect, inertia
+    may leave a share of the misfit that the model without it has.
     """
     settings = found.diagnosis.settings
     margin = settings.selection.least_evidence
@@ -184,10 +184,10 @@ def log_densities(found: Investigation, best: Trial) -> tuple[float, float]:
 
 
 def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool) -> Diagnosis:
-    """Return the diagnosis of recordings less the swing with inertia named; or why it is not.
+    """Return the diagnosis with inertia named, or with the reason why it is not.
 
-    What is said of the model before is of the recordings as they are, whitened by the same noise
-    as the model after; held-out ones must be less probable by it. row: the evidence for inertia.
+    The model before is evaluated on the recordings with their swing, whitened by the same noise as
+    the model after; it must make the held-out ones less probable. row: evidence for inertia.
     """
     diagnosis, at_rest = moving.found.diagnosis, found.diagnosis
     assert isinstance(diagnosis, Diagnosis)
@@ -249,9 +249,9 @@ def with_chi_squared(evaluation: Evaluation, record: Record) -> Evaluation:
 
 
 def evidence_of(best: Trial, rival: Trial, gained: float) -> Evidence:
-    """Return the evidence for inertia and what was found beside it, over the model before.
+    """Return the evidence for inertia with the effects found, over the model before.
 
-    gained: log probability of the training recordings, over that by a rival.
+    gained: gain in log probability of the training recordings over a rival.
     """
     return Evidence(
         effects=(NAME, *best.names),

@@ -690,7 +690,7 @@ def amplitude_series(search: Search, finding: Finding) -> tuple[AmplitudeSeries,
 
 
 def law_amplitude(suspect: Suspect, search: Search) -> Array:
-    """Return the amplitude (all frames,) by the law of a suspect, without what is native."""
+    """Return the amplitude (all frames,) by the law of a suspect, without its native terms."""
     if suspect.swing is not None:
         frames = search.frame_columns(suspect.cause)
         evidence = frames.evidence(search.runs).along(suspect.swing.factors)

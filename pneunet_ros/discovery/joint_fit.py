@@ -217,7 +217,7 @@ class JointFits:
         return covariate is not None and is_followed(kind, covariate)
 
     def position(self, proposal: Proposal) -> float | None:
-        """Return the place (s / l) of a fitted law, None for what has none."""
+        """Return the place (s / l) of a fitted law; None if its kind has no place."""
         if proposal.kind.positions is None:
             return None
         hypothesis = proposal.trial.refit.hypotheses[-1]

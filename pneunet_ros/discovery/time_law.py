@@ -194,7 +194,7 @@ def wandering_roots(seconds: Sequence[Array], time: float) -> list[Array]:
 
 
 def possible_periods(seconds: Sequence[Array], settings: LawSettings) -> Array:
-    """Return periods (s) from just over two frames up to what the longest recording repeats."""
+    """Return candidate periods (s): above two frames, up to a few per longest recording."""
     steps = np.concatenate([np.diff(item) for item in seconds if item.size > 1])
     steps = steps[steps > 0.0]
     longest = max(float(np.ptp(item)) for item in seconds)

@@ -157,7 +157,7 @@ class LabCreep(LabEffect):
     time_constant: float = quantity(60.0, unit='s', bounds=(0.0, 1e6))
 
     def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
-        """Let a part of the intrinsic curvature come late."""
+        """Delay a part of the intrinsic curvature."""
         wanted = course.weights
         start = self.resume(past, np.stack([wanted[0]] * 2))
         constants = self.time_constant, self.time_constant / 8.0

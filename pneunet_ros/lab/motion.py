@@ -122,7 +122,7 @@ class LabMotion:
         return freeze(pulls)
 
     def felt(self, times: Array, duration: float) -> Array:
-        """Return the same in the frame of the base, which turns, too."""
+        """Return the apparent gravity in the frame of the base, which also turns."""
         pulls = self.pull(times, duration).copy()
         angle = self.turn(freeze(times / duration))[0]
         cosine, sine = np.cos(angle), np.sin(angle)

@@ -108,11 +108,11 @@ class LabTouchingPeg(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabPush(LabEffect):
-    """Something pushes the arm at a place of it, along its normal there, see `Push`.
+    """An object pushes the arm at one place, along the normal there, see `Push`.
 
-    It acts from `begins` to `ends`, in seconds from the beginning of the recording, with ramps of
-    duration `ramp`, and repeats with the period `every`. An arm that has mass is plucked by it: it
-    swings when a push without `ramp` ends. Live it is there all the time if it begins at 0.
+    The push acts from `begins` to `ends` (seconds from the start of the recording), with ramps of
+    duration `ramp`, and repeats with the period `every`. The end of a push without `ramp` plucks
+    an arm that has mass. In a live lab a push that begins at 0 acts all the time.
     """
 
     name: ClassVar[str] = 'push'

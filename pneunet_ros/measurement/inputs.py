@@ -48,7 +48,7 @@ class Inputs:
         return arm.rods(self.pressure, self.histories, self.loads, self.gravity)
 
     def with_loads(self, loads: Array) -> Inputs:
-        """Return the same under other loads."""
+        """Return the inputs with other loads."""
         return replace(self, loads=loads)
 
     def row_weights(self, arm: Arm) -> Array:

@@ -116,7 +116,7 @@ class MotionEstimate:
         return np.asarray(self.at_nodes[:3] @ places.nodes)
 
     def errors(self, places: Places) -> Array:
-        """Return independent errors (errors, 3, places) of the same, one sigma each."""
+        """Return independent errors (errors, 3, places) of the motion, one sigma each."""
         values, vectors = np.linalg.eigh(self.swing.covariance[:SHAPES, :SHAPES])
         by_noise = (vectors * np.sqrt(np.maximum(values, 0.0))).T
         tips = np.hypot(*self.at_nodes[3:, -1].reshape(SHAPES, 3)[:, :2].T)

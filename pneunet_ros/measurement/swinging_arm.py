@@ -1,9 +1,9 @@
 """A swinging arm: its motion between frames, and at points along it.
 
-The equilibrium follows what is believed of loads and pressure, and may be wrong by all that. The
-arm itself cannot jump with it. So the unknown of a frame is not how far the arm is beside its
-equilibrium, but where it is in each shape, counted from a reference: with S the projection on the
-shapes, theta_e the headings of the equilibrium's links and w the place,
+The equilibrium follows the estimated loads and pressure, and jumps when these are corrected. The
+arm itself cannot jump. So the unknown is not the deviation q from equilibrium, but the modal
+coordinate w relative to a fixed reference: with S the projection on the modes and theta_e the
+headings of the equilibrium's links,
 
     q = w - S (theta_e - theta_reference).
 

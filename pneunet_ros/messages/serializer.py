@@ -116,7 +116,7 @@ def _stamps(raw: bytes) -> Iterator[int]:
 
 
 def _distinct_like(numbers: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return numbers of the same shape and type, every one another."""
+    """Return pairwise distinct numbers of the same shape and type."""
     random = np.random.default_rng(0)
     probe = np.zeros_like(numbers)
     for part in [probe] if probe.dtype.names is None else [probe[n] for n in probe.dtype.names]:

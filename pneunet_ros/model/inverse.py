@@ -209,7 +209,7 @@ class TipSearch:
         )
 
     def force_jacobian(self, shape: Shape) -> Array:
-        """Return the Jacobian of the tip of a shape, with what effects make of the force."""
+        """Return the Jacobian of the tip by the force, including effects that depend on it."""
         load = replace(self.load, force_x=shape.force[0], force_y=shape.force[1])
         rods, changes = with_pressure_change(self.arm, self.chamber, load=load)
         return force_jacobian(rods, shape, changes if self.arm.by_load else None)

@@ -378,9 +378,9 @@ class PerturbationTable:
 def constant_records(
     arm: Arm, rows: Array, changing: tuple[int, ...], clamp: Array
 ) -> tuple[Array, Array]:
-    """Return sections and rotation of an arm at pressures (n,) Pa, with what effects add at all.
+    """Return sections and rotation of an arm at pressures (n,) Pa, with the constant effects.
 
-    changing: effects that are left out; clamp (1, 5): where they add to it.
+    changing: effects that are left out; clamp (1, 5): filled with the clamp record.
     """
     sections, rotation = arm.table.at(rows)
     clamp[:] = arm.clamp_record

@@ -259,7 +259,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.losses.take(topic, info, self.count_publishers)
 
     def publish_report(self, what: str, report: Report) -> None:
-        """Publish diagnostics on `what`."""
+        """Publish a report as diagnostics; what: the subject of the diagnostics."""
         shared = map(self.resolve_topic_name, (self.INFO_TOPIC, *self.SHARED_INPUTS))
         rivals = '; '.join(rival_sentences(self, list(shared)))
         mismatched = '; '.join(mismatch_sentences(self))

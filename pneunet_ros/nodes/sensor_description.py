@@ -61,9 +61,9 @@ class OtherDescriptions:
         self.set_ns |= {name: times.get(name, now_ns) for name in new}
 
     def take(self, words: str) -> tuple[dict[str, Any], dict[str, int]]:
-        """Process the settings of another node; return those that are newer, with their times.
+        """Process the `model_info` of another node; return its newer settings, with their times.
 
-        words: its `model_info`.
+        words: the `model_info`, as JSON.
         """
         try:
             about = json.loads(words)

@@ -65,7 +65,7 @@ def output_qos() -> QoSProfile:
 
 
 def latched_qos(depth: int = 1) -> QoSProfile:
-    """Return the quality of service of what late subscribers get as well."""
+    """Return the quality of service of a latched topic: late subscribers get the last message."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,

@@ -200,7 +200,7 @@ def by_tip(run: RecordingData, found: Sequence[str]) -> str:
 
 
 def check_estimates(replayed: Iterable[Step]) -> None:
-    """Refuse what gives no estimate at all, with the reason that most readings met."""
+    """Raise RecordingError if a replay gives no estimate; names the most frequent reason."""
     sentences: dict[str, str] = {}
     reasons: Counter[str] = Counter()
     for step in replayed:
@@ -220,7 +220,7 @@ def check_estimates(replayed: Iterable[Step]) -> None:
 
 
 def check_images(stream: ImageStream) -> None:
-    """Refuse what holds no image that can be read, or no lens."""
+    """Raise RecordingError if a stream has no readable image, or no lens."""
     kinds: set[type] = set()
     why = 'it holds none'
     for item in stream.read(()):

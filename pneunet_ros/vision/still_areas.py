@@ -1,6 +1,6 @@
-"""Areas that stay in their places over frames: what does so while the arm moves is background.
+"""Areas that do not move over frames; those that stay while the arm moves are background.
 
-However much background looks like targets in one frame, the arm is what rests and then moves.
+Background may look like targets in a single frame, but only the arm rests and then moves.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class StillAreas:
     unseen: Counts = field(default_factory=lambda: np.empty(0, np.int64))
 
     def with_frame(self, blobs: Blobs, wanted: int) -> StillAreas:
-        """Return them with one more frame; what moved on before it stayed so long is forgotten."""
+        """Return the areas after one more frame; drops those that moved before they counted."""
         new, seen, unseen, centers = (
             np.ones(len(blobs), np.bool_),
             self.seen,

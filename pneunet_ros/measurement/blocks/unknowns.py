@@ -1,4 +1,4 @@
-"""Blocks stacked to one vector of unknowns, with all that is always the same made once."""
+"""Blocks stacked into one vector of unknowns; constant matrices are built once."""
 
 from __future__ import annotations
 

@@ -193,7 +193,7 @@ def compress(root: Array) -> Array:
 
 
 def compressed(known: Known) -> Known:
-    """Return the same with a square root; the root grows with all that moves."""
+    """Return the Gaussian with a square root of covariance; propagation adds columns to it."""
     rows, columns = known.root.shape
     return known if columns <= rows else replace(known, root=compress(known.root))
 

@@ -114,7 +114,7 @@ PlaneMethod = RestPlane | CurvedRestPlane | HomographyPlane | PosePlane
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedBand:
-    """Targets are what lies within these grey levels."""
+    """Targets are areas within these grey levels."""
 
     method: ClassVar[str] = 'fixed'
     low: float = quantity(

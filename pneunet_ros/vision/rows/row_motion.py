@@ -18,7 +18,7 @@ from pneunet_ros.vision.settings import VisionSettings
 
 
 def start_row(view: View, row: ObservedRow) -> TrackedRow:
-    """Return a row that was found from nothing as the next frame needs it."""
+    """Return a newly found row as a tracked row with unknown velocity."""
     shown = shows_own_size(row.table, view.vision.row_look, view.vision.gating)
     nowhere = TrackedRow(
         stamp_ns=view.image.stamp_ns - 1,
