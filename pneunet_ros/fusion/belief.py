@@ -79,7 +79,7 @@ def first_belief(
 
 
 def reset_to_prior(unknowns: Unknowns, belief: Belief) -> Belief:
-    """Reset to the prior; keep the mean tip force as the start of the search."""
+    """Reset to the prior; keep the tip force and the shape as the start of the search."""
     first, force = first_belief(unknowns, belief.stamp_ns, belief.causes), unknowns.at(TipForce)
     mean = first.mean.copy()
     mean[force] = belief.mean[force]
