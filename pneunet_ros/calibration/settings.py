@@ -40,7 +40,7 @@ class PreconditionSettings:
     )
     hanging_motion: float = tuning(
         0.25,
-        'without load, while the pressure stands still: more than creep; invented',
+        'motion without load at constant pressure that is more than creep; invented',
         unit='length',
     )
 
@@ -96,7 +96,7 @@ class NoiseEstimateSettings:
     even: float = tuning(1.5, 'largest mean over targets in a steady motion', unit='sigma')
     least_target: float = tuning(
         1e-4,
-        'of targets, at least: a lossy film repeats what rests, and differences show no noise',
+        'least noise of targets: a lossy film repeats resting targets, which then show no noise',
         unit='length',
         source='measured: 5e-6 where a film has 4e-5; rounded up',
     )
@@ -219,14 +219,14 @@ class HyperparameterSettings:
 class MomentLawSettings:
     """The prior of the piecewise linear law."""
 
-    split: float = tuning(0.12, 'l1 / l', source='literature: the paper knows 0.10 to 0.15')
-    split_std: float = tuning(0.05, 'of l1 / l')
-    split_trend_std: float = tuning(0.05, 'of l1 / l over the whole range of pressure')
-    split_wave_std: float = tuning(0.012, 'of a row of l1 / l beside the straight line')
-    split_scale: float = tuning(0.5, 'over which rows are alike', unit='range of pressure')
+    split: float = tuning(0.12, 'l1 / l', source='literature: the paper reports 0.10 to 0.15')
+    split_std: float = tuning(0.05, 'std of l1 / l')
+    split_trend_std: float = tuning(0.05, 'std of the change of l1 / l over the range of pressure')
+    split_wave_std: float = tuning(0.012, 'std of l1 / l about a straight line in pressure')
+    split_scale: float = tuning(0.5, 'correlation length of rows', unit='range of pressure')
     split_least: float = tuning(0.02, 'l1 / l')
     split_most: float = tuning(0.9, 'l1 / l')
-    bow_std: float = tuning(0.03, 'of alpha, in the middle of the range')
+    bow_std: float = tuning(0.03, 'relative std of the bow of alpha, in the middle of the range')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -62,23 +62,25 @@ class FusionSettings:
     fewest_targets: int = tuning(3, 'targets seen in a frame that is used')
     small_gain: float = tuning(
         0.05,
-        'gain of a step that ends the search, and fall of the cost below which a step is not '
-        'taken: along a valley that bends, steps gain next to nothing for long',
+        'gain below which a step ends the search or is rejected: along a curved valley, steps '
+        'gain next to nothing for long',
         unit='chi squared',
     )
     linear: float = tuning(
         0.015,
-        'std of a force after a frame with which the last step of the search is not looked at',
+        'std of the force below which the last step of the search is not checked',
         unit='of the scale',
     )
     target_gate: float = tuning(
-        25.0, 'of a target against all others, beyond which it is left out', unit='chi squared'
+        25.0, 'misfit of a target to all others above which it is left out', unit='chi squared'
     )
-    most_left_out: float = tuning(0.3, 'of the targets seen that a gate may leave out')
+    most_left_out: float = tuning(
+        0.3, 'largest share of the targets seen that the gate may leave out'
+    )
     frame_gate: float = tuning(
-        4.0, 'of a frame, beyond which it is not used', unit='limit of the NIS of noise'
+        4.0, 'NIS above which a frame is not used', unit='limit of the NIS of noise'
     )
-    frames_lost: int = tuning(3, 'frames not used in a row, after which a belief may begin anew')
+    frames_lost: int = tuning(3, 'consecutive unused frames after which a belief may be reset')
     restart_frames: int = tuning(6, 'frames over which the cold starts are tried, once a round')
     starts_followed: int = tuning(
         3, 'cold starts, the best of a round, from which the search begins: one a frame'
@@ -94,30 +96,32 @@ class FusionSettings:
     )
     flat: float = tuning(
         2.0,
-        'by which an arm may look different with a force as before, where none is determined',
+        'change of targets within which an undetermined force may be held at its prior',
         unit='sigma',
     )
-    largest_tip_std: float = tuning(3e-3, 'std of the tip at which nothing is published', unit='m')
-    free_tip: bool = tuning(False, 'nothing ever pushes at the tip: no force sensor is needed')
+    largest_tip_std: float = tuning(
+        3e-3, 'std of the tip above which no estimate is published', unit='m'
+    )
+    free_tip: bool = tuning(False, 'no load ever acts at the tip: no force sensor is needed')
     odds_against: float = tuning(
         5.0,
-        'log odds against a cause of error that a frame calls for',
+        'prior log odds against a cause of error',
         unit='nats',
         source='convention: one in 150',
     )
     bound: float = tuning(
         8.0,
-        'log odds against a hypothesis beside the best, beyond which it is dropped',
+        'log odds against a hypothesis, relative to the best, above which it is dropped',
         unit='nats',
         source='convention: one in 3000; tried: with 5 a frozen pressure is taken for a '
         'contact, with 20 the tests of the fusion take several times as long',
     )
-    most_hypotheses: int = tuning(4, 'hypotheses that are followed side by side')
+    most_hypotheses: int = tuning(4, 'largest number of hypotheses')
     contact_score: float = tuning(
-        9.0, 'gain by a contact, linearized, from which on one is sought', unit='chi squared'
+        9.0, 'linearized gain by a contact above which it is searched for', unit='chi squared'
     )
     contact_gone: float = tuning(
-        25.0, 'of a contact force against zero, below which it may be gone', unit='chi squared'
+        25.0, 'chi squared of a contact force below which the contact may have ended'
     )
     contact_apart: float = tuning(
         0.05, 'distance of two places that are two contacts', unit='of the length'

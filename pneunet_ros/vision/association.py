@@ -38,9 +38,11 @@ from pneunet_ros.vision.row_ends import continues_beyond, truncate_row
 class AssociationSettings:
     """Criteria for blobs that are a row of targets."""
 
-    least_targets: int = tuning(3, 'of an arm, for which a row can be told from other areas')
-    least_followed: int = tuning(4, 'must be seen for a row to be one; all of an arm with fewer')
-    least_share: float = tuning(0.4, 'of the targets must be seen for a row to be one')
+    least_targets: int = tuning(
+        3, 'fewest targets of an arm to distinguish its row from other areas'
+    )
+    least_followed: int = tuning(4, 'fewest targets seen of a row; all of an arm with fewer')
+    least_share: float = tuning(0.4, 'smallest share of targets seen of a row')
     alike: float = tuning(0.5, 'share of blobs that two readings of one row have in common')
 
 

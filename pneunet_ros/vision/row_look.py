@@ -70,21 +70,21 @@ class RowLookSettings:
     )
     unclear: float = tuning(
         3.0,
-        'error of a whole blob, or of one that appears, over that of the others, at most',
+        'largest error of a whole or new blob, relative to that of the others',
         source='measured: 4.5 to 6 of a tip cut off by 5 %',
     )
     least_area: float = tuning(
-        0.985, 'of a whole blob, over that by its neighbors', source='measured'
+        0.985, 'smallest area of a whole blob, relative to its neighbors', source='measured'
     )
     differ: float = tuning(
         3.0,
-        'sizes of neighbors from each other',
+        'largest difference between sizes of neighbors',
         unit='one sigma',
         source='sweep: halved: hand and blur: tip rms px 0.115 -> 0.0577; doubled: nothing',
     )
     least_std: float = tuning(
         0.0015,
-        'one sigma of size and shape, at least',
+        'least std of size and shape',
         unit='radius',
         source=(
             'sweep: halved: hand and blur: tip error/std 0.992 -> 0.994; doubled: hand and '
@@ -100,10 +100,10 @@ class RowLookSettings:
             'tip error/std 0.992 -> 1.07'
         ),
     )
-    smear_std: float = tuning(0.15, 'of the way during an exposure, one sigma at least', unit='px')
+    smear_std: float = tuning(0.15, 'least std of the motion during an exposure', unit='px')
     level_std: float = tuning(
         0.03,
-        'of the plateau, one sigma at least',
+        'least std of the plateau',
         unit='contrast',
         source=(
             'sweep: halved: jpeg, uneven: tip error/std 0.971 -> 0.976; doubled: hand and '
@@ -112,30 +112,34 @@ class RowLookSettings:
     )
     seen: float = tuning(
         0.5,
-        'share of the visible edge that shows a target of which less is seen',
+        'smallest visible share of the edge for a partly hidden target to count',
         source='measured: 0.54 of a cut tip',
     )
-    appeared: float = tuning(0.25, 'off where the row is, of a doubtful one', unit='radius')
+    appeared: float = tuning(
+        0.25, 'distance from the row above which a new blob is doubtful', unit='radius'
+    )
     beyond: float = tuning(
         0.15,
-        'share of the edge that lies outside of the outline, at most',
+        'largest share of the edge outside of the outline',
         source='sweep: halved: nothing; doubled: jpeg, uneven: tip rms px 0.0956 -> 0.114',
     )
     part_error: float = tuning(
         0.007,
-        'of a part that moves along what covers it',
+        'error of the center of a part that moves along its cover',
         unit='way^2 / radius',
         source='measured: films of acceptance/composed_pictures.py',
     )
     size_error: float = tuning(
         0.12,
-        'of the center of a part whose size is not known, over that of its radius',
+        'error of the center of a part of unknown size, over that of its radius',
         source='measured: films `uneven` of acceptance/composed_pictures.py',
     )
-    unsure: float = tuning(0.15, 'error of the center of a part, at most', unit='radius')
-    blur: float = tuning(0.5, 'blur of a part off that of neighbors, at most', unit='px')
+    unsure: float = tuning(0.15, 'largest error of the center of a part', unit='radius')
+    blur: float = tuning(
+        0.5, 'largest difference of blur between a part and its neighbors', unit='px'
+    )
     filled: float = tuning(0.65, 'share of the inside that must be seen', source='measured')
-    level: float = tuning(0.15, 'a target brighter or darker than neighbors', unit='contrast')
+    level: float = tuning(0.15, 'largest difference of brightness from neighbors', unit='contrast')
     moved: float = tuning(0.5, 'a target by a part of it, off where it was seen', unit='radius')
 
 

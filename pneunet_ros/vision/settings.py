@@ -31,12 +31,12 @@ class RowTrackerSettings:
         ),
     )
     reach_again: float = tuning(0.3, 'a lost target off where others say', unit='spacing')
-    near_clamp: int = tuning(4, 'targets that can hardly move, but with the camera')
-    off_along: float = tuning(0.1, 'off their place by stretch, more with each', unit='spacing')
-    off_aside: float = tuning(0.5, 'off their place by bending, more with each', unit='spacing')
+    near_clamp: int = tuning(4, 'targets near the clamp, which hardly move unless the camera does')
+    off_along: float = tuning(0.1, 'displacement by stretch per target', unit='spacing')
+    off_aside: float = tuning(0.5, 'displacement by bending per target', unit='spacing')
     smear_std: float = tuning(
         0.3,
-        'way while the shutter is open, one sigma of it',
+        'std of the motion while the shutter is open',
         source=(
             'invented; '
             'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0879; doubled: hand and '
@@ -62,8 +62,10 @@ class RowTrackerSettings:
 class RestPlaneSettings:
     """Criteria for an arm at rest."""
 
-    still: float = tuning(0.1, 'off the average so far, at most', unit='spacing')
-    near_clamp: float = tuning(1.5, 'from clamp_pixel to the first target', unit='spacing')
+    still: float = tuning(0.1, 'largest distance from the average so far', unit='spacing')
+    near_clamp: float = tuning(
+        1.5, 'largest distance from clamp_pixel to the first target', unit='spacing'
+    )
     upright: float = tuning(
         0.26,
         'from side to side, of the way between its ends: a row without a left end',

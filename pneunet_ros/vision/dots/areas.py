@@ -28,11 +28,11 @@ import scipy
 class BlobSettings:
     """Criteria that separate areas from the background."""
 
-    most: int = tuning(500, 'areas of an image that are measured, those that stand out most')
+    most: int = tuning(500, 'largest number of areas measured per image, by contrast')
     least_contrast: float = tuning(
-        4.0, 'between a blob and its background where the band is fixed', unit='grey level'
+        4.0, 'contrast of a blob to its background for a fixed band', unit='grey level'
     )
-    levels: int = tuning(2, 'at which an area stands out that has the least contrast')
+    levels: int = tuning(2, 'thresholds at which an area of the least contrast is visible')
     speck: int = tuning(
         3,
         'side of the square over which noise is averaged',
@@ -42,25 +42,27 @@ class BlobSettings:
             'blur: tip error/std 0.992 -> 0.993'
         ),
     )
-    least_area: float = tuning(0.5, 'of an area where it is cut', unit='smallest area')
-    largest_area: float = tuning(1.5, 'the same', unit='largest area')
+    least_area: float = tuning(0.5, 'smallest thresholded area', unit='smallest area')
+    largest_area: float = tuning(1.5, 'largest thresholded area', unit='largest area')
     roundness: float = tuning(0.88, 'area over that of the ellipse with the same moments')
-    longer: float = tuning(1.2, 'an area where it is cut, of the largest elongation')
-    nested: float = tuning(0.35, 'between centers of one blob at two levels', unit='radius')
+    longer: float = tuning(1.2, 'elongation of a thresholded area over the largest one allowed')
+    nested: float = tuning(
+        0.35, 'distance between centers of one blob at two levels', unit='radius'
+    )
     growth: float = tuning(
         2.0,
-        'area of a blob from one level to the next, at most',
+        'largest growth of the area of a blob from one level to the next',
         source='sweep: halved: hand and blur: tip error/std 0.992 -> 0.993; doubled: nothing',
     )
     blur: float = tuning(
         0.9,
-        'of an edge, expected',
+        'expected blur of an edge',
         unit='px',
         source='sweep: halved: nothing; doubled: hand and blur: tip error/std 0.992 -> 0.993',
     )
     blur_std: float = tuning(
         0.3,
-        'one sigma of that',
+        'std of the blur of an edge',
         unit='px',
         source=(
             'invented; '
@@ -70,7 +72,7 @@ class BlobSettings:
     )
     smear_std: float = tuning(
         1.0,
-        'of the way during an exposure, one sigma',
+        'std of the motion during an exposure',
         unit='px',
         source=(
             'sweep: halved: jpeg, uneven: tip error/std 0.971 -> 1.21; doubled: hand and '

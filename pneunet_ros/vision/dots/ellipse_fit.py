@@ -60,15 +60,15 @@ SIGMA = 1.4826  # standard deviation over the median of what is off, of Gaussian
 class EllipseSettings:
     """Settings of the ellipse fit to the edge of a blob."""
 
-    sectors: int = tuning(16, 'around a blob, each with a background and an edge of its own')
-    passes: int = tuning(8, 'of the fit, at most')
+    sectors: int = tuning(16, 'sectors around a blob, each with its own background and edge')
+    passes: int = tuning(8, 'most passes of the fit')
     done: float = tuning(0.003, 'step of the center after which the fit ends', unit='px')
-    inward: float = tuning(2.5, 'from the edge, pixels that are looked at', unit='blur')
-    outward: float = tuning(3.0, 'the same, outside', unit='blur')
-    margin: float = tuning(1.0, 'the same, added', unit='px')
+    inward: float = tuning(2.5, 'width of the pixels used inside the edge', unit='blur')
+    outward: float = tuning(3.0, 'width of the pixels used outside the edge', unit='blur')
+    margin: float = tuning(1.0, 'width of pixels added on either side', unit='px')
     shift: float = tuning(
         1.5,
-        'an edge may be off where the fit begins, center and way change in a pass',
+        'largest initial offset of an edge, and largest change of center and motion per pass',
         unit='px',
         source=(
             'invented; '
@@ -76,8 +76,8 @@ class EllipseSettings:
             'blur: rms px 0.0277 -> 0.0204'
         ),
     )
-    least_blur: float = tuning(0.29, 'of an edge: a pixel is a square', unit='px')
-    most_blur: float = tuning(3.5, 'of an edge', unit='px')
+    least_blur: float = tuning(0.29, 'least blur of an edge: a pixel is a square', unit='px')
+    most_blur: float = tuning(3.5, 'largest blur of an edge', unit='px')
     tilt_std: float = tuning(
         0.015,
         'slope of the light over a blob',
@@ -88,18 +88,20 @@ class EllipseSettings:
             'blur: tip rms px 0.115 -> 0.0852'
         ),
     )
-    largest_change: float = tuning(0.25, 'of size and shape in a pass', unit='radius')
-    widest_step: float = tuning(0.3, 'of the blur in a pass', unit='px')
+    largest_change: float = tuning(
+        0.25, 'largest change of size and shape per pass', unit='radius'
+    )
+    widest_step: float = tuning(0.3, 'largest change of the blur per pass', unit='px')
     most_smear: float = tuning(
         20.0,
-        'way of motion during an exposure',
+        'largest motion during an exposure',
         unit='px',
         source='sweep: halved: hand and blur: tip rms px 0.115 -> 0.053; doubled: nothing',
     )
     least_axis: float = tuning(0.5, 'half the smallest axis, at least', unit='px')
     plateau_share: float = tuning(
         0.3,
-        'of the pixels within, brighter than the first plateau',
+        'share of the pixels inside that are brighter than the first plateau',
         source=(
             'invented; '
             'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0896; doubled: hand and '
@@ -108,7 +110,7 @@ class EllipseSettings:
     )
     cut: float = tuning(
         2.5,
-        'an edge off the outline takes no part',
+        'distance from the outline above which an edge is left out',
         unit='usual distance',
         source=(
             'sweep: halved: jpeg, uneven: tip rms px 0.0956 -> 0.135; doubled: hand and blur: '
@@ -118,7 +120,7 @@ class EllipseSettings:
     least_off: float = tuning(0.02, 'usual distance of edges from the outline', unit='px')
     knows: float = tuning(
         0.3,
-        'error of the place of an edge that tells anything',
+        'largest position error of an informative edge',
         unit='px',
         source=(
             'invented; '
@@ -128,7 +130,7 @@ class EllipseSettings:
     )
     told: float = tuning(
         0.5,
-        'share of the sectors in which an edge can be seen, and of these on it, at least',
+        'smallest share of sectors with a visible edge, and of these with one on the outline',
         source='sweep: halved: hand and blur: tip error/std 0.992 -> 0.985; doubled: nothing',
     )
     within: float = tuning(

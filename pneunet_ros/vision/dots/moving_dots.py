@@ -54,7 +54,7 @@ class MovingDotSettings:
 
     before: float = tuning(
         1.8,
-        'from the center along the arm, looked at',
+        'width of the pixels used along the arm, from the center',
         unit='radius',
         source=(
             'sweep: halved: hand and blur: tip rms px 0.115 -> 0.108; doubled: hand and blur: '
@@ -63,7 +63,7 @@ class MovingDotSettings:
     )
     beyond: float = tuning(
         0.6,
-        'beside a dot on its way, looked at',
+        'width of the pixels used on either side of the path of a dot',
         unit='radius',
         source=(
             'sweep: halved: hand and blur: tip error/std 0.992 -> 0.982; doubled: hand and '
@@ -72,31 +72,31 @@ class MovingDotSettings:
     )
     blur: float = tuning(
         1.5,
-        'from the edge of a dot, or the end of the arm, within which it is blurred',
+        'width of the blurred zone at the edge of a dot, or at the end of the arm',
         unit='blur',
         source=(
             'sweep: halved: hand and blur: tip rms px 0.115 -> 0.114; doubled: hand and blur: '
             'tip error/std 0.992 -> 0.995'
         ),
     )
-    passes: int = tuning(14, 'of the fit, at most')
+    passes: int = tuning(14, 'most passes of the fit')
     done: float = tuning(0.01, 'step of the center after which the fit ends', unit='px')
-    largest_change: float = tuning(0.4, 'of the size, in all', unit='radius')
-    moves: int = tuning(3, 'of what is looked at, after the center')
+    largest_change: float = tuning(0.4, 'largest total change of the size', unit='radius')
+    moves: int = tuning(3, 'times that the pixels used are moved after the center')
     near: float = tuning(
         0.1,
-        'of the center, after which that need not move',
+        'change of the center below which the pixels used are not moved',
         unit='radius',
         source=(
             'sweep: halved: hand and blur: tip rms px 0.115 -> 0.114; doubled: hand and blur: '
             'rms px 0.0277 -> 0.0274'
         ),
     )
-    way_std: float = tuning(0.2, 'one sigma of the way by the row', unit='way')
-    fit_std: float = tuning(0.1, 'one sigma of size and way of other fits', unit='radius, way')
+    way_std: float = tuning(0.2, 'std of the motion predicted by the row', unit='way')
+    fit_std: float = tuning(0.1, 'std of size and motion from other fits', unit='radius, way')
     alike: int = tuning(
         3,
-        'nearest neighbors that tell size and contrast',
+        'nearest neighbors that give the prior of size and contrast',
         source=(
             'sweep: halved: hand and blur: tip rms px 0.115 -> 0.115; doubled: hand and blur: '
             'tip rms px 0.115 -> 0.116'
@@ -104,13 +104,15 @@ class MovingDotSettings:
     )
     fewest: int = tuning(
         2,
-        'of them',
+        'fewest neighbors for a prior',
         source='sweep: halved: nothing; doubled: hand and blur: tip error/std 0.992 -> 1.54',
     )
-    contrast_std: float = tuning(0.3, 'one sigma of the contrast by neighbors', unit='contrast')
+    contrast_std: float = tuning(
+        0.3, 'std of the contrast predicted by neighbors', unit='contrast'
+    )
     least_size_std: float = tuning(
         0.01,
-        'of the size by these neighbors, at least',
+        'least std of the size predicted by neighbors',
         unit='radius',
         source=(
             'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0878; doubled: hand and '
@@ -119,7 +121,7 @@ class MovingDotSettings:
     )
     together: int = tuning(
         4,
-        'over which errors of the picture go together',
+        'correlation length of image errors',
         unit='px',
         source=(
             'sweep: halved: hand and blur: rms px 0.0277 -> 0.0274; doubled: hand and blur: '
@@ -128,25 +130,28 @@ class MovingDotSettings:
     )
     error: float = tuning(
         0.0025,
-        'of the center, for what is not smooth along the arm',
+        'error of the center due to unevenness along the arm',
         unit='way^2 / radius',
         source='measured: composed films of other photographs and seeds than are scored',
     )
     least_error: float = tuning(
-        0.01, 'of the center, as no dot is painted evenly', unit='radius', source='invented'
+        0.01,
+        'least error of the center: dots are unevenly painted',
+        unit='radius',
+        source='invented',
     )
     most_left: float = tuning(
-        0.08, 'root mean square of what is not explained, at most', unit='contrast',
+        0.08, 'largest rms residual of the fit', unit='contrast',
         source='measured: 0.03 of dots that are seen, there',
     )  # fmt: skip
     differs: float = tuning(
         1.8,
-        'contrast over that of neighbors, or the other way, at most',
+        'largest ratio of contrasts between a dot and its neighbors',
         source='sweep: halved: hand and blur: tip error/std 0.992 -> 1.54; doubled: nothing',
     )
     ends: float = tuning(
         0.69,
-        'from the center of the last target, where the arm may end',
+        'distance from the center of the last target at which the arm may end',
         unit='radius',
         source='a tenth of the target is cut off there',
     )
