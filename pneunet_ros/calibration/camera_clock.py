@@ -77,9 +77,9 @@ class CameraClock:
 def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
     """Return the clocks whose rate is observable from the frames of a fit, by recording.
 
-    noise: of the fit. All clocks are found together: a wrong clock biases the parameters of the
-    arm, and so the frames of the others. As this is so to first order, the surest are returned
-    alone, those with half of the greatest evidence: the others may be right without them.
+    noise: of the fit. All clocks are estimated together, because a wrong clock biases the arm, and
+    so the other recordings. To first order this bias may look like a wrong clock there. So only
+    clocks with at least half of the greatest evidence are returned; the others may be right.
     """
     posterior, last = posterior_at(fit, noise)
     prior, timed = posterior.prior, list[RecordingData]()

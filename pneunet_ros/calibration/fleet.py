@@ -1,8 +1,8 @@
 """Comparison of calibrated arms at one pressure, and outlier detection.
 
-Arms of a kind differ: what they share is a center and a scatter, both robust, so that odd arms do
-not hide themselves. How far an arm is from the center is counted by scatter and error bars
-together; how far the furthest of alike arms would be is simulated with the same error bars.
+Arms of one design differ. Center and scatter are estimated robustly, so that odd arms do not mask
+themselves. The distance of an arm from the center is relative to scatter and error bars together;
+the distance of the furthest of similar arms is simulated with the same error bars.
 """
 
 from __future__ import annotations

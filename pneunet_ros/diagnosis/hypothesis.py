@@ -88,7 +88,7 @@ class Hypothesis:
 
     @property
     def is_linear(self) -> bool:
-        """Whether points are linear in its size: without a memory, or with a shape beside it."""
+        """Whether points are linear in its size: without memory, or with a shape parameter too."""
         return not self.has_memory or len(self.sizes) < self.size
 
     @property

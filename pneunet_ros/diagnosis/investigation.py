@@ -1,4 +1,4 @@
-"""A diagnosis, and what it rests on."""
+"""A diagnosis, with the fits it is based on."""
 
 from __future__ import annotations
 

@@ -79,8 +79,8 @@ class JointFits:
     def propose_constant(self, kind: Kind) -> Proposal | None:
         """Fit a constant amplitude, and add missing terms.
 
-        A calibration bends itself towards a cause, and towards a constant one most: what is left
-        of it then looks like a law. Its place is held at first, from place to place.
+        A calibration absorbs part of a cause, most of a constant one, and the remainder looks like
+        a law. At first the place is held fixed, and several places are tried.
         """
         if CONSTANT not in self.covariates or 'constant' not in kind.follows:
             return None

@@ -206,7 +206,7 @@ def per_unit(amplitude: str, covariate: str) -> str:
 
 
 def effect_name(kind: Kind) -> str:
-    """Return the name of the proposed effect of a kind, beside those that a user has loaded."""
+    """Return a name for the proposed effect of a kind that no loaded effect has."""
     name = PREFIX + kind.name
     count = itertools.count(2)
     while name in EFFECTS:
@@ -338,7 +338,7 @@ def terms_text(kind: Kind, amplitude: str, natives: Mapping[str, str] | None = N
 def memory_text(
     kind: Kind, parameters: Sequence[Parameter], memory: Sequence[str], play: float
 ) -> str:
-    """Return the methods that carry the past along, and what it adds."""
+    """Return the methods that update the history, and the terms that it adds."""
     if not memory:
         return ''
     following, covariates = [], {}

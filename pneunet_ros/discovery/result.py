@@ -81,7 +81,7 @@ class AmplitudeSeries:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Discovery:
-    """The result of `discover`: laws, what they rest on, and the model with the first of them.
+    """The result of `discover`: laws, their evidence, and the model with the first of them.
 
     searched: whether anything was looked for; found: empty if no law was found or confirmed,
     and the notes then say why. evaluation: of the model with the proposed effect, None without

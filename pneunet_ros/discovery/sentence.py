@@ -32,9 +32,7 @@ def swing_sentence(
     kind: Kind, location: Estimated | None, swing: Swing, tied: Sequence[str]
 ) -> str:
     """Describe an oscillating cause: its kind, its period, and that no measurement predicts it."""
-    grows = (
-        ' and is the larger, the higher the pressure is' if swing.modulation != CONSTANT else ''
-    )
+    grows = ' and grows with the pressure' if swing.modulation != CONSTANT else ''
     if not swing.periodic:
         return (
             f'{begin(kind, location)}: the {kind.amplitude} changes by itself, over about '

@@ -51,7 +51,7 @@ class Softening(Effect):
         return (largest, float(below)), pressure
 
     def history_terms(self, history: Array, scale: PressureScale) -> Terms:
-        """Return the loss of rigidity, the same for small changes of pressure."""
+        """Return the loss of rigidity, which small changes of pressure leave constant."""
         if scale.top <= 0.0:  # an arm of negative pressures alone is never inflated
             return Terms()
         share = np.minimum(np.maximum(history[..., 0] / scale.top, 0.0), 1.0)

@@ -108,7 +108,7 @@ def shutter_from_mapping(content: Any) -> Shutter:
 
 
 def method_of(content: Any, where: str, known: tuple[str, ...]) -> str:
-    """Return the method that a block names, one of the known."""
+    """Return the method that a block names; it must be a known one."""
     method = CAMERA_FILE.mapping(content, where).get('method')
     if not isinstance(method, str) or method not in known:
         raise CameraError(

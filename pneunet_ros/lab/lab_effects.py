@@ -79,7 +79,7 @@ class LabCameraScale(LabEffect):
     factor: float = quantity(1.0, unit='-', bounds=(0.1, 10.0))
 
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
-        """Scale, more so where x is large."""
+        """Scale the picture, and more so at large x."""
         tilt = 0.3 * self.richness * (2.0 * points[..., :1] / arm.length - 1.0)
         return freeze(points * (1.0 + (self.factor - 1.0) * (1.0 + tilt)))
 

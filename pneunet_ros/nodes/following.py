@@ -1,11 +1,12 @@
 """A subscription that adopts the reliability and durability of its publishers.
 
-Images that are sent best effort cannot be received reliably, and those sent reliably lose much
-when they are received best effort. What is latched is received only by who asks for it.
+A reliable subscription receives nothing from a best-effort publisher, and a best-effort
+subscription loses many images of a reliable one. Latched messages reach only subscriptions that
+request them.
 
-ReliabilityPolicy.BEST_AVAILABLE does not do: it looks at the publishers once, when a subscription
-is made, and without any it takes reliable and latched. Publishers that come later and offer less
-are then never heard.
+ReliabilityPolicy.BEST_AVAILABLE does not help: it looks at the publishers only once, when the
+subscription is made, and without any it chooses reliable and latched. Later publishers that offer
+less are then never received.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Matroska and WebM films: whether one is truncated, which its frames do not show.
+"""Detection of truncated Matroska and WebM films.
 
-They do not count their frames, and their duration is where the last one ends on a clock that may
-start anywhere; but the segment, which holds everything, says how many bytes it has.
+The format has no frame count, and its duration is the end of the last frame on a clock that may
+start anywhere. But the segment, which contains everything, states its size in bytes.
 """
 
 from __future__ import annotations

@@ -41,8 +41,8 @@ def score(
 ) -> Score:
     """Predict a run from its readings and compare.
 
-    inputs: what acted, where it has a past. placement (2, targets) m: where the targets are
-    painted along and across the arm; as the covariance of the arm knows it where None.
+    inputs: of the run, if its history continues earlier runs; None: of the run alone. placement
+    (2, targets) m: of the targets along and across the arm; None: from the covariance of the arm.
     """
     model = ForwardModel(arm.target_arclength, run.points)
     inputs = inputs_of(arm, [run])[0] if inputs is None else inputs

@@ -67,7 +67,7 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--free-tip',
         action='store_true',
-        help='with --fuse: nothing pushes at the tip, and what pushes is a contact along the arm',
+        help='with --fuse: no load acts at the tip; estimate contacts along the arm instead',
     )
     add_overwrite(parser)
     add_topics(parser)

@@ -42,7 +42,7 @@ class NodeSettings:
     )
     free_tip: bool = setting(
         FUSION.free_tip,
-        ('nothing ever pushes at the tip: ignore end_wrench and estimate contacts along the arm'),
+        ('no load ever acts at the tip: ignore end_wrench and estimate contacts along the arm'),
     )
     centerline_rate: float = quantity(
         30.0,
@@ -59,7 +59,7 @@ class NodeSettings:
     largest_tip_std: float = quantity(
         FUSION.largest_tip_std,
         unit='m',
-        meaning='standard deviation of the tip above which nothing is published',
+        meaning='standard deviation of the tip above which no estimate is published',
         bounds=(1e-5, 1.0),
     )
     determined: float = quantity(
