@@ -116,7 +116,7 @@ class RowLookSettings:
         source='measured: 0.54 of a cut tip',
     )
     appeared: float = tuning(
-        0.25, 'distance from the row above which a new blob is doubtful', unit='radius'
+        0.25, 'largest distance of a doubtful target from the row', unit='radius'
     )
     beyond: float = tuning(
         0.15,
