@@ -37,9 +37,9 @@ class PaintedTargets:
         return np.asarray(1j * self.by_across.conj())
 
     def jacobian(self) -> Array:
-        """Return how x and y move per painted place, (.., 2, targets, 2 targets).
+        """Return the derivatives of x and y by the placement, (.., 2, targets, 2 targets).
 
-        Of all places along the arm first, then of those across it.
+        The placements along the arm come first, then those across it.
         """
         which = np.arange(self.by_along.shape[-1])
         out = np.zeros((*self.by_along.shape[:-1], 2, which.size, 2 * which.size))

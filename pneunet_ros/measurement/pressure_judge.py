@@ -394,8 +394,8 @@ def normal(far: float) -> float:
 class Features:
     """Features of a record that do not depend on the convention.
 
-    low, high, noise: as of the record; constant: how likely the readings are those of a constant
-    pressure; moves: the arm is known to move; complete: the record shows all it will do.
+    low, high, noise: as in the record; constant: probability that the readings are of a constant
+    pressure; moves: the arm is known to move; complete: no readings will be added.
     """
 
     low: float

@@ -110,9 +110,9 @@ def filtered(
 def without_reading_noise(
     run: RecordingData, noise: SensorNoise, settings: ReadingFilterSettings = READING_FILTER
 ) -> RecordingData:
-    """Return a run with all readings on the straight lines that they follow.
+    """Return a run with all readings smoothed by straight lines.
 
-    For what an arm with mass makes of them: it would swing by their noise as well.
+    Needed to simulate an arm with mass, which the noise of the readings would excite.
     """
     if run.static:
         return run

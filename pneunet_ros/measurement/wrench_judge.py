@@ -194,10 +194,10 @@ def judge_wrench(
     Args:
         readings: complex (readings,), in the unit and the axes of the sensor, as many as the
             pressures of `expected`.
-        declared: what they are said to mean.
-        expected: the loads that the model knows; None: nobody knows.
-        shown: the forces that measured targets show; None: no targets.
-        settings: priors, and the odds that are enough.
+        declared: the declared meaning of the readings.
+        expected: the loads that the model predicts; None: unknown.
+        shown: the forces estimated from measured targets; None: no targets.
+        settings: priors, and the odds required for a verdict.
 
     Returns:
         The verdict; None if all readings are zero, or nothing is there to compare with.

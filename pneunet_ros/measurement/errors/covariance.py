@@ -1,7 +1,7 @@
 """Covariances C = D + P P^T: white noise D plus errors common to all coordinates.
 
-The columns of P are what one sigma of each common error (reading, model, camera) moves. Noise that
-puts these on the diagonal has the right size and raises false alarms all the same.
+The columns of P are the displacements by one sigma of each common error (reading, model, camera).
+Treating these as independent gives the right variances, but false alarms in tests.
 """
 
 from __future__ import annotations

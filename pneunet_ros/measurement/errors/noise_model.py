@@ -35,8 +35,8 @@ EDGE = 0.5  # s, invented: more than the delay of most cameras
 def attached_std(noise: SensorNoise, run: RecordingData) -> Array:
     """Return one sigma of F1, F2 (N) and M (N m) as read in every frame, (frames, 3).
 
-    Within `EDGE` of readings of a load a frame has their error: how late it is, is not known. With
-    it goes what the straight line between two readings misses.
+    A frame within `EDGE` of a reading has the error of that reading, since its delay is unknown.
+    The interpolation error between two readings is included.
     """
     attached = np.any(run.load != 0.0, axis=1)
     if run.wrench_stamp_ns is not None and run.wrench is not None and not run.static:
@@ -223,10 +223,10 @@ def solved_points(arm: Arm, inputs: Inputs) -> Array:
 def coordinate_stds(arm: Arm, run: RecordingData, inputs: Inputs, noise: SensorNoise) -> Array:
     """Return one sigma (m) of every measured coordinate, (frames, 2, targets).
 
-    White noise, painted place, and what the noise of force and pressure readings moves, as they
-    are interpolated to a frame; NaN where a target was not seen or a frame has no equilibrium. Not
-    for a fit: errors of a reading move all targets of a frame together, which `reading_errors`
-    says, and that allows for a load that is late, and for noise that is not white.
+    Includes white noise, placement, and the interpolated noise of force and pressure readings; NaN
+    where a target was not seen or a frame has no equilibrium. Do not use it for a fit: an error of
+    a reading moves all targets of a frame together. For that use `reading_errors`, which also
+    allows for a delayed load and for noise that is not white.
     """
     model = ForwardModel(arm.target_arclength)
     seen = run.seen & model.solve(arm, inputs)[:, None]

@@ -1,8 +1,8 @@
-"""Rounding error of a sensor that reads in steps: a scale, a converter of few bits.
+"""Quantization error of a sensor that reads in steps: a scale, a converter of few bits.
 
-At rest such a sensor seems to have no noise at all, and is wrong by up to half a step. Readings
-with noise of their own soon differ by next to nothing, those in steps never by less than one. So
-the smallest change from reading to reading is the step.
+At rest such a sensor seems to have no noise, but is wrong by up to half a step. Noisy readings of
+a fine sensor soon differ by next to nothing, quantized ones never by less than a step. So the
+smallest change between successive readings is the step.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import math
 
 
 def smallest_change(smallest: float, change: float) -> float:
-    """Return the smallest change from reading to reading, after one more; 0 is none.
+    """Return the smallest nonzero change between successive readings, updated by one change.
 
-    smallest: of those before, infinite where there was none.
+    smallest: the value before; infinite if there was no change.
     """
     return min(smallest, abs(change) or math.inf)
 

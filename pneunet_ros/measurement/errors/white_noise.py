@@ -21,10 +21,10 @@ REPEATS = (
 
 
 def white_std(readings: Array) -> float:
-    """Return one sigma of white noise on readings (n, k) one after the other, at most.
+    """Return an upper limit on one sigma of white noise of successive readings (n, k).
 
-    The median, so that jumps do not count. 0 if there are too few readings, or they often repeat:
-    those of a sensor that hangs, or reads in steps.
+    A median of differences, so that jumps do not count. 0 if there are too few readings, or if
+    they often repeat (a frozen or coarsely quantized sensor).
     """
     same = np.count_nonzero(readings[1:, 0] == readings[:-1, 0])
     if same > REPEATS * len(readings):
