@@ -110,7 +110,8 @@ class FitSequence:
     def check_law(self, loaded: Sequence[RecordingData]) -> None:
         """Replace a moment law that does not cover all pressures by a linear one.
 
-        Without a load it does not matter; what is not measured is not made up: RequestError.
+        The loaded recordings then determine it. Without any, the law is not extrapolated: raises
+        RequestError.
         """
         low, high = self.frame.moment_law.pressure_range
         margin = EXTRAPOLATION * (high - low) if np.isfinite(high - low) else 0.0
@@ -228,8 +229,8 @@ class FitSequence:
 
         placement (2, targets) m: of the targets, as far as it is known.
 
-        Out of some, decades apart, and then between the neighbors of that. Frames count by the
-        logarithm of their error: one in which the arm snaps does not outweigh the rest.
+        Scans values that are decades apart, then searches between the neighbors of the best. The
+        cost is the mean log error, so that a frame in which the arm snaps does not dominate.
         """
         runs = [run.thin(SCANNED_FRAMES) for run in runs if run.loaded]
 

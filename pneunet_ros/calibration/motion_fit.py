@@ -62,7 +62,7 @@ class SwingingRun:
 
     stamp_ns (readings,); solved: tables of the rod, (readings, ...) each; still (readings, 2,
     targets) m: the targets in equilibrium; reading (frames,): of each frame; points (frames, 2,
-    targets) m. plucked: the pressure stands still.
+    targets) m. plucked: whether the pressure is constant.
     """
 
     name: str

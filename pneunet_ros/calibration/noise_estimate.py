@@ -43,7 +43,7 @@ SMALLEST = 1e-9  # of a standard deviation that was found
 class NoiseEstimate:
     """The estimated noise, with the source of each standard deviation.
 
-    notes: sentences on noise that is not what sensors usually have.
+    notes: sentences on unusual noise.
     """
 
     noise: SensorNoise
@@ -316,8 +316,8 @@ def second_differences(
 def clipped_std(values: Array) -> float:
     """Return the standard deviation of white noise among values (n,), by three-sigma clipping.
 
-    Up to three quarters of the values may be changes: it begins with the lower quartile, and is
-    the root mean square of what lies within three of it, again and again. 0 where most are zero.
+    Up to three quarters of the values may be true changes: the iteration starts from the lower
+    quartile, and takes the rms of the values within three sigma. 0 if most values are zero.
     """
     sizes = np.abs(values)
     std, low = SIGMA_OF_MEDIAN * float(np.median(sizes)), float(np.quantile(sizes, 0.25))

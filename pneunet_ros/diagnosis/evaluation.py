@@ -51,9 +51,8 @@ def noise_floor(
 ) -> tuple[float, float]:
     """Return the rms (m) of a perfect model, and its scatter.
 
-    White noise, placement, readings. White noise is every coordinate's own, what readings move is
-    one error of a frame, and a painted place one error of a target: of one that the calibration
-    of the arm has found, what is left of it.
+    The errors are white noise (independent per coordinate), readings (common to a frame), and
+    placement (common to a target; after a calibration, its remaining uncertainty).
     """
     known = None if arm.covariance is None else arm.covariance.placement
     if known is not None:

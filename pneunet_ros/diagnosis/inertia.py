@@ -188,9 +188,9 @@ def swinging(runs: Sequence[RecordingData], moving: Sequence[Flags]) -> list[Rec
 
 
 def unloaded(runs: Sequence[RecordingData]) -> list[RecordingData]:
-    """Return the recordings without a load, or all where there are none.
+    """Return the recordings without a load, or all if there are none.
 
-    Under a load the noise of the force sensor shakes what is expected of the arm.
+    Under a load the noise of the force sensor disturbs the predicted motion.
     """
     return [run for run in runs if not run.loaded] or [*runs]
 

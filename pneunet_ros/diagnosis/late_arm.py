@@ -1,8 +1,8 @@
-"""Inertia as the reason why an arm is late, where no frame was seen to swing.
+"""Inertia as the cause of a delay, if no frame shows the arm swing.
 
-Damping delays an arm on slow ramps, as a late camera or a line that fills slowly does. Where one
-of these was found, or comes closest, mass and damping are fitted to all frames; what is left of
-the recordings less the swing is searched again, and evidence decides.
+Damping delays an arm on slow ramps, like a late camera or a line that fills slowly. If one of
+these was found, or comes closest, mass and damping are fitted to all frames, the swing is
+subtracted, the search is repeated, and the evidence decides.
 """
 
 from __future__ import annotations

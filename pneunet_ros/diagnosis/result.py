@@ -128,12 +128,11 @@ class Shift:
 class Evidence:
     """Evidence for one effect or several.
 
-    chi_squared: by how much the fit to the training recordings gets better, prior and volume of
-    the errors counted; evidence: the gain in
-    log probability of every recording predicted from the others, summed, NaN where only the score
-    was tested; adequate: nothing is then left but noise, or what the laws of the effects may miss;
-    p_value: of the worst lack-of-fit test, NaN where nothing was fitted; alike: effects that
-    cannot be distinguished from these with these data.
+    chi_squared: gain of the fit to the training recordings, including the prior and the volume of
+    the errors; evidence: gain in log probability of every recording predicted from the others,
+    summed, NaN if only the score was tested; adequate: the residuals are consistent with noise and
+    law errors; p_value: of the worst lack-of-fit test, NaN if nothing was fitted; alike: effects
+    that cannot be distinguished from these with these data.
     """
 
     effects: tuple[str, ...]

@@ -389,8 +389,8 @@ def choose_best(
 ) -> Trial | None:
     """Return the most probable set that is better than the set it extends.
 
-    Adequate and plausible ones come first, unless a more probable one explains far more: an effect
-    more may be all that it lacks. Of those with like evidence, the fewest numbers.
+    Adequate and plausible sets come first, unless a more probable one explains far more: one more
+    effect may make that adequate. Among sets of similar evidence, the one with fewest parameters.
     """
     over = {item: item.record.over(trial.record) for item in extended}
     better = [
@@ -474,7 +474,7 @@ def parameters_outside_prior(fit: Refit, ends: float) -> tuple[str, ...]:
 
 
 def predicted_probability(gaussian: GaussianModel, training: int) -> float:
-    """Return the log probability of held-out runs given those of the training, the first."""
+    """Return the log probability of held-out runs, given the first `training` runs."""
     known = GaussianModel.of(
         gaussian.columns[:training],
         gaussian.residuals[:training],

@@ -1,8 +1,7 @@
 """Direction of gravity at the base, from an accelerometer on it or a tf frame.
 
-The specific force that an accelerometer reads is that against gravity and against the acceleration
-of the base: what pulls at the arm in the frame of its base is its opposite. A frame knows where
-gravity points, and nothing of accelerations.
+An accelerometer reads the specific force, the opposite of the apparent gravity that pulls at the
+arm in the frame of its base. A tf frame gives the direction of gravity, but no accelerations.
 """
 
 from __future__ import annotations
@@ -57,8 +56,8 @@ class BaseGravity:
 class GravitySource:
     """Source of the direction of gravity; settings: meaning of readings; gravity: of the arm.
 
-    frame: a tf frame whose z points up; empty: none. Without a frame it is `base_imu`, which must
-    come where the arm has no direction of its own, and which nobody asks where that is fixed.
+    frame: a tf frame whose z points up; empty: use `base_imu`. That is required if the model does
+    not state the direction, and ignored if it is fixed.
     """
 
     settings: EstimatorSettings

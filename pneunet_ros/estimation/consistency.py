@@ -82,9 +82,9 @@ FORCE_NOT_JUDGED = 'without an end wrench force is not judged: one on the arm lo
 class Disagreement:
     """The recent disagreement between measured targets and estimate.
 
-    rms: of the whitened difference, 1 where it is all noise; limit: what noise does not exceed;
-    target, arclength (m): where it is largest, against its own noise; beyond: rms is beyond the
-    limit, and not by a few frames. force_read: whether the end load was measured. stamp_ns: of the
+    rms: of the whitened difference, 1 for pure noise; limit: noise limit of rms; target, arclength
+    (m): of the largest difference relative to its noise; beyond: rms exceeds the limit, and not
+    only because of a few frames; force_read: whether the end load was measured; stamp_ns: of the
     last frame.
     """
 
@@ -132,12 +132,12 @@ class FrameInnovation:
 class Agreement:
     """Whether a model fits a recording: measured against predicted targets, in noise units.
 
-    median: of the whitened rms of a frame, 1 where it is all noise; limit: what noise rarely
-    exceeds; beyond: share of frames beyond that, and most: the share up to which the model holds.
-    tips_outside: share of frames whose tip is outside of its 95 % ellipse, NaN where no tip was
-    seen, tips_chance: how often that many are, of a model that holds, and sure: below it that is
-    no chance. fewest: frames before anything is claimed. force_read: whether the end load was
-    measured in all of them. persistent: the joint test of all frames, None if they are too few.
+    median: of the whitened rms of a frame, 1 for pure noise; limit: noise limit of the rms of a
+    frame; beyond: share of frames beyond that limit; most: largest such share of a model that
+    holds. tips_outside: share of frames whose tip is outside of its 95 % ellipse, NaN if no tip
+    was seen; tips_chance: p-value of that share; sure: significance level. fewest: frames needed for
+    a verdict. force_read: whether the end load was measured in all frames. persistent: the joint
+    test of all frames, None if they are too few.
     """
 
     frames: int

@@ -41,11 +41,11 @@ from pneunet_ros.model.perturbation import PerturbationTable
 class Estimator:
     """A calibrated arm and its sensors: from each reading to the shape with its covariance.
 
-    arm: with the noise of its sensors and the covariance of its model; settings: what the sensors
-    report and when a reading is too old. Then follow arclength (stations,) m of the stations, and
-    the table of how the record of the rod changes with pressure and model, the moving arm with
-    stations and targets on it, None if the model has no `motion`, and who says where gravity
-    points. Raises ModelError if a column of the model's covariance leads out of bounds.
+    arm: with the noise of its sensors and the covariance of its model; settings: meaning and
+    timeouts of the readings; arclength (stations,) m: of the stations; table: derivatives of the
+    rod's record by pressure and model; moving: the moving arm with stations and targets, None if
+    the model has no `motion`; gravity: the source of its direction. Raises ModelError if a column
+    of the model's covariance leads out of bounds.
     """
 
     arm: Arm
@@ -79,14 +79,13 @@ class Estimator:
         """Take one reading: Eq 4 gives the shape, its linearization the covariance.
 
         Args:
-            state: what is remembered of earlier readings; it is not changed.
+            state: the state after all earlier readings; it is not changed.
             reading: a pressure (Pa) or an end wrench (N, N m), stamped by its message's header; or
                 of an accelerometer on the base, or of frames.
 
         Returns:
-            The state for the next reading, and the result of this one: of a pressure a
-            ShapeEstimate or a Refusal, of any other None or a Refusal. Nothing is raised for what
-            a reading holds.
+            The next state, and the result: a ShapeEstimate or a Refusal for a pressure, None or a
+            Refusal for any other reading. Bad readings never raise.
 
         """
         if not isinstance(reading, PressureReading | WrenchReading):

@@ -43,9 +43,9 @@ def predict_frame(
 ) -> PredictedTargets | None:
     """Return the predicted targets of a frame that shows the arm at a stamp (ns).
 
-    estimates: at increasing stamps (ns), at least one. None if they do not determine it: the arm
-    goes so far from one to the next, or may have done so, that a straight line is wrong by more
-    than the noise of a target.
+    estimates: at increasing stamps (ns), at least one. None if they are too far apart: the arm
+    moves, or may have moved, so far between them that linear interpolation is wrong by more than
+    the noise of a target.
     """
     stamps = np.array([estimate.stamp_ns for estimate in estimates])
     behind = int(np.searchsorted(stamps, shown_ns))

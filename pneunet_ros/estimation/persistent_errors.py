@@ -1,13 +1,13 @@
 """Persistent errors over a recording: one joint test of a model on all frames.
 
-What is wrong by the same in all frames hides in the noise of each. Here the errors that a model
-admits are unknowns that the frames share: the columns of its covariance, the places where targets
-are painted, and the path of the camera. Each has the prior that calibration left, and all frames
-together tell where it is. A model holds if that is no further from the prior than the prior and
-the noise of the frames allow, and if what the unknowns leave is as large as that noise.
+An error common to all frames hides in the noise of each. Here the errors that a model admits are
+unknowns shared by all frames: the columns of its covariance, the placement of the targets, and the
+path of the camera. Their prior is the posterior of the calibration, and all frames together
+estimate them. A model holds if the estimate is as close to the prior as the prior and the noise of
+the frames require, and if the residuals are as large as that noise.
 
-Errors correlated from frame to frame carry less information than independent ones: by how much
-less is found from what is left. Source: Newey and West, Econometrica 55 (1987).
+Errors correlated from frame to frame carry less information than independent ones; the residuals
+determine how much less. Source: Newey and West, Econometrica 55 (1987).
 """
 
 from __future__ import annotations

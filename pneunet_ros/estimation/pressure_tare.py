@@ -34,11 +34,11 @@ def pressure_zero(
 ) -> tuple[float | None, str]:
     """Return the offset (Pa) that makes readings of the vented arm zero, and a sentence.
 
-    convention: what a number of the sensor means; its offset is not looked at.
+    convention: meaning of the sensor's numbers; its offset is ignored.
 
-    No offset where there are too few readings, where they move by more than the noise and a share
-    of the range, or where the judge of pressures would not take it for a zero error: beyond the
-    prior of a gauge, or of an unset zero of so small a range.
+    The offset is None if there are too few readings, if they move by more than the noise and a
+    share of the range, or if the offset is implausible as a zero error: beyond the prior of a
+    gauge, or of an unset zero for this range.
     """
     fewest = settings.fewest_readings
     if len(readings) < fewest:

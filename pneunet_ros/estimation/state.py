@@ -29,13 +29,13 @@ from pneunet_ros.solver.solution import SolverNodes
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EstimatorState:
-    """All that an estimator remembers from one reading to the next.
+    """State of an estimator between readings.
 
-    history_ns: the stamp of the pressure reading that the history goes up to, which is the last
-    one but for readings that no arm can have; moving: how the arm moves, where the model has
-    `motion`; before: the state before a pressure reading that came after a gap of more than a
-    second, until the next one says whether time has gone on from there or that stamp was wrong;
-    watch: whether the pressure is what it is declared to be; gravity: where it points.
+    history_ns: stamp of the last pressure reading in the history (impossible readings are
+    skipped); moving: motion of the arm, if the model has `motion`; before: the state before a
+    pressure reading that follows a gap of more than a second, kept until the next reading shows
+    whether that stamp was right; watch: check of the declared meaning of pressure readings;
+    gravity: direction of gravity.
     """
 
     pressure_stamp_ns: int | None = None

@@ -1,9 +1,9 @@
 """Detect frames in which the arm swings, from targets alone, without a model of the arm.
 
-After a quick change an arm swings: beside a straight line its targets then follow a vibration that
-dies away. If this explains the frames better than a smooth motion with as many numbers, or an
-undamped vibration, its frequency and decay are used, and every frame shows the current and
-remaining amplitude about equilibrium: as `measurement.moving_arm.is_settled`, without a model.
+After a quick change an arm swings: its targets follow a damped vibration about a straight line in
+time. If this fits the frames better than a smooth motion with as many parameters, or an undamped
+vibration, its frequency and decay are used: the deviation and velocity in every frame then give
+the amplitude about equilibrium, as in `measurement.moving_arm.is_settled`, but without a model.
 """
 
 from __future__ import annotations

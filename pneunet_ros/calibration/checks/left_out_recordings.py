@@ -1,8 +1,8 @@
 """Compare with fits without one loaded recording; enlarge the stated errors if needed.
 
-Two fits, one with a recording and one without, differ by as much as the recording has taken from
-the covariance. A model error, or a load that is not what it is said to be, makes
-them differ by more; that much more is put into the covariance (jackknife).
+Two fits, with and without a recording, should differ by as much as the recording reduces the
+covariance. A model error, or a wrongly stated load, makes them differ by more. This excess is
+added to the covariance (jackknife).
 
 Source: Efron and Stein, Ann. Statist. 9 (1981).
 """

@@ -56,10 +56,10 @@ class TipErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StiffnessVariation:
-    """The gain in explaining loaded frames if EI varied along the arm.
+    """Test whether the stiffness EI varies along the arm, from loaded frames.
 
-    statistic: by how much chi squared falls, of dof numbers; coefficients (dof,): of ln EI in
-    Legendre polynomials along the arm, from the first degree on; tips: what that moves.
+    statistic: reduction of chi squared by dof coefficients; coefficients (dof,): of ln EI in
+    Legendre polynomials along the arm, from the first degree on; tips: the effect on the tip.
     """
 
     statistic: float
@@ -132,7 +132,7 @@ def stiffness_variation(
 def mode_jacobian(fit: Fit, run: RunLinearization, modes: int) -> Array:
     """Return the Jacobian of coordinates by Legendre modes of ln EI, (frames, coordinates, modes).
 
-    From the first degree on: all of the arm stiffer is what the law fits.
+    The modes start at the first degree, since the law fits a uniform change of stiffness.
     """
     parameters, knots = fit.parameters, fit.parameters.arclength
     by_cell = run.jacobian[:, :, : parameters.cells]
@@ -169,9 +169,10 @@ def tip_errors(
 def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
     """Return error columns (parameters, errors) that cover the tip error of a varying stiffness.
 
-    No number of the law can do what such an arm does; each section's stiffness is given an error
-    of its own, so large that the tips of the loaded frames lie in their ellipses, and so that the
-    sections together move the tip alike in all directions they can. None if it does not matter.
+    No parameter of the law can imitate such an arm. So the stiffness of each section gets its own
+    error: large enough that the tips of the loaded frames lie in their ellipses, and balanced so
+    that the sections together move the tip equally in all directions that they can. No columns if
+    the variation does not matter.
     """
     if variation is None or not variation.matters:
         return np.zeros((fit.values.size, 0))
