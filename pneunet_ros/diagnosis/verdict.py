@@ -14,12 +14,11 @@ from pneunet_ros.diagnosis.selection import Record, Selection, Trial
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """The answer: the model that holds, and sets of effects that explain the recordings as well.
+    """The answer: the accepted model, and sets of effects that fit the recordings equally well.
 
-    probability: how probable it is that each effect is missing; mimicked: effects that an arm
-    which bends unevenly explains as well, where no target shows how it bends; unconfirmed: effects
-    that explain the recordings but are not named; notes: why the best set of effects is not named,
-    or what of its name could not be tested.
+    probability: of each effect to be missing; mimicked: effects that cannot be distinguished from
+    uneven bending between the targets; unconfirmed: effects that fit the recordings but are not
+    named; notes: why the best set of effects is not named, or which parts of it were not tested.
     """
 
     answer: Answer

@@ -135,9 +135,9 @@ class Agreement:
     median: of the whitened rms of a frame, 1 for pure noise; limit: noise limit of the rms of a
     frame; beyond: share of frames beyond that limit; most: largest such share of a model that
     holds. tips_outside: share of frames whose tip is outside of its 95 % ellipse, NaN if no tip
-    was seen; tips_chance: p-value of that share; sure: significance level. fewest: frames needed for
-    a verdict. force_read: whether the end load was measured in all frames. persistent: the joint
-    test of all frames, None if they are too few.
+    was seen; tips_chance: p-value of that share; sure: significance level. fewest: frames needed
+    for a verdict. force_read: whether the end load was measured in all frames. persistent: the
+    joint test of all frames, None if they are too few.
     """
 
     frames: int
@@ -447,7 +447,7 @@ def evidence_of(
 ) -> FrameEvidence | None:
     """Return the evidence of a frame for persistent errors; None outside the domain of the model.
 
-    beyond: it is further off than noise can explain.
+    beyond: whether the frame deviates by more than noise.
     """
     position = estimate.position
     if estimate.curved is None or (position is not None and any(position.error)):

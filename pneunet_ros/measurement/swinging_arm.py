@@ -129,7 +129,7 @@ class Swung:
     heading: Array
 
     def shape(self, equilibrium: Shape) -> Shape:
-        """Return the shape of the arm, at the places of its equilibrium's."""
+        """Return the shape of the arm, at the same places as its equilibrium."""
         bent = np.stack([self.beside[3], self.moment])
         return moved_shape(equilibrium, self.beside[:3], bent)
 

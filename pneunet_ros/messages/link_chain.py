@@ -111,7 +111,7 @@ def add_joint(
     axis: str,
     along: float,
 ) -> None:
-    """Add a joint between two links, so far along the x axis of the first (m)."""
+    """Add a joint between two links, at a distance (m) along the x axis of the first."""
     joint = ElementTree.SubElement(robot, 'joint', name=name, type=kind)
     parent, child = links
     ElementTree.SubElement(joint, 'parent', link=parent)

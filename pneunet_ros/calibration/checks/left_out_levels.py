@@ -61,9 +61,9 @@ LEFT_OUT = LeftOutSettings()
 class LeftOutLevels:
     """Prediction errors at left-out pressures: of the tip (m), or its heading (rad).
 
-    levels: how many; model, arc, interpolation: rms; changed: how far the prediction moves by
-    leaving one out, over its standard error; excess (parameters, levels): columns of the
-    covariance that this adds to that of the fit, where it is more.
+    levels: number of pressures; model, arc, interpolation: rms errors of these predictions;
+    changed: change of the prediction by leaving one out, over its standard error; excess
+    (parameters, levels): columns that are added to the covariance of the fit if that is too small.
     """
 
     levels: int

@@ -161,7 +161,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.log_refusal(Refusal(stamp_ns=0, reason=reason, sentence=sentence, error=False))
 
     def commanded(self) -> float:
-        """Return the pressure (Pa) that the valve is to reach, commanded or of the swing."""
+        """Return the target pressure (Pa) of the valve: commanded, or of the automatic swing."""
         if self.command is not None:
             return self.command
         period = self.configuration.node.swing_period

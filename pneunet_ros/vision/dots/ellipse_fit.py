@@ -278,8 +278,8 @@ class Solution(NamedTuple):
     """The result of a pass over some ellipses.
 
     step (m, UNKNOWNS); error (m,) px: of the center; behind (m, sectors): grey levels of the
-    background; edges, stds (m, sectors): how far an edge is outside of the outline, px, and how
-    well that is known; covered (pixels,): how much they cover of each pixel.
+    background; edges, stds (m, sectors) px: distance of an edge outside of the outline, and its
+    std; covered (pixels,): share of each pixel that the ellipses cover.
     """
 
     step: Array
