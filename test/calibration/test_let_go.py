@@ -17,7 +17,7 @@ def plucked(away: list[float]) -> SwingingRun:
     return SwingingRun(
         name='plucked',
         stamp_ns=np.arange(count) * 10_000_000,
-        solved=((np.zeros(1),) * 3,) * count,
+        solved=(np.zeros((count, 1)),) * 3,
         still=np.zeros((count, 2, 1)),
         reading=np.arange(count),
         points=points,
