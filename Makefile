@@ -18,6 +18,8 @@ BENCHES := $(wildcard $(addprefix bench/,solver.py replay.py latency.py fusion_l
 ifneq ($(AMENT_PREFIX_PATH)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
 unexport LD_LIBRARY_PATH
 endif
+# Images of containers often forbid to keep compiled bytes: every process would compile all libraries.
+unexport PYTHONDONTWRITEBYTECODE
 unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH PYTHONHOME _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
