@@ -389,7 +389,7 @@ def choose_best(
 ) -> Trial | None:
     """Return the most probable set that is better than the set it extends.
 
-    Adequate and plausible sets come first, unless a more probable one explains far more: one more
+    Adequate and plausible sets come first, unless a more probable one fits far better: one more
     effect may make that adequate. Among sets of similar evidence, the one with fewest parameters.
     """
     over = {item: item.record.over(trial.record) for item in extended}

@@ -121,7 +121,7 @@ class FusionSettings:
         9.0, 'linearized gain by a contact above which it is searched for', unit='chi squared'
     )
     contact_gone: float = tuning(
-        25.0, 'chi squared of a contact force below which the contact may have ended'
+        25.0, 'score of a contact force below which it may have ended', unit='chi squared'
     )
     contact_apart: float = tuning(
         0.05, 'distance of two places that are two contacts', unit='of the length'
