@@ -90,7 +90,7 @@ class Swings:
 
 
 def mean_square(residuals: Sequence[Array], chosen: Sequence[Flags]) -> float:
-    """Return the mean square (m^2) of residuals in some of the frames; 0 where there are none."""
+    """Return the mean square (m^2) of residuals in some of the frames; 0 if there are none."""
     every = np.concatenate(
         [item[which].ravel() for item, which in zip(residuals, chosen, strict=True)]
     )

@@ -45,7 +45,7 @@ class Frames:
         return np.linspace(low, high if high > low else low + 1.0, bins + 1)
 
     def bin_indices(self, axis: Axis) -> npt.NDArray[np.int64]:
-        """Return the bin of each frame, (frames,), -1 where it has none."""
+        """Return the bin of each frame, (frames,), -1 if it has none."""
         return bin_indices(self.axes[axis], self.edges(axis))
 
 
@@ -95,7 +95,7 @@ def collect_frames(
 
 
 def bin_indices(values: Array, edges: Array) -> npt.NDArray[np.int64]:
-    """Return the bin of each value, -1 where it has none."""
+    """Return the bin of each value, -1 if it has none."""
     inside = np.clip(np.searchsorted(edges, values, side='right') - 1, 0, edges.size - 2)
     return np.where(np.isfinite(values), inside, -1).astype(np.int64)
 

@@ -114,7 +114,7 @@ class Disagreement:
 class FrameInnovation:
     """Distance of the targets of one frame from their estimate.
 
-    rms: of the whitened difference, 1 where it is all noise; limit: what noise rarely exceeds;
+    rms: of the whitened difference, 1 if it is all noise; limit: what noise rarely exceeds;
     at_tip: chi square of the tip alone, two coordinates, NaN where it is not seen; force_read:
     whether the end load was measured; evidence: of errors that persist, None if the model
     claims nothing.

@@ -256,7 +256,7 @@ def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
 
 
 def _stretch(line: Centerlines | None) -> float:
-    """Return the largest distance of the ends over that along the arm, 0 where not known."""
+    """Return the largest distance of the ends over that along the arm, 0 if not known."""
     if line is None:
         return 0.0
     chord = np.hypot(*(line.points[:, :, -1] - line.points[:, :, 0]).T)

@@ -388,7 +388,7 @@ class Fusion:
         return with_rounding(state.force.noise or known, rounding)
 
     def estimate_force_noise(self, state: FusionState) -> float:
-        """Return the noise (N) of the force sensor's last readings, 0 where the model's is it.
+        """Return the noise (N) of the last force readings; 0 if that of the model is used.
 
         What was more than the model's goes on being used until it is clearly less. Between rare
         readings the load itself moves.

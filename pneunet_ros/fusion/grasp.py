@@ -85,7 +85,7 @@ class Touch:
     """The surface of an arm that touches something, or would.
 
     point (2,) m and its covariance (2, 2), in the bending plane; force (2,) N on the arm and its
-    covariance (2, 2), 0 where nothing touches.
+    covariance (2, 2), 0 if nothing touches.
     """
 
     point: Array

@@ -178,7 +178,7 @@ class PressureRecord:
 
     @property
     def noise(self) -> float:
-        """White noise (one sigma) from second differences; 0 where most of them are zero."""
+        """White noise (one sigma) from second differences; 0 if most of them are zero."""
         if 2 * self.curved <= self.count - 2 or not self.curved:
             return 0.0
         # E log |x| of a normal x is log sigma - (euler gamma + log 2) / 2; sigma is sqrt(6) of it.

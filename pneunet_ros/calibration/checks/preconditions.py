@@ -284,7 +284,7 @@ def check_units(
 
 
 def row_share(run: RecordingData, arm: Arm, settings: PreconditionSettings) -> float:
-    """Return the longest row of targets relative to its arclength; 1 where few are seen."""
+    """Return the longest row of targets relative to its arclength; 1 if few are seen."""
     chords = np.hypot(np.diff(run.x, axis=1), np.diff(run.y, axis=1))
     both = np.isfinite(chords)
     arcs = np.sum(both * np.diff(arm.target_arclength), axis=1)

@@ -46,7 +46,7 @@ class TrackedRow:
     """A row of targets as it was in a frame, from which the next one is predicted.
 
     pixels (targets, 2): where each target was, or must have been; velocity (targets, 2) px/s, and
-    velocity_std (targets,): one sigma of it per axis at this frame, infinite where it is unknown;
+    velocity_std (targets,): one sigma of it per axis at this frame, infinite if it is unknown;
     area (targets,): how large each is to be expected, px^2; table (targets, columns): how each
     looked when it was last seen, NaN of one that never was; seen (targets,): whether it was;
     sized (targets,): whether its area is its own, as it has shown it;
