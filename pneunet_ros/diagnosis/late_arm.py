@@ -142,7 +142,7 @@ def less_motion(
             if moving is not None:
                 gained = latest.log_probability - moving.log_probability
             moving = moving if gained < 0.0 else latest
-            if not result.best.names or gained <= margin:
+            if gained <= margin or not (trial.names or result.best.names):
                 return moving
             trial, near = result.best, fit.motion
     except PneunetError:  # no mass explains it, or nothing is left to search
