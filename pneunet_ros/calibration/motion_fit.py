@@ -330,7 +330,7 @@ class MotionProblem:
         if not arms:
             return self
         here = self.follow(numbers)[0]
-        columns = []
+        left, columns = self.white(self.residuals(here)), []
         for arm in arms:
             other = motion_problem(arm, runs)
             moved = [
@@ -339,8 +339,7 @@ class MotionProblem:
                     other.runs, self.runs, other.follow(numbers)[0], here, strict=True
                 )
             ]
-            change = self.white(self.residuals(here)) - self.white(self.residuals(moved))
-            columns.append(change / DIFFERENCE)
+            columns.append((left - self.white(self.residuals(moved))) / DIFFERENCE)
         return replace(self, others=np.column_stack(columns))
 
     def best_of_scan(self) -> Array:

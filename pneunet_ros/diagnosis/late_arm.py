@@ -46,9 +46,7 @@ from pneunet_ros.measurement.moving_arm import WEIGHT_ERROR, WITHIN_95
 from pneunet_ros.model.arm import Arm
 
 LATE = CameraDelay.name, PressureLag.name  # what else makes an arm late
-MOST_ROUNDS = (
-    5  # of mass and damping, and of what else is missing: each bends the fit of the other
-)
+MOST_ROUNDS = 5  # of fits and searches: an effect that is missing biases mass and damping
 TRUSTED = WITHIN_95 * WEIGHT_ERROR  # of a weight in a model file
 
 Search = Callable[..., Investigation]  # of training and held-out recordings
