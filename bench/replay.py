@@ -3,7 +3,7 @@
     python bench/replay.py [--json] [--repeats N] [--recording REC] [--model MODEL]
 
 Decoding, estimating with covariance, comparing with targets where there are any, encoding all
-topics and writing them, after the kernels are compiled and with one thread of linear algebra, as
+topics and writing them, after model and kernels are loaded, with one thread of linear algebra, as
 the command has it; a reading is a message of a sensor. The peer of the same run is reading and
 writing alone: what a replay without a model would take.
 """
@@ -28,9 +28,8 @@ from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
 
 
-def replay(folder: Path, path: Path, model: Path) -> tuple[float, int, int]:
+def replay(folder: Path, path: Path, estimator: Estimator) -> tuple[float, int, int]:
     """Seconds of CPU, readings and estimates of one replay from file to file."""
-    estimator = Estimator(arm=load_model(model))
     begun = time.process_time()
     recording = open_recording(path)
     topics = input_topics(recording, estimator, {})
@@ -70,7 +69,7 @@ def main() -> None:
     command.add_argument('--recording', type=Path, default=share_path('bags/table1'))
     command.add_argument('--model', type=Path, default=share_path('config/paper_arm.yaml'))
     arguments = command.parse_args()
-    given = arguments.recording, arguments.model
+    given = arguments.recording, Estimator(arm=load_model(arguments.model))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         replay(folder, *given)

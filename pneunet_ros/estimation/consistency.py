@@ -10,20 +10,22 @@ from the neighboring estimates (`frame_prediction`); one is at most `reach` away
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 import math
+from statistics import median
 from types import MappingProxyType
 
 import numpy as np
-from pneunet_ros.core.arrays import Array, freeze, median
+from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import (
     AHEAD,
     count_reason,
-    match_stamps,
     StampGate,
     STARTS_ANEW,
 )
@@ -33,7 +35,8 @@ from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.frame_prediction import BESIDE, predict_frame
 from pneunet_ros.estimation.persistent_errors import FrameEvidence, PersistentErrors
 from pneunet_ros.measurement.inference.adequacy import chi_square_limit
-from pneunet_ros.measurement.predicted_targets import innovation, PredictedTargets
+from pneunet_ros.measurement.innovation import innovation
+from pneunet_ros.measurement.predicted_targets import PredictedTargets
 import scipy
 
 ESTIMATES_KEPT = 256  # that wait for frames, which come later: memory
@@ -351,18 +354,21 @@ def compare_waiting(
         for one in state.waiting
     ):
         return state  # not decided yet
-    stamps = np.array([estimate.stamp_ns for estimate in state.estimates])
-    periods = np.diff(stamps[-PERIODS - 1 :])
-    reach = settings.reach * median(periods) if periods.size else 0.0
+    stamps = [estimate.stamp_ns for estimate in state.estimates]
+    periods = [after - before for before, after in pairwise(stamps[-PERIODS - 1 :])]
+    reach = settings.reach * median(periods) if periods else 0.0
     waiting, state = state.waiting, replace(state, waiting=())
     for sightings in waiting:
         shown_ns = sightings.stamp_ns - delay_ns
-        nearest, near = match_stamps(np.array([shown_ns]), stamps, reach)
-        behind = np.count_nonzero(stamps >= shown_ns)
-        at_reading = near[0] and is_at(state.estimates[nearest[0]], shown_ns)
-        if near[0] and (at_reading or behind >= BESIDE):
-            estimate = state.estimates[nearest[0]]
-            beside = slice(max(nearest[0] - BESIDE, 0), nearest[0] + BESIDE + 1)
+        after = bisect_left(stamps, shown_ns)
+        behind = len(stamps) - after
+        beside = slice(max(after - 1, 0), after + 1)
+        nearest = min(range(len(stamps))[beside], key=lambda one: abs(stamps[one] - shown_ns))
+        near = abs(stamps[nearest] - shown_ns) <= reach
+        estimate = state.estimates[nearest]
+        at_reading = near and is_at(estimate, shown_ns)
+        if near and (at_reading or behind >= BESIDE):
+            beside = slice(max(nearest - BESIDE, 0), nearest + BESIDE + 1)
             known = (estimate,) if at_reading else state.estimates[beside]
             predicted = predict_frame(estimator, known, shown_ns)
             if predicted is None:
@@ -371,7 +377,7 @@ def compare_waiting(
             running, frame = add_frame(state.running, sightings, estimate, predicted, estimator)
             compared = (*state.compared, frame)
             state = replace(state, running=running, compared=compared, matched=state.matched + 1)
-        elif behind < BESIDE and (near[0] or not behind):
+        elif behind < BESIDE and (near or not behind):
             state = replace(state, waiting=(*state.waiting, sightings))
         else:
             state = state.count_unmatched('no_estimate')

@@ -14,16 +14,19 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.kernels.jit import kernel
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.measurement.between_readings import (
-    furthest_error,
-    interpolate,
-    interpolated_noise,
-    interpolation_error,
-    places_between,
+    explained_changes,
+    FURTHEST,
+    line_between,
+    MISSED,
+    NOISE,
+    place_between,
+    VALUE,
 )
 from pneunet_ros.measurement.disturbances import SMALLEST_STD
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
@@ -50,57 +53,90 @@ def predict_frame(
     stamps = np.array([estimate.stamp_ns for estimate in estimates])
     behind = int(np.searchsorted(stamps, shown_ns))
     near = slice(max(behind - BESIDE, 0), behind + BESIDE)
-    estimates, stamps, shown = estimates[near], stamps[near], np.array([shown_ns])
+    estimates, stamps = estimates[near], stamps[near]
     nearest = estimates[int(np.argmin(np.abs(stamps - shown_ns)))]
     curved = nearest.second_order
     assert nearest.noise is not None and curved is not None
     predicted = predict_targets(estimator.table, nearest.noise, curved)
     if len(estimates) < 2:
         return in_motion(estimator, predicted, [nearest], [1.0], nearest)
-    places, shares = places_between(shown, stamps)
-    before, share = int(places[0]), float(shares[0])
-    pair = estimates[before : before + 2]
+    before, share = place_between(shown_ns, stamps)
+    pair, shares = estimates[before : before + 2], (1.0 - share, share)
     moved = np.zeros((2, predicted.x.size))
-    for estimate, weight in zip(pair, (1.0 - share, share), strict=True):
+    for estimate, weight in zip(pair, shares, strict=True):
         if estimate is not nearest and weight > 0.0:
             assert estimate.curved is not None
             there = seen_targets(estimator.arm, estimate.curved.sensitivity)
-            moved += weight * (np.stack(there) - [predicted.x, predicted.y])
+            moved += weight * (np.array(there) - [predicted.x, predicted.y])
     wrench_ns, wrench = wrenches_of(estimates)
-    together = np.array_equal(wrench_ns, stamps)  # as without a force sensor
-    if not together:
-        used = (1.0 - share) * load_of(pair[0]) + share * load_of(pair[1])
-        load = np.array([float(interpolate(shown, wrench_ns, part)[0]) for part in wrench.T])
-        moved += np.tensordot(load - used, predicted.by_load, axes=1)
-    chamber = np.array([[estimate.chamber_pressure] for estimate in estimates])
-    std = np.maximum(np.diag(nearest.noise)[: PRESSURE + 1], SMALLEST_STD)
-    if together:
-        read = np.concatenate([wrench, chamber], axis=1)
-        missed = interpolation_error(shown, stamps, read, std)[0] / std
-    else:
-        missed = np.append(
-            interpolation_error(shown, wrench_ns, wrench, std[:LOADS])[0] / std[:LOADS],
-            interpolation_error(shown, stamps, chamber, std[PRESSURE:])[0] / std[PRESSURE:],
-        )
-    furthest = missed * furthest_error(shown, stamps)
-    if not together:
-        furthest[:LOADS] = missed[:LOADS] * furthest_error(shown, wrench_ns)
-    strayed = np.hypot(*np.abs(furthest) @ np.abs(predicted.errors[: PRESSURE + 1, :, -1]))
-    gone = np.hypot(*moved[:, -1])
-    if max(strayed, gone) ** 2 > estimator.arm.length * estimator.arm.sensors.target_std:
-        return None
     size = np.ones(len(predicted.errors))
-    size[: PRESSURE + 1] = math.hypot(1.0 - share, share)
-    if not together:
-        size[:LOADS] = interpolated_noise(shown, wrench_ns)
-    size[: PRESSURE + 1] = np.hypot(size[: PRESSURE + 1], missed)
+    std = np.maximum(np.diag(nearest.noise)[: PRESSURE + 1], SMALLEST_STD)
+    strayed = move_to_frame(
+        shown_ns,
+        stamps,
+        np.array([[estimate.chamber_pressure] for estimate in estimates]),
+        wrench_ns,
+        wrench,
+        shares[0] * load_of(pair[0]) + shares[1] * load_of(pair[1]),
+        std,
+        explained_changes(std),
+        predicted.errors,
+        predicted.by_load,
+        moved,
+        size,
+    )
+    if strayed**2 > estimator.arm.length * estimator.arm.sensors.target_std:
+        return None
     still = replace(
         predicted,
         x=predicted.x + moved[0],
         y=predicted.y + moved[1],
         errors=size[:, None, None] * predicted.errors,
     )
-    return in_motion(estimator, still, pair, [1.0 - share, share], nearest)
+    return in_motion(estimator, still, pair, shares, nearest)
+
+
+@kernel
+def move_to_frame(
+    shown_ns: int,
+    stamps: Stamps,
+    chamber: Array,
+    wrench_ns: Stamps,
+    wrench: Array,
+    used: Array,
+    std: Array,
+    least: Array,
+    errors: Array,
+    by_load: Array,
+    moved: Array,
+    size: Array,
+) -> float:
+    """Move predicted targets to a frame between readings; returns how far the tip strayed, m.
+
+    stamps (estimates,) ns, with chamber (estimates, 1) Pa; wrench_ns (wrenches,), with wrench
+    (wrenches, 3) N, N m; used (3,): the load on the line between the estimates; std (4,): one
+    sigma of a reading; least (4,): as of `explained_changes`; errors, by_load: as of
+    PredictedTargets. moved (2, targets) m gets what the
+    load read at the frame adds; size (sources,) becomes the size of each error. What is returned
+    is the larger of how far linear interpolation may be wrong, and how far the tip has gone.
+    """
+    loads, pressure = np.empty((4, LOADS)), np.empty((4, 1))
+    line_between(shown_ns, wrench_ns, wrench, least[:LOADS].copy(), loads)
+    line_between(shown_ns, stamps, chamber, least[LOADS:].copy(), pressure)
+    last = moved.shape[1] - 1
+    astray_x, astray_y = 0.0, 0.0
+    for source in range(LOADS + 1):
+        line = loads[:, source] if source < LOADS else pressure[:, 0]
+        missed = line[MISSED] / std[source]
+        astray_x += missed * line[FURTHEST] * abs(errors[source, 0, last])
+        astray_y += missed * line[FURTHEST] * abs(errors[source, 1, last])
+        size[source] = math.hypot(line[NOISE], missed)
+    for axis in range(2):
+        for target in range(last + 1):
+            for i in range(LOADS):
+                beyond = loads[VALUE, i] - used[i]
+                moved[axis, target] += beyond * by_load[i, axis, target]
+    return max(math.hypot(astray_x, astray_y), math.hypot(moved[0, last], moved[1, last]))
 
 
 def in_motion(

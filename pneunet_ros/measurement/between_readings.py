@@ -13,10 +13,12 @@ import math
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, frozen_array
-from pneunet_ros.core.kernels.jit import inlined, kernel
+from pneunet_ros.core.kernels.jit import inlined, inner, kernel
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import Stamps
 
+# What the line between two readings tells of a value at a stamp, rows of `line_between`:
+VALUE, NOISE, MISSED, FURTHEST = range(4)
 NEVER = 1e-6  # share of the time between two readings in which nothing jumps
 SIGMA_OF_SECOND = math.sqrt(6.0)  # of a second difference, over that of a reading
 
@@ -105,11 +107,22 @@ def interpolation_error(
     before, share = places_between(shown, stamp_ns)
     columns = frozen_array(values.reshape(len(stamp_ns), -1))
     least = np.empty(columns.shape[1])
-    least[:] = np.square(settings.noise * SIGMA_OF_SECOND * np.asarray(noise))
+    least[:] = explained_changes(np.asarray(noise), settings)
     apart = np.maximum(stamp_ns[1:] - stamp_ns[:-1], 1).astype(np.float64)
     late = np.maximum(shown - stamp_ns[-1], 0).astype(np.float64)
     missed_by_lines(columns, apart, least, before, share, late, out.reshape(len(shown), -1))
     return out
+
+
+def explained_changes(noise: Array, settings: BetweenReadingsSettings = BETWEEN_READINGS) -> Array:
+    """Return the squares of the second differences that white noise of these sizes explains."""
+    return np.asarray(np.square(settings.noise * SIGMA_OF_SECOND * noise))
+
+
+def place_between(shown_ns: int, stamp_ns: Stamps) -> tuple[int, float]:
+    """Return `places_between` of one stamp."""
+    places, shares = places_between(np.array([shown_ns]), stamp_ns)
+    return int(places[0]), float(shares[0])
 
 
 @kernel
@@ -130,31 +143,82 @@ def missed_by_lines(
     """
     for column in range(values.shape[1]):
         for frame in range(before.size):
-            here, part, length = before[frame], share[frame], apart[before[frame]]
-            if late[frame] > 0.0:
-                slope = slope_between(values, apart, column, apart.size - 1)
-                out[frame, column] = abs(slope) * min(late[frame], length)
-                continue
-            earlier = bend_at(values, apart, column, here - 1) * length
-            first = bend_at(values, apart, column, here) * length
-            second = bend_at(values, apart, column, here + 1) * length
-            later = bend_at(values, apart, column, here + 2) * length
-            of_earlier = math.sqrt(max(earlier * earlier - least[column], 0.0))
-            of_first = math.sqrt(max(first * first - least[column], 0.0))
-            of_second = math.sqrt(max(second * second - least[column], 0.0))
-            of_later = math.sqrt(max(later * later - least[column], 0.0))
-            if first * second < 0.0:
-                missed = min(of_first, of_second) * math.sqrt(part * (1.0 - part))
-            else:
-                missed = min(part * of_first, (1.0 - part) * of_second) / math.sqrt(3.0)
-            if earlier * second < 0.0:
-                left = 1.0 - part
-                began = min(of_earlier, of_second) * left * math.sqrt(1.0 - left * left)
-                missed = max(missed, began)
-            if first * later < 0.0:
-                ended = min(of_first, of_later) * part * math.sqrt(1.0 - part * part)
-                missed = max(missed, ended)
-            out[frame, column] = missed
+            out[frame, column] = missed_by_line(
+                values, apart, least[column], before[frame], share[frame], late[frame], column
+            )
+
+
+@inner
+def line_between(shown_ns: int, stamp_ns: Stamps, values: Array, least: Array, out: Array) -> None:
+    """Compute all that the line between two readings tells at one stamp, into out (4, columns).
+
+    values (readings, columns); least (columns,): as of `explained_changes`. Rows: VALUE, as of
+    `interpolate`; NOISE, as of `interpolated_noise`; MISSED, as of `interpolation_error`;
+    FURTHEST, as of `furthest_error`.
+    """
+    count, columns = values.shape
+    here, part, late = 0, 0.0, 0.0
+    apart = np.ones(max(count - 1, 0))
+    for i in range(count - 1):
+        apart[i] = max(stamp_ns[i + 1] - stamp_ns[i], 1)
+        if i == 0 or stamp_ns[i] < shown_ns:
+            here = i
+    if count > 1:
+        part = min(max((shown_ns - stamp_ns[here]) / apart[here], 0.0), 1.0)
+        late = max(shown_ns - stamp_ns[count - 1], 0) * 1.0
+    for column in range(columns):
+        out[VALUE, column], out[NOISE, column] = values[here, column], 1.0
+        out[MISSED, column], out[FURTHEST, column] = 0.0, math.sqrt(3.0)
+        if count > 1:
+            out[VALUE, column] += part * (values[here + 1, column] - values[here, column])
+            out[NOISE, column] = math.hypot(1.0 - part, part)
+            out[MISSED, column] = missed_by_line(
+                values, apart, least[column], here, part, late, column
+            )
+            out[FURTHEST, column] = furthest_jump(part)
+
+
+@inlined
+def furthest_jump(part: float) -> float:
+    """Return `furthest_error` at a share of the way between two readings."""
+    least = max(min(part, 1.0 - part), NEVER)
+    furthest: float = max(math.sqrt(3.0), math.sqrt((1.0 - least) / least))
+    return furthest
+
+
+@inner
+def missed_by_line(
+    values: Array, apart: Array, least: float, here: int, part: float, late: float, column: int
+) -> float:
+    """Return `interpolation_error` of one column at one stamp.
+
+    least: square of a second difference that noise explains; here, part: place between readings;
+    late (ns): behind the last reading.
+    """
+    length = apart[here]
+    if late > 0.0:
+        further: float = min(late, length)
+        return abs(slope_between(values, apart, column, apart.size - 1)) * further
+    earlier = bend_at(values, apart, column, here - 1) * length
+    first = bend_at(values, apart, column, here) * length
+    second = bend_at(values, apart, column, here + 1) * length
+    later = bend_at(values, apart, column, here + 2) * length
+    of_earlier = math.sqrt(max(earlier * earlier - least, 0.0))
+    of_first = math.sqrt(max(first * first - least, 0.0))
+    of_second = math.sqrt(max(second * second - least, 0.0))
+    of_later = math.sqrt(max(later * later - least, 0.0))
+    if first * second < 0.0:
+        missed = min(of_first, of_second) * math.sqrt(part * (1.0 - part))
+    else:
+        missed = min(part * of_first, (1.0 - part) * of_second) / math.sqrt(3.0)
+    if earlier * second < 0.0:
+        left = 1.0 - part
+        began = min(of_earlier, of_second) * left * math.sqrt(1.0 - left * left)
+        missed = max(missed, began)
+    if first * later < 0.0:
+        ended = min(of_first, of_later) * part * math.sqrt(1.0 - part * part)
+        missed = max(missed, ended)
+    return missed
 
 
 @inlined

@@ -1,4 +1,4 @@
-"""Predicted targets of an estimate, and the innovation of a frame.
+"""Predicted targets of an estimate.
 
 Errors of readings, of the model and of the camera's place move all targets of a frame together:
 they are columns of the covariance, not spread over its diagonal. Noise that ignores this has the
@@ -8,25 +8,16 @@ right size and raises false alarms all the same.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-import functools
-import math
 
 import numpy as np
-from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.measurement.disturbances import SMALLEST_STD
-from pneunet_ros.measurement.errors.covariance import chi_squared
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
-from pneunet_ros.measurement.errors.noise_model import camera_errors, target_stds
 from pneunet_ros.measurement.errors.second_order import SecondOrder
 from pneunet_ros.measurement.painted_targets import in_plane, painted_at
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.perturbation import PerturbationTable
-from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import LOADS
-
-KEPT = 64  # sets of targets seen, whose weights are kept
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,21 +52,6 @@ class PredictedTargets:
             errors=np.concatenate([self.errors, errors]),
             own=self.own + len(errors),
         )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Innovation:
-    """Whitened distance of the targets of one frame from their prediction.
-
-    chi_square is that of all `coordinates` together; at_targets (targets,) the same for each
-    target, per coordinate, NaN if it was not seen; at_tip that of both coordinates of the tip,
-    estimated from all targets, NaN where too few were seen.
-    """
-
-    coordinates: int
-    chi_square: float
-    at_targets: Array
-    at_tip: float
 
 
 def predict_targets(
@@ -159,81 +135,3 @@ def measured_moves(arm: Arm, sensitivity: Sensitivity) -> Array:
         seen = arm.see_moves(true_x, true_y, moved[:, 0], moved[:, 1])
         moved[:, 0], moved[:, 1] = seen
     return moved
-
-
-def innovation(
-    predicted: PredictedTargets, sightings: TargetSightings, noise: SensorNoise
-) -> Innovation | None:
-    """Compare a frame with its prediction; None if no target was seen.
-
-    Of the white noise of a target the larger is taken, as the model has it or as the tracker says.
-    The targets are those of the calibration, which knows where they are painted, or others: what
-    is likelier in this frame counts.
-    """
-    seen = np.isfinite(sightings.x) & np.isfinite(sightings.y)
-    targets = int(np.count_nonzero(seen))
-    if not targets:
-        return None
-    beside = np.stack([sightings.x - predicted.x, sightings.y - predicted.y])[:, seen]
-    white, placed = np.fmax(sightings.std[seen], noise.target_std), predicted.placed[:, seen]
-    placed_std = predicted.placed_std[seen]
-    camera = camera_errors(float(np.hypot(noise.registration_std, noise.drift_std)), targets)
-    moved = predicted.errors[:, :, seen].reshape(-1, 2 * targets).T
-    errors = np.concatenate([moved, camera], axis=1)
-    rivals = [(beside, target_stds(noise, white))]
-    if placed.any():
-        rivals.append((beside - placed, np.maximum(np.hypot(white, placed_std), SMALLEST_STD)))
-    residuals = np.stack([residual.ravel() for residual, _ in rivals])
-    stds = np.stack([np.concatenate([std, std]) for _, std in rivals])
-    totals = chi_squared(residuals, stds, errors)
-    # Twice the negative log likelihood, with the white noise of both coordinates.
-    costs = [
-        total + 4.0 * float(np.log(std).sum())
-        for total, (_, std) in zip(totals, rivals, strict=True)
-    ]
-    likelier = int(np.argmin(costs))
-    residual, std = rivals[likelier]
-    of_target = errors.reshape(2, targets, -1).transpose(1, 0, 2)
-    at_targets = np.full(seen.size, np.nan)
-    at_targets[seen] = 0.5 * chi_squared(residual.T, std[:, None], of_target)
-    at_tip = tip_chi_squared(
-        beside - placed,
-        np.hypot(white, placed_std),
-        predicted.errors[:, :, seen],
-        predicted.share[seen],
-    )
-    return Innovation(
-        coordinates=2 * targets,
-        chi_square=float(totals[likelier]),
-        at_targets=at_targets,
-        at_tip=at_tip,
-    )
-
-
-def tip_chi_squared(residual: Array, std: Array, errors: Array, share: Array) -> float:
-    """Return the squared Mahalanobis distance of the tip from its prediction; 2 coordinates.
-
-    residual (2, targets) m; std (targets,) m of their own noise; errors (n, 2, targets) m; share
-    (targets,): where they are along the arm. A smooth bend through all targets determines the tip
-    better than a single target does: an error there below the noise of a target, in every frame,
-    hides in `chi_square`. The tip is taken relative to the clamp, wherever the camera is. NaN for
-    fewer than three targets beyond the clamp.
-    """
-    if np.count_nonzero(share > 0.0) < 3:
-        return math.nan
-    std = np.maximum(std, SMALLEST_STD)
-    weights = tip_weights(share.tobytes(), std.tobytes())
-    tip, moved = residual @ weights, errors @ weights
-    covariance = moved.T @ moved + np.sum((weights * std) ** 2) * np.eye(2)
-    return float(tip @ np.linalg.solve(covariance, tip))
-
-
-@functools.lru_cache(maxsize=KEPT)
-def tip_weights(share: bytes, std: bytes) -> Array:
-    """Return the weight of each target in the tip of a smooth curve through all, (targets,).
-
-    share and std (targets,) as the bytes of arrays: frame after frame has the same ones.
-    """
-    places, noise = np.frombuffer(share), np.frombuffer(std)
-    shapes = np.stack([np.ones_like(places), places**2, places**3], axis=1) / noise[:, None]
-    return freeze(np.linalg.pinv(shapes)[1:].sum(axis=0) / noise)

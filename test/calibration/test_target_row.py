@@ -14,7 +14,8 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.lab.sensors import draw_placement, noiseless
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.predicted_targets import innovation, predict_targets
+from pneunet_ros.measurement.innovation import innovation
+from pneunet_ros.measurement.predicted_targets import predict_targets
 import pytest
 from support.refusals import reasons
 from support.small_calibration import ARM, measured, NOISE, runs_of, TOP

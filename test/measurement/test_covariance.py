@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pneunet_ros.measurement.errors.covariance import chi_squared, Whitening
+from pneunet_ros.measurement.errors.covariance import Whitening
 import pytest
 from scipy.linalg import sqrtm
 
@@ -45,22 +45,3 @@ def test_every_coordinate_may_have_a_noise_of_its_own():
     root = Whitening(std, columns)(np.eye(6))
     inverse = np.linalg.inv(np.diag(std**2) + columns @ columns.T)
     assert root.T @ root == pytest.approx(inverse, abs=1e-12)
-
-
-def test_chi_squared_is_that_of_the_dense_covariance_and_of_white_residuals():
-    std, columns = RANDOM.uniform(0.1, 2.0, 6), RANDOM.standard_normal((6, 9))
-    residual = RANDOM.standard_normal(6)
-    found = chi_squared(residual, std, columns)
-    dense = np.diag(std**2) + columns @ columns.T
-    assert found == pytest.approx(residual @ np.linalg.solve(dense, residual), rel=1e-10)
-    assert np.sum(Whitening(std, columns)(residual[:, None]) ** 2) == pytest.approx(float(found))
-
-
-def test_chi_squared_of_each_target_is_that_of_its_own_block():
-    std = RANDOM.uniform(0.1, 2.0, (3, 1))  # three targets, two coordinates each
-    columns, residual = RANDOM.standard_normal((3, 2, 4)), RANDOM.standard_normal((3, 2))
-    found = chi_squared(residual, std, columns)
-    for target in range(3):
-        block = std[target] ** 2 * np.eye(2) + columns[target] @ columns[target].T
-        wanted = residual[target] @ np.linalg.solve(block, residual[target])
-        assert found[target] == pytest.approx(wanted, rel=1e-10)

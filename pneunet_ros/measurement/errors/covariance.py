@@ -51,24 +51,6 @@ class Whitening:
         return values if self.seen is None else np.where(self.seen, values, 0.0)
 
 
-def chi_squared(residual: Array, std: float | Array, columns: Array) -> Array:
-    """Return r^T C^-1 r of residuals (..., coordinates), (...); leading axes are a batch.
-
-    std (..., coordinates) of the white noise; columns P (..., coordinates, errors). By the smaller
-    matrix, C or 1 + P^T P (Woodbury). With the two coordinates of each target as a batch, it is
-    that of each target on its own.
-    """
-    residual = residual / std
-    columns = columns / np.asarray(std)[..., None]
-    coordinates, errors = columns.shape[-2:]
-    if coordinates < errors:
-        whole = np.eye(coordinates) + np.matmul(columns, np.swapaxes(columns, -1, -2))
-        solved = np.linalg.solve(whole, residual[..., None])[..., 0]
-        return np.asarray(np.sum(residual * solved, axis=-1))
-    along, probable = probable_errors(residual, columns)
-    return np.asarray(np.sum(residual**2, axis=-1) - np.sum(along * probable, axis=-1))
-
-
 def probable_errors(residual: Array, columns: Array) -> tuple[Array, Array]:
     """Return P^T r and the most probable common errors (1 + P^T P)^-1 P^T r, (..., errors) sigma.
 

@@ -1,0 +1,256 @@
+"""Distance of the targets of one frame from their prediction, in units of what is expected.
+
+One kernel computes it: a replay of an hour compares every frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.kernels.jit import inlined, inner, kernel
+from pneunet_ros.core.readings import TargetSightings
+from pneunet_ros.measurement.disturbances import SMALLEST_STD
+from pneunet_ros.measurement.predicted_targets import PredictedTargets
+from pneunet_ros.model.uncertainty import SensorNoise
+from pneunet_ros.solver.swing import solve_small
+
+Indices = npt.NDArray[np.intp]
+FEWEST_BEYOND_CLAMP = 3  # targets that tell a tip: as many as the row has shapes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Innovation:
+    """Whitened distance of the targets of one frame from their prediction.
+
+    chi_square is that of all `coordinates` together; at_targets (targets,) the same for each
+    target, per coordinate, NaN if it was not seen; at_tip that of both coordinates of the tip,
+    estimated from all targets, NaN where too few were seen.
+    """
+
+    coordinates: int
+    chi_square: float
+    at_targets: Array
+    at_tip: float
+
+
+def innovation(
+    predicted: PredictedTargets, sightings: TargetSightings, noise: SensorNoise
+) -> Innovation | None:
+    """Compare a frame with its prediction; None if no target was seen.
+
+    Of the white noise of a target the larger is taken, as the model has it or as the tracker says.
+    The targets are those of the calibration, which knows where they are painted, or others: what
+    is likelier in this frame counts.
+    """
+    (seen,) = np.nonzero(np.isfinite(sightings.x) & np.isfinite(sightings.y))
+    if not seen.size:
+        return None
+    at_targets = np.full(sightings.x.size, np.nan)
+    chi_square, at_tip = compare_targets(
+        np.array([sightings.x - predicted.x, sightings.y - predicted.y]),
+        np.fmax(sightings.std, noise.target_std),
+        seen,
+        predicted.placed,
+        predicted.placed_std,
+        noise.placement_std,
+        math.hypot(noise.registration_std, noise.drift_std),
+        predicted.errors,
+        predicted.share,
+        at_targets,
+    )
+    return Innovation(
+        coordinates=2 * seen.size, chi_square=chi_square, at_targets=at_targets, at_tip=at_tip
+    )
+
+
+@kernel
+def compare_targets(
+    beside: Array,
+    white: Array,
+    seen: Indices,
+    placed: Array,
+    placed_std: Array,
+    placement_std: float,
+    camera_std: float,
+    errors: Array,
+    share: Array,
+    at_targets: Array,
+) -> tuple[float, float]:
+    """Compute `innovation`; returns chi squared of all coordinates seen, and that of the tip.
+
+    beside (2, targets) m: measured minus predicted; white (targets,) m: one sigma of each target;
+    seen: which were; placed, placed_std: as of PredictedTargets; placement_std, camera_std m: one
+    sigma of where others are painted, and of the camera; errors (n, 2, targets) m; share
+    (targets,). Fills at_targets (targets,).
+    """
+    count, sources = seen.size, len(errors)
+    columns = np.zeros((sources + 2, 2 * count))  # the camera last
+    for axis in range(2):
+        for i in range(count):
+            for source in range(sources):
+                columns[source, axis * count + i] = errors[source, axis, seen[i]]
+            columns[sources + axis, axis * count + i] = camera_std
+    known = False
+    for axis in range(2):
+        for i in range(count):
+            known = known or placed[axis, seen[i]] != 0.0
+    residual, std = np.empty(2 * count), np.empty(2 * count)
+    chi_square, least, likelier = 0.0, math.inf, 0
+    for rival in range(2 if known else 1):  # others, then those of the calibration
+        cost = 0.0
+        for axis in range(2):
+            for i in range(count):
+                place, k = seen[i], axis * count + i
+                residual[k] = beside[axis, place] - rival * placed[axis, place]
+                own = placed_std[place] if rival else placement_std
+                std[k] = max(math.hypot(white[place], own), SMALLEST_STD)
+                cost += 2.0 * math.log(std[k])
+        distance = squared_distance(residual, std, columns)
+        if rival == 0 or cost + distance < least:
+            chi_square, least, likelier = distance, cost + distance, rival
+    for i in range(count):
+        place = seen[i]
+        own = placed_std[place] if likelier else placement_std
+        variance = max(math.hypot(white[place], own), SMALLEST_STD) ** 2
+        at_targets[place] = 0.5 * distance_in_plane(
+            beside[0, place] - likelier * placed[0, place],
+            beside[1, place] - likelier * placed[1, place],
+            columns[:, i].copy(),
+            columns[:, count + i].copy(),
+            variance,
+        )
+    return chi_square, tip_distance(beside, white, seen, placed, placed_std, errors, share)
+
+
+@inner
+def squared_distance(residual: Array, std: Array, columns: Array) -> float:
+    """Return r^T C^-1 r of a residual (coordinates,), C = diag(std^2) + P^T P.
+
+    columns P (errors, coordinates): one sigma of each error that all coordinates share. By the
+    smaller matrix, that of the coordinates or 1 + P P^T of the errors (Woodbury).
+    """
+    errors, coordinates = columns.shape
+    white, square = np.empty(coordinates), 0.0
+    for k in range(coordinates):
+        white[k] = residual[k] / std[k]
+        square += white[k] * white[k]
+    if coordinates < errors:
+        rows = np.empty((coordinates, errors))
+        for k in range(coordinates):
+            for error in range(errors):
+                rows[k, error] = columns[error, k] / std[k]
+        return inverse_form(gram_matrix(rows), white)
+    rows, along = np.empty((errors, coordinates)), np.zeros(errors)
+    for error in range(errors):
+        for k in range(coordinates):
+            rows[error, k] = columns[error, k] / std[k]
+            along[error] += rows[error, k] * white[k]
+    return square - inverse_form(gram_matrix(rows), along)
+
+
+@inner
+def gram_matrix(rows: Array) -> Array:
+    """Return the lower half of 1 + R R^T of rows (n, m), (n, n)."""
+    size = len(rows)
+    gram = np.empty((size, size))
+    for i in range(size):
+        for j in range(i + 1):
+            total = 1.0 if i == j else 0.0
+            for k in range(rows.shape[1]):
+                total += rows[i, k] * rows[j, k]
+            gram[i, j] = total
+    return gram
+
+
+@inner
+def inverse_form(matrix: Array, vector: Array) -> float:
+    """Return v^T M^-1 v of a positive definite M (lower half), by Cholesky; overwrites both."""
+    total = 0.0
+    for i in range(vector.size):
+        for j in range(i):
+            part = matrix[i, j]
+            for k in range(j):
+                part -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] = part / matrix[j, j]
+            matrix[i, i] -= matrix[i, j] * matrix[i, j]
+            vector[i] -= matrix[i, j] * vector[j]
+        matrix[i, i] = math.sqrt(matrix[i, i])
+        vector[i] /= matrix[i, i]
+        total += vector[i] * vector[i]
+    return total
+
+
+@inner
+def distance_in_plane(x: float, y: float, by_x: Array, by_y: Array, variance: float) -> float:
+    """Return the squared Mahalanobis distance of a point x, y (m).
+
+    by_x, by_y (errors,) m: one sigma of each error; variance (m^2): of both coordinates.
+    """
+    along_x, along_y, both = variance, variance, 0.0
+    for error in range(by_x.size):
+        along_x += by_x[error] * by_x[error]
+        along_y += by_y[error] * by_y[error]
+        both += by_x[error] * by_y[error]
+    area = along_x * along_y - both * both
+    return (along_y * x * x - 2.0 * both * x * y + along_x * y * y) / area
+
+
+@inner
+def tip_distance(
+    beside: Array,
+    white: Array,
+    seen: Indices,
+    placed: Array,
+    placed_std: Array,
+    errors: Array,
+    share: Array,
+) -> float:
+    """Return the squared Mahalanobis distance of the tip from its prediction; 2 coordinates.
+
+    Arguments as of `compare_targets`. A smooth bend through all targets determines the tip better
+    than a single target does: an error there below the noise of a target, in every frame, hides in
+    chi squared. The tip is taken relative to the clamp, wherever the camera is. NaN for fewer than
+    three targets beyond the clamp.
+    """
+    count, sources, beyond = seen.size, len(errors), 0
+    normal, tip = np.zeros((3, 3)), np.ones((3, 1))
+    tip[0, 0] = 0.0  # where the row begins is the camera's
+    for i in range(count):
+        place = seen[i]
+        s = share[place]
+        beyond += s > 0.0
+        std = max(math.hypot(white[place], placed_std[place]), SMALLEST_STD)
+        for j in range(3):
+            for k in range(3):
+                normal[j, k] += bend(s, j) * bend(s, k) / std**2
+    if beyond < FEWEST_BEYOND_CLAMP:
+        return math.nan
+    solve_small(normal, tip)
+    x, y, noise = 0.0, 0.0, 0.0
+    by_x, by_y = np.zeros(sources), np.zeros(sources)
+    for i in range(count):
+        place = seen[i]
+        s = share[place]
+        std = max(math.hypot(white[place], placed_std[place]), SMALLEST_STD)
+        weight = 0.0
+        for j in range(3):
+            weight += bend(s, j) * tip[j, 0] / std**2
+        x += weight * (beside[0, place] - placed[0, place])
+        y += weight * (beside[1, place] - placed[1, place])
+        noise += (weight * std) ** 2
+        for source in range(sources):
+            by_x[source] += weight * errors[source, 0, place]
+            by_y[source] += weight * errors[source, 1, place]
+    return distance_in_plane(x, y, by_x, by_y, noise)
+
+
+@inlined
+def bend(share: float, shape: int) -> float:
+    """Return a shape of a bent row at a share of its length: all of it moved, bent, bent more."""
+    if shape == 0:
+        return 1.0
+    return share**2 if shape == 1 else share**3
