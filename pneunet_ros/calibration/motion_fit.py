@@ -20,6 +20,7 @@ from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import millimeters, NANOSECONDS_PER_SECOND, STANDARD_GRAVITY
 from pneunet_ros.measurement.between_readings import interpolate
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.disturbances import disturbance_jacobian, Disturbances
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.measurement.moving_arm import (
@@ -30,12 +31,13 @@ from pneunet_ros.measurement.moving_arm import (
     SHAPES,
     unloaded_modes,
 )
+from pneunet_ros.measurement.painted_targets import paint
 from pneunet_ros.measurement.reading_filter import without_reading_noise
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.vibration import masses_of
 from pneunet_ros.solver.collocation import prepare
-from pneunet_ros.solver.columns import join_ends, PANEL_WIDTH
+from pneunet_ros.solver.columns import CURVATURE, join_ends, PANEL_WIDTH, THETA
 from pneunet_ros.solver.links import Masses
 from pneunet_ros.solver.modes import Modes
 
@@ -62,7 +64,8 @@ class SwingingRun:
 
     stamp_ns (readings,); solved: tables of the rod, (readings, ...) each; still (readings, 2,
     targets) m: the targets in equilibrium; reading (frames,): of each frame; points (frames, 2,
-    targets) m. plucked: whether the pressure is constant.
+    targets) m; disturbed (frames, 2, targets, n): how they move per unknown of
+    `Disturbances.of_run`. plucked: whether the pressure is constant.
     """
 
     name: str
@@ -71,12 +74,27 @@ class SwingingRun:
     still: Array
     reading: Stamps
     points: Array
+    disturbed: Array
     plucked: bool
 
     @property
     def beside(self) -> Array:
         """Measured targets relative to equilibrium (frames, 2, targets) m, NaN where not seen."""
         return self.points - self.still[self.reading]
+
+    def centered(self, values: Array) -> Array:
+        """Return values (frames, 2, targets, ...) less the mean of each coordinate, NaN unseen.
+
+        Where the camera stands is no motion. Where the arm is let go, it is not known yet how it
+        moves.
+        """
+        left_out = ~np.isfinite(self.points)
+        left_out[self.plucked * (self.reading == 0)] = True
+        seen = values.copy()
+        seen[left_out] = np.nan
+        times_seen = np.maximum((~left_out).sum(axis=0), 1)
+        mean = np.nansum(seen, axis=0).T / times_seen.T
+        return np.asarray(seen - mean.T)
 
     def solved_from(self, readings: slice) -> Solved:
         """Return the tables of some of the readings."""
@@ -161,6 +179,9 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
         sections, rotation = rods.sections[index], rods.rotation[index]
         prepare(rods.length, sections, rods.knots, rotation, ends[index], model.counts, table)
     still = stands_still(run, loads, arm)
+    fields = model.fields[run.reading]
+    nowhere_else = np.zeros((2, arm.target_arclength.size))
+    as_in_the_file = paint(fields[:, THETA], fields[:, CURVATURE], nowhere_else)
     found = SwingingRun(
         name=run.name,
         stamp_ns=stamps,
@@ -168,6 +189,7 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
         still=model.points,
         reading=run.reading,
         points=run.points,
+        disturbed=disturbance_jacobian(run, as_in_the_file),
         plucked=still,
     )
     return let_go(found) if still else found
@@ -204,6 +226,7 @@ def let_go(run: SwingingRun) -> SwingingRun:
         still=run.still[start:],
         reading=run.reading[first:] - start,
         points=run.points[first:],
+        disturbed=run.disturbed[first:],
     )
 
 
@@ -214,7 +237,8 @@ class MotionProblem:
     The numbers: mass at the tip, in units of the arm's share there, less than zero if the arm
     itself is lighter; log of the damping time (s);
     then, of each plucked recording, q and p where it begins. std (m): white noise of a target.
-    others (rows, arms): columns of residuals by what else is not known exactly, one sigma each.
+    others (rows, unknowns): columns of residuals by what else is not known exactly, one sigma
+    each; to_shares (unknowns, rows): from residuals to their most probable values.
     """
 
     arm: Arm
@@ -223,6 +247,7 @@ class MotionProblem:
     places: Places
     std: float
     others: Array | None = None
+    to_shares: Array | None = None
 
     @property
     def lost(self) -> float:
@@ -282,19 +307,10 @@ class MotionProblem:
         return beside, settled
 
     def residuals(self, beside: Sequence[Array]) -> list[Array]:
-        """Return the residuals of the targets per run, (frames, 2, targets) m.
-
-        Less the mean of every coordinate: where the camera stands and targets are painted is no
-        motion. Where the arm is let go, it is not known yet how it moves.
-        """
-        left = []
-        for run, found in zip(self.runs, beside, strict=True):
-            residual = run.beside - found
-            if run.plucked:
-                residual[run.reading == 0] = np.nan
-            times_seen = np.maximum(np.isfinite(residual).sum(axis=0), 1)
-            left.append(residual - np.nansum(residual, axis=0) / times_seen)
-        return left
+        """Return the residuals of the targets per run, (frames, 2, targets) m, `centered`."""
+        return [
+            run.centered(run.beside - found) for run, found in zip(self.runs, beside, strict=True)
+        ]
 
     def cost(self, numbers: Array) -> Array:
         """Return all residuals as one vector, in units of the noise, then `shares`."""
@@ -318,17 +334,37 @@ class MotionProblem:
 
     def shares(self, left: Array) -> Array:
         """Return the most probable values (sigma) of the other unknowns, given residuals."""
-        if self.others is None:
-            return np.zeros(0)
-        gram = self.others.T @ self.others + np.eye(self.others.shape[1])
-        return np.asarray(np.linalg.solve(gram, self.others.T @ left))
+        return np.zeros(0) if self.to_shares is None else self.to_shares @ left
 
-    def beside_arms(
+    def with_others(
         self, arms: Sequence[Arm], runs: Sequence[RecordingData], numbers: Array
     ) -> MotionProblem:
-        """Return the problem with an unknown step towards each of these arms, at these numbers."""
-        if not arms:
-            return self
+        """Return the problem with all that is not known exactly, at these numbers.
+
+        An unknown step towards each of these arms, then where targets are painted and where the
+        camera stands: on a slow ramp both look like damping.
+        """
+        others = np.column_stack([*self.steps_towards(arms, runs, numbers), self.disturbed(runs)])
+        gram = others.T @ others + np.eye(others.shape[1])
+        return replace(self, others=others, to_shares=np.asarray(np.linalg.solve(gram, others.T)))
+
+    def disturbed(self, runs: Sequence[RecordingData]) -> Array:
+        """Return the columns (rows, n) of the disturbances, in units of their prior."""
+        disturbances = Disturbances(
+            arclength=self.arm.target_arclength, runs=runs, noise=self.arm.sensors
+        )
+        rows = []
+        for which, run in enumerate(self.runs):
+            found = np.nan_to_num(run.centered(run.disturbed))
+            columns = np.zeros((run.points.size, len(disturbances.prior)))
+            columns[:, disturbances.of_run(which)] = found.reshape(run.points.size, -1)
+            rows.append(columns)
+        return np.concatenate(rows) / self.std @ np.linalg.cholesky(disturbances.prior)
+
+    def steps_towards(
+        self, arms: Sequence[Arm], runs: Sequence[RecordingData], numbers: Array
+    ) -> list[Array]:
+        """Return the column (rows,) of one sigma towards each of these arms, at these numbers."""
         here = self.follow(numbers)[0]
         left, columns = self.white(self.residuals(here)), []
         for arm in arms:
@@ -340,7 +376,7 @@ class MotionProblem:
                 )
             ]
             columns.append((left - self.white(self.residuals(moved))) / DIFFERENCE)
-        return replace(self, others=np.column_stack(columns))
+        return columns
 
     def best_of_scan(self) -> Array:
         """Return the numbers of a grid that explain the first readings of each run best."""
@@ -384,6 +420,7 @@ class MotionProblem:
                     still=run.still[:most],
                     reading=run.reading[run.reading < most],
                     points=run.points[run.reading < most],
+                    disturbed=run.disturbed[run.reading < most],
                 )
                 for run in self.runs
             ),
@@ -419,7 +456,7 @@ def fit_motion(
     """
     problem = motion_problem(arm, runs)
     start = problem.best_of_scan() if near is None else problem.numbers_of(near)
-    problem = problem.beside_arms(nearby, runs, start)
+    problem = problem.with_others(nearby, runs, start)
     fitted = problem.search(start)
     if 0.0 < -fitted.x[0] <= trusted_error:
         fitted = problem.search(np.array([0.0, *fitted.x[1:]]), least_mass=0.0)
@@ -470,7 +507,7 @@ def fit_motion(
         moving_rms=moving_rms,
         in_motion=in_motion,
         frames=frames,
-        shares=tuple(problem.shares(problem.white(left)).tolist()),
+        shares=tuple(problem.shares(problem.white(left))[: len(nearby)].tolist()),
     )
 
 

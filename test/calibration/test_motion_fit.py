@@ -90,6 +90,20 @@ def test_what_else_is_not_known_exactly_is_fitted_beside_mass_and_damping():
     assert 0.05 + beside.shares[0] * known.std[0] == pytest.approx(0.03, abs=2e-3)
 
 
+@pytest.mark.parametrize('seed', [1, 4, 5])
+def test_on_a_slow_ramp_painted_targets_and_camera_do_not_pass_for_damping(seed):
+    """With targets where the arm file has them the damping is 23, 63 and 41 ms."""
+    scenario = dataclasses.replace(
+        swinging((5e3, 40e3), (0.0, 1.0)), seed=seed, motion=LabMotion(damping_time=DAMPING_TIME)
+    )
+    protocol = dataclasses.replace(scenario.protocol, duration=20.0)
+    scenario = dataclasses.replace(scenario, protocol=protocol)
+    run, arm = run_of(simulate(scenario)).without_load(), true_model(scenario)
+    fit = fit_motion(arm, [run], trusted_error=0.4)
+    assert fit.damping_time_std < 1e-3
+    assert abs(fit.motion.damping_time - DAMPING_TIME) < 3.0 * fit.damping_time_std
+
+
 def test_an_arm_that_is_plucked_gives_them_from_its_decay():
     pushed = {'push': {'force': 0.02, 'place': 0.9, 'begins': 0.2, 'ends': 0.8, 'every': 100.0}}
     scenario = swinging((20e3, 20e3), (0.0, 1.0)).with_effects(pushed)
