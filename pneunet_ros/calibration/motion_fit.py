@@ -355,9 +355,10 @@ class MotionProblem:
         )
         rows = []
         for which, run in enumerate(self.runs):
-            found = np.nan_to_num(run.centered(run.disturbed))
             columns = np.zeros((run.points.size, len(disturbances.prior)))
-            columns[:, disturbances.of_run(which)] = found.reshape(run.points.size, -1)
+            if not run.plucked:  # about one equilibrium they are constant
+                found = np.nan_to_num(run.centered(run.disturbed))
+                columns[:, disturbances.of_run(which)] = found.reshape(run.points.size, -1)
             rows.append(columns)
         return np.concatenate(rows) / self.std @ np.linalg.cholesky(disturbances.prior)
 
