@@ -313,28 +313,29 @@ class MotionProblem:
         ]
 
     def cost(self, numbers: Array) -> Array:
-        """Return all residuals as one vector, in units of the noise, then `shares`."""
-        left = self.white(self.residuals(self.follow(numbers)[0]))
-        return np.concatenate([self.rest(left), self.shares(left)])
+        """Return all residuals as one vector, in units of the noise, then shares of the others."""
+        return np.concatenate(self.split(self.white(self.residuals(self.follow(numbers)[0]))))
 
     def white(self, left: Sequence[Array]) -> Array:
         """Return residuals per run as one vector, in units of the noise."""
         return np.nan_to_num(np.concatenate([item.ravel() for item in left]) / self.std)
 
     def root_mean_square(self, left: Sequence[Array]) -> float:
-        """Return the root mean square (m) of distances of targets, less `shares` of the others."""
-        rest = self.rest(self.white(left))
+        """Return the root mean square (m) of targets, less what the others explain."""
+        rest, _ = self.split(self.white(left))
         return self.std * math.sqrt(
             2.0 * float(rest @ rest) / sum(int(np.isfinite(item).sum()) for item in left)
         )
 
-    def rest(self, left: Array) -> Array:
-        """Return residuals (rows,) less `shares` of the others."""
-        return left if self.others is None else left - self.others @ self.shares(left)
+    def split(self, left: Array) -> tuple[Array, Array]:
+        """Return residuals (rows,) less what the others explain, and the shares of these.
 
-    def shares(self, left: Array) -> Array:
-        """Return the most probable values (sigma) of the other unknowns, given residuals."""
-        return np.zeros(0) if self.to_shares is None else self.to_shares @ left
+        shares (unknowns,): their most probable values, in sigma.
+        """
+        if self.others is None or self.to_shares is None:
+            return left, np.zeros(0)
+        shares = self.to_shares @ left
+        return left - self.others @ shares, shares
 
     def with_others(
         self, arms: Sequence[Arm], runs: Sequence[RecordingData], numbers: Array
@@ -508,7 +509,7 @@ def fit_motion(
         moving_rms=moving_rms,
         in_motion=in_motion,
         frames=frames,
-        shares=tuple(problem.shares(problem.white(left))[: len(nearby)].tolist()),
+        shares=tuple(problem.split(problem.white(left))[1][: len(nearby)].tolist()),
     )
 
 
@@ -582,7 +583,7 @@ def standard_errors(problem: MotionProblem, jacobian: Array, left: Sequence[Arra
         block = first + (seconds / period).astype(np.int64)
         blocks.append(np.repeat(block, residual[0].size))
         first = int(block[-1]) + 1 if which + 1 < len(problem.runs) else first
-    residuals = problem.rest(problem.white(left))
+    residuals, _ = problem.split(problem.white(left))
     jacobian = jacobian[: len(residuals)]
     scores = np.zeros((int(np.concatenate(blocks).max()) + 1, jacobian.shape[1]))
     np.add.at(scores, np.concatenate(blocks), jacobian * residuals[:, None])
