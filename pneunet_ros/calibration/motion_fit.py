@@ -22,6 +22,7 @@ from pneunet_ros.measurement.between_readings import interpolate
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import disturbance_jacobian, Disturbances
 from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inference.adequacy import chi_square_limit
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.measurement.moving_arm import (
     follow_reading,
@@ -81,6 +82,19 @@ class SwingingRun:
     def beside(self) -> Array:
         """Measured targets relative to equilibrium (frames, 2, targets) m, NaN where not seen."""
         return self.points - self.still[self.reading]
+
+    def beginning_with(self, frame: int) -> SwingingRun:
+        """Return the recording from the reading of a frame on."""
+        start = int(self.reading[frame])
+        return replace(
+            self,
+            stamp_ns=self.stamp_ns[start:],
+            solved=self.solved_from(slice(start, None)),
+            still=self.still[start:],
+            reading=self.reading[frame:] - start,
+            points=self.points[frame:],
+            disturbed=self.disturbed[frame:],
+        )
 
     def centered(self, values: Array) -> Array:
         """Return values (frames, 2, targets, ...) less the mean of each coordinate, NaN unseen.
@@ -217,17 +231,7 @@ def let_go(run: SwingingRun) -> SwingingRun:
     far = np.zeros(len(away))
     far[seen] = np.nanmean(away[seen], axis=1)
     large = np.flatnonzero(far[:-1] >= LARGE * far.max())
-    first = int(large[-1]) + 1
-    start = int(run.reading[first])
-    return replace(
-        run,
-        stamp_ns=run.stamp_ns[start:],
-        solved=run.solved_from(slice(start, None)),
-        still=run.still[start:],
-        reading=run.reading[first:] - start,
-        points=run.points[first:],
-        disturbed=run.disturbed[first:],
-    )
+    return run.beginning_with(int(large[-1]) + 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -404,6 +408,29 @@ class MotionProblem:
             max_nfev=MOST_STEPS,
         )
 
+    def without_held_frames(self, left: Sequence[Array]) -> MotionProblem | None:
+        """Return the problem less the frames in which plucked arms were still held; None: none.
+
+        left: residuals per run. A push that ends behind the last large swing leaves frames that no
+        free swing explains: within the first period, and beyond what the later ones leave.
+        """
+        period = 2.0 * np.pi / float(self.modes.frequency[0]) * NANOSECONDS_PER_SECOND
+        runs = list(self.runs)
+        for which, (run, residual) in enumerate(zip(self.runs, left, strict=True)):
+            if not run.plucked:
+                continue
+            coordinates = np.maximum(np.isfinite(residual).sum(axis=(1, 2)), 1)
+            chi_square = np.nansum((residual / self.std) ** 2, axis=(1, 2)) / coordinates
+            typical = max(float(np.median(chi_square)), 1.0)
+            limits = [typical * chi_square_limit(count) for count in coordinates.tolist()]
+            early = run.stamp_ns[run.reading] - run.stamp_ns[0] < period
+            held = np.flatnonzero(early & (chi_square > limits))
+            if held.size and held[-1] + 2 < len(residual):
+                runs[which] = run.beginning_with(int(held[-1]) + 1)
+        if all(after is before for after, before in zip(runs, self.runs, strict=True)):
+            return None
+        return replace(self, runs=tuple(runs), others=None, to_shares=None)
+
     def numbers_of(self, motion: Motion) -> Array:
         """Return the numbers of a mass and damping; plucked runs begin at their first frame."""
         numbers = self.first_numbers(0.0, 0.1)
@@ -458,8 +485,14 @@ def fit_motion(
     """
     problem = motion_problem(arm, runs)
     start = problem.best_of_scan() if near is None else problem.numbers_of(near)
-    problem = problem.with_others(nearby, runs, start)
-    fitted = problem.search(start)
+    while True:
+        problem = problem.with_others(nearby, runs, start)
+        fitted = problem.search(start)
+        later = problem.without_held_frames(problem.residuals(problem.follow(fitted.x)[0]))
+        if later is None:
+            break
+        problem, start = later, later.first_numbers(0.0, 0.1)
+        start[:2] = fitted.x[:2]
     if 0.0 < -fitted.x[0] <= trusted_error:
         fitted = problem.search(np.array([0.0, *fitted.x[1:]]), least_mass=0.0)
     beside, settled = problem.follow(fitted.x)
