@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from pneunet_ros.calibration.settings import EXPERIMENTS
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import millimeters, NANOSECONDS_PER_SECOND, STANDARD_GRAVITY
 from pneunet_ros.measurement.between_readings import interpolate
-from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.dataset import RecordingData, thinned
 from pneunet_ros.measurement.disturbances import disturbance_jacobian, Disturbances
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inference.adequacy import chi_square_limit
@@ -64,9 +65,9 @@ class SwingingRun:
     """A recording with the equilibrium at each of its readings.
 
     stamp_ns (readings,); solved: tables of the rod, (readings, ...) each; still (readings, 2,
-    targets) m: the targets in equilibrium; reading (frames,): of each frame; points (frames, 2,
-    targets) m; disturbed (frames, 2, targets, n): how they move per unknown of
-    `Disturbances.of_run`. plucked: whether the pressure is constant.
+    targets) m: the targets in equilibrium; bent (readings, 2, targets): theta (rad) and curvature
+    (1/m) there; reading (frames,): of each frame; points (frames, 2, targets) m. plucked: whether
+    the pressure is constant.
     """
 
     name: str
@@ -75,7 +76,7 @@ class SwingingRun:
     still: Array
     reading: Stamps
     points: Array
-    disturbed: Array
+    bent: Array
     plucked: bool
 
     @property
@@ -93,7 +94,7 @@ class SwingingRun:
             still=self.still[start:],
             reading=self.reading[frame:] - start,
             points=self.points[frame:],
-            disturbed=self.disturbed[frame:],
+            bent=self.bent[start:],
         )
 
     def centered(self, values: Array) -> Array:
@@ -193,9 +194,6 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
         sections, rotation = rods.sections[index], rods.rotation[index]
         prepare(rods.length, sections, rods.knots, rotation, ends[index], model.counts, table)
     still = stands_still(run, loads, arm)
-    fields = model.fields[run.reading]
-    nowhere_else = np.zeros((2, arm.target_arclength.size))
-    as_in_the_file = paint(fields[:, THETA], fields[:, CURVATURE], nowhere_else)
     found = SwingingRun(
         name=run.name,
         stamp_ns=stamps,
@@ -203,7 +201,7 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
         still=model.points,
         reading=run.reading,
         points=run.points,
-        disturbed=disturbance_jacobian(run, as_in_the_file),
+        bent=model.fields[:, [THETA, CURVATURE]],
         plucked=still,
     )
     return let_go(found) if still else found
@@ -242,7 +240,7 @@ class MotionProblem:
     itself is lighter; log of the damping time (s);
     then, of each plucked recording, q and p where it begins. std (m): white noise of a target.
     others (rows, unknowns): columns of residuals by what else is not known exactly, one sigma
-    each; to_shares (unknowns, rows): from residuals to their most probable values.
+    each; covariance (unknowns, unknowns): the inverse of their information.
     """
 
     arm: Arm
@@ -251,7 +249,7 @@ class MotionProblem:
     places: Places
     std: float
     others: Array | None = None
-    to_shares: Array | None = None
+    covariance: Array | None = None
 
     @property
     def lost(self) -> float:
@@ -336,9 +334,9 @@ class MotionProblem:
 
         shares (unknowns,): their most probable values, in sigma.
         """
-        if self.others is None or self.to_shares is None:
+        if self.others is None or self.covariance is None:
             return left, np.zeros(0)
-        shares = self.to_shares @ left
+        shares = self.covariance @ (self.others.T @ left)
         return left - self.others @ shares, shares
 
     def with_others(
@@ -351,21 +349,26 @@ class MotionProblem:
         """
         others = np.column_stack([*self.steps_towards(arms, runs, numbers), self.disturbed(runs)])
         gram = others.T @ others + np.eye(others.shape[1])
-        return replace(self, others=others, to_shares=np.asarray(np.linalg.solve(gram, others.T)))
+        return replace(self, others=others, covariance=np.asarray(np.linalg.inv(gram)))
 
     def disturbed(self, runs: Sequence[RecordingData]) -> Array:
         """Return the columns (rows, n) of the disturbances, in units of their prior."""
         disturbances = Disturbances(
             arclength=self.arm.target_arclength, runs=runs, noise=self.arm.sensors
         )
-        rows = []
-        for which, run in enumerate(self.runs):
-            columns = np.zeros((run.points.size, len(disturbances.prior)))
-            if not run.plucked:  # about one equilibrium they are constant
-                found = np.nan_to_num(run.centered(run.disturbed))
-                columns[:, disturbances.of_run(which)] = found.reshape(run.points.size, -1)
-            rows.append(columns)
-        return np.concatenate(rows) / self.std @ np.linalg.cholesky(disturbances.prior)
+        root = np.linalg.cholesky(disturbances.prior) / self.std
+        rows = np.zeros((sum(run.points.size for run in self.runs), len(root)))
+        end = 0
+        for which, (run, recording) in enumerate(zip(self.runs, runs, strict=True)):
+            start, end = end, end + run.points.size
+            if run.plucked:  # about one equilibrium they are constant
+                continue
+            theta, curvature = run.bent[run.reading].swapaxes(0, 1)
+            nowhere_else = np.zeros((2, theta.shape[1]))
+            moved = disturbance_jacobian(recording, paint(theta, curvature, nowhere_else))
+            moved = np.nan_to_num(run.centered(moved)).reshape(end - start, -1)
+            rows[start:end] = moved @ root[disturbances.of_run(which)]
+        return rows
 
     def steps_towards(
         self, arms: Sequence[Arm], runs: Sequence[RecordingData], numbers: Array
@@ -429,7 +432,7 @@ class MotionProblem:
                 runs[which] = run.beginning_with(int(held[-1]) + 1)
         if all(after is before for after, before in zip(runs, self.runs, strict=True)):
             return None
-        return replace(self, runs=tuple(runs), others=None, to_shares=None)
+        return replace(self, runs=tuple(runs), others=None, covariance=None)
 
     def numbers_of(self, motion: Motion) -> Array:
         """Return the numbers of a mass and damping; plucked runs begin at their first frame."""
@@ -449,7 +452,7 @@ class MotionProblem:
                     still=run.still[:most],
                     reading=run.reading[run.reading < most],
                     points=run.points[run.reading < most],
-                    disturbed=run.disturbed[run.reading < most],
+                    bent=run.bent[:most],
                 )
                 for run in self.runs
             ),
@@ -476,6 +479,8 @@ def fit_motion(
         trusted_error: relative error of the mass up to which a swing that suggests a lighter arm
             is overruled by the model file.
 
+    Of more frames than a calibration takes, as many are fitted, evenly in time and pressure.
+
     Returns:
         Mass and damping with standard errors.
 
@@ -483,6 +488,7 @@ def fit_motion(
         RequestError: the arm hardly swings in the recordings, or no mass at the tip explains how.
 
     """
+    runs = thinned(runs, EXPERIMENTS.most_frames)
     problem = motion_problem(arm, runs)
     start = problem.best_of_scan() if near is None else problem.numbers_of(near)
     while True:

@@ -21,7 +21,7 @@ def plucked(away: list[float]) -> SwingingRun:
         still=np.zeros((count, 2, 1)),
         reading=np.arange(count),
         points=points,
-        disturbed=np.zeros((count, 2, 1, 1)),
+        bent=np.zeros((count, 2, 1)),
         plucked=True,
     )
 

@@ -160,7 +160,7 @@ def test_errors_count_a_period_as_one_observation():
     class Problem:
         runs, std = (Run(),), 1.0
         modes = type('Modes', (), {'frequency': np.array([2.0 * np.pi])})
-        others, to_shares = None, None
+        others, covariance = None, None
         white, split = MotionProblem.white, MotionProblem.split
 
     jacobian = np.ones((80, 1))
