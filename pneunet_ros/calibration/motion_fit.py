@@ -434,6 +434,21 @@ class MotionProblem:
             return None
         return replace(self, runs=tuple(runs), others=None, covariance=None)
 
+    def with_starts(self, numbers: Array) -> Array:
+        """Return the numbers with plucked runs begun as their frames show, at this motion."""
+        if numbers.size == 2:
+            return numbers
+        from scipy.optimize import least_squares  # slow to import, and few fits need it
+
+        motion, starts = numbers[:2], numbers[2:]
+        found = least_squares(
+            lambda starts: self.cost(np.concatenate([motion, starts])),
+            starts,
+            x_scale='jac',
+            max_nfev=MOST_STEPS,
+        )
+        return np.concatenate([motion, found.x])
+
     def numbers_of(self, motion: Motion) -> Array:
         """Return the numbers of a mass and damping; plucked runs begin at their first frame."""
         numbers = self.first_numbers(0.0, 0.1)
@@ -562,18 +577,13 @@ def predicted_motion(
     frames at rest.
     """
     problem = motion_problem(arm, runs)
-    numbers = problem.numbers_of(motion)
-    if numbers.size > 2:
-        from scipy.optimize import least_squares  # slow to import, and few fits need it
-
-        numbers[2:] = least_squares(
-            lambda starts: problem.cost(np.concatenate([numbers[:2], starts])),
-            numbers[2:],
-            x_scale='jac',
-            max_nfev=MOST_STEPS,
-        ).x
-    beside, rest = problem.follow(numbers)
-    left = problem.residuals(beside)
+    while True:
+        beside, rest = problem.follow(problem.with_starts(problem.numbers_of(motion)))
+        left = problem.residuals(beside)
+        later = problem.without_held_frames(left)
+        if later is None:
+            break
+        problem = later
     still = problem.residuals([np.zeros_like(item) for item in beside])
     return tuple(still), tuple(left), tuple(beside), tuple(rest)
 

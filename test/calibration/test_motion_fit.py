@@ -13,6 +13,7 @@ from pneunet_ros.calibration.motion_fit import (
     less_swing,
     MotionFit,
     MotionProblem,
+    predicted_motion,
     standard_errors,
 )
 from pneunet_ros.core.errors import RequestError
@@ -111,11 +112,14 @@ def test_an_arm_that_is_plucked_gives_them_from_its_decay(until):
     pushed = {'push': {'force': 0.02, 'place': 0.9, 'begins': 0.2, 'ends': until, 'every': 100.0}}
     scenario = swinging((20e3, 20e3), (0.0, 1.0)).with_effects(pushed)
     arm = true_model(dataclasses.replace(scenario, effects=()))
-    fit = fit_motion(arm, [run_of(simulate(scenario)).without_load()])
+    run = run_of(simulate(scenario)).without_load()
+    fit = fit_motion(arm, [run])
     assert fit.motion.tip_mass == pytest.approx(TIP_MASS, rel=0.02)
     assert fit.motion.damping_time == pytest.approx(DAMPING_TIME, rel=0.02)
     assert abs(fit.motion.damping_time - DAMPING_TIME) < 3.0 * fit.damping_time_std
     assert fit.moving_rms < 2.0 * math.sqrt(2.0) * arm.sensors.target_std
+    _, (left,), _, _ = predicted_motion(arm, fit.motion, [run])
+    assert np.sqrt(np.nanmean(left**2)) < 2.0 * arm.sensors.target_std
 
 
 def test_a_swing_is_hardly_that_of_the_noise_of_the_readings():
