@@ -5,8 +5,9 @@
 Arms of 23 dots before photographs, as in acceptance/composed_pictures.py, at 1920 x 1080. A line
 for each film: seconds of CPU of its first frame; median and longest of the frames at rest after
 it, and of those in which the row of the bent arm is searched everywhere; what was found in the
-latter, and what of it is false or swapped. Exit code 1 where a frame does not show the arm, or a
-target is false or swapped.
+latter, and what of it is false or swapped. A line for each photograph without the arm: the
+longest of three frames, and why they do not show it. Exit code 1 where a frame does not show the
+arm, or shows one that is not there, or a target is false or swapped.
 """
 
 from __future__ import annotations
@@ -53,6 +54,21 @@ def timed(composer: pictures.Composer, arm: Arm) -> tuple[Times, Times, Score]:
     return resting, searched, score
 
 
+def timed_without_arm(composer: pictures.Composer, arm: Arm) -> tuple[Times, set[str]]:
+    """Return seconds of CPU of the first frames before the arm comes, and their reasons."""
+    tracker = Tracker(arm_of(arm, composer.composition), CameraSettings())
+    state, _ = tracker.step(TrackerState(), lens_of_films())
+    times, reasons = [], set()
+    for number in range(3):
+        frame = replace(composer.frame(number), picture=composer.empty(number))
+        image, begun = image_of(frame), time.process_time()
+        state, outcome = tracker.step(state, image)
+        times.append(time.process_time() - begun)
+        assert isinstance(outcome, Tracking)
+        reasons.add(outcome.reason)
+    return times, reasons
+
+
 def main(words: Sequence[str] | None = None) -> int:
     """Run and print."""
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -83,6 +99,9 @@ def main(words: Sequence[str] | None = None) -> int:
                 f'{score.swapped} swapped, not tracked: {dict(score.reasons)}',
                 flush=True,
             )
+        times, reasons = timed_without_arm(pictures.Composer(film), arm)
+        failed |= not reasons.isdisjoint({'', RESTING})
+        print(f'{photograph}, no arm: at most {max(times):.3f} s, {sorted(reasons)}', flush=True)
     return int(failed)
 
 

@@ -18,18 +18,19 @@ from pneunet_ros.vision.beam_search import (
     BEAM_SEARCH,
     BeamSearchSettings,
     BlobColumns,
-    COST,
     grow_rows,
     HEADING,
     Indices,
     LAST,
-    LOOKS,
-    Mask,
     NOTHING,
     SCALE,
     SIZE,
-    X,
-    Y,
+)
+from pneunet_ros.vision.row_candidates import (
+    blob_columns,
+    grown_from_pairs,
+    near_line,
+    RowCandidates,
 )
 from pneunet_ros.vision.row_ends import continues_beyond, truncate_row
 
@@ -80,7 +81,7 @@ def row_from_clamp(
     areas (blobs,) px^2; arclength (targets,) m; shapes (blobs, 3), as `Blobs` has them, None if
     they are not known. A row that goes on beyond the last target is none.
     """
-    blobs = _columns(points, areas, shapes)
+    blobs = blob_columns(points, areas, shapes)
     chosen, cost = _grown_from_clamp(blobs, arclength, clamp_angle, search)
     truncate_row(blobs.x, blobs.y, arclength, clamp_angle, chosen, search)
     if chosen[-1] >= 0 and continues_beyond(blobs, arclength, chosen, cost, search):
@@ -100,28 +101,12 @@ def near_row_from_clamp(
 
     Arguments as in `row_from_clamp`; all of them where there is no row.
     """
-    blobs = _columns(points, areas, shapes)
+    blobs = blob_columns(points, areas, shapes)
     chosen = _grown_from_clamp(blobs, arclength, clamp_angle, search)[0]
     seen = np.flatnonzero(chosen >= 0)
     if seen.size < least_seen(arclength.size):
         return np.arange(len(points))
-    return np.flatnonzero(_near_line(points, points[chosen[seen]], arclength[seen], search))
-
-
-def _near_line(points: Array, row: Array, places: Array, search: BeamSearchSettings) -> Mask:
-    """Whether points are near a row (n, 2) or its extension by up to two spacings.
-
-    places (n,): of the row along the arm.
-    """
-    spacing = float(np.diff(places).min())
-    beyond = row[-1] + (row[-1] - row[-2]) * 2.0 * spacing / (places[-1] - places[-2])
-    row, places = np.vstack([row, beyond]), np.append(places, places[-1] + 2.0 * spacing)
-    at = np.arange(places[0], places[-1], 0.25 * spacing)
-    way = [np.interp(at, places, row[:, axis]) for axis in range(2)]
-    away = np.hypot(points[:, :1] - way[0], points[:, 1:] - way[1]).min(axis=1)
-    scale = np.median(np.hypot(*np.diff(row, axis=0).T) / np.diff(places))
-    beside = search.farthest * (search.along_std + search.across_std)
-    return np.asarray(away <= beside * scale * spacing)
+    return np.flatnonzero(near_line(points, points[chosen[seen]], arclength[seen], search))
 
 
 def _grown_from_clamp(
@@ -144,30 +129,34 @@ def rows_anywhere(
     search: BeamSearchSettings = BEAM_SEARCH,
     shapes: Array | None = None,
     costs: Array | None = None,
+    limit: float = math.inf,
 ) -> list[TargetRow]:
     """Find all rows whose place and scale are not known; both ends of a row must be seen.
 
     points (blobs, 2) in any coordinates that are true to shape; shapes: as in `row_from_clamp`;
-    costs (blobs,): of each blob in a row, None if all are as good. A row that goes on beyond
-    its ends with more blobs alike is none. The best reading of each row comes first, and of a
-    crowd of rows the best ones; the same blobs may be read from either end.
+    costs (blobs,): of each blob in a row, None if all are as good; limit: what the targets that
+    are seen of a row may cost. A row that goes on beyond its ends with more blobs alike is none.
+    The best reading of each row comes first, and of a crowd of rows the best ones; the same blobs
+    may be read from either end.
     """
     if len(points) < arclength.size:
         return []
-    blobs = _columns(points, areas, shapes, costs)
-    chosen, costs = _grown_from_pairs(blobs, arclength, search)
+    candidates = RowCandidates(points, areas, arclength, search, shapes, costs)
+    blobs, limits = candidates.blobs, np.full(arclength.size, limit)
+    chosen, costs = grown_from_pairs(blobs, arclength, candidates.ends(limit), search, limits)
     order = np.argsort(costs, kind='stable')
-    rows: list[TargetRow] = []
+    rows = Readings(len(points), settings.alike)
     for place in order[np.isfinite(costs[order])].tolist():
         row = TargetRow(chosen[place], float(costs[place]))
-        if not _is_whole(row, blobs, arclength, search):
+        readings = _readings(row, arclength)
+        if all(map(rows.have, readings)) or not _is_whole(row, blobs, arclength, search):
             continue
-        for reading in _readings(row, arclength):
-            if not any(_same(reading, other, settings.alike) for other in rows):
-                rows.append(reading)
-        if len(rows) >= ENOUGH:
+        for reading in readings:
+            if not rows.have(reading):
+                rows.add(reading)
+        if len(rows.rows) >= ENOUGH:
             break
-    return rows
+    return rows.rows
 
 
 def _is_whole(
@@ -180,78 +169,6 @@ def _is_whole(
         or continues_beyond(blobs, arclength, row.chosen, row.cost, search)
         or continues_beyond(blobs, reverse, row.chosen[::-1], row.cost, search)
     )
-
-
-def _grown_from_pairs(
-    blobs: BlobColumns,
-    arclength: Array,
-    search: BeamSearchSettings,
-    limits: Array | None = None,
-) -> tuple[Indices, Array]:
-    """Grow a row from every blob and each of its neighbors; rows (seeds, targets) and costs.
-
-    Where only some blobs cost nothing, the second of a row is any of these. limits: as of
-    `grow_rows`.
-    """
-    x, y, looks, costs = blobs
-    targets = arclength.size
-    apart = np.hypot(x[:, None] - x, y[:, None] - y)
-    np.fill_diagonal(apart, math.inf)
-    free, many = np.flatnonzero(costs == 0.0), min(search.neighbors, x.size - 1)
-    if free.size < x.size:  # few of them are likely: no pair with one is too many
-        neighbors = np.tile(free, (x.size, 1))
-    else:
-        neighbors = np.argpartition(apart, many - 1, axis=1)[:, :many]
-    first, second = np.repeat(np.arange(x.size), neighbors.shape[1]), neighbors.ravel()
-    distinct = (apart[first, second] > 0.0) & (first != second)
-    first, second = first[distinct], second[distinct]
-    starts = np.zeros((len(first), LAST + 1))
-    starts[:, LAST], starts[:, X], starts[:, Y] = 1.0, x[second], y[second]
-    starts[:, HEADING] = np.arctan2(y[second] - y[first], x[second] - x[first])
-    starts[:, SCALE] = apart[first, second] / (arclength[1] - arclength[0])
-    starts[:, COST] = costs[first] + costs[second]
-    starts[:, SIZE:LAST] = 0.5 * (looks[:, first] + looks[:, second]).T
-    rows = np.full((len(first), targets), NOTHING)
-    rows[:, 0], rows[:, 1] = first, second
-    return grow_rows(blobs, arclength, starts, rows, True, search, limits)
-
-
-def near_rows_anywhere(
-    points: Array,
-    areas: Array,
-    arclength: Array,
-    known: Indices,
-    search: BeamSearchSettings = BEAM_SEARCH,
-    shapes: Array | None = None,
-    limit: float = math.inf,
-) -> Indices:
-    """Return the blobs near a row of known ones (indices), or near its extensions.
-
-    Other arguments as in `rows_anywhere`; rows may go on beyond their ends, and the last target
-    may be missing where no row shows it. limit: what the targets that are seen of a row may cost.
-    """
-    near = np.zeros(len(points), np.bool_)
-    if len(known) < arclength.size - 1:
-        return np.flatnonzero(near)
-    limits = np.full(arclength.size, limit, np.float64)
-    if _is_symmetric(arclength):  # one half of a row costs half as much at most, from its end
-        limits[: arclength.size // 2] *= 0.5
-    looks = None if shapes is None else shapes[known]
-    blobs = _columns(points[known], areas[known], looks)
-    chosen, costs = _grown_from_pairs(blobs, arclength, search, limits)
-    rows, others = chosen[np.isfinite(costs)], np.arange(len(points))
-    whole = rows[:, -1] >= 0
-    if whole.any():
-        rows = rows[whole]
-    for seed in np.unique(np.sort(rows, axis=1), axis=0, return_index=True)[1].tolist():
-        seen = np.flatnonzero(rows[seed] >= 0)
-        row, places = points[known[rows[seed, seen]]], arclength[seen]
-        for line, along in ((row, places), (row[::-1], arclength[-1] - places[::-1])):
-            near[others] = _near_line(points[others], line, along, search)
-            others = others[~near[others]]  # in noise there are a thousand rows
-        if not others.size:
-            break
-    return np.flatnonzero(near)
 
 
 def _readings(row: TargetRow, arclength: Array) -> tuple[TargetRow, ...]:
@@ -277,32 +194,43 @@ def share_of_blobs(row: TargetRow, other: TargetRow) -> float:
     return float(np.isin(mine, other.chosen).mean()) if mine.size else 0.0
 
 
-def _same(row: TargetRow, other: TargetRow, alike: float) -> bool:
-    """Whether two rows are readings of the same blobs from the same end."""
-    same = (row.chosen == other.chosen) & (row.chosen >= 0)
-    if np.count_nonzero(same) >= alike * row.seen:
-        return True
-    # Read from the same end, but a target off.
-    size = 1 + max(row.chosen.max(), other.chosen.max())
-    forward = np.dot(_direction(row, size), _direction(other, size)) > 0.0
-    return bool(forward and share_of_blobs(row, other) >= alike)
+class Readings:
+    """Rows found so far, each once: the same blobs read from either end are two rows.
+
+    alike: share of blobs that two readings of one row have in common.
+    """
+
+    def __init__(self, blobs: int, alike: float) -> None:
+        self.rows: list[TargetRow] = []
+        self.alike = alike
+        self._ranks = np.zeros((ENOUGH + 1, blobs))  # of the blobs of each, from the middle on
+        self._belong = np.zeros((ENOUGH + 1, blobs), np.bool_)
+        self._chosen: Array = np.empty((0, 0))
+
+    def add(self, row: TargetRow) -> None:
+        """Take up a row that is not known yet."""
+        seen, ranks = _ranks(row)
+        self._ranks[len(self.rows), seen] = ranks
+        self._belong[len(self.rows), seen] = True
+        self.rows.append(row)
+        self._chosen = np.array([one.chosen for one in self.rows])
+
+    def have(self, row: TargetRow) -> bool:
+        """Whether a row is a reading, from the same end, of blobs that are known as a row."""
+        count = len(self.rows)
+        if not count:
+            return False
+        same = np.count_nonzero((self._chosen == row.chosen) & (row.chosen >= 0), axis=1)
+        if (same >= self.alike * row.seen).any():
+            return True
+        # Read from the same end, but a target off.
+        seen, ranks = _ranks(row)
+        forward = self._ranks[:count, seen] @ ranks > 0.0
+        share = self._belong[:count, seen].mean(axis=1)
+        return bool((forward & (share >= self.alike)).any())
 
 
-def _direction(row: TargetRow, size: int) -> Array:
-    """Order of the blobs in a row as a direction, to separate its two readings."""
-    ranks = np.zeros(size)
+def _ranks(row: TargetRow) -> tuple[Indices, Array]:
+    """Return the blobs of a row in its order, and their ranks from its middle on."""
     seen = row.chosen[row.chosen >= 0]
-    ranks[seen] = np.arange(seen.size) - 0.5 * (seen.size - 1)
-    return ranks
-
-
-def _columns(
-    points: Array, areas: Array, shapes: Array | None, costs: Array | None = None
-) -> BlobColumns:
-    """Return x, y, looks and costs of blobs."""
-    x, y = np.ascontiguousarray(points.T)
-    looks = np.zeros((LOOKS, len(areas)))
-    looks[0] = np.log(areas)
-    if shapes is not None:
-        looks[1:] = shapes.T
-    return BlobColumns(x, y, looks, np.zeros(len(areas)) if costs is None else costs)
+    return seen, np.arange(seen.size, dtype=np.float64) - 0.5 * (seen.size - 1)

@@ -75,6 +75,10 @@ class BeamSearchSettings:
         """Cost of a target that is not seen."""
         return self.farthest**2
 
+    def dearest(self, targets: int) -> float:
+        """Return the most that a row of targets found anywhere may cost."""
+        return targets * ((1.0 - self.seen) * self.missing + self.odd**2)
+
 
 BEAM_SEARCH = BeamSearchSettings()
 BeamSearchNumbers = numbers_type(BeamSearchSettings, 'BeamSearchNumbers')
@@ -113,16 +117,16 @@ def grow_rows(
     whole: bool,
     search: BeamSearchSettings,
     limits: Array | None = None,
+    least: int | None = None,
 ) -> tuple[Indices, Array]:
     """Grow a row from each start; `chosen` (starts, targets): its targets so far.
 
     starts (starts, LAST + 1): what is known of the rows, all up to the same target; whole: the
     first three targets and the last must be seen, and as many of all as of a row found anywhere;
-    limits (targets,): what the seen targets of a row may cost up to each target, and with limits
-    the last target may be missing. Returns the best row of each start, and the costs (starts,),
-    infinite where there is none.
+    limits (targets,): what the seen targets of a row may cost up to each target; least: how many
+    targets a whole row has at least, all of them if None: one that does not go on ends there.
+    Returns the best row of each start, and the costs (starts,), infinite where there is none.
     """
-    open_end = limits is not None
     if limits is None:
         limits = np.full(arclength.size, math.inf)
     best, costs = np.array(chosen, np.int64), np.full(len(starts), math.inf)
@@ -140,7 +144,8 @@ def grow_rows(
         np.array(arclength),
         np.array(starts),
         whole,
-        open_end,
+        search.dearest(arclength.size) if whole else math.inf,
+        arclength.size if least is None else least,
         limits,
         search_numbers(search),
         best,
@@ -157,7 +162,8 @@ def grow_all(
     arclength: Array,
     starts: Array,
     whole: bool,
-    open_end: bool,
+    dearest: float,
+    least: int,
     limits: Array,
     search: BeamSearchSettings,
     best: Indices,
@@ -166,26 +172,24 @@ def grow_all(
     """Grow a row from each start; fills best (starts, targets) and costs, as `grow_rows`.
 
     blobs (BLOB_ROWS, blobs): along two sides, looks and costs, in the order of the first; order
-    (blobs,): which they are; sides (2,): 0 where a side is x, and 1 where it is y; open_end:
-    whether the last target may be missing.
+    (blobs,): which they are; sides (2,): 0 where a side is x, and 1 where it is y; dearest: what
+    all targets of a row may cost.
     """
     targets, kept = arclength.size, int(search.kept)
-    dearest = math.inf
-    if whole:
-        dearest = targets * ((1.0 - search.seen) * search.farthest**2 + search.odd**2)
+    open_end = least < targets
     known, grown = np.empty((kept, LAST + 1)), np.empty((kept, LAST + 1))
     rows, longer = np.empty((kept, targets), np.int64), np.empty((kept, targets), np.int64)
     ways, ways_cost = np.empty((kept, 2), np.int64), np.empty(kept)
     for number in range(starts.shape[0]):
         known[0], rows[0] = starts[number], best[number]
-        count = 1
-        for target in range(int(starts[number, LAST]) + 1, targets):
+        count, target = 1, int(starts[number, LAST]) + 1
+        while target < targets:
             many = _ways_on(
                 blobs, sides, arclength, known, rows, count, target, whole, open_end,
                 limits[target], dearest, search, ways, ways_cost,
             )  # fmt: skip
             if many == 0:
-                count = 0
+                count = count if target >= least else 0
                 break
             for place in range(many):
                 row, blob = ways[place, 0], ways[place, 1]
@@ -198,9 +202,11 @@ def grow_all(
                         starts[number, SCALE], search,
                     )  # fmt: skip
             known[:many], rows[:many] = grown[:many], longer[:many]
-            count = many
+            count, target = many, target + 1
         if count > 0:
             best[number], costs[number] = rows[0], known[0, COST]
+            if whole:
+                costs[number] -= search.farthest**2 * (target - 1 - known[0, LAST])
 
 
 @inner

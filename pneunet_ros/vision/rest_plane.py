@@ -12,7 +12,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.vision.association import rows_anywhere, share_of_blobs, TargetRow
+from pneunet_ros.vision.association import ENOUGH, rows_anywhere, share_of_blobs, TargetRow
 from pneunet_ros.vision.camera.camera_settings import CurvedRestPlane, PlaneMethod
 from pneunet_ros.vision.camera.working_plane import Plane, plane_from_rest
 from pneunet_ros.vision.dots.blobs import Blobs
@@ -178,6 +178,7 @@ def row_at_rest(
     vision: VisionSettings = VISION,
     shapes: Array | None = None,
     costs: Array | None = None,
+    limits: tuple[float, ...] = (math.inf,),
 ) -> TargetRow | Failure:
     """Find the row of targets at rest among blobs, first target at the clamp.
 
@@ -185,25 +186,52 @@ def row_at_rest(
     clamp_pixel: (u, v) of the first target, None for the left-most end; straightness: largest
     distance from the line between the ends, of its length; infinite for an arm that is bent;
     shapes (blobs, 3), as `Blobs` has them, None if they are not known; costs (blobs,): as of
-    `rows_anywhere`.
+    `rows_anywhere`; limits: what a row may cost, from one search to the next, until the rows that
+    are found decide.
     """
     count = arclength.size
-    rows = regular_rows(points, areas, arclength, vision, shapes, costs)
-    if not rows:
-        return Failure(
-            reason='no_row',
-            sentence=f'no row of {count} targets with the distances of target_arclength among '
-            f'{len(points)} areas: is the whole arm in view, and are target_arclength, '
-            'grey_band and area right?',
+    found: TargetRow | Failure = no_row(count, len(points))
+    for limit in limits:
+        rows = rows_anywhere(
+            points, areas, arclength, vision.association, vision.beam_search, shapes, costs, limit
         )
-    if clamp_pixel is not None:
-        rows = _rows_from(clamp_pixel, rows, pixels, vision)
-        if not rows:
-            return Failure(
-                reason='wrong_clamp',
-                sentence=f'no row of {count} targets begins at clamp_pixel {list(clamp_pixel)}',
-            )
-    best = rows[0]
+        most = len(rows) >= ENOUGH
+        rows = [row for row in rows if _is_regular(row_points(row, points), arclength, vision)]
+        if rows and clamp_pixel is not None:
+            rows = _rows_from(clamp_pixel, rows, pixels, vision)
+            if not rows:
+                sentence = f'no row of {count} targets begins at clamp_pixel {list(clamp_pixel)}'
+                found = Failure(reason='wrong_clamp', sentence=sentence)
+        if rows:
+            found = _best_row(rows, points, pixels, clamp_pixel, straightness, vision)
+            if most or limit >= _decided_within(rows, vision):
+                break
+    return found
+
+
+def _decided_within(rows: list[TargetRow], vision: VisionSettings) -> float:
+    """Return the cost up to which all rows must be known to choose among these (best first)."""
+    best, chance = rows[0], vision.rest_plane.chance
+    least = _cost_of_seen(best, vision)
+    others = [row for row in rows if share_of_blobs(row, best) < vision.association.alike]
+    nearest = min((_cost_of_seen(row, vision) for row in others), default=math.inf)
+    if nearest <= least + 0.5 * chance:
+        return least  # there are several, whatever else is found
+    if nearest <= least + chance:
+        return math.inf  # unless the best one stands out of a crowd
+    return max(best.cost, least + chance)
+
+
+def _best_row(
+    rows: list[TargetRow],
+    points: Array,
+    pixels: Array,
+    clamp_pixel: tuple[float, float] | None,
+    straightness: float,
+    vision: VisionSettings,
+) -> TargetRow | Failure:
+    """Return the row of the arm among rows (best first); other arguments as in `row_at_rest`."""
+    count, best = rows[0].chosen.size, rows[0]
     rows = _rivals(best, rows, vision)
     if any(share_of_blobs(row, best) < vision.association.alike for row in rows):
         return Failure(
@@ -239,6 +267,16 @@ def row_at_rest(
     return best
 
 
+def no_row(targets: int, areas: int) -> Failure:
+    """Return that no row of this many targets is among this many areas."""
+    return Failure(
+        reason='no_row',
+        sentence=f'no row of {targets} targets with the distances of target_arclength among '
+        f'{areas} areas: is the whole arm in view, and are target_arclength, '
+        'grey_band and area right?',
+    )
+
+
 def _is_upright(
     best: TargetRow, rows: list[TargetRow], pixels: Array, vision: VisionSettings
 ) -> bool:
@@ -247,21 +285,6 @@ def _is_upright(
     across, down = np.abs(pixels[last] - pixels[first]).tolist()
     turned = any(row.chosen[0] == last for row in rows)
     return turned and across < vision.rest_plane.upright * math.hypot(across, down)
-
-
-def regular_rows(
-    points: Array,
-    areas: Array,
-    arclength: Array,
-    vision: VisionSettings = VISION,
-    shapes: Array | None = None,
-    costs: Array | None = None,
-) -> list[TargetRow]:
-    """Find all rows of targets that lie on a smooth line; arguments as in `row_at_rest`."""
-    rows = rows_anywhere(
-        points, areas, arclength, vision.association, vision.beam_search, shapes, costs
-    )
-    return [row for row in rows if _is_regular(row_points(row, points), arclength, vision)]
 
 
 def bow(points: Array) -> float:

@@ -174,6 +174,7 @@ class Tracker:
         if settings.dot_color is not None:
             vision = replace(vision, ellipse=for_colors(vision.ellipse))
         self.arm, self.settings, self.vision = arm, settings, vision
+        self.settings_of_dark = replace(settings, grey_band=settings.grey_band.inverted())
         self.arclength = arm.target_arclength
         self.smoother = (
             smoother_for(arm, settings=vision.smoother, prior=vision.prior)
@@ -304,7 +305,7 @@ class Tracker:
         settings = self.settings
         if polarity == DARK:
             image = image.inverted()
-            settings = replace(settings, grey_band=settings.grey_band.inverted())
+            settings = self.settings_of_dark
         view = View(
             image=image,
             lens=state.lens,

@@ -203,6 +203,10 @@ class Composer:
             spacing=it.spacing,
         )
 
+    def empty(self, number: int) -> Bytes:
+        """Return the picture before the arm is in it, (height, width, 3) BGR."""
+        return self._expose(self.far, number)
+
     def _centered(self) -> Array:
         """Return where the clamp must be for the motion to be in the middle of the picture."""
         it = self.composition

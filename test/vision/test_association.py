@@ -7,12 +7,13 @@ from hypothesis import strategies as st
 import numpy as np
 from pneunet_ros.vision.association import (
     least_seen,
-    near_rows_anywhere,
     row_from_clamp,
     rows_anywhere,
     share_of_blobs,
 )
+from pneunet_ros.vision.beam_search import BEAM_SEARCH
 from pneunet_ros.vision.gating import consistent_spacing, GATING, gating_numbers
+from pneunet_ros.vision.row_candidates import RowCandidates
 import pytest
 from support.target_rows import arc, ARCLENGTH, away_from, Mixture, SPACING
 
@@ -122,23 +123,57 @@ def test_a_straight_row_is_found_wherever_it_is_from_both_ends():
 
 
 @pytest.mark.parametrize('seen', [23, 22])
-def test_near_a_row_that_costs_little_are_its_targets_and_few_others(seen):
+@pytest.mark.parametrize('even', [True, False])
+def test_near_a_row_that_costs_little_are_its_targets_and_few_others(seen, even):
     """Rows of others cost far more; the last target may be one of the areas not known yet."""
     rng = np.random.default_rng(7)
-    row = 3000.0 * arc(0.0, 5.0)
+    arclength = ARCLENGTH
+    if not even:
+        arclength = ARCLENGTH + 0.1 * SPACING * rng.uniform(-1.0, 1.0, TARGETS.size)
+        arclength = arclength - arclength[0]
+    row = 3000.0 * arc(0.0, 5.0, arclength=arclength)
     others = rng.uniform([-100.0, -200.0], [400.0, 200.0], (60, 2))
     mixture = Mixture(rng, row, TARGETS >= 0, away_from(row, others, 8.0), noise=0.1)
     points, areas = mixture.points, mixture.areas
-    known = np.flatnonzero(mixture.who < seen)
-    near = {
-        limit: near_rows_anywhere(points, areas, ARCLENGTH, known, limit=limit)
-        for limit in (10, 30, np.inf)
-    }
+
+    def near_rows_of(known, limit):
+        candidates = RowCandidates(
+            points[known], areas[known], arclength, BEAM_SEARCH, most=len(points)
+        )
+        return candidates.near(points, limit)
+
+    known = mixture.who < seen
+    near = {limit: near_rows_of(known, limit) for limit in (10.0, 30.0, np.inf)}
     for found in near.values():
         assert set(np.flatnonzero(mixture.who >= 0)) <= set(found)
-    assert len(near[10]) <= len(near[30]) < 0.4 * len(near[np.inf])
-    of_others = np.flatnonzero(mixture.who < 0)
-    assert not len(near_rows_anywhere(points, areas, ARCLENGTH, of_others, limit=10.0))
+    assert len(near[10.0]) <= len(near[30.0]) < 0.4 * len(near[np.inf])
+    assert not len(near_rows_of(mixture.who < 0, 10.0))
+
+
+@pytest.mark.parametrize('even', [True, False])
+def test_a_row_that_begins_or_ends_with_odd_dots_is_near_itself(even):
+    """What a row costs may be spent at one end or at the other, or in its middle."""
+    rng = np.random.default_rng(8)
+    arclength = ARCLENGTH if even else ARCLENGTH * np.linspace(0.8, 1.0, TARGETS.size)
+    row, shapes = 3000.0 * arc(0.0, 0.0, arclength=arclength), np.zeros((TARGETS.size, 3))
+    for odd in (TARGETS < 4, TARGETS > 18, abs(TARGETS - 11) < 3):
+        areas = np.where(odd, 80.0 * np.exp(rng.uniform(-1.0, 1.0, TARGETS.size)), 80.0)
+        candidates = RowCandidates(row, areas, arclength, BEAM_SEARCH, shapes)
+        (best, *_) = rows_anywhere(row, areas, arclength, shapes=shapes)
+        (there, *_) = rows_anywhere(row, areas, arclength, shapes=shapes, limit=2.0 * best.cost)
+        assert there.cost == best.cost and share_of_blobs(there, best) == 1.0
+        assert len(candidates.near(row, 2.0 * best.cost)) == TARGETS.size
+
+
+def test_a_crowd_has_parts_of_rows_by_chance_and_a_single_row_has_not():
+    rng = np.random.default_rng(9)
+    row = 3000.0 * arc(0.0, 5.0)
+    crowd = rng.uniform([-100.0, -200.0], [400.0, 200.0], (400, 2))
+    alone, crowded = (
+        RowCandidates(points, np.full(len(points), 80.0), ARCLENGTH) for points in (row, crowd)
+    )
+    assert crowded.are_crowded(10, 100.0)
+    assert not alone.are_crowded(10, 100.0)
 
 
 def test_a_longer_row_of_equal_dots_is_not_the_arm():

@@ -81,8 +81,14 @@ def find_areas(image: Image, appearance: Appearance) -> RoundAreas:
 
 
 def measure_areas(image: Image, areas: RoundAreas, appearance: Appearance) -> Blobs:
-    """Return the blobs among areas of an image."""
-    rows = _measured(image.grey(), areas.starts(appearance), appearance)
+    """Return the blobs among areas of an image; each area is measured once."""
+    known: dict[bytes, Array] = image.once(('measured', appearance), dict)
+    starts = areas.starts(appearance)
+    keys = [start.tobytes() for start in starts]
+    new = [number for number, key in enumerate(keys) if key not in known]
+    measured = _measured(image.grey(), starts[new], appearance)
+    known.update(zip((keys[number] for number in new), measured, strict=True))
+    rows = np.array([known[key] for key in keys]).reshape(-1, COLUMNS)
     return Blobs(freeze(_distinct(rows, appearance.blobs).T.copy()))
 
 

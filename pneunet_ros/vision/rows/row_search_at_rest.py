@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-import functools
 import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.vision.association import near_rows_anywhere, TargetRow
-from pneunet_ros.vision.beam_search import Mask
+from pneunet_ros.vision.association import TargetRow
+from pneunet_ros.vision.beam_search import Indices, Mask
 from pneunet_ros.vision.dots.areas import RoundAreas
 from pneunet_ros.vision.dots.blobs import Blobs, measure_areas
 from pneunet_ros.vision.rest_plane import (
     Failure,
     NO_ROW,
+    no_row,
     plane_at_rest,
     RestAverage,
     RestSearch,
@@ -22,6 +23,7 @@ from pneunet_ros.vision.rest_plane import (
     row_points,
     spacing_of,
 )
+from pneunet_ros.vision.row_candidates import RowCandidates
 from pneunet_ros.vision.rows.row import ObservedRow
 from pneunet_ros.vision.rows.row_search import row_among
 from pneunet_ros.vision.rows.view import NO_AREAS, View
@@ -44,8 +46,7 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     blobs = _free_blobs(view, areas)
     if len(blobs) == 0:
         return NO_AREAS
-    points = view.lens.undistort(blobs.centers)
-    found = _search_anew(view, blobs, points)
+    found = _search_all(view, blobs)
     if not isinstance(found, Failure):
         return found
     others = np.count_nonzero(np.isfinite(view.taken[:, 0]))
@@ -53,6 +54,7 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     found = replace(found, found=blobs.centers, blobs=blobs, sentence=found.sentence + more)
     if found.reason != 'no_row':
         return found
+    points = view.lens.undistort(blobs.centers)
     seen = points[np.isfinite(points[:, 0])]
     again = rest.recognize(seen, view.arclength, view.vision)
     return found if again is None else again
@@ -68,61 +70,134 @@ def _search_what_stands_out(view: View, areas: RoundAreas) -> Array | Failure:
     """Find the targets of the arm at rest by the areas that stand out, as `search_at_rest`.
 
     Only those on a row, as their moments say, are measured, and all areas near it or near a row
-    that is not there by chance beside it; rows that cost little are looked for first.
+    that is not there by chance beside it.
     """
     points = view.lens.undistort(areas.centers)
-    usable = np.isfinite(points[:, 0])
     clear = areas.stand_out(view.appearance)
-    clear = clear[usable[clear]]
-    found: Array | Failure = Failure(
+    clear = clear[np.isfinite(points[clear, 0])]
+    nothing = Failure(
         reason='no_row',
         sentence=f'no row of {view.arclength.size} targets with the distances of '
         f'target_arclength among {len(clear)} areas that stand out clearly',
         found=areas.centers[clear],
     )
-    look = functools.partial(
-        near_rows_anywhere,
+    candidates = _candidates(view, points, areas.areas, areas.shapes, clear)
+    return _search_within(
+        view,
+        view.limits,
+        candidates,
         points,
-        areas.areas,
-        view.arclength,
-        clear,
-        view.vision.beam_search,
-        areas.shapes,
+        lambda near: _free_blobs(view, areas.only(near)),
+        nothing,
     )
-    for limit in view.limits:
-        near = look(limit)
-        if not len(near):
+
+
+def _search_all(view: View, blobs: Blobs) -> Array | Failure:
+    """Find the targets of the arm at rest among all blobs of a frame, as `search_at_rest`.
+
+    Of a crowd only rows are looked for that cost little: others are there by chance.
+    """
+    arclength, settings = view.arclength, view.vision.rest_plane
+    points = view.lens.undistort(blobs.centers)
+    known = np.flatnonzero(np.isfinite(points[:, 0]))
+    candidates = _candidates(view, points, blobs.area, blobs.shapes, known)
+    found, limits = no_row(arclength.size, len(known)), settings.limits
+    while True:
+        row = _search_within(
+            view,
+            limits,
+            candidates,
+            points,
+            lambda near: Blobs(freeze(blobs.table[:, near])),
+            found,
+        )
+        if not isinstance(row, Failure) or row.reason not in NO_ROW:
+            return row
+        found, limit = row, 2.0 * limits[-1]
+        if limits[-1] >= view.vision.beam_search.dearest(arclength.size):
+            return found
+        if candidates.are_crowded(settings.crowd, limit + settings.chance):
+            more = '; there are so many that only rows that fit well are looked for'
+            return replace(found, sentence=found.sentence + more)
+        limits = (limit,)
+
+
+def _candidates(
+    view: View, points: Array, areas: Array, shapes: Array, known: Indices
+) -> RowCandidates:
+    """Return the rows among some (known) of all areas of the frame, as `RowCandidates`."""
+    return RowCandidates(
+        points[known],
+        areas[known],
+        view.arclength,
+        view.vision.beam_search,
+        shapes[known],
+        most=len(points),
+    )
+
+
+def _search_within(
+    view: View,
+    limits: tuple[float, ...],
+    candidates: RowCandidates,
+    points: Array,
+    measured: Callable[[Indices], Blobs],
+    found: Failure,
+) -> Array | Failure:
+    """Find the targets of the arm at rest near rows that cost little, the cheapest first.
+
+    points (areas, 2): all areas, normalized; measured: gives the blobs of some; found: what there
+    is if there is no such row. Returns what `search_at_rest` does.
+    """
+    chance = view.vision.rest_plane.chance
+    if not len(candidates.near(points, limits[-1])):
+        return found
+    for limit in limits:
+        if not len(candidates.near(points, limit)):
             continue
-        near = np.union1d(near, look(limit + view.vision.rest_plane.chance))
-        near = near[usable[near]]
-        blobs = _free_blobs(view, areas.only(near))
+        blobs = measured(candidates.near(points, limit + chance))
         if len(blobs) == 0:
             found = NO_AREAS
             continue
-        found = _search_anew(view, blobs, view.lens.undistort(blobs.centers))
-        if not isinstance(found, Failure):
-            return found
-        found = replace(found, found=blobs.centers)
+        decide: tuple[float, ...] = limit, limit + chance
+        if limit <= view.vision.rest_plane.limits[-1]:  # else others are there by chance
+            decide = *decide, limit + 2.0 * chance, math.inf
+        row = _search_once(view, blobs, decide)
+        if not isinstance(row, Failure):
+            return row
+        found = replace(row, found=blobs.centers)
         if found.reason not in NO_ROW:
             break
     return found
 
 
-def _search_anew(view: View, blobs: Blobs, points: Array) -> Array | Failure:
+def _search_once(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Failure:
+    """Find the targets of the arm at rest, as `_search_anew`; the same blobs are searched once.
+
+    In a crowd what stands out may be all that there is.
+    """
+    key = (
+        'at rest', limits, view.settings, view.vision, view.clamp_angle, view.arclength.tobytes(),
+        view.taken.tobytes(), blobs.table.tobytes(),
+    )  # fmt: skip
+    return view.image.once(key, lambda: _search_anew(view, blobs, limits))
+
+
+def _search_anew(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Failure:
     """Find the targets of the arm at rest by this frame alone, as `search_at_rest` returns them.
 
-    points (blobs, 2): the blobs, normalized. A row that is found must be what is found again from
-    its clamp once the plane is known by it: what a frame says does not depend on what was known
-    before.
+    limits: as of `row_at_rest`. A row that is found must be what is found again from its clamp
+    once the plane is known by it: what a frame says does not depend on what was known before.
     """
     settings, vision, arclength = view.settings, view.vision, view.arclength
-    at_rest = whole = _row_at_rest(view, blobs, points, arclength)
+    points = view.lens.undistort(blobs.centers)
+    at_rest = whole = _row_at_rest(view, blobs, points, arclength, limits)
     if isinstance(whole, Failure):
         # The last target may be seen in part: its neighbors tell where to look for it.
         short = arclength.size > vision.association.least_targets
         if whole.reason != 'no_row' or not short:
             return whole
-        at_rest = _row_at_rest(view, blobs, points, arclength[:-1])
+        at_rest = _row_at_rest(view, blobs, points, arclength[:-1], limits)
     if isinstance(at_rest, Failure):
         return whole
     plane = plane_at_rest(at_rest, arclength[: len(at_rest)], settings.plane)
@@ -214,7 +289,9 @@ def _has_moved(view: View, row: TargetRow, points: Array, gone: Mask) -> bool:
     return is_moved(gone, chosen, view.vision.rest_plane.odds)
 
 
-def _row_at_rest(view: View, blobs: Blobs, points: Array, arclength: Array) -> Array | Failure:
+def _row_at_rest(
+    view: View, blobs: Blobs, points: Array, arclength: Array, limits: tuple[float, ...]
+) -> Array | Failure:
     """Return the targets of a resting arm among blobs, normalized (targets, 2), NaN where missing.
 
     points (blobs, 2) normalized, NaN where the lens does not see.
@@ -229,5 +306,6 @@ def _row_at_rest(view: View, blobs: Blobs, points: Array, arclength: Array) -> A
         view.rest_straightness,
         view.vision,
         blobs.shapes[usable],
+        limits=limits,
     )
     return row if isinstance(row, Failure) else row_points(row, points[usable])

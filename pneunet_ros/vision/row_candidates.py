@@ -1,0 +1,268 @@
+"""Rows of targets among blobs, of unknown place and scale, that cost no more than a limit.
+
+In clutter nearly every pair of neighbors begins a row that goes on for long if only its total cost
+is limited. Here a limit per target ends most of them after a step or two. A row of the arm is
+still found, from the target where it begins to cost less than that on average.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.vision.beam_search import (
+    BEAM_SEARCH,
+    BeamSearchSettings,
+    BlobColumns,
+    COST,
+    grow_rows,
+    HEADING,
+    Indices,
+    LAST,
+    LOOKS,
+    Mask,
+    NOTHING,
+    SCALE,
+    SIZE,
+    X,
+    Y,
+)
+
+Pairs = tuple[Indices, Indices]
+PARTS = 8  # of the pairs that begin rows, after each of which a search may stop
+
+
+class PlacedRow(NamedTuple):
+    """Blobs in a row (indices), and their places along the arm, from any place on."""
+
+    chosen: Indices
+    places: Array
+
+
+class RowCandidates:
+    """Rows of targets among blobs, found by what their seen targets cost at most.
+
+    points (blobs, 2) in any coordinates that are true to shape; areas (blobs,) px^2; arclength
+    (targets,) m; shapes (blobs, 3), as `Blobs` has them, None if they are not known; costs
+    (blobs,): of each blob in a row, None if all are as good; most: stretches that are looked at.
+    """
+
+    def __init__(
+        self,
+        points: Array,
+        areas: Array,
+        arclength: Array,
+        search: BeamSearchSettings = BEAM_SEARCH,
+        shapes: Array | None = None,
+        costs: Array | None = None,
+        most: int | None = None,
+    ) -> None:
+        self.points, self.arclength, self.search = points, arclength, search
+        # Even the arm alone has some, from each pair of its targets at most.
+        self.most = max(len(points) if most is None else most, arclength.size**2)
+        self._within = dict[float, list[PlacedRow] | None]()
+        self.blobs = blob_columns(points, areas, shapes, costs)
+        steps = np.diff(arclength)
+        self._even = bool(np.allclose(steps, steps[0]))
+        steps_of_row = arclength.size - 2
+        self._run = max(1, steps_of_row // 4)
+        # Of targets that are spaced evenly it need not be known which is the first.
+        self._firsts = range(1 if self._even else steps_of_row + 1 - self._run)
+
+    @functools.cached_property
+    def neighbors(self) -> Pairs:
+        """Every blob with each of its neighbors, that may be the first two of a row.
+
+        Where only some blobs cost nothing, the second of a row is any of these.
+        """
+        x, y, _, costs = self.blobs
+        apart = np.hypot(x[:, None] - x, y[:, None] - y)
+        np.fill_diagonal(apart, math.inf)
+        free, many = np.flatnonzero(costs == 0.0), min(self.search.neighbors, x.size - 1)
+        if free.size < x.size:  # few of them are likely: no pair with one is too many
+            neighbors = np.tile(free, (x.size, 1))
+        else:
+            neighbors = np.argpartition(apart, many - 1, axis=1)[:, :many]
+        first, second = np.repeat(np.arange(x.size), neighbors.shape[1]), neighbors.ravel()
+        distinct = (apart[first, second] > 0.0) & (first != second)
+        return first[distinct], second[distinct]
+
+    def near(self, others: Array, limit: float) -> Indices:
+        """Return which of other points (n, 2) are near rows within a limit, or their extensions.
+
+        All of them where nearly every blob begins a row.
+        """
+        rows = self.rows_within(limit)
+        if rows is None:
+            return np.arange(len(others))
+        near, left = np.zeros(len(others), np.bool_), np.arange(len(others))
+        for chosen, places in rows:
+            row = self.points[chosen]
+            for line, along in ((row, places), (row[::-1], places[-1] - places[::-1])):
+                near[left] = near_line(others[left], line, along, self.search)
+                left = left[~near[left]]  # in noise there are a thousand rows
+            if not left.size:
+                break
+        return np.flatnonzero(near)
+
+    def ends(self, limit: float) -> Pairs:
+        """Return the pairs of blobs with which rows within a limit may begin, from either end."""
+        rows = self.rows_within(limit) if math.isfinite(limit) else None
+        if rows is None:
+            return self.neighbors
+        pairs, spacing = set[tuple[int, int]](), float(np.diff(self.arclength).min())
+        shortest = self.arclength[-2] - self.arclength[0] - 0.5 * spacing
+        for chosen, places in rows:
+            for row, along in ((chosen, places), (chosen[::-1], places[-1] - places[::-1])):
+                # It may go on beyond the ends of the arm.
+                firsts = along[-1] - along[:-1] >= shortest
+                pairs.update(zip(row[:-1][firsts].tolist(), row[1:][firsts].tolist(), strict=True))
+        first, second = np.array(sorted(pairs), np.int64).reshape(-1, 2).T
+        return first, second
+
+    def are_crowded(self, crowd: int, limit: float) -> bool:
+        """Whether the blobs show rows within a limit by chance, as so many parts of some.
+
+        crowd: how many parts, none of which shares a blob with another.
+        """
+        if len(self.points) < self.arclength.size - 1:
+            return False
+        parts, used = 0, set[int]()
+        for _, rows, _ in self._stretches(limit):
+            for row in rows:
+                blobs = row[row >= 0].tolist()
+                if used.isdisjoint(blobs):
+                    used.update(blobs)
+                    parts += 1
+            if parts >= crowd:
+                return True
+        return False
+
+    def rows_within(self, limit: float) -> list[PlacedRow] | None:
+        """Find the rows within a limit; None where there are more than `most` stretches.
+
+        They may go on beyond their ends; where none shows all of the targets, the first or the
+        last one is missing.
+        """
+        if limit not in self._within:
+            self._within[limit] = self._grown_from_stretches(limit)
+        return self._within[limit]
+
+    def _grown_from_stretches(self, limit: float) -> list[PlacedRow] | None:
+        """Grow stretches on, towards the beginning of the row; returns `rows_within`."""
+        targets, arclength = self.arclength.size, self.arclength
+        most = self.most * len(self._firsts)
+        found = dict[bytes, tuple[int, PlacedRow]]()
+        if len(self.points) < targets - 1:
+            return []
+        for first, rows, costs in self._stretches(limit):
+            most -= len(rows)
+            if most < 0:
+                return None
+            if not len(rows):
+                continue
+            behind = arclength if self._even else arclength[first + 1] - arclength[first + 1 :: -1]
+            starts, others = starts_of(self.blobs, behind, (rows[:, 1], rows[:, 0]))
+            starts[:, COST] = costs
+            limits = np.full(behind.size, limit)
+            others, _ = grow_rows(self.blobs, behind, starts, others, True, self.search, limits, 2)
+            for row, other in zip(rows, others, strict=True):
+                beginning = _to_last_seen(other)[:1:-1]
+                whole = np.append(beginning, _to_last_seen(row))
+                if len(whole) >= targets - 1:
+                    seen = np.flatnonzero(whole >= 0)
+                    places = seen * (arclength[1] - arclength[0])
+                    if not self._even:
+                        places = arclength[first - len(beginning) :][seen]
+                    found[whole.tobytes()] = len(whole), PlacedRow(whole[seen], places)
+        complete = any(length >= targets for length, _ in found.values())
+        return [row for length, row in found.values() if length >= targets or not complete]
+
+    def _stretches(self, limit: float) -> Iterator[tuple[int, Indices, Array]]:
+        """Yield the stretches that rows within a limit end with: first target, blobs and costs.
+
+        A stretch costs no more than `rate` a target up to each of its targets, which other blobs
+        rarely do for `run` targets. In each row one begins where the cost so far exceeds that rate
+        by most. As the row as a whole costs less, by `rate * run` or more, `run` targets follow
+        there at least.
+        """
+        arclength, run = self.arclength, self._run
+        steps = arclength.size - 2
+        rate = limit / max(1, steps - run)
+        for pairs in np.array_split(np.array(self.neighbors), PARTS, axis=1):
+            for first in self._firsts:
+                ahead = arclength[first:]
+                limits = rate * np.maximum(np.arange(ahead.size) - 1.0, 1.0)
+                rows, costs = grown_from_pairs(
+                    self.blobs, ahead, (pairs[0], pairs[1]), self.search, limits, 2 + run
+                )
+                rows, costs = rows[np.isfinite(costs)], costs[np.isfinite(costs)]
+                seen = rows >= 0
+                last = ahead.size - np.argmax(seen[:, ::-1], axis=1)
+                lost = last - np.count_nonzero(seen, axis=1)
+                yield first, rows, costs - self.search.missing * lost
+
+
+def grown_from_pairs(
+    blobs: BlobColumns,
+    arclength: Array,
+    pairs: Pairs,
+    search: BeamSearchSettings,
+    limits: Array,
+    least: int | None = None,
+) -> tuple[Indices, Array]:
+    """Grow a row from each pair of blobs; rows (pairs, targets) and costs, as `grow_rows`."""
+    starts, rows = starts_of(blobs, arclength, pairs)
+    return grow_rows(blobs, arclength, starts, rows, True, search, limits, least)
+
+
+def starts_of(blobs: BlobColumns, arclength: Array, pairs: Pairs) -> tuple[Array, Indices]:
+    """Return what is known of rows that begin with pairs of blobs (pairs,), and the rows."""
+    (x, y, looks, costs), (first, second) = blobs, pairs
+    starts = np.zeros((len(first), LAST + 1))
+    starts[:, LAST], starts[:, X], starts[:, Y] = 1.0, x[second], y[second]
+    starts[:, HEADING] = np.arctan2(y[second] - y[first], x[second] - x[first])
+    apart = np.hypot(x[first] - x[second], y[first] - y[second])
+    starts[:, SCALE] = apart / (arclength[1] - arclength[0])
+    starts[:, COST] = costs[first] + costs[second]
+    starts[:, SIZE:LAST] = 0.5 * (looks[:, first] + looks[:, second]).T
+    rows = np.full((len(first), arclength.size), NOTHING)
+    rows[:, 0], rows[:, 1] = first, second
+    return starts, rows
+
+
+def near_line(points: Array, row: Array, places: Array, search: BeamSearchSettings) -> Mask:
+    """Whether points are near a row (n, 2) or its extension by up to two spacings.
+
+    places (n,): of the row along the arm.
+    """
+    spacing = float(np.diff(places).min())
+    beyond = row[-1] + (row[-1] - row[-2]) * 2.0 * spacing / (places[-1] - places[-2])
+    row, places = np.vstack([row, beyond]), np.append(places, places[-1] + 2.0 * spacing)
+    at = np.arange(places[0], places[-1], 0.25 * spacing)
+    way = [np.interp(at, places, row[:, axis]) for axis in range(2)]
+    away = np.hypot(points[:, :1] - way[0], points[:, 1:] - way[1]).min(axis=1)
+    scale = np.median(np.hypot(*np.diff(row, axis=0).T) / np.diff(places))
+    beside = search.farthest * (search.along_std + search.across_std)
+    return np.asarray(away <= beside * scale * spacing)
+
+
+def blob_columns(
+    points: Array, areas: Array, shapes: Array | None, costs: Array | None = None
+) -> BlobColumns:
+    """Return x, y, looks and costs of blobs."""
+    x, y = np.ascontiguousarray(points.T)
+    looks = np.zeros((LOOKS, len(areas)))
+    looks[0] = np.log(areas)
+    if shapes is not None:
+        looks[1:] = shapes.T
+    return BlobColumns(x, y, looks, np.zeros(len(areas)) if costs is None else costs)
+
+
+def _to_last_seen(row: Indices) -> Indices:
+    """Return a row (targets,) up to its last target that is seen."""
+    return row[: 1 + np.flatnonzero(row >= 0)[-1]]
