@@ -1,11 +1,12 @@
-"""The lab arm as a chain: its energy, and Newton's method to its minimum.
+"""The lab arm as a chain: its energy, and its minimization by Newton's method.
 
-Straight elements, held together by springs that bend. Unknown are the angles of the tangent at the
-clamp, of every element, and at the free end. Nothing here is shared with the solver of the model.
+The chain consists of straight elements joined by bending springs. Its unknowns are the tangent
+angles at the clamp, of every element, and at the free end. It shares nothing with the solver of
+the model.
 
 `numbers` are, in this order: element length m, clamp angle rad, clamp compliance rad/(N m), its
-hardening 1/rad^2, axial compliance 1/N, its growth -, cubic term m^2, quintic term m^4, place of
-the end force beside and beyond the free end m.
+hardening 1/rad^2, axial compliance 1/N, its growth -, cubic term m^2, quintic term m^4, offset of
+the end force across and along the arm m.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ LOAD_STEPS = 24  # of the way back from the unloaded arm
 def bending_moment(
     d: float, rigidity: float, cubic: float, quintic: float
 ) -> tuple[float, float, float]:
-    """Energy per length (N), moment (N m) and stiffness (N m^2) at a curvature d beyond rest."""
+    """Return energy per length (N), moment (N m), stiffness (N m^2) at a curvature d from rest."""
     q = d * d
     energy = rigidity * q * (0.5 + q * (0.25 * cubic + q * quintic / 6.0))
     moment = rigidity * d * (1.0 + q * (cubic + q * quintic))
@@ -45,10 +46,10 @@ def joint(
     cubic: float,
     quintic: float,
 ) -> tuple[float, float, float]:
-    """Energy (J), moment (N m) and stiffness (N m) of a joint turned by `turn` beyond rest.
+    """Return energy (J), moment (N m) and stiffness (N m) of a joint turned by `turn` beyond rest.
 
-    before, after (m): how much of the arm that it stands for lies on either side of l1, where the
-    rigidity changes from `first` to `second`. Both sides carry the same moment.
+    before, after (m): the lengths of its part of the arm on either side of l1, where the rigidity
+    changes from `first` to `second`. Both sides carry the same moment.
     """
     if after <= 0.0 or before <= 0.0:
         span = before if after <= 0.0 else after
@@ -93,7 +94,7 @@ def energy_of(
     diagonal: Array,
     beside: Array,
 ) -> float:
-    """Energy (J) of the chain; fills its gradient and tridiagonal matrix of second derivatives.
+    """Return the energy (J) of the chain; fills its gradient and tridiagonal Hessian.
 
     angles (n + 2,); share: of all loads.
     """
@@ -152,10 +153,10 @@ def energy_of(
 
 @inner
 def settle(angles: Array, frame: ChainFrame, share: float, work: Array) -> float:
-    """Move the angles, in place, to where the energy is least; returns the last step in rad.
+    """Minimize the energy over the angles, in place; returns the last step in rad.
 
-    work (5, n + 2) is scratch. A step is taken as far as it lowers the energy; where the matrix is
-    not positive its negative pivots are turned round, so that the way is always down.
+    work (5, n + 2) is scratch. A step is shortened until it lowers the energy; negative pivots of
+    the matrix change sign, so that the direction is always downhill.
     """
     size = angles.shape[0]
     gradient, diagonal, beside, step, trial = work[0], work[1], work[2], work[3], work[4]
@@ -210,8 +211,8 @@ def equilibria(
     """Solve the frames in order, each from the previous one; returns how many were solved.
 
     turning and factor (frames, n + 1), rest (frames, n), line (frames, n, 2), loads (frames, 6);
-    fills angles (frames, n + 2), of which the first row says where to begin, if `begun`. A frame
-    that cannot be reached so is reached from the unloaded arm by adding the load in steps.
+    fills angles (frames, n + 2), whose first row is the start if `begun`. A frame that cannot be
+    reached from the previous one is reached from the unloaded arm, by adding the load in steps.
     """
     frames: int = angles.shape[0]
     size = angles.shape[1]

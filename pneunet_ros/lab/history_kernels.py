@@ -1,4 +1,4 @@
-"""Effects with a history in the lab arm, by small time steps."""
+"""Effects with history in the lab arm, integrated in small time steps."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pneunet_ros.core.kernels.jit import kernel
 def lag_pressure(
     time: Array, pressure: Array, start: float, filling: float, emptying: float
 ) -> Array:
-    """Pressure (Pa) behind a line that fills and empties with these time constants (s).
+    """Return the pressure (Pa) behind a line that fills and empties with these time constants (s).
 
     time (n,) s, pressure (n,) Pa before the line, start: behind it at time[0].
     """
@@ -33,7 +33,7 @@ def lag_pressure(
 
 @kernel
 def play_pressure(pressure: Array, start: Array, half_widths: Array) -> Array:
-    """Answers (n, plays) of play operators of these half widths (Pa) that begin at `start`."""
+    """Return the outputs (n, plays) of plays with these half widths (Pa), starting at `start`."""
     answers = np.empty((pressure.size, start.size))
     for i in range(start.size):
         here, half = start[i], half_widths[i]
@@ -45,7 +45,7 @@ def play_pressure(pressure: Array, start: Array, half_widths: Array) -> Array:
 
 @kernel
 def relax_curvature(time: Array, wanted: Array, start: Array, constant: float) -> Array:
-    """Answers (n, columns) that follow `wanted` (n, columns) with a time constant (s)."""
+    """Return columns (n, columns) that follow `wanted` (n, columns) with a time constant (s)."""
     answers = np.empty(wanted.shape)
     answers[0] = start
     for k in range(1, time.size):
@@ -60,7 +60,7 @@ def relax_curvature(time: Array, wanted: Array, start: Array, constant: float) -
 
 @kernel
 def largest_so_far(time: Array, pressure: Array, start: float, forgetting: float) -> Array:
-    """Largest pressure (Pa) up to every time, forgotten at this rate (1/s) while it is not met."""
+    """Return the largest pressure (Pa) so far, decaying at this rate (1/s) until reached again."""
     largest = np.empty(time.size)
     here = max(start, pressure[0])
     largest[0] = here

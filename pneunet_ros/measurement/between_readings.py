@@ -1,8 +1,8 @@
 """Linear interpolation of a sensor between two readings, with its uncertainty.
 
-On the straight line between two readings a part of their white noise averages out. But nobody read
-what happened in between: a steady ramp is on the line, a value that jumped was at one of its ends
-all along, and a ramp that began in between is on one side of it.
+On the straight line between two readings, a part of their white noise averages out. But the values
+in between are unknown: a steady ramp follows the line, a value that jumped was at either end, and
+a ramp that began in between lies to one side of the line.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def interpolate(shown: Stamps, stamp_ns: Stamps, values: Array) -> Array:
 def interpolated_noise(shown: Stamps, stamp_ns: Stamps) -> Array:
     """Return the noise of interpolated values (stamps,), relative to that of a reading.
 
-    On a line between two readings a part of the white noise of both averages out.
+    On the line between two readings, a part of their white noise averages out.
     """
     if len(stamp_ns) < 2:
         return np.ones(len(shown))
@@ -64,8 +64,8 @@ def places_between(shown: Stamps, stamp_ns: Stamps) -> tuple[Stamps, Array]:
 def frames_sharing(shown: Stamps, stamp_ns: Stamps) -> Array:
     """Return the number of shown frames that share the readings of each frame, (shown,).
 
-    They have the noise of the same two readings, and what the line between these misses: as many
-    as are shown around it in the time between those readings. shown: not decreasing.
+    These frames share the noise of the same two readings, and the error of the line between them:
+    they are the frames within the time between those readings. shown: not decreasing.
     """
     if len(stamp_ns) < 2:
         return np.full(len(shown), float(len(shown)))
@@ -88,18 +88,16 @@ def interpolation_error(
 ) -> Array:
     """Return one sigma of the error of linear interpolation between readings, (shown, ...).
 
-    stamp_ns (readings,) and values (readings, ...) with white noise of this size (...). By how
-    much does the change between two readings differ from the one before, and the one behind from
-    it? Where the value went on as before, and as behind, the line is right. Where both differ the
-    same way, the course between them is bent: it lies between the line and the courses that go on
-    from either side, anywhere alike. Where one takes back the other, the value jumped: with a
-    share w of the time gone it had jumped already with probability w, so that the error has a
-    standard deviation of the root of w (1 - w) of the jump. What went on the same way through
-    two intervals, and neither before nor behind, began in the first of them and ended in the
-    second, at any time: with a share w of the time gone since the reading between them it has
-    ended with probability w, and the line misses what is left. Before the first reading and
-    behind the last the value is taken to be at rest; beyond the last it may go on changing as it
-    did.
+    stamp_ns (readings,) and values (readings, ...) with white noise of this size (...). The error
+    follows from the changes of slope at the reading before and at the one after. Without any, the
+    line is right. If both have the same sign, the course is bent: it lies anywhere between the
+    line and the extrapolations from either side, with equal probability. If they cancel, the value
+    jumped: after a fraction w of the interval it had jumped with probability w, so the error has a
+    standard deviation of sqrt(w (1 - w)) of the jump. A change that spans two intervals, but not
+    the ones before and after, began in the first and ended in the second, at any time: after a
+    fraction w of the second it has ended with probability w, and the line misses the rest. Before
+    the first and after the last reading, the value is assumed to be constant; after the last, it
+    may continue to change as before.
     """
     out = np.zeros((len(shown), *values.shape[1:]))
     if len(stamp_ns) < 2:
@@ -138,8 +136,8 @@ def missed_by_lines(
     """`interpolation_error` into out (shown, columns).
 
     values (readings, columns), `apart` (readings - 1,) ns; least (columns,): square of a second
-    difference that noise explains; before, share (shown,): as of `places_between`; late (shown,)
-    ns: behind the last reading.
+    difference that noise explains; before, share (shown,): as from `places_between`; late (shown,)
+    ns: time after the last reading.
     """
     for column in range(values.shape[1]):
         for frame in range(before.size):
@@ -223,7 +221,7 @@ def missed_by_line(
 
 @inlined
 def bend_at(values: Array, apart: Array, column: int, reading: int) -> float:
-    """Return the change of slope at a reading; none at readings that there are not."""
+    """Return the change of slope at a reading; zero outside the readings."""
     if reading < 0 or reading >= len(values):
         return 0.0
     slope = slope_between(values, apart, column, reading)
@@ -232,7 +230,7 @@ def bend_at(values: Array, apart: Array, column: int, reading: int) -> float:
 
 @inlined
 def slope_between(values: Array, apart: Array, column: int, reading: int) -> float:
-    """Return the slope from a reading to the next; at rest before the first, behind the last."""
+    """Return the slope from a reading to the next; zero before the first and after the last."""
     if reading < 0 or reading >= apart.size:
         return 0.0
     slope: float = (values[reading + 1, column] - values[reading, column]) / apart[reading]
@@ -242,8 +240,8 @@ def slope_between(values: Array, apart: Array, column: int, reading: int) -> flo
 def furthest_error(shown: Stamps, stamp_ns: Stamps) -> Array:
     """Return the bound of the interpolation error relative to `interpolation_error`.
 
-    Of a jump, all of it, if the value jumped in the shorter part of the time between two readings;
-    of a bent course the one that goes on from either side, (shown,).
+    For a jump, the whole jump, if the value jumped in the shorter part of the interval; for a bent
+    course, the extrapolation from either side, (shown,).
     """
     bent = np.full(len(shown), math.sqrt(3.0))
     if len(stamp_ns) < 2:
@@ -256,8 +254,8 @@ def furthest_error(shown: Stamps, stamp_ns: Stamps) -> Array:
 def error_between(shown_ns: int, stamp_ns: Stamps, values: Array, noise: float) -> float:
     """Return a plausible bound of the interpolation error at one stamp, for values (stamps,).
 
-    The root of three sigma, and at most as far as it may be at all. noise: white, of a value. What
-    came after the last value is not known yet.
+    It is sqrt(3) sigma, or the largest possible error if that is smaller. noise: white, of a
+    value. Values after the last one are not known yet.
     """
     shown = np.array([shown_ns])
     error = interpolation_error(shown, stamp_ns, values, noise)

@@ -1,7 +1,7 @@
 """The domain of a model: the pressures and end loads that its calibration spanned.
 
-Inside it the covariance of the model is that of its errors. A little beyond, the model is
-extrapolated and says so; further out it says nothing. `locate_load` is the rule for everybody.
+Inside it, the covariance of the model covers its errors. Slightly beyond, the model is
+extrapolated and says so; further out there is no estimate. Everything uses the rule `locate_load`.
 """
 
 from __future__ import annotations
@@ -86,9 +86,9 @@ class Domain:
     """The range of a calibration.
 
     pressure: lowest and highest, Pa gauge; end_load (loads, 4): F1, F2 (N), M (N m), p (Pa), the
-    vertices of the convex hull of the loads seen, or the corners of a box. The unloaded arm at
-    every pressure belongs to it unsaid: that is kappa_p0. Then follow the largest end force (N)
-    and end moment (N m) seen.
+    vertices of the convex hull of the loads seen, or the corners of a box. The unloaded arm is
+    always inside, at every pressure: that is kappa_p0. largest_force (N), largest_end_moment (N
+    m): the largest that were seen.
     """
 
     pressure: tuple[float, float]
@@ -101,7 +101,7 @@ class Domain:
         pressure = table_array(self.pressure, 'domain.pressure', 1)
         if pressure.size != 2 or not pressure[0] <= pressure[1]:
             raise ModelError(
-                'domain.pressure must be the lowest and the highest pressure in Pa',
+                'domain.pressure must be two numbers, the lowest and the highest pressure in Pa',
                 reason='wrong_shape',
             )
         loads = table_array(self.end_load, 'domain.end_load', 2)
@@ -138,7 +138,7 @@ class Domain:
         return f'{low:.4g} to {high:.4g} kPa, {" and ".join(loads) or "no end load"}'
 
     def largest_moment(self, length: float) -> float:
-        """Return the largest moment (N m) that end loads seen make in an arm of a length (m)."""
+        """Return the largest moment (N m) in an arm of a length (m) under the calibrated loads."""
         return max(self.largest_end_moment, length * self.largest_force)
 
 
@@ -146,9 +146,9 @@ class Domain:
 class LoadHull:
     """The convex hull of the loads of a domain, in newtons in all directions.
 
-    scale (4,) makes newtons of F1, F2, M and p: a moment counts as the force that makes it at the
-    length of the arm, the whole range of pressure as the largest load. points (n, 4) N; size: the
-    largest load, N.
+    scale (4,) makes newtons of F1, F2, M and p: a moment counts as the force that produces it at
+    the length of the arm, the whole range of pressure as the largest load. points (n, 4) N; size:
+    the largest load, N.
     """
 
     scale: Array
@@ -158,14 +158,14 @@ class LoadHull:
     def way_out(self, at: Array) -> Array:
         """Return the vector (4,) N from the nearest point of the hull to a scaled load (4,) N.
 
-        Inside it is zero, but for rounding.
+        Inside the hull it is zero, except for rounding.
         """
         way = np.empty(4)
         way_from_hull(self.points, at, way)
         return way
 
     def distance(self, load: Sequence[float] | Array, noise: Sequence[float] | Array) -> float:
-        """Return how far (N) a load (4,) is beyond the hull, less noise (4,) on the way, SI."""
+        """Return the distance (N) of a load (4,) from the hull, minus its noise (4,), SI."""
         return float(
             distance_beyond(
                 self.points,
@@ -203,7 +203,7 @@ def distance_beyond(points: Array, scale: Array, size: float, load: Array, noise
 
 
 def load_hull(end_load: Array, pressure: tuple[float, float], length: float) -> LoadHull:
-    """Return the hull of loads (n, 4) and of the unloaded arm; length (m) is that of the arm."""
+    """Return the hull of loads (n, 4) and of the unloaded arm; length (m): of the arm."""
     low, high = pressure
     scale = np.array([1.0, 1.0, 1.0 / length, 0.0])
     size = float(np.max(np.linalg.norm(end_load * scale, axis=1)))
@@ -216,9 +216,9 @@ def load_hull(end_load: Array, pressure: tuple[float, float], length: float) -> 
 def spanned_domain(end_load: Array, length: float, span: tuple[float, float]) -> Domain:
     """Return the domain spanned by the given loads, with few vertices.
 
-    end_load (frames, 4): F1, F2, M, p, SI; length (m) of the arm; span (Pa): what its tables
-    reach. The load that is furthest from the hull of those taken is taken next, until the others
-    are within `THINNING` of it. Numbers have six digits.
+    end_load (frames, 4): F1, F2, M, p, SI; length (m) of the arm; span (Pa): the range of its
+    tables. The load furthest from the hull of the chosen loads is added next, until all others are
+    within `THINNING` of the hull. Numbers have six digits.
     """
     loads = np.array(end_load)
     loads[:, PRESSURE] = np.clip(loads[:, PRESSURE], *span)

@@ -1,8 +1,8 @@
-"""Equilibrium of the rod (Eq 4): from load to shape, and how the shape answers to small changes.
+"""Equilibrium of the rod (Eq 4): the shape under a load, and its sensitivity.
 
-A solve that fails is a value: a `Shape` of NaN with a status sentence and the residual that was
-left. `solve` takes what the sensors read, held steady: sensing effects of the model apply, history
-does not.
+A failed solve returns a `Shape` of NaN with a status sentence and the remaining residual. `solve`
+takes sensor readings, held constant: sensing effects of the model apply, effects with history do
+not.
 """
 
 from __future__ import annotations
@@ -70,10 +70,10 @@ class Sensitivity:
     """Response of a solved rod to unit changes of F1, F2, M and of further causes, in that order.
 
     tip (causes, 3): x, y, theta of the free end. stable: see Shape; None where it is not defined.
-    The others are what `stations` needs: the solution with its changes per single cause (causes,
-    panels + 1, 6), the changes of its panels, ends and table of rotation per further one, and the
-    table. mixing (causes, single causes): how much of each single cause a cause brings along, as
-    effects go with the end load or push along a normal that turns; None where a cause is single.
+    `stations` needs the rest: the solution with its changes per single cause (causes, panels + 1,
+    6), the changes of its panels, ends and table of rotation per further cause, and that table.
+    mixing (causes, single causes): the share of each single cause in each cause, because effects
+    depend on the end load or push along a normal that turns; None if every cause is single.
     """
 
     tip: Array
@@ -90,7 +90,7 @@ class Sensitivity:
     def for_kernels(self) -> Response:
         """Return the solution and its derivatives in the form that kernels take.
 
-        Panels, ends and nodes are copies, as kernels are compiled for what may be written.
+        Panels, ends and nodes are copies, because kernels are compiled for writable arrays.
         """
         panels, ends, nodes = self.solution.for_kernels()
         return Response(
@@ -114,7 +114,7 @@ class Sensitivity:
         return out
 
     def stations(self, arclength: Array) -> Array:
-        """Return the changes (causes, 6, n) of the same, at increasing material arclengths (m)."""
+        """Return the changes (causes, 6, n) of these fields at increasing arclengths (m)."""
         panels, _, nodes = self.solution.for_kernels()
         out = np.empty((len(self.node_changes), FIELD_COUNT, arclength.size))
         station_changes(
@@ -143,19 +143,18 @@ def solve(
 
     Args:
         arm: the calibrated arm, from `load_model`.
-        pressure: what the sensor reads, held steady; Pa gauge.
+        pressure: reading of the sensor, held constant; Pa gauge.
         force: F1, F2 on the free end as the sensor reads them, N, in the base frame.
         moment: on the free end, about z of the base frame, N m.
-        start: a neighboring shape whose branch is followed; None grows it from the unloaded arm.
-        stations: how many equally spaced places along the arm the shape has.
+        start: a neighboring shape whose branch is followed; None: start from the unloaded arm.
+        stations: number of equally spaced points along the arm.
 
-    Returns:
-        The shape; where none was found its arrays are NaN and `status` says why. A load beyond
-        the domain of the model is solved all the same, as what the rod would do if its law went
-        on as it is: then `extrapolated` is True and `status` says so.
+    Returns: The shape; if none was found, its arrays are NaN and `status` says why. A load beyond
+    the domain of the model is solved as if the law of the rod continued unchanged: then
+    `extrapolated` is True and `status` says so.
 
     Raises:
-        RequestError: a value is no finite number.
+        RequestError: a value is not a finite number.
 
     """
     check_finite(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment)
@@ -179,12 +178,12 @@ def with_position(arm: Arm, shape: Shape, load: Load, chamber: float) -> Shape:
 
 
 def steady_pressure(arm: Arm, pressure: float) -> float:
-    """Chamber pressure (Pa) of an arm that has rested at this sensed pressure."""
+    """Return the chamber pressure (Pa) of an arm that has settled at this sensed pressure."""
     return arm.actuate(arm.initial_history(pressure), 0.0, pressure)[1]
 
 
 def check_finite(**values: float) -> None:
-    """Refuse NaN, infinity and what is no number, by name."""
+    """Reject NaN, infinity and non-numbers, by name."""
     for name, value in values.items():
         if not isinstance(value, (int, float, np.number)) or not math.isfinite(value):
             raise RequestError(
@@ -194,7 +193,7 @@ def check_finite(**values: float) -> None:
 
 @functools.lru_cache(maxsize=64)
 def station_arclength(length: float, count: int) -> Array:
-    """Equally spaced stations (m) from the clamp to the free end."""
+    """Return equally spaced stations (m) from the clamp to the free end."""
     if count < 2:
         raise RequestError(
             f'at least 2 stations are needed (clamp and free end), not {count}', reason='too_few'
@@ -211,12 +210,11 @@ def solve_rod(
     settings: SolverSettings = SOLVER,
     quick: bool = False,
 ) -> Shape:
-    """Shape of the first of these records, taken at the chamber pressure, under a true load.
+    """Return the shape of the first of these records, at the chamber pressure, under a true load.
 
     start: a neighboring solution, or None to solve from nothing; arclength (stations,) m. quick:
-    give up where that would take many small steps, or seems to diverge. Pushes along the normal
-    of the arm are solved for where they point; what is said of stability holds for them as dead
-    loads.
+    give up if this would take many small steps, or seems to diverge. The directions of pushes
+    along the normal of the arm are solved for; stability treats them as dead loads.
     """
     if not rods.push.any():
         return solve_dead_loads(arm, rods, load, start, arclength, settings, quick)
@@ -243,8 +241,8 @@ def solve_rod(
 class HeadingSearch:
     """Search for the headings (rods, pushes) rad at which a rod and its pushes are in equilibrium.
 
-    Each by itself by the secant method; the first step is to what was found. It diverges where a
-    step missed by more than the one before, twice: once is common where the search converges.
+    Each heading has its own secant method; its first step goes to the heading that was found. The
+    search counts as diverging if the error has grown twice: once is common even if it converges.
     """
 
     __slots__ = ('before', 'diverges', 'found', 'grew', 'heading', 'most')
@@ -271,7 +269,7 @@ class HeadingSearch:
 
 
 def headings(solution: SolverNodes, rods: Rods) -> Array:
-    """Return the angle (pushes,) rad of the tangent of a solved rod where it is pushed."""
+    """Return the tangent angle (pushes,) rad of a solved rod at its pushes."""
     order = np.argsort(rods.push_place)
     fields = np.empty((FIELD_COUNT, order.size))
     panels, _, nodes = solution.for_kernels()
@@ -408,7 +406,7 @@ def solved_shape(
 def failed_shape(
     arm: Arm, load: Load, arclength: Array, sentence: str, residual: float, iterations: int
 ) -> Shape:
-    """Return the value of a solve that gave no shape."""
+    """Return the result of a failed solve."""
     nothing = frozen_array(np.full(arclength.size, np.nan))
     return Shape(
         arclength=arclength,
@@ -429,7 +427,7 @@ def failed_shape(
 def linearized_ends(
     solution: SolverNodes, panel_changes: Array, end_changes: Array
 ) -> tuple[Array, Array, bool]:
-    """Return changes of nodes and tip per cause (F1, F2, M, further), and whether it is stable."""
+    """Return changes of nodes and tip per cause (F1, F2, M, further), and the stability."""
     causes = LOADS + panel_changes.shape[0]
     nodes = np.zeros((causes, *solution.nodes.shape))  # the last row is partly unused
     tip = np.empty((causes, TIP_WIDTH))
@@ -438,16 +436,16 @@ def linearized_ends(
 
 
 def is_stable(solution: SolverNodes) -> bool:
-    """Whether a rod of positive rigidity is at a minimum of energy under dead load."""
+    """Whether a rod of positive rigidity is at an energy minimum under dead load."""
     return linearized_ends(solution, NO_PANELS, NO_ENDS)[2]
 
 
 def linearize_shape(
     solution: SolverNodes, rods: Rods, changes: Perturbation | None = None
 ) -> Sensitivity:
-    """Linearize a solved rod: its answer to the loads and to changes of its record.
+    """Linearize a solved rod: its response to the loads and to changes of its record.
 
-    What the loads change of the record, and how pushes turn with the arm, is part of the answers.
+    The response includes how loads change the record, and how pushes turn with the arm.
     """
     heading, every = None, changes
     if rods.push_place.size:
@@ -493,10 +491,10 @@ def turns(rods: Rods, heading: Array) -> Perturbation:
 
 
 def mixing_of(single: Sensitivity, rods: Rods, changes: Perturbation | None) -> Array:
-    """Return how much of each single cause a cause brings along, (causes, single causes).
+    """Return the share of each single cause in each cause, (causes, single causes).
 
-    The single ones: F1, F2, M, the changes, among them what the loads change; then how far each
-    push turns. With H the turn of the arm there per single cause, t = d H + t H of the turns.
+    The single causes are F1, F2, M, the changes (including those by the loads), then the turn of
+    each push. With H the turn of the arm there per single cause, t = d H + t H of the turns.
     """
     pushes, total = rods.push_place.size, len(single.node_changes)
     by_load = changes is not None and changes.by_load
@@ -544,9 +542,12 @@ def changes_on_mesh(solution: SolverNodes, changes: Perturbation | None) -> tupl
 
 
 def tip_jacobian(arm: Arm, shape: Shape) -> Array:
-    """d(x, y, theta) of the tip / d(chamber pressure, F1, F2, M), (3, 4) SI, of an arm at rest."""
+    """Return d(x, y, theta) of the tip / d(chamber pressure, F1, F2, M), (3, 4) SI, at rest."""
     if shape.solution is None:
-        raise RequestError(f'no Jacobian without a shape: {shape.status}', reason='no_equilibrium')
+        raise RequestError(
+            f'there is no Jacobian, because there is no shape: {shape.status}',
+            reason='no_equilibrium',
+        )
     rested = arm.initial_history(shape.pressure)
     history, chamber = arm.actuate(rested, 0.0, shape.pressure)
     load = Load(

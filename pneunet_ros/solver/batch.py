@@ -1,8 +1,8 @@
-"""A batch of rods of one mesh at once: loops over rods are innermost, as vector instructions.
+"""Solve a batch of rods on one mesh: the innermost loops run over rods, as vector instructions.
 
 The tables are those of `solver.columns`, each entry once per rod of a block, flat. Every rod takes
-full Newton steps until the slowest has converged; a rod that does not is left with its residual,
-for the single solver to take up.
+full Newton steps until the slowest has converged; a rod that does not converge keeps its residual
+and is left to the single solver.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def end_load(ends: Array, k: int) -> Four:
 def residuals(
     panels: Array, ends: Array, nodes: Array, slopes: Array, scale: Array, worst: Array
 ) -> None:
-    """Residual of every rod (rad) into `worst`, and the slopes for the Newton step."""
+    """Compute the residual of every rod (rad) into `worst`, and the slopes for the Newton step."""
     count = panels.size // (col.PANEL_WIDTH * B)
     last = from_panel(nodes, count, col.NODE_WIDTH)
     for k in range(B):
@@ -114,7 +114,7 @@ def residuals(
 def full_steps(
     ends: Array, nodes: Array, slopes: Array, steps: Array, scale: Array, sweep: Array
 ) -> None:
-    """One full Newton step of every rod; `steps` and `sweep` (5, rods) are scratch."""
+    """Take one full Newton step of every rod; `steps` and `sweep` (5, rods) are scratch."""
     count = slopes.size // (col.SLOPE_WIDTH * B)
     last = from_panel(nodes, count, col.NODE_WIDTH)
     for k in range(B):
@@ -261,9 +261,9 @@ def evaluate_batch(
     detail: Array,
     missed: Array,
 ) -> None:
-    """Stations of solved rods into fields (6, rods, stations), `resolution` into `detail` (m).
+    """Write stations of rods to fields (6, rods, stations), `resolution` to `detail` (m).
 
-    By how much (rad) each misses the equations between its nodes goes into `missed`.
+    The error (rad) of each between its nodes is written into `missed`.
     """
     count = len(nodes) // col.NODE_WIDTH - 1
     panels = np.empty((count, col.PANEL_WIDTH))

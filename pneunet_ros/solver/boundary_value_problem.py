@@ -1,4 +1,4 @@
-"""One rod under one load: from a cold start or a neighbor to equilibrium, or why there is none."""
+"""Equilibrium of one rod under one load, from a cold start or from a neighbor."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def newton(
 
 
 class BoundaryValueProblem:
-    """One rod under one load on a mesh that is refined until it carries the solution.
+    """One rod under one load, on a mesh that is refined until it resolves the solution.
 
     rods: records of the rod, of which the first counts; force (F1, F2) N and moment N m at the
     free end. `panels`, `ends` and `nodes` are tables of `solver.columns`, `residual` is in rad.
@@ -91,9 +91,9 @@ class BoundaryValueProblem:
         )
 
     def refine_as(self, known: SolverNodes, finest: float) -> None:
-        """Refine the mesh at once where that of a neighbor was, and would have to be again.
+        """Refine the mesh at once where the mesh of a neighbor had to be refined.
 
-        finest (m): the detail that a mesh must carry.
+        finest (m): the detail that a mesh must resolve.
         """
         settings = self.settings
         if len(known.panels) <= REFINED * len(self.panels):
@@ -119,7 +119,7 @@ class BoundaryValueProblem:
         )
 
     def newton(self) -> bool:
-        """Newton's method from the present nodes; whether the equations hold afterwards."""
+        """Run Newton's method from the present nodes; return whether the equations hold."""
         settings = self.settings
         self.residual, steps = newton(
             self.panels, self.ends, self.nodes, NEWTON_ITERATIONS, settings.tolerance
@@ -128,7 +128,7 @@ class BoundaryValueProblem:
         return self.residual <= ACCEPTED
 
     def solve_cold(self, quick: bool = False) -> bool:
-        """Solve from a cold start: by energy descent if possible, else by load continuation."""
+        """Solve from a cold start: by energy descent if possible, or by load continuation."""
         if np.all(self.panels[:, col.PANEL_FLEXIBILITY] > 0.0):
             loaded_guess(self.panels, self.ends, self.nodes)
             if self.newton():
@@ -144,9 +144,10 @@ class BoundaryValueProblem:
         return self.residual <= ACCEPTED
 
     def solve(self, start: SolverNodes | None, quick: bool = False) -> str:
-        """Solve; returns an empty sentence, or why there is no solution.
+        """Solve; return an empty sentence, or why there is no solution.
 
-        quick: give up where the solution had to be followed along the load, in many small steps.
+        quick: give up if the solution would have to be followed along the load, in many small
+        steps.
         """
         finest = self.settings.finest_detail * self.rods.length
         if start is not None:
@@ -167,7 +168,7 @@ class BoundaryValueProblem:
         return ''
 
     def solution(self) -> SolverNodes:
-        """Return the present nodes, frozen; the problem may go on only on a new mesh."""
+        """Return the present nodes, frozen; the problem can only continue on a new mesh."""
         return SolverNodes(
             panels=freeze(self.panels),
             ends=freeze(self.ends.copy()),
@@ -179,7 +180,7 @@ class BoundaryValueProblem:
 def panels_needed(
     rods: Rods, ends: Array, settings: SolverSettings = SOLVER
 ) -> npt.NDArray[np.int64]:
-    """Return the panels per section for the first of these records under a load (ends, (6,))."""
+    """Return the panels per section of the first of these records under a load (ends, (6,))."""
     counts: npt.NDArray[np.int64] = collocation.panel_counts(
         rods.length,
         rods.sections[0],
@@ -193,7 +194,7 @@ def panels_needed(
 
 
 def gauss_stations(panels: Array) -> tuple[Array, Array]:
-    """Arclength of all joints and Gauss points, and the intrinsic rotation there."""
+    """Return the arclength of all joints and Gauss points, and the intrinsic rotation there."""
     start, length = panels[:, col.PANEL_START], panels[:, col.PANEL_LENGTH]
     end = panels[:, col.PANEL_ROTATION_END]
     s, rotation = np.empty((len(panels), ANGLES)), np.zeros((len(panels), ANGLES))

@@ -1,10 +1,10 @@
-"""The boundary value problem of the rod by Gauss collocation and Newton's method.
+"""Solve the boundary value problem of the rod by Gauss collocation and Newton's method.
 
 The rod is cut into panels, always at a jump of the moment law. On each panel the field equations
 hold at four Gauss points (order eight at the joints); the linearized panels are eliminated one by
 one and joined by an orthonormalized sweep, which stays stable where shooting grows like exp(l
-sqrt(F/B)). The intrinsic rotation is known in closed form and subtracted, so kinks of its table do
-little harm. The tables `panels`, `nodes`, `ends`, ... are those of `solver.columns`.
+sqrt(F/B)). The intrinsic rotation is known in closed form and subtracted, so kinks in its table
+hardly matter. The tables `panels`, `nodes`, `ends`, ... are those of `solver.columns`.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def panel_counts(
     turn: float,
     most: int,
 ) -> npt.NDArray[np.int64]:
-    """Panels per section: none longer than so many decay lengths sqrt(B/n), none turns further."""
+    """Return the panels per section, limited in decay lengths sqrt(B/n) and in rotation."""
     counts = np.empty(len(sections), dtype=np.int64)
     bend = 0.0
     for piece in range(len(rotation)):
@@ -144,7 +144,7 @@ def unloaded_nodes(panels: Array, ends: Array, nodes: Array) -> None:
 def residual_pass(
     panels: Array, ends: Array, nodes: Array, slopes: Array, moment_scale: float
 ) -> float:
-    """Residual of the rod in rad (moments times `moment_scale`); fills `slopes` for Newton."""
+    """Return the residual in rad (moments times `moment_scale`); fills `slopes` for Newton."""
     count = len(panels)
     end_moment, _ = free_end(end_load(ends), nodes[count, col.NODE_THETA])
     given = nodes[0, col.NODE_THETA] - ends[col.CLAMP_ANGLE]
@@ -177,7 +177,7 @@ def residual_pass(
 def newton_step(
     ends: Array, nodes: Array, slopes: Array, steps: Array, moment_scale: float
 ) -> None:
-    """One full Newton step from the slopes of `residual_pass`; `steps` is scratch."""
+    """Take one full Newton step from the slopes of `residual_pass`; `steps` is scratch."""
     count = len(slopes)
     s = moment_scale
     # The state at a joint is w + t v: v spans what the clamp leaves free, kept at unit length in
@@ -258,11 +258,11 @@ def blend(nodes: Array, share: float, other: Array, out: Array) -> None:
 def newton(
     panels: Array, ends: Array, nodes: Array, most_iterations: int, tolerance: float
 ) -> tuple[float, int]:
-    """Newton's method from the given nodes, in place; a step that does not help is halved.
+    """Run Newton's method from the given nodes, in place; a step that does not help is halved.
 
-    It stops at `tolerance` (rad), or where rounding lets no step help any more.
-    Returns the residual (rad) and the number of steps. The nodes solve the equations only where
-    the residual is at most ACCEPTED.
+    It stops at `tolerance` (rad), or when rounding prevents any further improvement. Returns the
+    residual (rad) and the number of steps. The nodes solve the equations only if the residual is
+    at most ACCEPTED.
     """
     count = len(panels)
     slopes = np.empty((count, col.SLOPE_WIDTH))

@@ -1,7 +1,7 @@
-"""The columns of every table of the solver by name, and how a row of them is read.
+"""Named columns of every table of the solver, and how to read a row.
 
-A column is added here: kernels reach every entry by its name, and allocate by the widths. Where a
-quantity stands at the four Gauss points of a panel, the name is that of the first of four columns.
+Add a column here: kernels access every entry by its name, and allocate by the widths. For a
+quantity at the four Gauss points of a panel, the name is that of the first of four columns.
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ def join_ends(clamp: Array, loads: Array) -> Array:
 def write(values: Array, out: Array) -> None:
     """Copy a table over another of the same shape.
 
-    An assignment of arrays would have numba compile the words of its errors as well.
+    With an array assignment, numba would also compile the text of its errors.
     """
     for row in range(values.shape[0]):
         for column in range(values.shape[1]):

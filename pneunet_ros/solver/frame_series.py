@@ -1,7 +1,7 @@
 """Solve many rods in sequence on one mesh, each from its own or its neighbor's solution.
 
-For fits: beside the shapes at stations, their sensitivity to every column of the record of the
-rod, from which the sensitivity to any parameter follows by the chain rule.
+For fits: the shapes at stations and their sensitivity to every column of the record of the rod,
+from which the sensitivity to any parameter follows by the chain rule.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class FrameSolutions(NamedTuple):
 def most_panels(
     rods: Rods, loads: Array, decay_lengths: float, turn: float, most: int
 ) -> Integers:
-    """Return the panels per section that every one of the rods needs, as of `panel_counts`."""
+    """Return the number of panels per section that suffices for all rods, from `panel_counts`."""
     counts = np.zeros(rods.sections.shape[1], dtype=np.int64)
     ends = np.empty(col.END_WIDTH)
     for rod in range(len(loads)):
@@ -66,7 +66,7 @@ def start_at_points(
 ) -> None:
     """Start frames at the shape through points (n, 2, targets) m; NaN where none is seen.
 
-    arclength (targets,) m: one at the clamp says nothing. Fills nodes and known of the frames in
+    arclength (targets,) m: one at the clamp is not used. Fills nodes and known of the frames in
     which a point is seen.
     """
     nodes = frames.nodes
@@ -89,10 +89,10 @@ def start_at_points(
 def headings_through(
     arclength: Array, points: Array, clamp: float, at: Array, heading: Array
 ) -> int:
-    """Fill arclengths (m) and headings (rad) there of an arm through points (2, targets) m.
+    """Fill the arclengths (m) and headings (rad) of an arm through points (2, targets) m.
 
-    From one point to the next the chord has the heading of the middle. Returns how many of
-    (targets + 2,) are filled; 0 where no point is seen.
+    The chord from one point to the next has the heading of its middle. Returns how many of
+    (targets + 2,) are filled; 0 if no point is seen.
     """
     at[0] = last = x = y = turns = 0.0
     heading[0] = before = clamp
@@ -118,7 +118,7 @@ def headings_through(
 def start_along(panels: Array, ends: Array, at: Array, heading: Array, nodes: Array) -> None:
     """Set nodes to a shape: heading (n,) rad at these arclengths (n,) m.
 
-    The moment is the one with which the load at the free end holds such a shape.
+    The moment is the one with which the load at the free end would hold this shape.
     """
     force_x, force_y = ends[col.END_X], ends[col.END_Y]
     moment = before = s_before = 0.0
@@ -189,7 +189,7 @@ def linearize_frames(
     steps: Array,
     out: Array,
 ) -> None:
-    """Sensitivity of solved rods at stations, into out (n, causes, 6, stations), and stability.
+    """Write sensitivities at stations to out (n, causes, 6, stations), and the stability.
 
     The causes: F1, F2, M; a unit of each knot of the curvature's table (knot_rotation (knots,
     pieces, 5) is its intrinsic rotation); each column of a section (columns (k, 2): section and

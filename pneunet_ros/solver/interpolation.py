@@ -1,6 +1,6 @@
-"""The solved rod between its Gauss points: position, tangent, curvature and moment.
+"""Interpolation of the solved rod between its Gauss points: position, tangent, curvature, moment.
 
-Collocation is most accurate at the joints. Between them every panel is integrated anew at eight
+Collocation is most accurate at the joints. Between them, every panel is integrated again at eight
 inner points: the moment from the angle, the curvature from the moment, the angle from the
 curvature, and from that angle moment and position.
 """
@@ -52,7 +52,7 @@ def panel_bending(
 ) -> tuple[float, float]:
     """Compute kappa - kappa0 of panel p at POINTS, into the first six of a row of out.
 
-    Returns the way over the panel in x and y, by the quadrature of the collocation.
+    Returns the displacement over the panel in x and y, by the quadrature of the collocation.
     """
     h, law, mechanics, _ = read_panel(panels, p)
     node, values = nodes[p], out[row]
@@ -103,10 +103,10 @@ def panel_series(
 ) -> float:
     """Integrate x', y', M' and kappa - kappa0 over panel p, as powers of v, into series (4, 9).
 
-    v = -1 at the start of the panel and 1 at its end. What little is missing at the end to the
+    v = -1 at the start of the panel and 1 at its end. The small difference at its end to the
     values of the collocation, which are best there, is spread over the panel. The table of
-    curvature is searched from `piece` on; work (9, 8) is scratch. Returns by how much (rad) the
-    angle misses the equations: that of the collocation against the integral of its own curvature.
+    curvature is searched from `piece` on; work (9, 8) is scratch. Returns the error (rad) of the
+    angle: that of the collocation against the integral of its own curvature.
     """
     h, law, mechanics, _ = read_panel(panels, p)
     axial, rest, n1, n2, q1, q2 = mechanics
@@ -163,12 +163,12 @@ def panel_series(
 
 @kernel
 def resolution(panels: Array, nodes: Array, knots: Array, rotation: Array) -> float:
-    """Size (m) of the finest detail that the mesh carries; not tiny: the mesh is too coarse.
+    """Return the size (m) of the finest resolved detail; it is tiny on a fine enough mesh.
 
     It is the largest contribution of the Legendre term of degree five to the position, over all
-    panels. Where the moment law is cubic the curvature can have detail that neither the position
-    nor the Gauss points show: there it counts, too, by how much the angle misses the equations
-    between them, times the length of the rod.
+    panels. With a cubic moment law, the curvature can have detail that neither the position nor
+    the Gauss points show: then the error of the angle between them, times the length of the rod,
+    counts too.
     """
     worst, missed = 0.0, 0.0
     work = np.empty((ROWS, INNER))
@@ -197,7 +197,7 @@ def resolution(panels: Array, nodes: Array, knots: Array, rotation: Array) -> fl
 
 @inlined
 def series_at(series: Array, field: int, v: float) -> float:
-    """Value of a series of a panel."""
+    """Return the value of a series of a panel."""
     value = 0.0
     for k in range(INNER, -1, -1):
         value = value * v + series[field, k]
@@ -210,8 +210,8 @@ def at_stations(
 ) -> float:
     """Fill the fields at stations of increasing `arclength` (m), (6, stations).
 
-    Returns by how much (rad) the angle misses the equations on the way to the last of them: the
-    sum of what `panel_series` finds on every panel.
+    Returns the error (rad) of the angle up to the last of them: the sum of the errors that
+    `panel_series` finds on every panel.
     """
     count = len(panels)
     work = np.empty((ROWS, INNER))

@@ -1,6 +1,6 @@
-"""From small changes of the record of a rod to its panels, and from its nodes to the stations.
+"""Linearization: from changes of a rod's record to its panels, and from its nodes to the stations.
 
-`station_changes` is `interpolation` differentiated: exact, and cheap for any number of causes.
+`station_changes` is the derivative of `interpolation`: exact, and cheap for any number of causes.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def note_law(law: Law, point: int, moment: float, fields: Array) -> None:
 
 @inner
 def panel_points(panels: Array, nodes: Array, p: int, work: Array, fields: Array) -> None:
-    """Fill fields (9, POINTS) of panel p; work holds what `panel_series` left there."""
+    """Fill fields (9, POINTS) of panel p; work: as left by `panel_series`."""
     h, law, mechanics, _ = read_panel(panels, p)
     theta = four(nodes[p], col.NODE_GAUSS)
     sine, cosine, _, _, _, moment, _, _ = panel_fields(
@@ -96,7 +96,7 @@ def panel_points(panels: Array, nodes: Array, p: int, work: Array, fields: Array
 def change_forces(
     panel: Array, fields: Array, first: int, count: int, change: Array, turned: Array, out: Array
 ) -> None:
-    """Change of h x', h y' and h M' at points of a panel by a rotation of its angle."""
+    """Return the change of h x', h y' and h M' at points of a panel by a change of its angle."""
     h, axial = panel[col.PANEL_LENGTH], panel[col.PANEL_AXIAL]
     for i in range(count):
         at = first + i
@@ -122,7 +122,7 @@ def change_forces(
 def change_law(
     panel: Array, fields: Array, first: int, count: int, change: Array, moved: Array, out: Array
 ) -> None:
-    """Change of h (kappa - kappa0) at points by a change of the moment."""
+    """Return the change of h (kappa - kappa0) at points by a change of the moment."""
     h, compliance = panel[col.PANEL_LENGTH], panel[col.PANEL_FLEXIBILITY]
     for i in range(count):
         at = first + i
@@ -140,14 +140,14 @@ def change_law(
 
 @inlined
 def angle_at(c: Array, t: float) -> float:
-    """Angle by a piece of a table of rotation at a distance from its knot."""
+    """Return the angle of a piece of the rotation table at a distance from its knot."""
     c0, c1, c2, c3, c4 = powers(c)
     return c0 + t * (c1 + t * (c2 + t * (c3 + t * c4)))
 
 
 @inlined
 def slope_at(c: Array, t: float) -> float:
-    """Slope of a piece of a table of rotation: the intrinsic curvature."""
+    """Return the slope of a piece of the rotation table: the intrinsic curvature."""
     _, c1, c2, c3, c4 = powers(c)
     return c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * 4.0 * c4))
 
@@ -162,10 +162,10 @@ def change_panel(
     out: Array,
     missing: Array,
 ) -> None:
-    """Change of h x', h y', h M' and h (kappa - kappa0) at the inner points, into out (4, INNER).
+    """Write changes of h x', h y', h M', h (kappa - kappa0) at the inner points to out (4, INNER).
 
-    angle (INNER,): of the unloaded rod from the start of the panel. missing (4,): what the change
-    of the panel as a whole is more than the integral of out.
+    angle (INNER,): of the unloaded rod from the start of the panel. missing (4,): the change of
+    the whole panel minus the integral of out.
     """
     moment, bent, gauss = scratch[0], scratch[1], scratch[4:]
     first, second = scratch[2], scratch[3]
@@ -225,7 +225,7 @@ def panel_changes(
     counts: npt.NDArray[np.int64],
     out: Array,
 ) -> None:
-    """Change of the panels of a mesh per unit of each cause, into out (causes, panels, 16).
+    """Compute the change of the panels per unit of each cause, into out (causes, panels, 16).
 
     length (2, causes), sections (2, causes, sections, 8), knots (2, causes, pieces + 1) and
     rotation (2, causes, pieces, 5) and clamp (2, causes, 5) are records on both sides of it,
@@ -266,10 +266,10 @@ def station_changes(
     arclength: Array,
     out: Array,
 ) -> None:
-    """Change of x, y, theta, kappa, kappa0, M at stations, into out (causes, 6, stations).
+    """Write changes of x, y, theta, kappa, kappa0, M at stations to out (causes, 6, stations).
 
     The causes are those of `sensitivity.sensitivities`: F1, F2, M and the further ones, for which
-    panel_changes and rotation_changes are given. It is the derivative of `at_stations`.
+    panel_changes and rotation_changes are given. This is the derivative of `at_stations`.
     """
     count, causes, stations = len(panels), len(node_changes), arclength.size
     loads = causes - len(panel_changes)

@@ -23,7 +23,7 @@ class Links(NamedTuple):
 
     heading (n,) rad; length (n,) m; compliance (n,) rad/(N m) of the joint at the beginning of
     each, for small changes; force (n, 2) N, the contact force in the middle of each. offset m:
-    across the tip, where the end load acts.
+    distance across the tip at which the end load acts.
     """
 
     heading: Array
@@ -52,7 +52,7 @@ def room_for_links(count: int, offset: float = 0.0) -> Links:
 
 
 def links_of(panels: Array, ends: Array, nodes: Array, count: int) -> Links:
-    """Return a solved rod, its tables those of `solver.columns`, as so many links."""
+    """Return a solved rod (tables as in `solver.columns`) as a chain of this many links."""
     links = room_for_links(count, float(ends[col.LOAD_OFFSET]))
     cut_links(panels, ends, nodes, links.heading, links.length, links.compliance, links.force)
     return links
@@ -107,7 +107,7 @@ def bending_compliance(panels: Array, nodes: Array, p: int) -> float:
 
 
 def ways(links: Links) -> Array:
-    """Return the derivatives of link centers and tip by the link angles, (2, n + 1, n) m."""
+    """Return derivatives of link centers and tip by the link angles, (2, n + 1, n) m."""
     count = links.heading.size
     beyond = np.tril(np.ones((count + 1, count)), -1)
     beyond[np.arange(count), np.arange(count)] = 0.5
@@ -116,7 +116,7 @@ def ways(links: Links) -> Array:
 
 
 def mass_matrix(links: Links, masses: Masses) -> Array:
-    """Return the inertia (n, n) kg m^2 of the chain against turns of its links."""
+    """Return the inertia matrix (n, n) kg m^2 of the chain for rotations of its links."""
     way = ways(links)
     inertia = np.append(masses.mass, masses.tip)
     matrix = np.einsum('dki,k,dkj->ij', way, inertia, way)
@@ -125,7 +125,7 @@ def mass_matrix(links: Links, masses: Masses) -> Array:
 
 
 def bending_stiffness(links: Links) -> Array:
-    """Return the stiffness (n, n) N m/rad of the joints against turns of the links."""
+    """Return the stiffness matrix (n, n) N m/rad of the joints for rotations of the links."""
     stiffness = 1.0 / links.compliance
     matrix = np.diag(stiffness + np.append(stiffness[1:], 0.0))
     between = np.arange(stiffness.size - 1)
@@ -134,7 +134,7 @@ def bending_stiffness(links: Links) -> Array:
 
 
 def stiffness_matrix(links: Links) -> Array:
-    """Return the second variation (n, n) N m/rad of the energy, with that of its dead loads."""
+    """Return the second variation (n, n) N m/rad of the energy, including its dead loads."""
     cosine, sine = np.cos(links.heading), np.sin(links.heading)
     along = links.length * (links.force[:, 0] * cosine + links.force[:, 1] * sine)
     along[-1] += links.offset * (links.force[-1, 1] * cosine[-1] - links.force[-1, 0] * sine[-1])

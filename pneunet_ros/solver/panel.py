@@ -46,9 +46,10 @@ PI_LOW = 1.2154201256553420e-10  # pi - PI_HIGH, 53 bits further
 
 @inlined
 def sine_cosine(x: float) -> tuple[float, float]:
-    """Sine and cosine by Taylor's series on [-pi/2, pi/2], to 5e-16.
+    """Return sine and cosine by Taylor series on [-pi/2, pi/2], to 5e-16.
 
-    Without branches or table, so that loops over rods vectorize; 8 times the speed of libm here.
+    There are no branches or tables, so that loops over rods vectorize; 8 times as fast as libm
+    here.
     """
     k = np.floor(x * ONE_OVER_PI + 0.5)
     r = (x - k * PI_HIGH) - k * PI_LOW
@@ -80,13 +81,13 @@ def curvature_change(moment: float, law: Law) -> tuple[float, float]:
 
 @inlined
 def resolve(sine: float, cosine: float, n1: float, n2: float) -> tuple[float, float]:
-    """Axial and transverse force: t = n1 cos + n2 sin, u = n2 cos - n1 sin = dt/d theta."""
+    """Return axial and transverse force: t = n1 cos + n2 sin, u = n2 cos - n1 sin = dt/d theta."""
     return n1 * cosine + n2 * sine, n2 * cosine - n1 * sine
 
 
 @inlined
 def dot(a: Four, b: Four) -> float:
-    """Inner product."""
+    """Return the inner product."""
     a1, a2, a3, a4 = a
     b1, b2, b3, b4 = b
     return a1 * b1 + a2 * b2 + a3 * b3 + a4 * b4
@@ -94,7 +95,7 @@ def dot(a: Four, b: Four) -> float:
 
 @inlined
 def total(a: Four) -> float:
-    """Sum of a row."""
+    """Return the sum of a row."""
     a1, a2, a3, a4 = a
     return a1 + a2 + a3 + a4
 
@@ -108,7 +109,7 @@ def plus(f: float, a: Four) -> Four:
 
 @inlined
 def add(a: Four, b: Four) -> Four:
-    """Elementwise sum."""
+    """Return the elementwise sum."""
     a1, a2, a3, a4 = a
     b1, b2, b3, b4 = b
     return a1 + b1, a2 + b2, a3 + b3, a4 + b4
@@ -116,7 +117,7 @@ def add(a: Four, b: Four) -> Four:
 
 @inlined
 def minus(a: Four, b: Four) -> Four:
-    """Elementwise difference."""
+    """Return the elementwise difference."""
     a1, a2, a3, a4 = a
     b1, b2, b3, b4 = b
     return a1 - b1, a2 - b2, a3 - b3, a4 - b4
@@ -124,7 +125,7 @@ def minus(a: Four, b: Four) -> Four:
 
 @inlined
 def times(a: Four, b: Four) -> Four:
-    """Elementwise product."""
+    """Return the elementwise product."""
     a1, a2, a3, a4 = a
     b1, b2, b3, b4 = b
     return a1 * b1, a2 * b2, a3 * b3, a4 * b4
@@ -139,13 +140,13 @@ def scaled(f: float, a: Four) -> Four:
 
 @inlined
 def integrated(a: Four) -> Four:
-    """Integral from the start of a unit panel to its Gauss points."""
+    """Return the integral from the start of a unit panel to its Gauss points."""
     return dot(A1, a), dot(A2, a), dot(A3, a), dot(A4, a)
 
 
 @inlined
 def free_end(load: Four, theta: float) -> tuple[float, float]:
-    """Moment (N m) that the load with its offset puts on the free end, and -d(moment)/d theta.
+    """Return the moment (N m) of the offset load on the free end, and -d(moment)/d theta.
 
     load: transverse offset m, F1, F2 N, M N m.
     """
@@ -158,7 +159,7 @@ def free_end(load: Four, theta: float) -> tuple[float, float]:
 def panel_fields(
     h: float, law: Law, mechanics: Mechanics, theta: Four, moment_a: float
 ) -> tuple[Four, Four, Four, Four, Four, Four, Four, Four]:
-    """Return the rod at the Gauss points of a panel, from theta there and the first moment.
+    """Return the state at the Gauss points of a panel, from theta there and the first moment.
 
     Returns sin, cos, axial force t = n.t, transverse force u = n x t, stretch, moment, d = kappa -
     kappa0 and d d/dM. M' = -stretch u.
@@ -195,7 +196,7 @@ def panel_fields(
 
 @inlined
 def panel_slopes(h: float, axial: float, t: Four, u: Four, stretch: Four) -> Four:
-    """Slopes h dM'/d theta at the Gauss points: d(-stretch u)/d theta = stretch t - axial u^2."""
+    """Return h dM'/d theta at the Gauss points: d(-stretch u)/d theta = stretch t - axial u^2."""
     g1, g2, g3, g4 = times(stretch, t)
     u1, u2, u3, u4 = u
     return (
@@ -216,7 +217,7 @@ def panel_residual(
     theta: Four,
     moment_a: float,
 ) -> tuple[Four, float, float, Four, Four]:
-    """Residual of a panel (Eq 4 at the Gauss points), and its slopes for Newton.
+    """Return the residual of a panel (Eq 4 at the Gauss points), and its slopes for Newton.
 
     Returns the residual at the Gauss points, theta and moment at the end, and at the Gauss points
     h dM'/d theta and h d kappa/dM.
@@ -235,10 +236,10 @@ def panel_residual(
 
 @inlined
 def eliminate(m1: Four, m2: Four, m3: Four, m4: Four) -> Triangle:
-    """Triangular factors of the 4 x 4 matrix with these rows, multipliers below the diagonal.
+    """Return LU factors of the 4 x 4 matrix with these rows, multipliers below the diagonal.
 
-    Without pivoting: the mesh keeps the matrix of a panel near the identity, and the residual
-    after every step is checked. The fifth row holds the reciprocal pivots.
+    Pivoting is not needed: the mesh keeps the matrix of a panel near the identity, and the
+    residual after every step is checked. The fifth row holds the reciprocal pivots.
     """
     m11, m12, m13, m14 = m1
     m21, m22, m23, m24 = m2

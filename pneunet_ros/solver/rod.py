@@ -1,4 +1,4 @@
-"""The record of the rod: everything that the equations of equilibrium know of an arm."""
+"""The record of the rod: everything that the equilibrium equations need to know of an arm."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ class Rods(NamedTuple):
 
     length m; pressure (pressures,) Pa; sections (pressures, sections, 8) and clamp (pressures, 5)
     with the columns of `solver.columns`, the same along each section; knots (pieces + 1,) m and
-    rotation (pressures, pieces, 5): the angle rad that the unloaded rod has turned, as ascending
-    powers of the distance from the knot before. push (pressures, pushes, sections) N/m: loads
-    along the normal that the rod will have at push_place (pushes,) m; kernels take a rod that is
-    `pointed`, which has them among its line loads.
+    rotation (pressures, pieces, 5): the angle rad of the unloaded rod, as ascending powers of the
+    distance from the previous knot. push (pressures, pushes, sections) N/m: loads along the normal
+    of the solved rod at push_place (pushes,) m; kernels take a rod that is `pointed`, which
+    includes them in its line loads.
     """
 
     length: float
@@ -66,7 +66,7 @@ def interpolate_rows(
     sections_at: Array,
     rotation_at: Array,
 ) -> None:
-    """Two tables over pressure (rows, i, j), linear also beyond their ends, into two (n, i, j)."""
+    """Interpolate or extrapolate two tables over pressure (rows, i, j), into two (n, i, j)."""
     for index in range(at.size):
         row = 0
         while row < pressure.size - 2 and at[index] >= pressure[row + 1]:
@@ -78,7 +78,7 @@ def interpolate_rows(
 
 @inlined
 def mix(one_share: float, one: Array, other_share: float, other: Array, out: Array) -> None:
-    """Set out to shares of two tables (i, j)."""
+    """Set out to a weighted sum of two tables (i, j)."""
     for i in range(one.shape[0]):
         for j in range(one.shape[1]):
             out[i, j] = one_share * one[i, j] + other_share * other[i, j]
@@ -88,7 +88,7 @@ def mix(one_share: float, one: Array, other_share: float, other: Array, out: Arr
 class RodTable:
     """Sections and rotation of an arm without effects at every pressure of its tables.
 
-    Curvature and moment laws are linear in pressure between tables' rows, so this is one linear
+    Curvature and moment laws are linear in pressure between table rows, so this is one linear
     table. pressure (rows,) Pa; sections (rows, sections, 8); rotation (rows, pieces, 5).
     """
 
@@ -97,7 +97,7 @@ class RodTable:
     rotation: Array
 
     def at(self, pressure: Array) -> tuple[Array, Array]:
-        """Sections (n, sections, 8) and rotation (n, pieces, 5) at these pressures (n,)."""
+        """Return sections (n, sections, 8) and rotation (n, pieces, 5) at these pressures (n,)."""
         sections = np.empty((pressure.size, *self.sections.shape[1:]))
         rotation = np.empty((pressure.size, *self.rotation.shape[1:]))
         at = frozen_array(pressure)  # a kernel is compiled again for one that may be written

@@ -1,7 +1,7 @@
-"""Response of the solved rod to small changes: one linear solve for any number of causes.
+"""Sensitivity of the solved rod: one linear solve for any number of causes.
 
 The first three causes are the loads F1, F2 and M. Every further cause is a change of the panels
-and of the ends, such as a change of pressure or of a model parameter makes.
+and of the ends, for example by a change of pressure or of a model parameter.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ NOTHING = (0.0, 0.0, 0.0, 0.0)
 
 @inlined
 def slope_change(h: float, stretch: Four, u: Four, a: Four, v: Four) -> Four:
-    """Change -h (a u + stretch v) of h M' with stretch (by a) and transverse force (by v)."""
+    """Return the change -h (a u + stretch v) of h M'; a: of stretch, v: of transverse force."""
     return scaled(-h, add(times(a, u), times(stretch, v)))
 
 
@@ -50,7 +50,7 @@ def slope_change(h: float, stretch: Four, u: Four, a: Four, v: Four) -> Four:
 def bending_change(
     h: float, law: Law, moment: float, d: float, e: float, change: Array, moment_changed: float
 ) -> float:
-    """Change of h (kappa - kappa0) at a Gauss point with moment, law and panel length."""
+    """Return the change of h (kappa - kappa0) at a Gauss point by moment, law and panel length."""
     flexibility, offset, _ = law
     mu = (moment - offset) * change[col.PANEL_FLEXIBILITY] - flexibility * change[col.PANEL_OFFSET]
     mu -= change[col.PANEL_CUBIC] * d * d * d
@@ -61,7 +61,7 @@ def bending_change(
 def strain_change(
     change: Array, axial: float, abscissa: float, sine: float, cosine: float, t: float
 ) -> tuple[float, float]:
-    """Change of stretch and of transverse force at a Gauss point, theta held."""
+    """Return the changes of stretch and transverse force at a Gauss point, at constant theta."""
     n1, n2 = panel_force(change, abscissa)
     along, across = resolve(sine, cosine, n1, n2)
     return change[col.PANEL_STRETCH] + change[col.PANEL_AXIAL] * t + axial * along, across
@@ -75,9 +75,9 @@ def record_change(
     fields: tuple[Four, Four, Four, Four, Four, Four, Four, Four],
     change: Array,
 ) -> tuple[Four, float, float, Four]:
-    """Residual at the Gauss points and the end (theta, moment) that a change of a panel leaves.
+    """Return the residual at Gauss points and end (theta, moment) due to a change of a panel.
 
-    fields: those of `panel_fields`. Returns h stretch' beside, theta held.
+    fields: those of `panel_fields`. Also returns h stretch' at constant theta.
     """
     sine, cosine, t, u, stretch, moment, d, e = fields
     s1, s2, s3, s4 = sine
@@ -115,12 +115,12 @@ def sensitivities(
     node_changes: Array,
     tip_changes: Array,
 ) -> bool:
-    """Change of nodes and tip (x, y, theta) per cause; returns whether the rod is stable.
+    """Compute changes of nodes and tip (x, y, theta) per cause; return the stability.
 
     panel_changes (further causes, panels, 16) and end_changes (further causes, 6) come in;
     node_changes (3 + further causes, panels + 1, 6) and tip_changes (3 + further causes, 3) go
-    out. Stable means: no bending that the clamp allows leaves the energy unchanged before the free
-    end (Jacobi's condition), valid for positive rigidity under dead load.
+    out. Stable means that no bending that the clamp allows leaves the energy unchanged before the
+    free end (Jacobi's condition), valid for positive rigidity under dead load.
     """
     count, causes = len(panels), col.LOADS + len(panel_changes)
     scale = scale_of_moments(panels)

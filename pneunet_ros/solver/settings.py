@@ -1,7 +1,7 @@
 """Tuning constants of the solver: meshes, Newton's method, cold starts.
 
-The capitals are constants of compiled kernels. A change of one compiles the kernels anew, as this
-line makes this file one of those with a core.kernels.jit import (see its `fingerprint`).
+Names in capitals are constants of compiled kernels. Changing one recompiles the kernels, because
+this line makes this file one of those with a core.kernels.jit import (see its `fingerprint`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ BATCH_TOLERANCE = 1e-11  # rad; sum of residuals that a batch aims at, beyond ro
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolverSettings:
-    """Settings of mesh and Newton search for the rod."""
+    """Settings of the mesh and of Newton's method for the rod."""
 
     tolerance: float = tuning(
         1e-13,

@@ -1,6 +1,6 @@
-"""Solutions on both sides of a solution along a tangent: the error of a linearization.
+"""Solutions to both sides of a solution along a tangent, for the error of a linearization.
 
-`sensitivities` gives the tangent, Newton's method the rods beside it.
+`sensitivities` gives the tangent, Newton's method the rods to both sides.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ UNSTABLE, STABLE, NOT_DEFINED = range(3)  # what a rod of the same kind is
 
 
 class Response(NamedTuple):
-    """A solved rod and its answer to loads and further causes, as the kernels take it.
+    """A solved rod and its response to loads and further causes, as the kernels take it.
 
     panels, ends and nodes: of the solution; knots (pieces + 1,) m and rotation (pieces, 5): as in
     `Rods`. panel_changes (further, panels, 16), end_changes (further, 6) and rotation_changes
@@ -42,7 +42,7 @@ class Response(NamedTuple):
 
 
 class Beside(NamedTuple):
-    """The rods before and after a solution: panels, nodes and rotation (2, ...) of both sides."""
+    """The rods on both sides of a solution: panels, nodes and rotation (2, ...)."""
 
     panels: Array
     nodes: Array
@@ -60,7 +60,7 @@ class Beside(NamedTuple):
 
 @inner
 def add_changes(amounts: Array, first: int, changes: Array, out: Array) -> None:
-    """Add changes (causes, i, j) to out (i, j), by amounts of the causes from the first on."""
+    """Add changes (causes, i, j), times the amounts of the first causes, to out (i, j)."""
     for cause in range(len(changes)):
         amount = amounts[first + cause]
         for i in range(out.shape[0]):
@@ -96,9 +96,9 @@ def settle(
     most_iterations: int,
     tolerance: float,
 ) -> bool:
-    """Solve the rod from where a tangent led; whether it is a neighbor of where that began.
+    """Solve the rod from the end of a tangent; return whether it is a neighbor of the start.
 
-    It is none where Newton's method goes further than the tangent, reach (rad), or to a rod of
+    It is not if Newton's method moves further than the tangent, reach (rad), or to a rod of
     another stability.
     """
     predicted = np.empty_like(nodes)
@@ -125,11 +125,10 @@ def solve_sides(
     tolerance: float,
     beside: Beside,
 ) -> int:
-    """Solve the rod before and after a solution; returns at which of the steps, or -1.
+    """Solve the rods on both sides of a solution; returns the index of the step, or -1.
 
-    direction (3 + further,): how much there is of each cause in a step of one; kind: the stability
-    of the solution. The first of the steps counts at which both sides have an equilibrium of this
-    kind.
+    direction (3 + further,): the amount of each cause in a step of one; kind: the stability of the
+    solution. Uses the first of the steps at which both sides have an equilibrium of this kind.
     """
     panels, ends, nodes, rotation = (
         response.panels,
@@ -189,7 +188,7 @@ def solve_sides(
 def second_difference(
     response: Response, beside: Beside, arclength: Array, factor: float, out: Array
 ) -> None:
-    """Set out (3, n) to a factor of r(+) + r(-) - 2 r(0): x, y, theta at increasing places (m)."""
+    """Set out (3, n) to factor (r(+) + r(-) - 2 r(0)): x, y, theta at increasing places (m)."""
     knots, fields = response.knots, np.empty((col.FIELD_COUNT, arclength.size))
     at_stations(response.panels, response.nodes, knots, response.rotation, arclength, fields)
     for field in range(len(out)):  # x, y, theta

@@ -1,15 +1,15 @@
-"""Motion of a chain of links about an equilibrium that moves, in a few shapes.
+"""Motion of a chain of links about a moving equilibrium, in a few shapes.
 
-The headings are theta(t) = theta_e(t) + Phi(t)^T q(t): theta_e of the equilibrium, which goes on
-straight from one reading to the next, Phi (shapes, links) how the joints bend under fixed bending
-moments. So the shapes follow a stiffness that goes with the pressure. Kinematics are exact: a
-swing may be large. With the energies T of motion and V of bending and loads, Lagrange's equations
-in the momenta p = dT/dq' are
+The headings are theta(t) = theta_e(t) + Phi(t)^T q(t): theta_e of the equilibrium, which moves
+linearly from one reading to the next, and Phi (shapes, links) the bending of the joints under
+fixed bending moments. The shapes thus adapt to a stiffness that depends on the pressure. The
+kinematics are exact, so a swing may be large. With the energies T of motion and V of bending and
+loads, Lagrange's equations in the momenta p = dT/dq' are
 
     q' = A^-1 (p - A_e),   p' = d(T - V)/dq - damping,
 
 A (shapes, shapes) the inertia of the shapes and A_e that of the moving equilibrium against them.
-Momenta go on smoothly where the pressure begins to rise. Damping is that of Kelvin and Voigt:
+Momenta are continuous where the pressure begins to rise. Damping is of the Kelvin-Voigt type:
 damping_time times the stiffness of a joint times the rate at which it bends.
 """
 
@@ -34,8 +34,8 @@ class Swing(NamedTuple):
     """State of a chain relative to its equilibrium, with covariance.
 
     state (2, shapes): q in units of the moments, then momenta p. covariance (2 shapes, 2 shapes)
-    of q and p as one vector, by what goes on between readings; columns (2, 2 shapes): its change
-    per relative error of all masses, and of the damping.
+    of q and p as one vector, due to changes between readings; columns (2, 2 shapes): the change of
+    the state per relative error of all masses, and of the damping.
     """
 
     state: Array
@@ -55,7 +55,7 @@ class Room(NamedTuple):
 
 
 def at_rest(shapes: int) -> Swing:
-    """Return a chain that rests in its equilibrium."""
+    """Return a chain at rest in its equilibrium."""
     size = 2 * shapes
     return Swing(
         state=np.zeros((2, shapes)),
@@ -65,7 +65,7 @@ def at_rest(shapes: int) -> Swing:
 
 
 def room_for(shapes: int, links: int) -> Room:
-    """Return the tables that `go_on` writes into."""
+    """Return the work arrays of `go_on`."""
     return Room(
         turns=np.empty((2 * shapes + 1, links)),
         way=np.empty((shapes + 1, 2, links + 1)),
@@ -114,13 +114,13 @@ def slopes(
     room: Room,
     out: Array,
 ) -> None:
-    """Compute the rates (2, shapes) of q and p, into out, at a share of the way between readings.
+    """Write the rates (2, shapes) of q and p at a share of the time between readings to out.
 
-    rate 1/s: of the share. Leaves in room: turns, of the equilibrium with its shapes per second
+    rate 1/s: of that fraction. Fills in room: turns, of the equilibrium with its shapes per second
     (1, links), then the shapes (shapes, links), then their change per second; way (1 + shapes, 2,
-    links + 1) m, how the middles of links and the tip move per turn of these; gram (1 + shapes, 1
-    + shapes), their inertia; bends (shapes, links) rad of the joints; damped (shapes,): what
-    damping takes from p.
+    links + 1) m, the motion of link centers and tip per unit of these; gram (1 + shapes, 1 +
+    shapes), their inertia; bends (shapes, links) rad of the joints; damped (shapes,), the damping
+    of p.
     """
     count, links = moments.shape
     turns, way, gram, bends = room.turns, room.way, room.gram, room.bends
@@ -208,7 +208,7 @@ def slopes(
 
 @inner
 def velocity(way: Array, rates: Array, axis: int, place: int) -> float:
-    """Return the velocity (m/s) of a place: of the equilibrium, and of the shapes at rates."""
+    """Return the velocity (m/s) of a point: of the equilibrium and of the shapes."""
     total = way[0, axis, place]
     for a in range(rates.shape[1]):
         total += rates[Q, a] * way[1 + a, axis, place]
@@ -254,7 +254,7 @@ def advance(
 
 @inner
 def errors_that_stay(state: Array, damping: Array, room: Room, inverse: Array, out: Array) -> None:
-    """Compute the derivatives of the rates by relative errors of mass and damping, (2, 2 shapes).
+    """Return derivatives of the rates by relative errors of mass and damping, (2, 2 shapes).
 
     damping (shapes, shapes): of p per q'; inverse: that of the inertia of the shapes.
     """
@@ -352,9 +352,9 @@ def go_on(
 ) -> None:
     """Advance a chain in place; moments (shapes, n) N m: those of the shapes.
 
-    before, after: its equilibrium at either end. turned (n,) rad/s: how fast it turned until
-    `before`; where it now turns otherwise, it may have gone on a parabola between the readings,
-    and not straight: that is what the covariance grows by.
+    before, after: its equilibrium at either end. turned (n,) rad/s: its rate of turn until
+    `before`; if it turns at another rate now, its path between the readings may have been a
+    parabola instead of a line, and the covariance grows by this difference.
     """
     count, links = moments.shape
     rates = np.empty((2, count))
@@ -401,7 +401,7 @@ def go_on(
 
 @inner
 def put_beside(links: Links, q: Array, turns: Array, at_nodes: Array) -> None:
-    """Fill the first rows of at_nodes, of `follow_swing`: how far q takes a chain from rest."""
+    """Fill the first rows of at_nodes of `follow_swing`: the displacement by q."""
     count, size = q.size, links.heading.size
     at_nodes[0, 0], at_nodes[1, 0], at_nodes[2, 0] = 0.0, 0.0, 0.0
     x, y = 0.0, 0.0
@@ -436,9 +436,9 @@ def follow_series(
     """Follow a chain through a series of solved rods, without the errors of its swing.
 
     solved: tables of the rods, (readings, ...) each. start (2, shapes): q and p at the first.
-    seconds (readings,): since the reading before; steps (readings,): of the integration, 0 where
-    the chain rests again. pair: room for two chains. Fills at_nodes (readings, 3, n + 2): x, y
-    (m), theta (rad) beside the equilibrium at the clamp, the middles of the links and the tip.
+    seconds (readings,): since the previous reading; steps (readings,): of the integration, 0 where
+    the chain is at rest again. pair: room for two chains. Fills at_nodes (readings, 3, n + 2): x,
+    y (m), theta (rad) relative to the equilibrium, at the clamp, the link centers and the tip.
     """
     panels, ends, nodes = solved
     first, second = pair
@@ -505,13 +505,13 @@ def follow_swing(
 ) -> None:
     """Advance a chain to the equilibrium of a solved rod, and return its position there.
 
-    solved: tables of the rod; their links go into after. swing goes on in place; steps: 0 where it
-    rests, and `before` means nothing. The others as of `go_on`. Fills at_nodes (3 + 3 shapes, n +
-    2), at the clamp, the middles of the links and the tip: x, y (m), theta (rad) beside the
-    equilibrium, then their changes per q of each shape; at_joints (2 + shapes, n + 1), at the
-    joints and the tip: curvature (1/m) and moment (N m) beside the equilibrium, then the change of
-    curvature per q; tip (5,): its velocity (m/s, rad/s), and that of x, y which it would have if
-    the equilibrium stopped.
+    solved: tables of the rod, whose links are written into after. swing is advanced in place;
+    steps: 0 if it is at rest, and `before` is not used. Other arguments as in `go_on`. Fills
+    at_nodes (3 + 3 shapes, n + 2), at the clamp, the link centers and the tip: x, y (m), theta
+    (rad) relative to the equilibrium, then their changes per q of each shape; at_joints (2 +
+    shapes, n + 1), at the joints and the tip: curvature (1/m) and moment (N m) relative to the
+    equilibrium, then the change of curvature per q; tip (5,): its velocity (m/s, rad/s), and its
+    velocity in x, y if the equilibrium stopped.
     """
     panels, ends, nodes = solved
     cut_links(panels, ends, nodes, after.heading, after.length, after.compliance, after.force)
@@ -578,14 +578,15 @@ def widen(
 ) -> None:
     """Add the uncertainty of a swing to standard deviations, in place.
 
-    The noise of a reading moves an equilibrium at once, and the arm later, each shape at a rate of
-    its own: what is beside the direction of the equilibrium does not cancel any more.
+    The noise of a reading moves the equilibrium at once and the arm later, each shape at its own
+    rate: errors across the direction of the equilibrium then no longer cancel.
 
     relative (2,): one sigma of mass and damping; left_out m: of the tip, in each shape; length (m)
-    of the arm; by_reading (readings, 3): what one sigma of each moves x, y (m), theta of the tip
-    of an equilibrium, which covariance holds. along (3 + 3 shapes, places), bent (2 + shapes,
-    places): as at_nodes and at_joints of `follow_swing`, at places of which the last is the tip;
-    std (3, places): of x, y (m) and curvature (1/m); covariance (3, 3): of x, y, theta of the tip.
+    of the arm; by_reading (readings, 3): change of x, y (m), theta of the tip in equilibrium by
+    one sigma of each reading, which covariance includes. along (3 + 3 shapes, places), bent (2 +
+    shapes, places): as at_nodes and at_joints of `follow_swing`, at places of which the last is
+    the tip; std (3, places): of x, y (m) and curvature (1/m); covariance (3, 3): of x, y, theta of
+    the tip.
     """
     count = swing.state.shape[1]
     q = np.empty((count, count))
@@ -637,11 +638,10 @@ def widen(
 
 @kernel
 def part_shapes(errors: Array, shapes: Array, parts: Array) -> None:
-    """Find what errors move beside their own direction, as each shape has it.
+    """Split the effects of errors among the shapes.
 
-    errors (errors, coordinates): what each moves; shapes (shapes, coordinates): the same per q of
-    each shape. Fills parts (errors, shapes, coordinates). How much of an error is in which shape
-    is a least-squares fit.
+    errors (errors, coordinates): displacement by each error; shapes (shapes, coordinates): the
+    same per q of each shape. Fills parts (errors, shapes, coordinates) by a least-squares fit.
     """
     count, coordinates = shapes.shape
     matrix, q = np.zeros((count, count)), np.zeros((count, len(errors)))

@@ -1,7 +1,7 @@
-"""Grow rows among blobs target by target: the arithmetic of `association`.
+"""Grow rows among blobs, target by target: the kernels of `association`.
 
-The next target is expected where an arc through the last ones leads, at the known spacing. The few
-best rows so far are kept at each step.
+The next target is expected on the arc through the last ones, at the known spacing. Only the few
+best rows are kept at each step.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ BLOB_ROWS = OWN_COST + 1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BeamSearchSettings:
-    """Criteria for a row of targets, and the number of rows to try."""
+    """Criteria for a row of targets, and the width of the beam."""
 
     farthest: float = tuning(
         3.0,
@@ -93,9 +93,9 @@ def search_numbers(settings: BeamSearchSettings) -> Any:
 class BlobColumns(NamedTuple):
     """Blobs in the working plane: x, y (blobs,), looks (LOOKS, blobs), and costs (blobs,).
 
-    looks: logarithms of the size, of the elongation (two, along and aslant of the axes of the
-    picture) and of the blur; 0 of what is not known of any blob. costs: of a blob in a row, beside
-    where it is and how it looks.
+    looks: logarithms of the size, of the elongation (two: along and diagonal to the image axes)
+    and of the blur; 0 if unknown for all blobs. costs: of a blob in a row, in addition to those of
+    its position and appearance.
     """
 
     x: Array
@@ -121,11 +121,11 @@ def grow_rows(
 ) -> tuple[Indices, Array]:
     """Grow a row from each start; `chosen` (starts, targets): its targets so far.
 
-    starts (starts, LAST + 1): what is known of the rows, all up to the same target; whole: the
-    first three targets and the last must be seen, and as many of all as of a row found anywhere;
-    limits (targets,): what the seen targets of a row may cost up to each target; least: how many
-    targets a whole row has at least, all of them if None: one that does not go on ends there.
-    Returns the best row of each start, and the costs (starts,), infinite where there is none.
+    starts (starts, LAST + 1): the beginnings of the rows, all up to the same target; whole: the
+    first three targets and the last must be seen, and as large a share of all as in a row found
+    anywhere; limits (targets,): largest cost of the seen targets up to each target; least: the
+    fewest targets of a whole row, None for all of them: a row that cannot be continued ends there.
+    Returns the best row of each start, and the costs (starts,), infinite if there is none.
     """
     if limits is None:
         limits = np.full(arclength.size, math.inf)
@@ -171,9 +171,9 @@ def grow_all(
 ) -> None:
     """Grow a row from each start; fills best (starts, targets) and costs, as `grow_rows`.
 
-    blobs (BLOB_ROWS, blobs): along two sides, looks and costs, in the order of the first; order
-    (blobs,): which they are; sides (2,): 0 where a side is x, and 1 where it is y; dearest: what
-    all targets of a row may cost.
+    blobs (BLOB_ROWS, blobs): position along two sides, looks and costs, sorted by the first; order
+    (blobs,): their indices; sides (2,): 0 if a side is x, 1 if it is y; dearest: largest cost of
+    all targets of a row.
     """
     targets, kept = arclength.size, int(search.kept)
     open_end = least < targets
@@ -228,9 +228,9 @@ def _ways_on(
 ) -> int:
     """Find the best continuations of rows to a target: with a nearby blob, and without.
 
-    known, rows: of `count` rows; limit: what the seen targets of a row may cost, and dearest: what
-    all of them may. Fills ways (kept, 2), row and blob, NOTHING without one, and
-    their costs (kept,), the cheapest first; returns how many there are.
+    known, rows: of `count` rows; limit: largest cost of the seen targets of a row; dearest:
+    largest cost of all targets. Fills ways (kept, 2): row and blob, or NOTHING, and their costs
+    (kept,), cheapest first; returns their number.
     """
     targets, missing = arclength.size, search.farthest**2
     longest_gap = search.first_gap if whole else search.longest_gap
@@ -298,7 +298,7 @@ def _ways_on(
 
 @inner
 def _insert(row: int, blob: int, cost: float, ways: Indices, costs: Array, many: int) -> int:
-    """Insert a continuation into the cheapest ones; returns their number."""
+    """Insert a continuation among the cheapest ones; returns their number."""
     place = many
     while place > 0 and costs[place - 1] > cost:
         place -= 1
@@ -367,10 +367,10 @@ def _longer_arc(turn: float) -> float:
 def off_arc(x: float, y: float, row: Array, ahead: float) -> tuple[float, float]:
     """Return the distance of a blob from the extrapolated arc, along and across it, in x units.
 
-    row (LAST + 1,); ahead m. An arc with the heading of the row leads to the blob: its turn tells
-    how far across it is. How far along tells a length from that of the chord to that of the arc,
-    as the heading is not known exactly. At the clamp itself, from where no arc leads on, along and
-    across are those of the heading.
+    row (LAST + 1,); ahead m. An arc with the heading of the row leads to the blob: its turn gives
+    the distance across. The distance along is between those of chord and arc, because the heading
+    is not known exactly. At the clamp itself, where no arc is known, along and across refer to the
+    heading.
     """
     step_x, step_y = x - row[X], y - row[Y]
     if ahead <= 0.0:
@@ -384,9 +384,9 @@ def off_arc(x: float, y: float, row: Array, ahead: float) -> tuple[float, float]
 
 @inlined
 def misfit(along: float, across: float, bend: float, search: BeamSearchSettings) -> float:
-    """Cost of a blob at this distance (spacings) from its prediction; infinite beyond the limit.
+    """Return the cost of a blob at a distance (spacings) from its prediction; infinite far away.
 
-    bend: how much further across the gap it may be.
+    bend: additional tolerance across the row for a gap.
     """
     if (
         along > search.farthest * search.along_std
@@ -403,7 +403,7 @@ def look_differences(
 ) -> tuple[float, float, float]:
     """Return the differences in size, shape and blur of a blob from a row, sigma.
 
-    0 where nothing is known of the row.
+    They are 0 if nothing is known of the row.
     """
     if math.isnan(row[SIZE]):
         return 0.0, 0.0, 0.0
@@ -417,10 +417,10 @@ def look_differences(
 
 @inlined
 def look_cost(blobs: Array, blob: int, row: Array, search: BeamSearchSettings) -> float:
-    """Cost of a blob that looks different from a row.
+    """Return the cost of a blob that looks different from a row.
 
-    It costs no more than `odd` sigma do, as one target may be far larger (a truncated square), cut
-    off or touched by a glint; and what it costs in any row.
+    It is limited to that of `odd` sigma, because one target may be far larger (a truncated
+    square), cut off or touched by a glint; plus the cost of this blob in any row.
     """
     size, shape, blur = look_differences(blobs, blob, row, search)
     odd, own = search.odd, float(blobs[OWN_COST, blob])

@@ -1,7 +1,7 @@
-"""Frame-to-frame gating of a row of targets: predictions, and what is accepted.
+"""Frame-to-frame gating of a row of targets: predictions and acceptance.
 
-Positions are those in the working plane, in any unit that is true to shape; NaN where a target is
-not seen. All functions are pure and work on the whole row.
+Positions are in the working plane, in any unit that preserves shapes; NaN for a target that is not
+seen. All functions are pure and work on the whole row.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GatingSettings:
-    """Gating of blobs as targets of a row."""
+    """Settings for gating blobs as targets of a row."""
 
     off_curve: float = tuning(0.09, 'off the curve through its neighbors', unit='spacing')
     farthest: float = tuning(2.5, 'from an end of a row found anew to the next', unit='spacing')
@@ -82,12 +82,12 @@ def consistent_spacing(
 ) -> Mask:
     """Return the targets that lie on a smooth row with the right spacings (targets,).
 
-    First go targets at a wrong distance from most of their neighbors, then those that are off a
-    smooth curve through the others, until all that are left fit; an arm with three targets has no
-    such curve. One by one that goes without which the others fit best: one that is off takes the
-    curve of its neighbors along. x, y are in m, or have been scaled so that the arm has about its
-    length. One at either end of the row is not believed when it is `farthest` spacings or more
-    from the next.
+    It first removes targets at a wrong distance from most of their neighbors, then those off a
+    smooth curve through the others, until the rest fit; an arm with three targets has no such
+    curve. Targets are removed one at a time, always the one without which the others fit best,
+    because a wrong target distorts the curve of its neighbors. x, y are in m, or scaled so that
+    the arm has about its length. A target at either end of the row is rejected if it is `farthest`
+    spacings or more from the next.
     """
     places, rest = np.empty(x.size, np.int64), np.empty(x.size, np.int64)
     others, count = np.empty(x.size, np.int64), NOTHING_BEFORE
@@ -125,7 +125,7 @@ def consistent_spacing(
 
 @inlined
 def _without(places: Indices, here: int, rest: Indices) -> None:
-    """Write all places but one into the front of `rest`, which may be the same array."""
+    """Copy all places except one to the front of `rest`, which may be the same array."""
     for place in range(places.size - 1):
         rest[place] = places[place + (place >= here)]
 
@@ -142,7 +142,7 @@ def _misfit(
     scratch: Indices,
     gating: GatingSettings,
 ) -> float:
-    """Return how badly a target fits the others; above 1 it is rejected."""
+    """Return the misfit of a target with the others; above 1 it is rejected."""
     if smooth:
         return _off_the_curve(x, y, arclength, places, here, farthest, scratch, gating)
     return _wrong_distances(x, y, arclength, places, here, gating)
@@ -152,7 +152,7 @@ def _misfit(
 def _wrong_distances(
     x: Array, y: Array, arclength: Array, places: Indices, here: int, gating: GatingSettings
 ) -> float:
-    """Return twice the share of neighbors that are too far; 2 without neighbors."""
+    """Return twice the share of neighbors that are too far away; 2 without neighbors."""
     target = places[here]
     wrong = known = 0
     for place in range(
@@ -179,7 +179,7 @@ def _off_the_curve(
     scratch: Indices,
     gating: GatingSettings,
 ) -> float:
-    """Distance of a target from the curve through its neighbors; above 1 it is rejected."""
+    """Return how far a target is off the curve through its neighbors; above 1 it is rejected."""
     target, others = places[here], scratch[: places.size - 1]
     if others.size < 2:
         return 2.0
@@ -200,8 +200,8 @@ def expected_points(
 ) -> tuple[Array, Array]:
     """Return the predicted positions of all targets (targets,) from those seen.
 
-    Between two that are seen a cubic with their tangents leads; beyond the last one on either side
-    an arc through the last three, or a line.
+    Between two seen targets this is a cubic with their tangents; beyond the last one on either
+    side an arc through the last three, or a line.
     """
     count = x.size
     at_x, at_y, places = np.empty(count), np.empty(count), np.empty(count, np.int64)
@@ -237,7 +237,7 @@ def _from_others(
 ) -> tuple[float, float, float]:
     """Return the position of a target predicted from the others; after: number of them before it.
 
-    The third value is the error of the distance from there, where all places have the error 1.
+    The third value is the error of the distance from there, if all places have an error of 1.
     """
     if after == 0:
         third = places[2] if places.size > 2 else -1
@@ -290,9 +290,9 @@ def consistent_motion(
 ) -> tuple[Mask, Mask]:
     """Return the targets that deviate from their predictions like their neighbors, and the others.
 
-    off (targets, 2): from where each was predicted, in the unit of `spacing`; NaN for those
-    without a prediction of their own or not seen, of which nothing is said. A glint beside a
-    target, or something that covers part of it, moves its center alone.
+    off (targets, 2): offset of each from its prediction, in the unit of `spacing`; NaN for those
+    without a prediction of their own or not seen, which are not judged. A glint next to a target,
+    or a partial cover, moves only the center of that target.
     """
     known = np.isfinite(off[:, 0]) & np.isfinite(off[:, 1])
     places = np.flatnonzero(known)
@@ -320,9 +320,9 @@ def consistent_size(
 ) -> Mask:
     """Return the blobs of plausible area, relative to the usual one and to neighbors (targets,).
 
-    usual: area of each so far; elongation: largest axis over smallest. What is partly covered is
-    smaller, what hangs together with a glint is larger or longer, and their centers are not those
-    of the target. Light and motion change neighbors alike.
+    usual: area of each so far; elongation: largest axis over smallest. A partly covered blob is
+    smaller, one merged with a glint is larger or longer, and their centers are not those of the
+    target. Light and motion change neighbors alike.
     """
     size = area / usual
     one = np.ones_like(area)
@@ -336,9 +336,9 @@ def consistent_size(
 
 @kernel
 def local_median(values: Array, of_few: Array) -> Array:
-    """Return the median of a value and its three neighbors on either side, (n,); NaN is none.
+    """Return the median of each value and its three neighbors on either side, (n,), without NaN.
 
-    of_few (n,): what is returned where fewer than three are known.
+    of_few (n,): returned where fewer than three are known.
     """
     medians, near = of_few.copy(), np.empty(7)
     for target in range(values.size):
@@ -361,9 +361,9 @@ def local_median(values: Array, of_few: Array) -> Array:
 def initial_area(area: Array, whole: Mask, gating: GatingSettings = GATING) -> Array:
     """Return the expected areas of targets after they are found (targets,).
 
-    area: NaN of one not seen; whole: seen with all of its edge. Such a one is as large as it is,
-    as dots painted by hand differ. Any other starts no smaller than its neighbors, as it may be
-    covered in part, and hardly larger, as a glint may hang on to it.
+    area: NaN for a target that is not seen; whole: seen with its whole edge. A whole target keeps
+    its area, because dots painted by hand differ. Any other starts no smaller than its neighbors,
+    because it may be partly covered, and hardly larger, because it may be merged with a glint.
     """
     known = np.isfinite(area)
     of_few = np.full(area.size, np.median(area[known]) if known.any() else math.nan)

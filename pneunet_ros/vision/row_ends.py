@@ -1,4 +1,4 @@
-"""Where a row of targets ends: at a gap that is too long, or not where more blobs follow alike."""
+"""The end of a row of targets: at a gap that is too long, unless similar blobs follow."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def truncate_row(
 ) -> None:
     """End a row at the first gap that does not match the number of missing targets.
 
-    Beyond such a gap the row may be a target off. A gap is as long as a curve with the headings at
-    its ends; the targets next to it tell how far the arm is stretched.
+    Beyond such a gap, the count may be off by one target. The length of a gap is that of a curve
+    with the headings at its ends; the targets next to it show how far the arm is stretched.
     """
     seen = np.flatnonzero(chosen >= 0)
     if seen.size < 3:
@@ -68,7 +68,7 @@ def truncate_row(
 
 
 def _end_heading(x: Array, y: Array, arclength: Array, chosen: Indices, places: Indices) -> float:
-    """Heading at the first of two or three targets, on the arc through them."""
+    """Return the heading at the first of two or three targets, on the arc through them."""
     at = chosen[places]
     headings = np.arctan2(np.diff(y[at]), np.diff(x[at]))
     if places.size < 3:
@@ -86,10 +86,10 @@ def _wrap_angle(angle: Array) -> Array:
 def continues_beyond(
     blobs: BlobColumns, arclength: Array, chosen: Indices, cost: float, search: BeamSearchSettings
 ) -> bool:
-    """Whether another similar blob is one spacing beyond the last target of a row.
+    """Whether there is another similar blob one spacing beyond the last target of a row.
 
-    cost: of the row. A blob that fits far worse than those in the row is there by chance, as many
-    are in printed text.
+    cost: of the row. A blob that fits far worse than those in the row is a coincidence, like many
+    in printed text.
     """
     x, y, looks, _ = blobs
     seen = np.flatnonzero(chosen >= 0)
@@ -119,10 +119,10 @@ def _any_alike(
     alike: float,
     search: BeamSearchSettings,
 ) -> bool:
-    """Whether a blob goes on a row at a cost below `alike`; last: the blob at its end.
+    """Whether a blob continues a row at a cost below `alike`; last: the blob at its end.
 
-    blobs (BLOB_ROWS, blobs): x, y, looks and costs; row (LAST + 1,); spacing m; unit: the same in
-    the picture.
+    blobs (BLOB_ROWS, blobs): x, y, appearance and costs; row (LAST + 1,); spacing m; unit: the
+    spacing in the image.
     """
     for blob in range(blobs.shape[1]):
         x, y = blobs[0, blob], blobs[1, blob]
@@ -136,5 +136,5 @@ def _any_alike(
 
 
 def _spacing_at(arclength: Array, target: int) -> float:
-    """Return the distance along the arm from the neighbor before, m."""
+    """Return the distance along the arm from the previous target, m."""
     return float(arclength[max(target, 1)] - arclength[max(target, 1) - 1])

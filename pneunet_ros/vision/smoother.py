@@ -1,7 +1,7 @@
-"""From targets to the centerline: a smooth curve and its curvature (Eq 1), with uncertainty.
+"""Smooth centerline through the targets, and its curvature (Eq 1), with uncertainty.
 
-A Gaussian process whose prior was learnt once. What has to be done for a frame depends on which
-targets were seen, not on where: it is worked out once for each set of targets and kept.
+It is a Gaussian process whose prior was learnt once. Its operator depends on which targets were
+seen, not on their positions: it is computed once for each set of targets and kept.
 
 The tangent of the curve is exp(stretch + i angle), with the logarithm of the stretch and the angle
 as functions of arclength. The logarithm of the chord between two neighboring targets, divided by
@@ -10,9 +10,9 @@ arc is shorter than the arc. Summed up along the arm, chords give a line whose n
 targets: the arm straightened out. Its second derivative is the curvature, and one linear operator
 smooths it, whatever the shape.
 
-How exact the targets are is not taken from `sensors.target_std`, which is one number for all
-cameras: the sightings say how exactly each was seen, and where the residuals of a frame show more
-than that (dots painted beside their place), the noise is what explains them.
+The accuracy of targets is not taken from `sensors.target_std`, which is one number for all
+cameras: the sightings have a standard deviation for each, and if the residuals of a frame are
+larger (badly placed dots), the noise level is the one that explains them.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ KEPT_OPERATORS = 256
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SmootherSettings:
-    """Settings that separate noise and stretch from curvature."""
+    """Settings for separating noise and stretch from curvature."""
 
     least_std: float = tuning(1e-5, 'noise below this is not believed', unit='length')
     stretch_share: float = tuning(0.01, "variation of the stretch over the angle's")
@@ -76,10 +76,10 @@ class MeasuredCurve:
     """The measured centerline at stations between the first and the last seen target.
 
     All arrays have one entry per station: material arclength (m), x and y (m, base frame), theta
-    (rad, continuous, from (-pi, pi] at the first station), curvature of the curve as Eq 1 gives it
-    (1/m, per length as it is, stretched) and its standard deviation (1/m). `rms` (m) is the root
-    mean square distance of the seen targets from the curve, per coordinate, before the curve was
-    shifted to pass the first target's place.
+    (rad, continuous, from (-pi, pi] at the first station), curvature by Eq 1 (1/m, per stretched
+    length) and its standard deviation (1/m). `rms` (m) is the root mean square distance of the
+    seen targets from the curve, per coordinate, before the curve was shifted to pass through the
+    nominal position of the first target.
     """
 
     stamp_ns: int
@@ -120,8 +120,8 @@ class SmoothingOperator(NamedTuple):
 class Smoother:
     """Smooths the targets at target_arclength (targets,) m into a curve at stations (m).
 
-    `placement_std` (m) is how exactly targets were painted; how exactly they were seen is said by
-    the sightings. More than both together is found in the residuals of a frame.
+    `placement_std` (m) is the accuracy of the painted targets; the sightings have the accuracy of
+    detection. Any further error is estimated from the residuals of a frame.
     """
 
     target_arclength: Array
@@ -149,14 +149,14 @@ class Smoother:
         object.__setattr__(self, 'operator', functools.lru_cache(KEPT_OPERATORS)(make))
 
     def smooth(self, sightings: TargetSightings) -> MeasuredCurve | None:
-        """Return the curve through the seen targets; None when they are too few for one.
+        """Return the curve through the seen targets; None if there are too few.
 
-        Also None where two neighboring targets are said to be at one place. Raises RequestError
-        for sightings of another number of targets.
+        Also None if two neighboring targets coincide. Raises RequestError for sightings with
+        another number of targets.
         """
         if sightings.x.size != self.target_arclength.size:
             raise RequestError(
-                f'the arm has {self.target_arclength.size} targets, and the sightings '
+                f'the arm has {self.target_arclength.size} targets, but the sightings have '
                 f'{sightings.x.size}',
                 reason='wrong_targets',
             )
@@ -188,7 +188,7 @@ class Smoother:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Covariances:
-    """Prior covariances of the straightened arm: its line at targets, line with slope, curvature.
+    """Prior covariances of the straightened arm: line at targets, line with slope, curvature.
 
     points (points,) m; line (targets, targets) m^2; theta (points, targets) m; curvature
     (points, targets) dimensionless; variance (points,) 1/m^2 of curvature itself.
@@ -256,7 +256,7 @@ def operator_for(
 
 
 def transpose_rows(rows: Array) -> Array:
-    """Return matrices with rows and columns exchanged, also in memory: loops run along points."""
+    """Return transposed matrices, also in memory, because loops run along points."""
     return np.ascontiguousarray(rows.transpose(0, 2, 1))
 
 
@@ -266,9 +266,9 @@ def smoother_for(
     settings: SmootherSettings = SMOOTHER,
     prior: PriorSettings = PRIOR,
 ) -> Smoother:
-    """Return the smoother of this arm, at so many equally spaced stations; learns its prior.
+    """Return the smoother of this arm, at equally spaced stations; learns its prior.
 
-    Raises CameraError when the model file names too few targets.
+    Raises CameraError if the model file has too few targets.
     """
     if arm.target_arclength.size < FEWEST_TARGETS:
         raise CameraError(
@@ -299,8 +299,8 @@ def smooth_targets(
 ) -> float:
     """Fill out (5, stations) with x, y, theta, curvature, std of curvature; return the rms.
 
-    x, y, std (all targets,) m; least_std: noise (m) below which none is believed; origin: where
-    the curve passes at the first seen target, (origin, 0) m; NaN leaves it where it was seen.
+    x, y, std (all targets,) m; least_std: smallest plausible noise (m); origin: the curve is moved
+    to pass through (origin, 0) m at the first seen target; NaN: it is not moved.
     """
     (
         seen, distances, slope, modes, mode_variances, theta_rows, curvature_rows,
@@ -434,7 +434,7 @@ def integrate(
 
 @inner
 def least_variance(std: Array, seen: Indices, least_std: float) -> float:
-    """Return the median of what detection says of the seen targets, at least `least_std`; m^2."""
+    """Return the median detection variance (m^2) of the seen targets, at least `least_std`^2."""
     known = np.empty(seen.size)
     for target in range(seen.size):
         value = std[seen[target]]
@@ -458,9 +458,9 @@ def noise_variance(
     settings: SmootherSettings,
     weights: Array,
 ) -> float:
-    """Return the level of noise (m^2) that explains a frame best, by marginal likelihood.
+    """Return the noise variance (m^2) that explains a frame best, by marginal likelihood.
 
-    Detection knows how exactly it saw a target, not how exactly the target was painted. weights
+    Detection estimates how accurately it saw a target, not how accurately it was painted. weights
     (priors,) is filled with the probability of each prior under this noise.
     """
     share = settings.stretch_share * settings.stretch_share

@@ -1,7 +1,7 @@
-"""The kernel cache: its location, whether it is complete, and who compiles meanwhile.
+"""The kernel cache: its location and completeness, and the process that fills it.
 
-A file that is named after all that compiled kernels depend on says that they are on the disk. It
-is written by `pneunet compile`, once it has called every kernel.
+A marker file, named by a hash of everything that compiled kernels depend on, shows that they are
+cached. `pneunet compile` writes it after calling every kernel.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LOOK_AGAIN = 0.2  # s
 
 
 def cache_folder() -> Path:
-    """Return the folder where numba keeps kernels, or a writable one."""
+    """Return the folder where numba caches kernels, or a writable one."""
     chosen = os.environ.get('NUMBA_CACHE_DIR')
     if chosen:
         return Path(chosen)
@@ -40,7 +40,7 @@ def cache_folder() -> Path:
 
 
 def kept_file() -> Path:
-    """Return the file whose existence says that all kernels are cached."""
+    """Return the marker file, which exists if all kernels are cached."""
     parts = [jit.sources(), platform.python_version(), processor()]
     for library in ('numba', 'llvmlite', 'numpy'):
         try:
@@ -62,9 +62,9 @@ def processor() -> str:
 
 
 def kernels_kept() -> bool:
-    """Whether the kernels are on disk, or never will be.
+    """Whether the kernels are cached, or never will be.
 
-    They never will be where there is no numba, or no folder that may be written.
+    They never will be without numba, or without a writable folder.
     """
     return not jit.HAVE_NUMBA or kept_file().exists() or not may_keep()
 
@@ -81,7 +81,7 @@ def may_keep() -> bool:
 
 
 def note_kept() -> None:
-    """Report that the kernels are on the disk."""
+    """Write the marker file: the kernels are cached."""
     kept_file().touch()
 
 
@@ -112,7 +112,7 @@ def lock_file() -> Path:
 
 
 def answer_first() -> None:
-    """Run kernels that are not on disk as plain Python; call before importing any."""
+    """Run uncached kernels as plain Python; call this before importing any."""
     if not kernels_kept():
         jit.answer_first()
 
@@ -120,8 +120,8 @@ def answer_first() -> None:
 def compile_meanwhile() -> None:
     """Compile the kernels in the background, and use them as soon as they are cached.
 
-    Another thread waits for them and puts them in place. Where compiling fails, plain Python goes
-    on: a kernel that compiles itself when it is called would hold up the answers.
+    Another thread waits for them and installs them. If compiling fails, plain Python stays in use,
+    because a kernel that is compiled when called would delay the answers.
     """
 
     def take_over() -> None:
@@ -136,7 +136,7 @@ def compile_meanwhile() -> None:
 def compile_first(on_wait: Callable[[], None] = lambda: None) -> None:
     """Wait until the kernels are cached, and use them; on_wait is called meanwhile.
 
-    Where compiling fails, each kernel compiles itself when it is called.
+    If compiling fails, each kernel is compiled when it is called.
     """
     wait_for_kernels(on_wait)
     jit.use_compiled()
@@ -145,7 +145,8 @@ def compile_first(on_wait: Callable[[], None] = lambda: None) -> None:
 def wait_for_kernels(on_wait: Callable[[], None] = lambda: None) -> None:
     """Wait for the process that compiles the kernels; start it unless one is running.
 
-    It goes on when this one ends. One that another has started, and that failed, is started again.
+    If this process ends, the compilation continues. One that was started by another process and
+    failed is started again.
     """
     process = None
     while not kernels_kept():

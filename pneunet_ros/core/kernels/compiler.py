@@ -1,10 +1,10 @@
-"""Kernels are optimized once.
+"""A numba compiler that optimizes kernels only once.
 
-Numba by itself has LLVM go through a function up to three times, as counts of references to lists
-and arrays are to be taken out early. Kernels have few of those, and what calls a kernel does not
-take it in (`core.kernels.links`): the last of the three finds all, if loops have the form that is
-computed in lanes, and that alone takes a tenth less. A change of this file compiles the kernels
-anew, as this line makes it one of those with a core.kernels.jit import (see its `fingerprint`).
+By default, numba runs the optimization passes of LLVM up to three times, to remove reference
+counts of lists and arrays early. Kernels have few of those and are not inlined into their callers
+(`core.kernels.links`): the last run suffices if loops have the form that can be vectorized, which
+saves a tenth of the time. A change of this file recompiles the kernels, because this line makes it
+one of those with a core.kernels.jit import (see its `fingerprint`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 def kernel_compiler() -> Any:
     """Return the class that compiles kernels; numba is imported only to compile.
 
-    Raises ImportError with a numba that has no such classes.
+    Raises ImportError if numba has no such classes.
     """
     from llvmlite import binding  # it comes with numba
     from numba.core.codegen import JITCodeLibrary

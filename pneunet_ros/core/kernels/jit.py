@@ -1,12 +1,12 @@
 """Compile the kernels if numba is installed; otherwise they run as plain Python.
 
-The kernels of this package are written so that both give the same numbers. Contraction to fused
-multiply-adds, and the order of sums in those that are `summing`, are the only relaxations of IEEE
-arithmetic: NaN stays NaN.
+The kernels of this package are written so that both ways give the same numbers. Contraction to
+fused multiply-adds, and the order of sums in those that are `summing`, are the only relaxations of
+IEEE arithmetic: NaN stays NaN.
 
-A process that has to answer at once says `answer_first` before it imports any kernel. Where the
-kernels are not on the disk they then run as plain Python, until `use_compiled` puts the compiled
-ones in their places (`core.kernels.cache` has them compiled meanwhile, in a process of its own).
+A process that must respond at once calls `answer_first` before it imports any kernel. Kernels that
+are not cached then run as plain Python until `use_compiled` replaces them (`core.kernels.cache`
+compiles them meanwhile, in a separate process).
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ INNER_KERNELS: dict[Callable[..., Any], Any] = {}
 def fingerprint(package: Path) -> str:
     """Hash all files of a package that affect its kernels: those that import this module.
 
-    Kernels call kernels and take constants from other files, hence one hash for them all. Files
-    without kernels import this module, not from it.
+    Kernels call kernels and use constants of other files, hence one hash for all. Files without
+    kernels import this module, but not from it.
     """
     whole = hashlib.sha256()
     for folder, folders, names in os.walk(package):
@@ -65,9 +65,9 @@ def sources() -> str:
 
 
 class Waiting:
-    """The kernels that run as plain Python until compiled ones take their places.
+    """The kernels that run as plain Python until they are replaced by compiled ones.
 
-    plain: what runs, and the options of its compiled twin, in the order of their definition.
+    plain: the functions and the options of their compiled twins, in the order of definition.
     """
 
     def __init__(self) -> None:
@@ -79,22 +79,22 @@ WAITING = Waiting()
 
 
 def answer_first() -> None:
-    """Make kernels imported from now on run as plain Python until `use_compiled`."""
+    """Run kernels imported from now on as plain Python until `use_compiled`."""
     WAITING.expected = HAVE_NUMBA
 
 
 def is_waiting() -> bool:
-    """Whether kernels run as plain Python only until compiled ones take their places."""
+    """Whether kernels run as plain Python only until they are replaced by compiled ones."""
     return WAITING.expected
 
 
 def is_compiled() -> bool:
-    """Whether the kernels are compiled, and not plain Python."""
+    """Whether the kernels are compiled rather than plain Python."""
     return HAVE_NUMBA and not is_waiting()
 
 
 def state_of_kernels() -> str:
-    """Return 'compiled', or that plain Python runs and why."""
+    """Return 'compiled', or why the kernels run as plain Python."""
     if is_compiled():
         return 'compiled'
     return 'plain Python while they are compiled' if is_waiting() else 'plain Python: no numba'
@@ -103,8 +103,8 @@ def state_of_kernels() -> str:
 def kernel(function: Function) -> Function:
     """Compile a kernel and cache it on disk; without numba, return it unchanged.
 
-    A cached kernel is compiled again when any of the files has changed. Numba itself looks at the
-    kernel's own file alone and would go on with equations of another file as they once were.
+    A cached kernel is recompiled when any of the files has changed. Numba by itself only checks
+    the file of the kernel, and would keep using old equations from other files.
     """
     return compiled_or_plain(function, KERNEL)
 
@@ -112,7 +112,7 @@ def kernel(function: Function) -> Function:
 def inner(function: Function) -> Function:
     """Compile a function that only kernels call, without the Python entry point.
 
-    Python, too, may call it, and then it is plain Python.
+    Python can call it as well; it then runs as plain Python.
     """
     return compiled_or_plain(function, INNER)
 
@@ -120,7 +120,7 @@ def inner(function: Function) -> Function:
 def inlined(function: Function) -> Function:
     """Compile an equation that is copied into its callers, so that loops vectorize.
 
-    Python, too, may call it, and then it is plain Python.
+    Python can call it as well; it then runs as plain Python.
     """
     return compiled_or_plain(function, INLINED)
 
@@ -128,13 +128,13 @@ def inlined(function: Function) -> Function:
 def summing(function: Function) -> Function:
     """Compile a function for kernels that may reorder sums, so that they vectorize.
 
-    Python, too, may call it, and then it is plain Python.
+    Python can call it as well; it then runs as plain Python.
     """
     return compiled_or_plain(function, SUMMING)
 
 
 def compiled_or_plain(function: Function, options: dict[str, Any]) -> Function:
-    """Return a function that compiles itself when called; until then, the plain function."""
+    """Return a function that is compiled when called, or the plain function while waiting."""
     if not HAVE_NUMBA:
         return without_warnings(function) if options is KERNEL else function
     if WAITING.expected:
@@ -152,9 +152,9 @@ def without_warnings(function: Function) -> Function:
 
 
 def dispatcher(function: Function, options: dict[str, Any]) -> Function:
-    """Return the function of numba that compiles itself when it is called.
+    """Return the numba function, which is compiled on its first call.
 
-    An equation that is copied into its callers stays as it is; numba compiles it with them.
+    An inlined equation is returned unchanged; numba compiles it with its callers.
     """
     import numba
     from numba.core import types
@@ -175,7 +175,7 @@ def dispatcher(function: Function, options: dict[str, Any]) -> Function:
 
 
 def compiled_by() -> dict[str, Any]:
-    """Return the option of numba that names our compiler, none with a numba that does not fit."""
+    """Return the numba option for our compiler; none if the version of numba does not fit."""
     from pneunet_ros.core.kernels.compiler import kernel_compiler
 
     try:
@@ -185,10 +185,10 @@ def compiled_by() -> dict[str, Any]:
 
 
 def keep(compiled: Any) -> None:
-    """Cache a kernel on disk for all callers, or let each caller have a copy of it.
+    """Cache a kernel on disk for all callers, or give each caller a copy.
 
-    The latter where there is no folder that may be written, neither beside its file nor in the
-    home folder; or with a numba that has no such cache.
+    The latter if there is no writable folder, neither next to its file nor in the home folder, or
+    if numba has no such cache.
     """
     try:
         from pneunet_ros.core.kernels.links import link
@@ -202,8 +202,8 @@ def keep(compiled: Any) -> None:
 def numbers_and_arrays_first() -> None:
     """Make numba resolve arithmetic and array access first.
 
-    It looks for them last, after those of strings, lists and arrays of all kinds, with the same
-    outcome: half of the time in which it finds types.
+    By default it tries them last, after those of strings, lists and all kinds of arrays. The
+    result is the same, but this order halves the time of type inference.
     """
     from numba.core.typing import arraydecl, builtins
     from numba.core.typing.templates import infer_global
@@ -221,9 +221,9 @@ def numbers_and_arrays_first() -> None:
 
 
 def not_literal(value: int) -> Any:
-    """Return an integer that is no literal to numba, which would compile once per literal.
+    """Return an integer that is not a literal to numba, which would compile once per literal.
 
-    For what an equation is given, and what a loop begins with.
+    Use it for arguments of equations and for starts of loops.
     """
     import numpy as np
 
@@ -233,7 +233,7 @@ def not_literal(value: int) -> Any:
 def use_compiled() -> None:
     """Replace the plain kernels by the compiled ones in all modules.
 
-    Those that are on the disk are loaded first, so that no caller waits for them.
+    Cached kernels are loaded first, so that no caller waits for them.
     """
     if not is_waiting():
         return

@@ -1,10 +1,10 @@
 """Kernels call each other by symbol, as programs call a shared library.
 
-Numba by itself puts a copy of all that a function calls into it, as what it keeps on the disk has
-to run alone; nearly half of what was compiled were copies. Here a kernel has a name of its own in
-the process, those that call it know no more than this name, and what is kept of them says which
-kernels have to be there first. A change of this file compiles the kernels anew, as this line makes
-it one of those with a core.kernels.jit import (see `core.kernels.jit.fingerprint`).
+By default, numba copies all callees into a function, because its cache entries must run alone;
+nearly half of the compiled code were copies. Here a kernel has its own symbol in the process, its
+callers know only this symbol, and their cache entries list the kernels to load first. A change of
+this file recompiles the kernels, because this line makes it one of those with a core.kernels.jit
+import (see `core.kernels.jit.fingerprint`).
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ NAMED: dict[str, tuple[str, tuple[Any, ...]]] = {}
 
 @cache
 def linked_cache() -> Any:
-    """Return the cache class of a kernel, keyed by its function and the sources of all kernels.
+    """Return the class of the kernel cache, keyed by the function and the sources of all kernels.
 
-    Numba is imported by nobody who does not compile.
+    Numba is imported only for compiling.
     """
     from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
@@ -61,9 +61,9 @@ def linked_cache() -> Any:
         def _load_overload(self, types: tuple[Any, ...], target_context: Any) -> Any:
             """Return the cached kernel for some types; None if it is damaged or of other types.
 
-            Numba writes the index and then the code, so that of two processes at once one may
-            find the code of the other. LLVM calls back while it loads: an interrupt raised there
-            is lost, and what was to be loaded is a null pointer.
+            Numba writes the index and then the code, so if two processes run at once, one may find
+            the code of the other. LLVM calls back while it loads: an interrupt raised there is
+            lost, and the loaded symbol is a null pointer.
             """
             try:
                 with interrupted_afterwards():
@@ -79,8 +79,7 @@ def linked_cache() -> Any:
 def link(kernel: Any, sources: str) -> None:
     """Let other kernels call this one by symbol, and cache it on disk.
 
-    sources: the fingerprint of all kernels. Raises RuntimeError where there is no folder to keep
-    it in.
+    sources: the fingerprint of all kernels. Raises RuntimeError if there is no cache folder.
     """
     kernel._cache = linked_cache()(kernel.py_func, sources)
     name = f'{kernel.py_func.__module__}.{kernel.py_func.__qualname__}'

@@ -1,4 +1,4 @@
-"""Response to one sigma of each reading and of the model, and the covariance that follows."""
+"""Response to one sigma of each reading and of the model, and the resulting covariance."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def noise_jacobian(
 ) -> Array:
     """Return the noise input matrix: the change of every cause by one sigma of each error source.
 
-    reading: pressure (Pa) and wrench (N, N m) as the sensors have them; std: of F1, F2, M and the
-    pressure. Returns (sources, causes), both in the order F1, F2, M, pressure, columns of the
-    model's covariance; the causes are those of `model.equilibrium.linearize_shape`. An effect of
-    sensing changes what an error of a reading means, and a column what a reading means.
+    reading: pressure (Pa) and wrench (N, N m) of the sensors; std: of F1, F2, M and the pressure.
+    Returns (sources, causes), both in the order F1, F2, M, pressure, columns of the model's
+    covariance; the causes are those of `model.equilibrium.linearize_shape`. Sensing effects change
+    the meaning of a reading error, and model columns the meaning of a reading.
     """
     columns = table.distance.size - 1
     size = PRESSURE + 1 + columns
@@ -56,9 +56,9 @@ def propagate_covariance(
     """Propagate errors through a linear response; returns whether the result is finite.
 
     noise (sources, causes): the noise input matrix; tip (causes, 3) and stations (causes, 6,
-    stations) are the sensitivities; further (3, stations): one more independent error of x, y (m)
-    and theta (rad). Into covariance (3, 3) of x, y, theta of the tip, and std (3, stations) of x,
-    y and curvature.
+    stations) are the sensitivities; further (3, stations): an additional independent error of x, y
+    (m) and theta (rad). Fills covariance (3, 3) of x, y, theta of the tip, and std (3, stations)
+    of x, y and curvature.
     """
     sources, causes, count = noise.shape[0], noise.shape[1], stations.shape[2]
     size = len(std)  # not 3: loops of a known length are compiled as often

@@ -1,4 +1,4 @@
-"""Effect of all errors together: covariance of the tip, standard deviations along the arm."""
+"""Propagation of all errors: covariance of the tip, standard deviations along the arm."""
 
 from __future__ import annotations
 
@@ -32,8 +32,9 @@ NOTHING_SEEN = np.zeros(0, np.intp)
 class PropagatedErrors:
     """Covariance (3, 3) of x, y (m), theta (rad) of the tip, and standard deviations.
 
-    std (3, stations): of x, y (m) and curvature (1/m) along the arm. second_order: what errors
-    move beyond the linearization; it is in both. None where there is none and the shape was seen.
+    std (3, stations): of x, y (m) and curvature (1/m) along the arm. second_order: effect of
+    errors beyond the linearization, included in both; None if there is none, or if the shape was
+    measured.
     """
 
     tip_covariance: Array
@@ -45,7 +46,7 @@ class PropagatedErrors:
 class PlaceChanges:
     """Positions along an arm, ending with the tip, and their derivatives by each cause.
 
-    arclength (places,) m; changes (causes, 6, places): as of `Sensitivity.stations`.
+    arclength (places,) m; changes (causes, 6, places): as from `Sensitivity.stations`.
     """
 
     arclength: Array
@@ -56,10 +57,10 @@ class PlaceChanges:
 class SeenShape:
     """Arclengths at which the shape was measured, and the accuracy.
 
-    at: places (m) with its changes, of stations and of what was seen; stations: which of them are
-    the stations; seen: which were seen; std (2, seen) m. Errors whose linear parts cancel at the
-    places seen, and whose second order does not, are no errors of one sigma any more: the
-    measurements bound them where the second order is as large as their noise.
+    at: stations and measured places (m) with their changes; stations: indices of the stations;
+    seen: indices of the measured places; std (2, seen) m. If the linear parts of errors cancel at
+    the measured places but their second order does not, they cannot reach one sigma: the
+    measurements limit them where the second order is as large as their noise.
     """
 
     at: PlaceChanges
@@ -71,11 +72,11 @@ class SeenShape:
 def propagate_errors(
     sensitivity: Sensitivity, noise: Array, arclength: Array, seen: SeenShape | None = None
 ) -> PropagatedErrors | None:
-    """Carry errors through a solved rod, to second order.
+    """Propagate errors through a solved rod, to second order.
 
-    noise (sources, causes): the noise input matrix; arclength (stations,) m; seen: where the shape
-    was measured, if it was, with the same stations. None where the shape has no bounded answer to
-    its errors.
+    noise (sources, causes): the noise input matrix; arclength (stations,) m; seen: the measured
+    places, if any, with the same stations. None if the response of the shape to its errors is
+    unbounded.
     """
     if seen is None:
         at = PlaceChanges(arclength=arclength, changes=sensitivity.stations(arclength))
@@ -133,11 +134,11 @@ def carry_errors(
 ) -> int:
     """Compute `propagate_errors`; returns the failed step, NO_SIDES or UNBOUNDED.
 
-    tip (causes, 3): the sensitivity of the free end; mixing (causes, single causes), of size 0
-    where a cause is single; kind and steps: as of `solve_sides`; changes (causes, 6, places) at
-    places of increasing arclength (m), the last of them the tip; seen: which of these were
-    measured, none where the shape was not; seen_std (2, seen) m. Fills the rods beside the
-    solution, covariance (3, 3) and std (3, places).
+    tip (causes, 3): the sensitivity of the free end; mixing (causes, single causes), of size 0 if
+    every cause is single; kind and steps: as in `solve_sides`; changes (causes, 6, places) at
+    places of increasing arclength (m), the last of them the tip; seen: indices of the measured
+    places, empty if the shape was not measured; seen_std (2, seen) m. Fills the rods to both sides
+    of the solution, covariance (3, 3) and std (3, places).
     """
     direction = leading_error(tip, noise)
     if mixing.size:
@@ -164,7 +165,7 @@ def carry_errors(
 
 @inner
 def single_causes(amounts: Array, mixing: Array) -> Array:
-    """Return the single causes (single,) that amounts of the causes (causes,) come to."""
+    """Return the single causes (single,) for given amounts of the causes (causes,)."""
     single = np.zeros(mixing.shape[1])
     for cause in range(mixing.shape[0]):
         for i in range(single.size):

@@ -1,10 +1,10 @@
 """Second-order effects of errors, where the linearization alone is overconfident.
 
 The tip of a nearly straight arm moves along the arm only by the square of an error, so that its
-covariance to first order is singular there. One direction is enough: that in which the errors of
-readings and model together move the tip most. With r(+-) the shapes one sigma to either side of
-it, delta = (r(+) + r(-) - 2 r(0)) / 2 and an error of xi sigma moves the arm by xi J d + xi^2
-delta; of a normal xi the second moment of the latter is 3 delta delta^T about the shape that is
+covariance to first order is singular there. One direction is enough: the one in which errors of
+readings and model together move the tip most. With r(+-) the shapes at one sigma to either side,
+delta = (r(+) + r(-) - 2 r(0)) / 2 and an error of xi sigma moves the arm by xi J d + xi^2 delta;
+of a normal xi the second moment of the latter is 3 delta delta^T about the shape that is
 published, of which 2 are its covariance and 1 the square of its mean. It has no correlation with
 the first-order error, and so counts as one more independent source.
 """
@@ -27,7 +27,7 @@ SECOND_MOMENT = 3.0  # E[xi^4] of a normal xi
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SecondOrderSettings:
-    """Step to either side at which the shape is solved."""
+    """Settings for the steps to both sides of an estimate."""
 
     steps: tuple[float, ...] = tuning(
         (1.0, 0.5, 0.25, 0.125),
@@ -52,7 +52,7 @@ class SecondOrder:
     step: float
 
     def stations(self, arclength: Array) -> Array:
-        """Return one more independent error of x, y (m), theta (rad), (3, n), at places (m)."""
+        """Return an additional independent error of x, y (m), theta (rad), (3, n), at places."""
         error = np.empty((CURVATURE, arclength.size))
         factor = second_order_factor(self.step)
         response = self.sensitivity.for_kernels()
@@ -68,10 +68,10 @@ def second_order_factor(step: float) -> float:
 
 @inner
 def leading_error(tip: Array, noise: Array) -> Array:
-    """Return the causes (causes,) of the error of one sigma that moves the tip furthest.
+    """Return the causes (causes,) of the one-sigma error that moves the tip furthest.
 
     tip (causes, 3): sensitivity of x, y, theta; noise (sources, causes): the noise input matrix.
-    The rod is solved to either side along it. Source: second-order filters by central differences,
+    The rod is solved to both sides along it. Source: second-order filters by central differences,
     Norgaard, Poulsen, Ravn, Automatica 36 (2000).
     """
     sources, causes = noise.shape

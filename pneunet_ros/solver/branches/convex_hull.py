@@ -15,7 +15,7 @@ ROUNDING = 1e-13  # of the largest offset: what arithmetic leaves of a length th
 
 @kernel
 def way_from_hull(points: Array, at: Array, way: Array) -> None:
-    """Compute the way (n,) from the nearest point of a hull to a point; rounding inside.
+    """Compute the vector (n,) from the nearest point of a hull to a point; tiny inside.
 
     points (vertices, n) and at (n,), in the same units in all directions. Source: Wolfe, Finding
     the nearest point in a polytope, Mathematical Programming 11 (1976).
@@ -71,7 +71,7 @@ def way_from_hull(points: Array, at: Array, way: Array) -> None:
 def nearest_in_plane(
     points: Array, chosen: npt.NDArray[np.int64], rounding: float, weights: Array
 ) -> bool:
-    """Compute which weights (chosen,), of sum one, give the point of a plane nearest to zero.
+    """Compute the weights (chosen,), of sum one, of the point of a plane nearest to zero.
 
     points (n, dimensions): the plane goes through those chosen. Returns False where they lie
     closer than rounding to a plane of fewer dimensions.

@@ -1,8 +1,8 @@
-"""A first guess for the loaded rod: a short chain that descends in energy.
+"""Initial guess for the loaded rod: energy descent of a short chain.
 
-Descent in energy ends at a stable equilibrium from any start, which Newton on the rod's equations
-does not. It needs positive rigidity. Second order in the element length, which is enough for
-Newton to take over.
+Energy descent ends at a stable equilibrium from any start, unlike Newton's method on the equations
+of the rod. It needs positive rigidity. The chain is accurate to second order in the element
+length, which is enough for Newton's method to take over.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from pneunet_ros.solver.settings import (
 def chain_energy(
     links: Array, ends: Array, theta: Array, gradient: Array, diagonal: Array, coupling: Array
 ) -> float:
-    """Energy (J) of the chain with joint angles theta, its gradient and tridiagonal Hessian.
+    """Return the energy (J) of a chain with joint angles theta; fills gradient and Hessian.
 
     The tangent of a link is that of its mean angle.
     """
@@ -79,7 +79,7 @@ def chain_energy(
 
 @inner
 def descend(links: Array, ends: Array, theta: Array, most_iterations: int) -> None:
-    """Newton in energy with line search, in place; indefinite directions are turned downhill."""
+    """Minimize the energy in place, by Newton's method with line search, always downhill."""
     count = len(links)
     size = count + 1
     gradient, diagonal, coupling = np.empty(size), np.empty(size), np.empty(size)
@@ -124,7 +124,7 @@ def descend(links: Array, ends: Array, theta: Array, most_iterations: int) -> No
 
 @inner
 def chain_of(panels: Array) -> Array:
-    """Two links on every panel."""
+    """Return the chain with two links on every panel."""
     links = np.empty((2 * len(panels), col.LINK_WIDTH))
     for p in range(len(panels)):
         panel = panels[p]

@@ -1,7 +1,7 @@
-"""A rod followed from a neighbor: all that is mostly needed, in one kernel.
+"""Follow a rod from a neighbor: the usual case, in one kernel.
 
-What goes on from one reading to the next is nearly always a solution on the same mesh, near the
-last one. Where it is not, `boundary_value_problem` solves, with the same parts.
+From one reading to the next, the solution is nearly always near the previous one, on the same
+mesh. If it is not, `boundary_value_problem` solves it, with the same functions.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ def follow(
     nodes: Array,
     fields: Array,
 ) -> tuple[bool, float, int]:
-    """Solve a rod from the panels and nodes of a neighbor, in place, on the mesh of that.
+    """Solve a rod from the panels and nodes of a neighbor, in place, on the same mesh.
 
     counts (sections,): the panels of that mesh on each section; finest (m): the detail that it
-    must carry; coarser: as of `SolverSettings`. Fills panels, nodes and the fields (6, stations)
-    at stations of increasing arclength (m). Returns whether the rod is in an equilibrium, stable
-    where that is defined, by how much (rad) it misses the equations, and the steps of Newton.
-    False: it wants another mesh or another start.
+    must resolve; coarser: as in `SolverSettings`. Fills panels, nodes and the fields (6, stations)
+    at stations of increasing arclength (m). Returns whether the rod is in equilibrium (stable, if
+    stability is defined), the residual (rad), and the number of Newton steps. False: another mesh
+    or another start is needed.
     """
     needed = panel_counts(
         length, sections, rotation, ends, decay_per_panel, turn_per_panel, most_panels

@@ -1,14 +1,14 @@
-"""The camera's own part of optics: pixels of the image as it came <-> undistorted coordinates.
+"""Camera intrinsics: mapping between raw image pixels and undistorted coordinates.
 
 Normalized coordinates (x/z, y/z) are those of the camera's optical frame: z forward, x to the
-right and y down in the image. A lens moves them to
+right and y down in the image. A lens maps them to
 
     (x, y) radial + (2 p1 x y + p2 (r^2 + 2 x^2), p1 (r^2 + 2 y^2) + 2 p2 x y),
     radial = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6).
 
 This is the gradient of a potential. Where its Jacobian, a symmetric matrix, is positive definite
 in a whole disc, the potential is convex there and no two points of the disc share a pixel. Beyond
-the largest such disc the image folds back on itself, and nothing is said about it.
+the largest such disc the image may fold back on itself and is not used.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ TOUCHING = 1e-6  # relative imaginary part of a root that may as well be a real 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Lens:
-    """Pinhole and distortion of a camera, as a camera_info gives them.
+    """Pinhole and distortion parameters of a camera, from a camera_info.
 
     width, height of the image in px; model 'plumb_bob' or 'rational_polynomial'; matrix (3, 3) is
     K, px; distortion (n,) is D, empty if there is none. `limit` is the radius, in normalized
-    coordinates, within which the distortion neither folds nor leads beyond FARTHEST. CameraError
-    for anything else.
+    coordinates, within which the distortion neither folds nor exceeds FARTHEST. CameraError for
+    anything else.
     """
 
     width: int
@@ -75,23 +75,23 @@ class Lens:
         object.__setattr__(self, 'limit', distortion_limit(coefficients[4:]))
 
     def distort(self, normalized: npt.ArrayLike) -> Array:
-        """Return pixels (n, 2) of normalized points (n, 2); NaN beyond the limit."""
+        """Return pixels (n, 2) for normalized points (n, 2); NaN beyond the limit."""
         points = own_pairs(normalized)
         distort_points(points, self.coefficients, self.limit)
         return points
 
     def undistort(self, pixels: npt.ArrayLike) -> Array:
-        """Return normalized points (n, 2) of pixels (n, 2), NaN where there is none.
+        """Return normalized points (n, 2) for pixels (n, 2); NaN if there is none.
 
-        Iterated until `distort` gives the pixel again to 1e-9 px. There is none for pixels that
-        no point within the limit of the distortion falls on.
+        Iterated until `distort` reproduces the pixel to 1e-9 px. There is none if no point within
+        the limit of the distortion maps to the pixel.
         """
         points = own_pairs(pixels)
         undistort_points(points, self.coefficients, self.limit)
         return points
 
     def scale(self, normalized: npt.ArrayLike) -> Array:
-        """Return normalized length per px at normalized (n, 2), the largest of any direction."""
+        """Return normalized length per px at normalized (n, 2), the largest in any direction."""
         points = own_pairs(normalized)
         out = np.empty(len(points))
         magnify_points(points, self.coefficients, self.limit, out)
@@ -99,7 +99,7 @@ class Lens:
 
 
 def own_pairs(values: npt.ArrayLike) -> Array:
-    """Return pairs (n, 2) in a new array, for a kernel to overwrite; else CameraError."""
+    """Return pairs (n, 2) in a new array, for a kernel to overwrite; CameraError for others."""
     pairs = np.array(values, dtype=np.float64, order='C')
     if pairs.ndim != 2 or pairs.shape[1] != 2:
         raise CameraError(
@@ -110,7 +110,7 @@ def own_pairs(values: npt.ArrayLike) -> Array:
 
 
 def pinhole(matrix: Array) -> tuple[float, float, float, float]:
-    """Return fx, fy, cx, cy in px from K (3, 3); CameraError if it is none."""
+    """Return fx, fy, cx, cy in px from K (3, 3); CameraError if it is invalid."""
     if matrix.shape != (3, 3):
         raise CameraError(
             f'K (camera_matrix) must be 3 x 3, not of shape {matrix.shape}', reason='wrong_shape'
@@ -145,12 +145,12 @@ def distortion_terms(model: str, distortion: Array) -> Array:
     if distortion.size not in allowed or np.any(distortion[TERMS:]):
         raise CameraError(
             f'D (distortion_coefficients) of {model} must have {", ".join(map(str, allowed))} '
-            f'numbers (those after the eighth zero), not {distortion.size}: {distortion.tolist()}',
+            f'numbers (zero after the eighth), not {distortion.size}: {distortion.tolist()}',
             reason='wrong_shape',
         )
     if np.any(np.abs(distortion) > LARGEST_COEFFICIENT):
         raise CameraError(
-            f'D (distortion_coefficients) holds a number beyond {LARGEST_COEFFICIENT:g}: '
+            f'D (distortion_coefficients) contains a number beyond {LARGEST_COEFFICIENT:g}: '
             f'{distortion.tolist()}',
             reason='too_large',
         )
@@ -160,12 +160,12 @@ def distortion_terms(model: str, distortion: Array) -> Array:
 
 
 def distortion_limit(terms: Array) -> float:
-    """Compute the radius up to which the distortion neither folds nor leads beyond FARTHEST.
+    """Compute the radius up to which the distortion neither folds nor exceeds FARTHEST.
 
     With the tangential strength p = |(p1, p2)| the eigenvalues of the Jacobian at r are at least
-    the smaller of radial and d(r radial)/dr, less 6 p r. The radius is where the first of them,
-    or the denominator of radial, comes to zero, or where the image, at most r radial + 3 p r^2
-    from the axis, comes as far out as FARTHEST; itself at most FARTHEST.
+    the smaller of radial and d(r radial)/dr, less 6 p r. The radius is the first at which one of
+    them, or the denominator of radial, becomes zero, or at which the image, at most r radial + 3 p
+    r^2 from the axis, reaches FARTHEST; itself at most FARTHEST.
     """
     k1, k2, p1, p2, k3, k4, k5, k6 = terms.tolist()
     polynomial = np.polynomial.Polynomial
@@ -195,8 +195,8 @@ def check_whole_image(
 ) -> None:
     """Refuse a camera_info with binning or a region of interest.
 
-    binning: x, y; region of interest: x_offset, y_offset, width, height. Zeros stand for none.
-    Raises CameraError.
+    binning: x, y; region of interest: x_offset, y_offset, width, height. Zeros mean none. Raises
+    CameraError.
     """
     if not set(binning) <= {0, 1}:
         raise CameraError(
@@ -233,7 +233,7 @@ def distort(x: float, y: float, c: Array) -> tuple[float, float, float, float, f
 
 @kernel
 def distort_points(points: Array, c: Array, limit: float) -> None:
-    """Replace normalized points (n, 2) by their pixels; NaN beyond the limit."""
+    """Convert normalized points (n, 2) to pixels in place; NaN beyond the limit."""
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
         points[i, 0] = points[i, 1] = np.nan
@@ -247,9 +247,9 @@ def distort_points(points: Array, c: Array, limit: float) -> None:
 
 @kernel
 def undistort_points(points: Array, c: Array, limit: float) -> None:
-    """Replace pixels (n, 2) by their normalized points; NaN where there is none within the limit.
+    """Convert pixels (n, 2) to normalized points in place; NaN if there is none within the limit.
 
-    Newton's method; steps are halved until they come nearer and stay within the limit.
+    Uses Newton's method; steps are halved until they reduce the error and stay within the limit.
     """
     for i in range(points.shape[0]):
         u, v = points[i, 0], points[i, 1]

@@ -1,6 +1,6 @@
-"""Where the camera looks: undistorted coordinates of the image <-> the working plane z = 0.
+"""Mapping between undistorted image coordinates and the working plane z = 0.
 
-A plane seen by a camera is a homography; the three ways of learning it are `CameraSettings.plane`.
+A plane seen by a camera is a homography; `CameraSettings.plane` has the three ways to find it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ NEAREST = 1e-4  # m, from the camera to the working plane
 
 @kernel
 def project(points: Array, h: Array) -> None:
-    """Replace points (n, 2) by their projections by the homography h, NaN behind the horizon."""
+    """Project points (n, 2) in place by the homography h; NaN behind the horizon."""
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
         points[i, 0] = points[i, 1] = np.nan
@@ -57,17 +57,17 @@ def magnification(points: Array, h: Array, out: Array) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plane:
-    """The working plane in the view of the camera.
+    """The working plane as seen by the camera.
 
-    base_from_normalized (3, 3): (x w, y w, w) in base, m, from (x, y, 1) normalized, with w > 0
-    for what lies in front of the camera. CameraError for a matrix that has no inverse.
+    base_from_normalized (3, 3): (x w, y w, w) in base, m, from (x, y, 1) normalized, with w > 0 in
+    front of the camera. CameraError for a matrix that has no inverse.
     """
 
     base_from_normalized: Array
     normalized_from_base: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check that the plane is not seen from its edge."""
+        """Check that the plane is not seen edge-on."""
         matrix = frozen_array(self.base_from_normalized)
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
             raise CameraError(
@@ -84,19 +84,19 @@ class Plane:
         object.__setattr__(self, 'normalized_from_base', frozen_array(np.linalg.inv(matrix)))
 
     def points(self, normalized: npt.ArrayLike) -> Array:
-        """Return points (n, 2) m in base of normalized (n, 2); NaN at and above the horizon."""
+        """Return points (n, 2) m in base for normalized (n, 2); NaN at and above the horizon."""
         points = own_pairs(normalized)
         project(points, self.base_from_normalized)
         return points
 
     def normalized(self, points_in_base: npt.ArrayLike) -> Array:
-        """Return normalized (n, 2) of points (n, 2) m in base; NaN behind the camera."""
+        """Return normalized (n, 2) for points (n, 2) m in base; NaN behind the camera."""
         points = own_pairs(points_in_base)
         project(points, self.normalized_from_base)
         return points
 
     def scale(self, normalized: npt.ArrayLike) -> Array:
-        """Return m in base per unit of normalized at (n, 2), the largest of any direction."""
+        """Return m in base per normalized unit at (n, 2), the largest in any direction."""
         points = own_pairs(normalized)
         out = np.empty(len(points))
         magnification(points, self.base_from_normalized, out)
@@ -106,11 +106,11 @@ class Plane:
 def plane_from_rest(
     first: npt.ArrayLike, last: npt.ArrayLike, first_arclength: float, last_arclength: float
 ) -> Plane:
-    """Return the plane from first and last target of the straight arm, the paper's way.
+    """Return the plane from the first and last target of the straight arm, as in the paper.
 
-    first, last (2,) normalized; their arclength in m. The camera looks along -z: x goes from the
-    first to the last, y is up in the image where x is to the right, and the first target lies at
-    (first_arclength, 0). Raises CameraError where the two are not apart.
+    first, last (2,) normalized; their arclength in m. The camera looks along -z: x points from the
+    first to the last, y up in the image if x points to the right, and the first target lies at
+    (first_arclength, 0). Raises CameraError if the two coincide.
     """
     start = frozen_array(first, (2,))
     way = frozen_array(last, (2,)) - start
@@ -118,7 +118,8 @@ def plane_from_rest(
     length = last_arclength - first_arclength
     if not (math.isfinite(distance) and distance > 1.0 / FARTHEST):
         raise CameraError(
-            'first and last target of the arm at rest coincide in the image, or one is not seen',
+            'the first and the last target of the arm at rest coincide in the image, or one of '
+            'them is not visible',
             reason='not_determined',
         )
     if not (math.isfinite(length) and length > 0.0):
@@ -136,9 +137,9 @@ def plane_from_rest(
 
 
 def plane_from_pose(pose: PosePlane) -> Plane:
-    """Return the plane z = 0 of base as a camera in this pose sees it.
+    """Return the plane z = 0 of base as seen by a camera in this pose.
 
-    Raises CameraError where the camera lies in the plane or has the clamp behind it.
+    Raises CameraError if the camera is in the plane, or the clamp is behind it.
     """
     x, y, z, w = pose.quaternion
     rotation = np.array(
@@ -170,17 +171,17 @@ def plane_from_pose(pose: PosePlane) -> Plane:
 
 
 def plane_from_homography(lens: Lens, plane: HomographyPlane) -> Plane:
-    """Return the plane through known points, by least squares if there are more than four.
+    """Return the plane through known points, by least squares for more than four.
 
-    Raises CameraError where points are not those of one plane in front of the camera, or do not
-    determine it: four of them must be apart, and no three of these four on a line.
+    Raises CameraError if the points do not lie in one plane in front of the camera, or do not
+    determine it: four of them must be distinct, and no three of these four on a line.
     """
     normalized = lens.undistort(plane.pixels)
     unseen = np.flatnonzero(np.isnan(normalized[:, 0]))
     if unseen.size:
         raise CameraError(
-            f'plane.pixels[{unseen[0]}] = {plane.pixels[unseen[0]].tolist()} lies beyond what the '
-            'lens can see',
+            f'plane.pixels[{unseen[0]}] = {plane.pixels[unseen[0]].tolist()} lies outside the '
+            'field of view of the lens',
             reason='beyond_lens',
         )
     into, seen = _centered(normalized, 'plane.pixels')
@@ -197,8 +198,8 @@ def plane_from_homography(lens: Lens, plane: HomographyPlane) -> Plane:
     solution = directions[8].reshape(3, 3)
     if not sizes[7] > UNDETERMINED * sizes[0]:
         raise CameraError(
-            'plane.pixels and plane.points do not determine the plane: four of the points must be '
-            'apart, and no three of these on a line',
+            'plane.pixels and plane.points do not determine the plane: four of the points must '
+            'be distinct, no three of them on a line',
             reason='not_determined',
         )
     depth = rays @ solution[2]
@@ -227,7 +228,7 @@ def _centered(points: Array, where: str) -> tuple[Array, Array]:
     size = float(np.sqrt(np.mean((points - center) ** 2)))
     if not 1e-9 < size < FARTHEST:
         raise CameraError(
-            f'all {where} are the same point, or too far apart', reason='not_determined'
+            f'the points of {where} all coincide, or are too far apart', reason='not_determined'
         )
     matrix = np.diag([1.0 / size, 1.0 / size, 1.0])
     matrix[:2, 2] = -center / size

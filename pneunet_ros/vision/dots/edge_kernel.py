@@ -45,9 +45,9 @@ NORMAL = normal_table()
 
 
 def exposure_tables(most: int) -> tuple[Array, Array]:
-    """Return times of an exposure from -1/2 to 1/2, and their shares of it, (most + 1, most) each.
+    """Return times within an exposure, -1/2 to 1/2, and their weights, (most + 1, most) each.
 
-    Line n holds n of them, by Gauss and Legendre.
+    Row n has n of them, by Gauss-Legendre quadrature.
     """
     times, parts = np.zeros((2, most + 1, most))
     for count in range(1, most + 1):
@@ -60,12 +60,12 @@ TIMES, PARTS = exposure_tables(MOST_MOMENTS)
 
 
 class Linearized(NamedTuple):
-    """Sums over the pixels near the edges of some ellipses, as these are drawn now.
+    """Sums over the pixels near the edges of some ellipses, at their present estimates.
 
-    products (m, UNKNOWNS + 1, UNKNOWNS + 1): of the derivatives and what is left, weighted;
+    products (m, UNKNOWNS + 1, UNKNOWNS + 1): of the derivatives and the residual, weighted;
     weights (m,); behind (m, sectors): grey levels of the background; edges (m, sectors, COLUMNS):
-    derivatives, what is left and how much an edge tells, each times the latter; covered (pixels,):
-    how much ellipses cover of each pixel, 0 where that does not count.
+    derivatives, residual and weight of an edge, each times that weight; covered (pixels,): share
+    of each pixel that ellipses cover, 0 if the pixel does not count.
     """
 
     products: Array
@@ -79,8 +79,8 @@ class Linearized(NamedTuple):
 def normal_at(x: float) -> tuple[float, float]:
     """Return the share of a normal distribution above x, and its density there, to 1e-13.
 
-    Taylor's series from the nearest step; the derivatives are Hermite's polynomials. No branch, so
-    that a loop over pixels is vectorized.
+    Taylor series from the nearest step; the derivatives are Hermite polynomials. There is no
+    branch, so that a loop over pixels is vectorized.
     """
     x = min(max(x, -float(FARTHEST)), float(FARTHEST))
     step = int((x + FARTHEST) * STEPS + 0.5)
@@ -99,7 +99,7 @@ def normal_at(x: float) -> tuple[float, float]:
 def distance_outside(xx: float, xy: float, yy: float, across: float, down: float) -> float:
     """Return the distance of a point outside an ellipse, px; xx, xy, yy: its inverse axes.
 
-    across, down: the place on the unit circle, or off it.
+    across, down: the point relative to the unit circle.
     """
     ratio = math.sqrt(max(across * across + down * down, 1e-12))
     out_x, out_y = xx * across + xy * down, xy * across + yy * down
@@ -119,14 +119,14 @@ def linearize_edge(
     sums: tuple[Array, Array],
     background: Array,
 ) -> tuple[int, float]:
-    """Sum up the normal equations of an ellipse over its pixels.
+    """Accumulate the normal equations of an ellipse over its pixels.
 
-    rim (lines, pixels), as `Rim` has them, the first `many` of them; given (GIVEN,), the ellipse
-    as it is now; believed (sectors,); moments of an exposure; reach: how far from the edge pixels
-    count, inward and outward, px. Fills blocks (blocks, LINES * BLOCK) with the pixels near the
-    edge, and sums: the products (UNKNOWNS + 1, UNKNOWNS + 1) of the derivatives and what is left,
-    weighted (their lower half), and the background (sectors,). background (sectors, 2): scratch.
-    Returns how many pixels are near the edge, and their weight.
+    rim (lines, pixels), as in `Rim`, the first `many` of them; given (GIVEN,), the present
+    ellipse; believed (sectors,); moments of an exposure; reach: distance from the edge within
+    which pixels count, inward and outward, px. Fills blocks (blocks, LINES * BLOCK) with the
+    pixels near the edge, and sums: the weighted products (UNKNOWNS + 1, UNKNOWNS + 1) of the
+    derivatives and the residual (lower half), and the background (sectors,). background (sectors,
+    2): scratch. Returns the number of pixels near the edge, and their weight.
     """
     product, behind = sums
     count = believed.size
@@ -182,7 +182,7 @@ def collect_near(
 def draw_moment(lines: Array, size: int, given: Array, time: float, part: float) -> None:
     """Add the pixel coverage by an ellipse in a block at one moment of the exposure.
 
-    time, part: when that is, and its share of the exposure.
+    time, part: the moment and its share of the exposure.
     """
     xx, xy, yy = given[0], given[1], given[2]
     sharp, way_u, way_v = 1.0 / given[3], time * given[4], time * given[5]
@@ -288,7 +288,8 @@ def add_products(lines: Array, size: int, product: Array) -> None:
 def add_edges(lines: Array, size: int, step: Array, edges: Array) -> None:
     """Add the residuals of the pixels of a block after a step to edges (sectors, 2).
 
-    By sector: what is left, times how much the pixel tells of the edge, and that squared.
+    By sector: the residual times the sensitivity of the pixel to the edge, and that sensitivity
+    squared.
     """
     count = len(edges)
     for unknown in range(UNKNOWNS):

@@ -1,6 +1,6 @@
-"""Fit ellipses to the edges of blobs, pixel by pixel: the arithmetic of `centroid`.
+"""Fit ellipses to the edges of blobs, pixel by pixel: the computations of `centroid`.
 
-All blobs of an image are fitted side by side, as columns of numbers over their pixels.
+All blobs of an image are fitted together, as columns of numbers over their pixels.
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ ELLIPSE = EllipseSettings()
 
 
 def for_colors(settings: EllipseSettings) -> EllipseSettings:
-    """Return settings for images compared by color, which cameras store at half resolution.
+    """Return settings for images compared by color, which is stored at half resolution.
 
     Measured with JPEG of 4:2:0, quality 85, dots of 12 and 16 px: edges are off by up to 0.25 px,
     and centers by 0.06 px rms, 12 grey levels of an edge of 200.
@@ -196,9 +196,9 @@ def ellipse_numbers(settings: EllipseSettings) -> Any:
 class Seen(NamedTuple):
     """Pixels relative to their ellipses, (pixels,) each.
 
-    across, down: the place on the unit circle that a pixel belongs to; ratio: how many times
-    further out it is; out_x, out_y: the outline's normal there; stretch: px of the outline per
-    unit; outside: px outside of it.
+    across, down: the point of the unit circle next to a pixel; ratio: how many times further out
+    the pixel is; out_x, out_y: normal of the outline there; stretch: px of the outline per unit;
+    outside: px outside of it.
     """
 
     across: Array
@@ -211,11 +211,11 @@ class Seen(NamedTuple):
 
 
 class Rims(NamedTuple):
-    """Pixels that can be near the edges of ellipses, one ellipse after the other, (pixels,) each.
+    """Pixels possibly near the edges of ellipses, one ellipse after the other, (pixels,) each.
 
-    owner: whose they are; x, y: px from where its fit begins; levels: how bright; before, after:
-    the sectors that a pixel is between, counted over all ellipses; share: how far it is on its way
-    from one to the other.
+    owner: index of the ellipse; x, y: px from the start of its fit; levels: brightness; before,
+    after: the sectors on either side of a pixel, counted over all ellipses; share: its position
+    between them, 0 to 1.
     """
 
     owner: Integers
@@ -239,13 +239,13 @@ class Rims(NamedTuple):
         )
 
     def by_sector(self, values: Array, shape: tuple[int, int]) -> Array:
-        """Return the sums of values (pixels,) over sectors, of this shape (ellipses, sectors)."""
+        """Return the sums of values (pixels,) over sectors, (ellipses, sectors)."""
         size, part = shape[0] * shape[1], self.share * values
         sums = np.bincount(self.before, values - part, size)
         return np.asarray((sums + np.bincount(self.after, part, size)).reshape(shape))
 
     def between(self, table: Array) -> Array:
-        """Return the values of a table (ellipses, sectors) at the pixels."""
+        """Return a table (ellipses, sectors) interpolated at the pixels."""
         flat = table.ravel()
         before = flat[self.before]
         return np.asarray(before + self.share * (flat[self.after] - before))
@@ -258,11 +258,12 @@ class Rims(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class Fit:
-    """Intermediate fits of ellipses, a row each.
+    """Intermediate fits of ellipses, one row each.
 
-    now (n, FITTED); moments (n,) of an exposure at which each is seen; off (n, 2) px: way of the
-    center so far; shape (n, 3): changes of size and shape so far; slopes (n, 2) of the light, grey
-    levels per px; reached (n, sectors): which have pixels; believed (n, sectors): weights.
+    now (n, FITTED); moments (n,): number of moments of the exposure used for each; off (n, 2) px:
+    displacement of the center so far; shape (n, 3): changes of size and shape so far; slopes (n,
+    2) of the light, grey levels per px; reached (n, sectors): which have pixels; believed (n,
+    sectors): weights.
     """
 
     now: Array
@@ -291,9 +292,9 @@ class Solution(NamedTuple):
 
 
 def fit_ellipses(grey: Bytes, starts: Array, settings: EllipseSettings = ELLIPSE) -> Array:
-    """Fit ellipses from initial guesses, (n, FITTED); NaN where there is none.
+    """Fit ellipses from initial guesses, (n, FITTED); NaN if a fit fails.
 
-    starts (n, FITTED): centers, axes, blur, and how well these are known.
+    starts (n, FITTED): centers, axes, blur, and their uncertainties.
     """
     fitted = np.full_like(starts, np.nan)
     if not len(starts):
@@ -427,7 +428,7 @@ def _see(ellipses: Array, owner: Integers, x: Array, y: Array) -> Seen:
 
 
 def _first_plateaus(rims: Rims, starts: Array, settings: EllipseSettings) -> Array:
-    """Return grey levels that only some of the pixels within ellipses are above, (n,)."""
+    """Return grey levels exceeded by only some of the pixels within ellipses, (n,)."""
     count = len(starts)
     plateaus = np.zeros(count)
     np.maximum.at(plateaus, rims.owner, rims.levels)
@@ -444,10 +445,10 @@ def _first_plateaus(rims: Rims, starts: Array, settings: EllipseSettings) -> Arr
 class Drawn(NamedTuple):
     """Ellipses as rendered, (pixels,) each.
 
-    covered: which share of the exposure they cover a pixel; further: how many times further out it
-    is than their edge; edge: how much more is covered for each px by
-    which the edge is further out; moved (UNKNOWNS - 3, pixels): the same for each px, or radius,
-    of what is searched but plateau and slopes.
+    covered: share of the exposure for which they cover a pixel; further: how many times further
+    out it is than their edge; edge: derivative of covered by an outward shift of the edge, per px;
+    moved (UNKNOWNS - 3, pixels): the same for all other unknowns except plateau and slopes, per px
+    or radius.
     """
 
     covered: Array
@@ -459,9 +460,10 @@ class Drawn(NamedTuple):
 def _draw(
     rims: Rims, fit: Fit, moments: int, settings: EllipseSettings
 ) -> tuple[Integers, Array, Array, Drawn]:
-    """Draw ellipses over the pixels near their edges, as the average over an exposure.
+    """Draw ellipses over the pixels near their edges, averaged over an exposure.
 
-    Returns which pixels these are, where (x, y px from the centers), and what is drawn.
+    Returns the indices of these pixels, their positions (x, y px from the centers), and the
+    drawing.
     """
     now, owner = fit.now, rims.owner
     x, y = rims.x - fit.off[owner, 0], rims.y - fit.off[owner, 1]
@@ -541,7 +543,7 @@ def _no_sums(rims: Rims, fit: Fit, going: Integers) -> Linearized:
 
 
 def _linearize(rims: Rims, fit: Fit, going: Integers, settings: EllipseSettings) -> Linearized:
-    """Linearize around some ellipses, all of one number of moments side by side."""
+    """Linearize around some ellipses, those with the same number of moments together."""
     sums = _no_sums(rims, fit, going)
     for moments in np.unique(fit.moments[going]).tolist():
         alike = np.flatnonzero(fit.moments[going] == moments)
@@ -604,8 +606,8 @@ def _linearize_alike(
 def _product(columns: Array, factors: Array, piece: slice) -> Array:
     """Return the sums over a piece of the pixels of products of columns with factors.
 
-    By and by: threads for products that small cost a thousand times what they gain where a
-    processor is busy.
+    In pieces: on a busy processor, threads for such small products cost a thousand times more than
+    they gain.
     """
     first, last = piece.start, piece.stop
     total = np.zeros((len(columns), len(factors)))
@@ -618,7 +620,7 @@ def _product(columns: Array, factors: Array, piece: slice) -> Array:
 def _model_error(ellipses: Array, height: Array, settings: EllipseSettings) -> Array:
     """Return the error (n,) px of centers due to the shape model of a blob.
 
-    A surface that is uneven moves an edge by its grey levels over the height (n,) of the edge.
+    An uneven surface moves an edge by its grey levels over the height (n,) of the edge.
     """
     uneven = settings.uneven / np.maximum(np.abs(height), 1.0)
     smeared = settings.smear_error * _smear(ellipses) ** 2 / _radius(ellipses)
@@ -626,7 +628,7 @@ def _model_error(ellipses: Array, height: Array, settings: EllipseSettings) -> A
 
 
 def _smoothed(sums: Array) -> Array:
-    """Return sums over sectors (n, sectors) plus half of their neighbors."""
+    """Return sums over sectors (n, sectors), each plus half of its neighbors."""
     around = np.concatenate([sums[:, -1:], sums, sums[:, :1]], axis=1)
     return np.asarray(sums + 0.5 * (around[:, :-2] + around[:, 2:]))
 
@@ -662,15 +664,15 @@ def _with_expectations(
 
 
 def _radius(ellipses: Array) -> Array:
-    """Return the radius of circles as large as ellipses (n, FITTED)."""
+    """Return the radius of circles with the area of ellipses (n, FITTED)."""
     xx, xy, yy = ellipses[:, [AXIS_XX, AXIS_XY, AXIS_YY]].T
     return np.asarray(np.sqrt(xx * yy - xy * xy))
 
 
 def _move(fit: Fit, step: Array, going: Integers, settings: EllipseSettings) -> Mask:
-    """Change ellipses by steps (n, UNKNOWNS); their axes stay symmetric. Return which still are.
+    """Change ellipses by steps (n, UNKNOWNS), keeping axes symmetric; return which are valid.
 
-    Nothing else of a fit is changed.
+    The rest of a fit is unchanged.
     """
     now = fit.now[going]
     fit.off[going] += np.clip(step[:, :2], -settings.shift, settings.shift)
@@ -699,9 +701,9 @@ def _move(fit: Fit, step: Array, going: Integers, settings: EllipseSettings) -> 
 
 
 def _believed(edges: Array, stds: Array, gently: bool, settings: EllipseSettings) -> Array:
-    """Return the weights of sectors (n, sectors): whose edge is off the outline takes no part.
+    """Return the weights of sectors (n, sectors): 0 if their edge is off the outline.
 
-    gently: at first the outline is not yet where it belongs.
+    gently: tolerate larger distances, for the first steps.
     """
     usual = SIGMA * _median_of(np.abs(edges), stds < settings.knows)
     usual = np.where(np.isnan(usual), 1.0, np.maximum(usual, settings.least_off))
@@ -712,7 +714,7 @@ def _believed(edges: Array, stds: Array, gently: bool, settings: EllipseSettings
 
 
 def _median_of(values: Array, which: Mask) -> Array:
-    """Return the median of some values in each line, NaN of none."""
+    """Return the median of the selected values in each row; NaN without any."""
     order = np.sort(np.where(which, values, np.inf), axis=1)
     count, line = np.count_nonzero(which, axis=1), np.arange(len(values))
     median = 0.5 * (order[line, np.maximum(count - 1, 0) // 2] + order[line, count // 2])
@@ -730,7 +732,7 @@ def _results(
 ) -> Array:
     """Return the rows (ended, FITTED) of converged ellipses.
 
-    ended: their places among those that went on.
+    ended: their indices among those still being fitted.
     """
     which = going[ended]
     fitted = fit.now[which]
@@ -757,9 +759,9 @@ def _results(
 def _plain_within(
     rims: Rims, which: Integers, fitted: Array, covered: Array, settings: EllipseSettings
 ) -> Array:
-    """Return the share of the inside of ellipses that has the modeled brightness (which,).
+    """Return the share of the inside of ellipses with the modeled brightness (which,).
 
-    covered (pixels,): how much they cover of each pixel.
+    covered (pixels,): the covered share of each pixel.
     """
     shares = np.empty(len(which))
     pieces = rims.pieces(which)

@@ -1,7 +1,7 @@
 """Fit ellipses to edges: one loop that cuts out pixels, fits, and reports visible edges.
 
-The compiled twin of what `ellipse_fit` says in numpy, with the same numbers. It is several times
-as fast, as nothing is written down between one operation and the next.
+The compiled twin of the numpy code in `ellipse_fit`, with the same results. It is several times as
+fast, because it stores no intermediate arrays.
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ def fit_outlines(
     rules: tuple[float, float],
     fitted: Array,
 ) -> None:
-    """Fit ellipses from initial guesses; fills fitted (n, FITTED), NaN where none is.
+    """Fit ellipses from initial guesses; fills fitted (n, FITTED), NaN if a fit fails.
 
-    starts (n, FITTED); moments_of (n,): of an exposure at which each is seen; rules: variance of a
-    level that was rounded, and sigma over the median.
+    starts (n, FITTED); moments_of (n,): number of moments of the exposure used for each; rules:
+    variance of a rounded level, and sigma over the median.
     """
     count, most = int(settings.sectors), 0
     for number in range(starts.shape[0]):
@@ -114,7 +114,7 @@ def box_of(grey: Bytes, start: Array, settings: Any) -> tuple[int, int, int, int
 
 @inner
 def cut_rim(grey: Bytes, start: Array, settings: Any, rim: Array) -> int:
-    """Collect the pixels that can be near the edge of an ellipse, and return their number."""
+    """Collect the pixels possibly near the edge of an ellipse, and return their number."""
     left, top, right, bottom = box_of(grey, start, settings)
     determinant = start[XX] * start[YY] - start[XY] * start[XY]
     xx, xy, yy = start[YY] / determinant, -start[XY] / determinant, start[XX] / determinant
@@ -148,7 +148,7 @@ def cut_rim(grey: Bytes, start: Array, settings: Any, rim: Array) -> int:
 
 @inner
 def first_plateau(start: Array, rim: Array, many: int, settings: Any) -> float:
-    """Return a grey level that only some of the pixels within an ellipse are above."""
+    """Return a grey level exceeded by only some of the pixels within an ellipse."""
     determinant = start[XX] * start[YY] - start[XY] * start[XY]
     xx, xy, yy = start[YY] / determinant, -start[XY] / determinant, start[XX] / determinant
     x, y, levels = rim[RIM_X], rim[RIM_Y], rim[RIM_LEVEL]
@@ -174,7 +174,7 @@ def first_plateau(start: Array, rim: Array, many: int, settings: Any) -> float:
 def plain_within(one: Array, blocks: Array, near: int, settings: Any) -> float:
     """Return the share of the inside of an ellipse that has the modeled brightness.
 
-    blocks: of the pixels near its edge, as many as there are.
+    blocks: those of the pixels near its edge.
     """
     most = 0.0
     for pixel in range(near):
@@ -192,7 +192,7 @@ def plain_within(one: Array, blocks: Array, near: int, settings: Any) -> float:
 
 @inner
 def tell_edges(one: Array, edges: Array, stds: Array, reached: Mask, settings: Any) -> None:
-    """Fill in the shares of the edge near an ellipse, on it, and clearly outside of it."""
+    """Fill in the shares of the edge that are near the ellipse, on it, and clearly outside it."""
     radius = math.sqrt(one[XX] * one[YY] - one[XY] * one[XY])
     near = settings.near_edge + settings.near_edge_share * radius
     on = max(settings.on_edge, settings.on_edge_share * radius)
@@ -212,10 +212,10 @@ def tell_edges(one: Array, edges: Array, stds: Array, reached: Mask, settings: A
 
 @inner
 def solve_step(normal: Array, gradient: Array, step: Array) -> float:
-    """Solve the normal equations by Cholesky's decomposition, in place.
+    """Solve the normal equations by Cholesky decomposition, in place.
 
-    normal (UNKNOWNS, UNKNOWNS), its lower half; fills step (UNKNOWNS,). Returns the larger of the
-    variances of the first two unknowns, of what has the variance 1.
+    normal (UNKNOWNS, UNKNOWNS), its lower half; fills step (UNKNOWNS,). Returns the larger
+    variance of the first two unknowns, for data of variance 1.
     """
     count = gradient.size
     for row in range(count):
@@ -273,7 +273,7 @@ def move_ellipse(
 ) -> bool:
     """Change an ellipse by a step (UNKNOWNS,), as `ellipse_fit` does; return whether it is valid.
 
-    now (10,), off (2,), shape (3,), slopes (2,): of one ellipse; moves: in an exposure.
+    now (10,), off (2,), shape (3,), slopes (2,): of one ellipse; moves: during an exposure.
     """
     for axis in range(2):
         off[axis] += min(max(step[axis], -settings.shift), settings.shift)
@@ -321,10 +321,10 @@ def fit_edge(
 ) -> tuple[float, int]:
     """Fit an ellipse until it converges.
 
-    rim, many, blocks: as `linearize_edge` has them; start (FITTED,). now (10,) and off (2,), way
-    of the center, are changed. Fills found: behind, edges and stds (sectors,) as in
-    `ellipse_fit.Solution`. Returns the error of the center, px, NaN where the fit does not rest,
-    and how many pixels are in the blocks.
+    rim, many, blocks: as in `linearize_edge`; start (FITTED,). Updates now (10,) and off (2,), the
+    displacement of the center. Fills found: behind, edges and stds (sectors,) as in
+    `ellipse_fit.Solution`. Returns the error of the center, px (NaN if the fit does not converge),
+    and the number of pixels in the blocks.
     """
     behind, edges, stds = found
     count = behind.size
