@@ -60,7 +60,7 @@ def main() -> None:
     arguments = parser.parse_args()
     for recording in arguments.recordings:
         if not recording.is_file():
-            parser.error(f'{recording} does not exist: an .mcap file is needed')
+            parser.error(f'{recording} does not exist: give an .mcap file')
     rerun.init('pneunet', spawn=arguments.save is None)
     if arguments.save is not None:
         rerun.save(arguments.save)

@@ -139,12 +139,14 @@ def show(
     for sentence in (*sentences, *summary['notes'][motion is not None :]):
         console.print(f'note: {sentence}')
     if calibration.arm.domain is not None:
-        console.print(f'The model is known for {calibration.arm.domain.words}; beyond, it is not.')
+        console.print(
+            f'The model is calibrated for {calibration.arm.domain.words}, and not beyond.'
+        )
     if summary['output'] is None:
         console.print(f'no model was written: {summary["status"]}')
     else:
         console.print(f'wrote {summary["output"]}')
-        console.print(f'wrote {summary["knowledge"]}, which --continue goes on from')
+        console.print(f'wrote {summary["knowledge"]}, from which --continue resumes')
     if summary['report'] is not None:
         console.print(f'wrote {summary["report"]}/index.html')
     console.print(Text(f'{verdict["next_step"]} {verdict["command"]}'))

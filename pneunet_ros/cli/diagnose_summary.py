@@ -43,7 +43,7 @@ def show(
     console.print(Text(f'How sure: {diagnosis.certainty}'))
     print_table(console, rich_table(error_table(diagnosis, discovery), 'Model error'))
     if diagnosis.before.held_out is None:
-        console.print('no recording was held out: the model error was not tested on one')
+        console.print('no recording was held out, so the model error was not measured on new data')
     else:
         console.print(Text(error_sentence(diagnosis)))
     if discovery.evaluation is not None:

@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 STATIC = (
-    '--static: every frame is a steady state and its stamp means nothing; no noise is estimated '
-    'from differences in time, and an arm with a memory had come to rest in every frame'
+    '--static: every frame is taken as a steady state and its stamp is ignored; no noise is '
+    'estimated from differences in time, and the arm is assumed to have settled in every frame'
 )
 
 CONSTANT = (
     '--end-load is a constant force, such as a weight hanging from the tip; the pull of a thread '
-    'over a pulley changes direction with the tip: give it by --string'
+    'over a pulley changes direction with the tip: use --string for it'
 )
 
 
@@ -71,8 +71,8 @@ def add_experiments(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--static',
         action='store_true',
-        help='frames are steady states: their stamps mean nothing, and no effect with a time in '
-        'it is considered',
+        help='take every frame as a steady state: stamps are ignored, and time-dependent effects '
+        'are not considered',
     )
     parser.add_argument(
         '--end-load',
@@ -80,9 +80,9 @@ def add_experiments(parser: ArgumentParser) -> None:
         action='append',
         default=[],
         metavar=('REC', 'FX', 'FY'),
-        help='a known constant end load (base frame; N, or with a unit, as 20g), such as a weight '
-        'hanging from the tip, in a recording without `end_wrench`; its error is force_std of the '
-        'model; may be repeated',
+        help='a known constant end load, such as a weight hanging from the tip, of a recording '
+        'without `end_wrench` (base frame; N, or with a unit, e.g. 20g); its standard '
+        'deviation is force_std of the model; may be repeated',
     )
     parser.add_argument(
         '--string',
@@ -91,7 +91,7 @@ def add_experiments(parser: ArgumentParser) -> None:
         default=[],
         metavar=('REC', 'TENSION', 'X', 'Y'),
         help='a known tension of a thread from the tip over a fixed eye or pulley at X, Y (base '
-        'frame; m, or with a unit, as 300mm); like --end-load; may be repeated',
+        'frame; m, or with a unit, e.g. 300mm); like --end-load; may be repeated',
     )
     add_topics(parser)
     add_settings(parser, SENSOR_SETTINGS)
@@ -122,14 +122,15 @@ def read_experiments(
     threads = strings(arguments.string, paths)
     if both := loads.keys() & threads.keys():
         raise RequestError(
-            f'{both.pop()} is given to both --end-load and --string', reason='exclusive'
+            f'{both.pop()} is given both to --end-load and to --string', reason='exclusive'
         )
     loads = {**loads, **{place: (one.tension, 0.0) for place, one in threads.items()}}
     named = {resolved(path) for path in arguments.unloaded}
     check_given(named, paths, '--unloaded')
     if both := named & loads.keys():
         raise RequestError(
-            f'{both.pop()} stands after --unloaded and after --end-load or --string',
+            f'{both.pop()} is listed under --unloaded and also under --end-load or --string: '
+            'remove it from one of them',
             reason='exclusive',
         )
     topics = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
@@ -165,9 +166,7 @@ def read_experiments(
         if thread := threads.get(resolved(path)):
             flat[index], unseen = with_string(flat[index], frame, thread)
             if unseen:
-                left_out.append(
-                    f'{path.name}: {unseen} frames left out, which do not show the tip'
-                )
+                left_out.append(f'{path.name}: left out {unseen} frames that do not show the tip')
     placed = iter(flat)
     runs = tuple(tuple(itertools.islice(placed, len(group))) for group in runs)
     return Experiments(
@@ -198,8 +197,8 @@ def reason_unloaded(run: RecordingData, noise: SensorNoise) -> str:
         return ''
     reach = run.idle_reach()
     return (
-        f'every wrench is within {reach:.2g} sigma of the sensor, {reach * noise.force_std:.2g} N '
-        f'and {reach * noise.moment_std:.2g} N m'
+        f'every wrench is within {reach:.2g} sigma of the sensor noise, '
+        f'{reach * noise.force_std:.2g} N and {reach * noise.moment_std:.2g} N m'
     )
 
 
@@ -238,7 +237,8 @@ def strings(given: Sequence[Sequence[str]], paths: Sequence[Path]) -> Mapping[Pa
         check_given({place}, paths, '--string')
         if place in found:
             raise RequestError(
-                f'--string {name} is given twice: a tip has one string', reason='given_twice'
+                f'--string {name} is given twice, but a recording can have only one string',
+                reason='given_twice',
             )
         found[place] = string_of(f'--string {name}', numbers)
     return found
@@ -248,6 +248,6 @@ def check_given(places: set[Path], paths: Sequence[Path], option: str) -> None:
     """Refuse a recording that an option names and that is not among those to read."""
     for place in sorted(places - {resolved(path) for path in paths}):
         raise RequestError(
-            f'{option} {place.name}: this recording is not among the inputs; name it there, too',
+            f'{option} {place.name}: this recording is not among the inputs; add it to them',
             reason='not_found',
         )

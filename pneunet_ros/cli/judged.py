@@ -19,7 +19,7 @@ def refuse_readings(arguments: Namespace, path: Path, verdicts: Verdicts) -> int
     if verdicts.doubted:
         sentence = (
             f'{path}: {verdicts.findings}. Type: pneunet {arguments.verb} {path} '
-            f'{verdicts.options} (--no-judge-readings if the readings are right)'
+            f'{verdicts.options} (or --no-judge-readings if the readings are right)'
         )
     summary: dict[str, Any] = {
         'recording': path,

@@ -1,4 +1,4 @@
-"""The command `pneunet`: the one place where an error becomes a sentence and an exit code."""
+"""The command `pneunet`: turns errors into a sentence and an exit code."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pneunet_ros.core.printable import printable
 
 
 class WrongUsageError(SystemExit):
-    """The command line was wrong; stderr has the message, `sentence` is for programs."""
+    """Invalid command line; the message is on stderr, and in `sentence` for programs."""
 
     def __init__(self, sentence: str) -> None:
         """Exit with the code of a wrong request."""
@@ -33,7 +33,7 @@ class CommandParser(ArgumentParser):
     """A parser that reports an error in one sentence with an example command."""
 
     def __init__(self, *arguments: Any, example: str = '', **options: Any) -> None:
-        """Make a parser with a whole command as an example, with which one may begin."""
+        """Make a parser; example: a complete command to start from."""
         super().__init__(*arguments, **options)
         self._example = example
         self._words: Sequence[str] | None = None
@@ -62,10 +62,10 @@ class CommandParser(ArgumentParser):
         self.refuse(f'{self._about_stray(stray)}, and {about}' if stray else about)
 
     def refuse(self, sentence: str, *, example: bool = True) -> NoReturn:
-        """Print a usage error, with an example command where it helps, and exit."""
+        """Print a usage error, with an example command if it helps, and exit."""
         line = printable(shortened(sentence))
         if example:
-            line += f'; a whole command is: {self._example} ({self.prog} --help says all)'
+            line += f'; a complete command: {self._example} (see {self.prog} --help)'
         print(f'{self.prog}: {line}', file=sys.stderr)
         raise WrongUsageError(line)
 
@@ -106,9 +106,9 @@ class CommandHelp(RawDescriptionHelpFormatter):
 class Verb(NamedTuple):
     """A verb: its name, one line of help, and its module, which is imported when it is called.
 
-    The module has `options(parser)`, which adds the options, and `run(arguments)`, which does it
-    and returns the exit code. example: a whole command. kernels: 'meanwhile' where it answers
-    while they are compiled, 'first' where it waits for them, as it has long work for them.
+    The module has `options(parser)`, which adds the options, and `run(arguments)`, which runs the
+    verb and returns the exit code. example: a complete command. kernels: 'meanwhile' if the verb
+    runs while they are compiled, 'first' if it waits for them, because it uses them heavily.
     """
 
     name: str
@@ -121,13 +121,13 @@ class Verb(NamedTuple):
 VERBS = (
     Verb(
         'demo',
-        "replay the loads of the paper's Table 1: the first minute",
+        "replay the loads of the paper's Table 1 (start here)",
         'pneunet_ros.cli.verbs.demo',
         'pneunet demo',
     ),
     Verb(
         'predict',
-        'predict the shape under pressure and end load, or find the force from the tip',
+        'predict the shape under pressure and end load, or the force from the tip position',
         'pneunet_ros.cli.verbs.predict',
         'pneunet predict --pressure 31kPa --force 175mN 70mN',
         'meanwhile',
@@ -164,7 +164,7 @@ VERBS = (
     ),
     Verb(
         'explore',
-        'record, diagnose and choose the next recording until the missing effect has a name',
+        'record, diagnose and choose the next recording until the missing effect is named',
         'pneunet_ros.cli.verbs.explore',
         'pneunet explore --by-hand --model model.yaml --output exploration',
         'first',
@@ -178,31 +178,31 @@ VERBS = (
     ),
     Verb(
         'compare',
-        'measure the distance of two recordings, or of an estimate and a truth',
+        'compare two recordings, or an estimate with the ground truth',
         'pneunet_ros.cli.verbs.compare',
         'pneunet compare REPLAYED.mcap TRACKED.mcap',
     ),
     Verb(
         'check',
-        'list contents, gaps and possible uses of recordings',
+        'list the contents, gaps and possible uses of recordings',
         'pneunet_ros.cli.verbs.check',
         'pneunet check REC.mcap',
     ),
     Verb(
         'export',
-        'write the readings of a recording as a table, CSV or npz',
+        'export the readings of a recording as a table (CSV or npz)',
         'pneunet_ros.cli.verbs.export',
         'pneunet export REC.mcap --output table.csv',
     ),
     Verb(
         'import',
-        'convert a CSV table, whose columns name their units, to a recording',
+        'convert a CSV table to a recording; the column names give the units',
         'pneunet_ros.cli.verbs.import_table',
         'pneunet import TABLE.csv --output rec.mcap',
     ),
     Verb(
         'new-arm',
-        'write arm.yaml for an arm of your own, and a printable sheet of its dots',
+        'write arm.yaml for your own arm, and a printable sheet of dots',
         'pneunet_ros.cli.verbs.new_arm',
         'pneunet new-arm --length 112mm --weight 17g --pressure 60kPa --dot 3mm --targets 12',
     ),
@@ -214,7 +214,7 @@ VERBS = (
     ),
     Verb(
         'simulate',
-        'simulate a recording in the virtual lab, and write its truth to a file beside it',
+        'simulate a recording in the virtual lab, with its ground truth in a second file',
         'pneunet_ros.cli.verbs.simulate',
         'pneunet simulate random_mix --output rec.mcap',
         'first',
@@ -233,7 +233,7 @@ VERBS = (
     ),
     Verb(
         'compile',
-        'compile all kernels ahead and keep them on the disk',
+        'compile all kernels ahead of time and cache them on disk',
         'pneunet_ros.cli.verbs.compile',
         'pneunet compile',
     ),
@@ -260,15 +260,17 @@ NEGATIVE_WITH_UNIT = re.compile(rf'({NEGATIVE_NUMBER.pattern})([A-Za-z_]+)')
 def parser(words: Sequence[str], *, ends: bool = False) -> CommandParser:
     """Build the command line of all verbs, with the options of the requested one.
 
-    ends: the process does, with the help that is asked for.
+    ends: whether the process ends with the requested help.
     """
     command = CommandParser(
         prog='pneunet',
         example='pneunet demo',
-        description=f'The shape of a pneu-net arm, by a rod model and by camera.\n'
-        f'{verbs_in_groups()}',
+        description='Estimate the shape of a pneu-net arm with a rod model and a '
+        f'camera.\n{verbs_in_groups()}',
         formatter_class=CommandHelp,
-        epilog='Exit codes: 0 done; 1 done, with a negative answer; 2 wrong request or file.',
+        epilog=(
+            'Exit codes: 0 done; 1 done, but the answer is negative; 2 invalid request or file.'
+        ),
         allow_abbrev=False,
     )
     command.add_argument('--version', action='version', version=f'pneunet_ros {__version__}')
@@ -293,7 +295,7 @@ def parser(words: Sequence[str], *, ends: bool = False) -> CommandParser:
 
 
 def verbs_in_groups() -> str:
-    """Return the verbs by group, each with its line of help."""
+    """Return the verbs by group, each with its help line."""
     helps = {verb.name: verb.help for verb in VERBS}
     width = max(map(len, helps)) + 4
     lines = []
@@ -306,7 +308,7 @@ def verbs_in_groups() -> str:
 
 
 def negative_number(argument: str) -> str:
-    """Return a negative number such that argparse does not take it for an option: '-3 mm'."""
+    """Return a negative number so that argparse does not take it for an option: '-3 mm'."""
     if NEGATIVE_NUMBER.fullmatch(argument):
         return f'{Decimal(argument):f}'
     if match := NEGATIVE_WITH_UNIT.fullmatch(argument):
@@ -364,9 +366,9 @@ def see_to_kernels(given: Namespace) -> None:
         return
     if given.kernels == 'meanwhile':
         compile_meanwhile()
-        say(given, 'the kernels are being compiled in the background, once; numpy answers')
+        say(given, 'compiling the kernels in the background (once only); using numpy meanwhile')
         return
-    say(given, 'compiling the kernels, once: about 20 s of CPU')
+    say(given, 'compiling the kernels (once only): about 20 s of CPU')
     from pneunet_ros.cli.verb import progress_bar
 
     with progress_bar(shown=not given.json) as bar:

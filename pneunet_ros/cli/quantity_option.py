@@ -59,11 +59,11 @@ def parse_quantity(text: str, kind: str) -> float:
             value = math.nan
     if not math.isfinite(value):
         names = [_SHOWN.get(name, name) for name in SI_PER_UNIT[kind]]
-        article = 'an' if kind == 'angle' else 'a'
+        article = 'an' if kind.startswith('a') else 'a'
         raise RequestError(
             f'{text[:40]!r} is not {article} {kind}: write a number in '
-            f'{next(unit for unit, one in KIND_OF_UNIT.items() if one == kind)}, or with one of '
-            f'the units {", ".join(names)} in the same word, as {_EXAMPLES[kind]}',
+            f'{next(unit for unit, one in KIND_OF_UNIT.items() if one == kind)}, or a number '
+            f'directly followed by one of the units {", ".join(names)}, e.g. {_EXAMPLES[kind]}',
             reason='not_a_number',
         )
     return value
@@ -108,5 +108,5 @@ def _joined(unit: str) -> str:
 def seed(text: str) -> int:
     """Return a seed, a whole number from 0 on."""
     if not text.isdecimal() or int(text) >= 2**63:
-        raise ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
+        raise ArgumentTypeError(f'{text!r} is not a whole number (0 or more)')
     return int(text)

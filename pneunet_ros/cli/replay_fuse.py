@@ -142,7 +142,7 @@ def show(summary: dict[str, object], tally: FusionTally) -> None:
         table.add_row('ambiguous', f'{tally.ambiguous} estimates: two loads explain the targets')
     if any(tally.contacts):
         clear, alike = tally.contacts
-        words = f'{clear} estimates, and {alike} where it may be a tip force as well'
+        words = f'{clear} estimates, and {alike} in which a tip force would fit as well'
         table.add_row('contact along the arm', words)
     last = tally.last
     if last is not None:
@@ -180,6 +180,8 @@ def show(summary: dict[str, object], tally: FusionTally) -> None:
     for sentence in sentences:
         console.print(f'note: {sentence}')
     if summary['output'] is None:
-        console.print('Nothing written; --output OUT.mcap writes inputs and all fused topics.')
+        console.print(
+            'Nothing was written; --output OUT.mcap saves the inputs and all fused topics.'
+        )
     else:
         console.print(f'wrote {summary["output"]}')

@@ -134,7 +134,8 @@ class SurveyWork:
         calibration = calibrate(unloaded, loaded, frame, compare=False)
         if not calibration.joint.converged:
             raise ModelError(
-                f'the calibration did not settle: {calibration.joint.status}', reason='not_settled'
+                f'the calibration did not converge: {calibration.joint.status}',
+                reason='not_settled',
             )
         asked = Namespace(arm=arm.arm, earlier=None)
         roles = {'unloaded': unloaded, 'loaded': loaded}

@@ -16,15 +16,15 @@ def add_table_options(parser: ArgumentParser) -> None:
     """Add the options for reading the columns of a table."""
     group = parser.add_argument_group('columns of the table')
     for option, form, meaning in (
-        ('--select', 'COLUMN=VALUE', 'read only the rows that hold this text in this column'),
+        ('--select', 'COLUMN=VALUE', 'read only the rows with this text in this column'),
         ('--rename', 'OLD=NEW', 'rename a column to a known name'),
         ('--offset', 'COLUMN=NUMBER', 'add to a column (new name), in its unit'),
         ('--ignore', 'COLUMN', 'leave columns out'),
         (
             '--missing',
             'NUMBER',
-            'numbers that stand for "no reading", of a target in both coordinates; none: there '
-            'are none (default: ask where there seem to be)',
+            'numbers that mean "no reading" (for a target: in both coordinates); none: there are '
+            'no such numbers (default: stop and ask if there seem to be)',
         ),
     ):
         group.add_argument(

@@ -54,13 +54,14 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
         return None
     if stream.recording is not None:
         raise RequestError(
-            f'{arguments.source} is a recording, whose topics have stamps of their own: '
-            '--readings is for videos and folders of images',
+            f'{arguments.source} is a recording, and its topics already have stamps: --readings '
+            'is only for videos and folders of images',
             reason='other_source',
         )
     if arguments.output is None:
         raise RequestError(
-            '--readings needs --output OUT.mcap, where frames and readings go', reason='missing'
+            '--readings needs --output OUT.mcap, to which frames and readings are written',
+            reason='missing',
         )
     table, sentences = read_table(arguments.readings, table_request(arguments))
     check_readings(table, arguments.readings)
@@ -110,7 +111,7 @@ def joined(
             reason='out_of_bounds',
         )
     if not trackings:
-        return None, summary_of(readings, None, None, 'no frame was looked at')
+        return None, summary_of(readings, None, None, 'no frame was processed')
     if delay is None:
         found = delay_of(trackings, readings.table)
         if found.trouble:
@@ -122,7 +123,8 @@ def joined(
         run = with_string(run, readings.string, arm)
     if not run.covered:
         raise RequestError(
-            f'--delay {delay:g}: no frame of the film lies within the table of {readings.path}',
+            f'--delay {delay:g}: no frame of the film lies within the time range of '
+            f'{readings.path}',
             reason='nothing_in_common',
         )
     sentence = found.sentence if found is not None else f'a delay of {delay:g} s was given'

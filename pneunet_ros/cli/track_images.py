@@ -168,13 +168,15 @@ def check_request(arguments: Namespace, settings: CameraSettings) -> None:
     page = arguments.preview is not None and arguments.preview.suffix.lower() == '.html'
     if arguments.estimates is not None and not page:
         raise RequestError(
-            '--estimates are drawn into a page: give --preview FILE.html', reason='missing'
+            '--estimates needs --preview FILE.html, the page in which they are drawn',
+            reason='missing',
         )
     if arguments.output is not None:
         check_name(arguments.output)
     if arguments.with_images and arguments.output is None:
         raise RequestError(
-            '--with-images needs --output OUT.mcap, where the images go', reason='missing'
+            '--with-images needs --output OUT.mcap, to which the images are written',
+            reason='missing',
         )
     outputs = [arguments.output, arguments.table, arguments.preview]
     places = [resolved(path) for path in outputs if path is not None]
@@ -184,8 +186,8 @@ def check_request(arguments: Namespace, settings: CameraSettings) -> None:
         )
     if arguments.camera_info == NO_LENS and isinstance(settings.plane, PosePlane):
         raise RequestError(
-            f'--camera-info {NO_LENS} does not give the focal length, which plane.method: pose '
-            'in the camera file needs: give --camera-info FILE.yaml',
+            f'--camera-info {NO_LENS} gives no focal length, but plane.method: pose in the '
+            'camera file needs one: give --camera-info FILE.yaml',
             reason='no_camera_info',
         )
 

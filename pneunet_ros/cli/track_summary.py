@@ -80,8 +80,9 @@ def show(summary: dict[str, Any]) -> None:
     if summary.get('frames_repeated'):
         table.add_row(
             'frames left out',
-            f'{summary["frames_repeated"]}: the arm stands still there while the pressure moves '
-            'it (lost frames repeat a picture; a step may lie within the error of the delay)',
+            f'{summary["frames_repeated"]}: the picture stands still although the pressure '
+            'changes (a lost frame was replaced by a copy, or a step lies within the error of '
+            'the delay)',
         )
     seconds, rate = summary['seconds'], summary['frames_per_second']
     table.add_row('took', f'{seconds:.2f} s, at {rate:.0f} frames/s')
@@ -91,16 +92,16 @@ def show(summary: dict[str, Any]) -> None:
     if summary['main_sentence']:
         console.print(f'frames without targets: {summary["main_sentence"]}')
     if not explained and not summary['preview']:
-        console.print('--preview FILE.png shows what was found in these frames.')
+        console.print('Use --preview FILE.png to see what was found in these frames.')
     written = [summary[name] for name in ('output', 'table', 'preview') if summary[name]]
     for path in written:
         console.print(f'wrote {path}')
     if 'delay_sentence' in summary and not summary['output']:
         console.print(
-            'No recording written: at which pressures the frames were taken is not known.'
+            'No recording was written: the pressures at which the frames were taken are unknown.'
         )
     elif not written:
-        console.print('Nothing written; --output OUT.mcap writes the tracker topics.')
+        console.print('Nothing was written; --output OUT.mcap saves the tracker topics.')
 
 
 def share(part: int, total: int) -> str:

@@ -140,9 +140,9 @@ def add_gravity(parser: ArgumentParser, of: str = 'model file') -> None:
         '--gravity',
         type=gravity_option,
         metavar='GX,GY',
-        help='where gravity points: x and y of the unit vector that points down, in the base '
-        f'frame, as --gravity=0,-1, or {OUT_OF_PLANE} (default: by base_imu where it is recorded, '
-        f'else as in the {of})',
+        help='direction of gravity: x and y of the unit vector that points down, in the base '
+        f'frame, e.g. --gravity=0,-1, or {OUT_OF_PLANE} (default: from base_imu if '
+        f'recorded, otherwise as in the {of})',
     )
 
 
@@ -166,8 +166,8 @@ def add_effects_path(parser: ArgumentParser) -> None:
         '--effects-path',
         type=Path,
         metavar='DIR',
-        help='run the effect files *.py of this folder, which are code, and know their effects '
-        '(default: those of the library and of installed packages)',
+        help='load the effect files *.py of this folder, which are executed, in addition to the '
+        'effects of the library and of installed packages',
     )
 
 
@@ -207,8 +207,8 @@ def still_model_of(arguments: Namespace) -> Arm:
     arm = model_of(arguments)
     if arm.gravity.is_measured:
         raise RequestError(
-            f'{arm.name} takes gravity from {arm.gravity.source}, not read here: give its '
-            'direction, as --gravity=0,-1',
+            f'{arm.name} takes the direction of gravity from {arm.gravity.source}, which this '
+            'command does not read: give it, e.g. --gravity=0,-1',
             reason='no_gravity',
         )
     return arm
@@ -217,7 +217,7 @@ def still_model_of(arguments: Namespace) -> Arm:
 def add_overwrite(parser: ArgumentParser) -> None:
     """Existing outputs are refused without this."""
     parser.add_argument(
-        '--overwrite', action='store_true', help='replace outputs that exist (default: refuse)'
+        '--overwrite', action='store_true', help='overwrite existing outputs (default: refuse)'
     )
 
 

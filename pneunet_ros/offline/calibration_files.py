@@ -91,7 +91,9 @@ def described_arm(
     law = joint.parameters.law
     if isinstance(law, MajidiParameters):
         sources['moment_law.modulus'] = fitted
-        assumed = 'assumed: the section of the paper (Figure 1); the arm given has none'
+        assumed = (
+            'assumed: the cross-section of the paper (Figure 1), because the given arm has none'
+        )
         for key in law.section:
             source = frame.sources.get(f'moment_law.{key}', f'as in {frame.name}')
             sources[f'moment_law.{key}'] = assumed if law.assumed else source
@@ -99,10 +101,12 @@ def described_arm(
         sources['moment_law'] = fitted
         if isinstance(law, PiecewiseParameters):
             sources['moment_law.moment_offset'] = (
-                'fixed at zero: beside kappa_p0 it cannot be identified'
+                'fixed at zero, because it cannot be distinguished from kappa_p0'
             )
     else:
-        sources['moment_law'] = f'not fitted, there was no loaded recording; as in {frame.name}'
+        sources['moment_law'] = (
+            f'not fitted, because there was no loaded recording; as in {frame.name}'
+        )
     for key, text in calibration.noise.sources.items():
         sources[f'sensors.{key}'] = text
     return replace(arm, name=printable(name), sources=sources, provenance=provenance)
@@ -134,7 +138,7 @@ def load_knowledge(model: Path) -> PosteriorState:
         if values['kind'] not in ('', *MOMENT_LAW_PARAMETERS):
             allowed = ', '.join(MOMENT_LAW_PARAMETERS)
             raise ArchiveError(
-                f'the kind of its moment law is none of {allowed}', reason='unknown_kind'
+                f'its kind of moment law is not one of {allowed}', reason='unknown_kind'
             )
         values.setdefault('information', np.zeros((values['values'].size,) * 2))
         if 'elongates' in values:
@@ -142,8 +146,8 @@ def load_knowledge(model: Path) -> PosteriorState:
         return PosteriorState(**values)
     except FileNotFoundError:
         raise ModelError(
-            f'{path} is missing: `pneunet calibrate` writes it beside a model, and it is needed '
-            'to continue; recalibrate with all recordings',
+            f'{path} is missing: `pneunet calibrate` writes it next to the model, and --continue '
+            'needs it; recalibrate with all recordings',
             reason='not_found',
         ) from None
     except (OSError, PneunetError) as error:

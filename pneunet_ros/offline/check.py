@@ -96,8 +96,8 @@ def proposed(arm: Arm) -> str:
     if arm.inertia is not None:
         return ''
     return (
-        f', and {arm.name} has no `motion`: record how the arm swings freely (pluck it and let '
-        'go, the pressure at rest, for 20 s) and give it to calibrate --motion'
+        f', and {arm.name} has no `motion`: record the arm swinging freely (pluck it at constant '
+        'pressure and record 20 s), and give the recording to calibrate --motion'
     )
 
 

@@ -82,8 +82,8 @@ def refuse_itself(a: ShapeSeries, b: ShapeSeries) -> None:
     """Refuse to compare a file with itself."""
     if resolved(a.name) == resolved(b.name) and contents(a) == contents(b):
         raise RequestError(
-            f'A and B are the same topics of {a.name}: choose what of B to compare with, as in '
-            '--topic b.targets=/pneunet/targets',
+            f'A and B are the same topics of {a.name}: choose another topic for B, e.g. --topic '
+            'b.targets=/pneunet/targets',
             reason='given_twice',
         )
 
@@ -153,7 +153,7 @@ def doubts(comparison: Comparison) -> list[Note]:
     if comparison.unlike:
         return list(comparison.unlike)
     if comparison.tip is None and comparison.shape is None:
-        sides = f'no frame of {comparison.of.name} matches one of {comparison.to.name}'
+        sides = f'no frame of {comparison.of.name} matches a frame of {comparison.to.name}'
         return [Note(f'{sides}: {spans(comparison)}', reason='nothing_in_common')]
     said = []
     tip = comparison.tip
@@ -161,14 +161,14 @@ def doubts(comparison: Comparison) -> list[Note]:
         said.append(
             Note(
                 f'the tip is compared at s = {1000.0 * tip.at:.4g} mm, the last place that both '
-                'know',
+                'cover',
                 reason='not_at_tip',
             )
         )
     if not math.isfinite(comparison.length):
         said.append(
             Note(
-                'the length of the arm is not known: give --model for errors in percent of it',
+                'the length of the arm is not known: give --model to get errors in percent of it',
                 reason='unknown_length',
             )
         )
@@ -182,7 +182,7 @@ def spans(comparison: Comparison) -> str:
         stamps = [item.stamp_ns for item in (side.tips, side.centerlines) if item is not None]
         items = [item for item in stamps if item.size]
         if not items:
-            return f'{side.name} has no frame that can be compared'
+            return f'{side.name} has no frame to compare'
         start, end = min(item[0] for item in items), max(item[-1] for item in items)
         texts.append(f'{seconds_since(0, int(start)):.3f} to {seconds_since(0, int(end)):.3f} s')
     return f'stamps are {texts[0]} and {texts[1]}'

@@ -56,14 +56,14 @@ def check_readings(table: ReadingTable, path: Path) -> None:
     counts = table.counts()
     if not counts[PRESSURE.name]:
         raise RequestError(
-            f'--readings {path} has no pressure: a column such as pressure_kpa',
+            f'--readings {path} has no pressure: add a column such as pressure_kpa',
             reason='no_pressure',
         )
     for sensor in (TARGETS, TIP_POSE):
         if counts[sensor.name]:
             raise RequestError(
-                f'--readings {path} holds {sensor.name}, which the film shows: leave the columns '
-                'out (--ignore COLUMN)',
+                f'--readings {path} holds {sensor.name}, which are measured in the film: leave '
+                'these columns out with --ignore COLUMN',
                 reason='given_twice',
             )
 
@@ -72,7 +72,7 @@ def check_no_forces(table: ReadingTable, option: str) -> None:
     """Reject a load option if the table has force readings."""
     if table.counts()[END_WRENCH.name]:
         raise RequestError(
-            f'{option} is for tables without forces, but this table has force columns',
+            f'{option} is only for tables without forces, but this table has force columns',
             reason='exclusive',
         )
 
@@ -142,7 +142,8 @@ def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
     known = np.isfinite(tips).all(axis=1)
     if not known.any():
         raise RequestError(
-            '--string: no frame of the film shows the tip, from which it pulls', reason='no_tip'
+            '--string: no frame of the film shows the tip, to which the string is tied',
+            reason='no_tip',
         )
     start = run.table.stamp_ns[0]
     seen = np.array([frame.stamp_ns for frame in sightings])[known] - start

@@ -324,7 +324,7 @@ def table_remedy(verdict: PressureVerdict) -> str:
     do = [f'rename its column to pressure_{unit.lower()}'] if unit else []
     if changes:
         options = (f'--{name.replace("_", "-")} {value}' for name, value in changes.items())
-        do.append(f'give {" ".join(options)} to every command that reads the recording')
+        do.append(f'add {" ".join(options)} to every command that reads the recording')
     return ' and '.join(do)
 
 

@@ -30,7 +30,7 @@ class LiveArm:
         """Refuse without ROS."""
         if find_spec('rclpy') is None:
             raise RequestError(
-                f'--live needs ROS 2: {GET_ROS}; without it, --by-hand says what to record',
+                f'--live needs ROS 2: {GET_ROS}; without ROS 2, use --by-hand',
                 reason='not_installed',
             )
 
@@ -48,5 +48,5 @@ class LiveArm:
                 process.wait(VENTED)
                 raise
         if process.returncode:
-            why = said.strip().splitlines() or ['it ended without a word']
+            why = said.strip().splitlines() or ['it ended without a message']
             raise RequestError(f'the experiment failed: {why[-1]}', reason='failed')

@@ -81,7 +81,7 @@ def scenario_of_model(arm: Arm) -> Scenario:
         rigidity = np.full((2, 2), alpha)
     else:
         raise RequestError(
-            f'{arm.name}: the virtual lab has no arm with the moment law {law.kind}',
+            f'{arm.name}: the virtual lab cannot simulate the moment law {law.kind}',
             reason='unknown_kind',
         )
     table = arm.intrinsic_curvature

@@ -72,14 +72,14 @@ def read_fleet(source: Path, arm: Path) -> tuple[FleetArm, ...]:
     """
     if not source.exists():
         raise RequestError(
-            f'{source} does not exist: give a folder of arms, or a table of them',
+            f'{source} does not exist: give a folder of arms or a table of arms',
             reason='not_found',
         )
     fleet = fleet_of_folder(source, arm) if source.is_dir() else fleet_of_table(source, arm)
     if not fleet:
         raise RequestError(
-            f'{source} holds no arm: an arm is a folder with recordings whose names begin with '
-            f'{", ".join(ROLES)}',
+            f'{source} contains no arm: an arm is a folder with recordings whose names begin '
+            f'with {", ".join(ROLES)}',
             reason='no_arm',
         )
     return fleet
@@ -151,7 +151,8 @@ def fleet_of_table(table: Path, arm: Path) -> tuple[FleetArm, ...]:
             )
         if name in names:
             raise RequestError(
-                f'{table}, line {line}: there are two arms called {name}', reason='given_twice'
+                f'{table}, line {line}: there are two arms with the name {name}',
+                reason='given_twice',
             )
         names.add(name)
         try:
@@ -185,15 +186,16 @@ def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
     reader.fieldnames = names
     if 'name' not in names or not set(names) <= set(COLUMNS):
         raise RequestError(
-            f'{table}: the columns of a table of arms are {", ".join(COLUMNS)}, name at least; '
-            f'it has {", ".join(names[: len(COLUMNS) + 3]) or "none"}',
+            f'{table}: the columns of a table of arms are {", ".join(COLUMNS)}, of which name is '
+            f'required; this table has {", ".join(names[: len(COLUMNS) + 3]) or "none"}',
             reason='unknown_column',
         )
     try:
         for row in reader:
             if None in row or None in row.values():
                 raise RequestError(
-                    f'{table}, line {above + reader.line_num}: not a cell per column',
+                    f'{table}, line {above + reader.line_num}: the number of cells is not that '
+                    'of the columns',
                     reason='wrong_shape',
                 )
             yield above + reader.line_num, {key: value.strip() for key, value in row.items()}
@@ -245,8 +247,8 @@ class SurveyFolder:
         for place in sorted(self.path.iterdir()) if self.path.is_dir() else ():
             if place.name != ARMS and not any(fnmatch(place.name, name) for name in pages):
                 raise RecordingError(
-                    f'{self.path} holds {place.name}, which no survey has written: choose '
-                    'another folder',
+                    f'{self.path} contains {place.name}, which was not written by a survey: '
+                    'choose another folder',
                     reason='holds_other_files',
                 )
 
@@ -268,9 +270,9 @@ class SurveyFolder:
         if row.get('failed') or self.overwrite:
             return None
         raise RecordingError(
-            f'{self.folder(name)} was made from other recordings, another arm file, other options '
-            'or by another version: choose another --output, or pass --overwrite to do this arm '
-            'again',
+            f'{self.folder(name)} was made from other recordings, with another arm file, other '
+            'options or another version: choose another --output, or pass --overwrite to redo '
+            'this arm',
             reason='other_inputs',
         )
 
@@ -330,7 +332,7 @@ def work_on_fleet(
         for arm in suspects:
             died, _ = yield from work_together([arm], work, open_workers, 1)
             for one in died:
-                why = 'its process died, possibly because memory ran out'
+                why = 'its process died unexpectedly, possibly because memory ran out'
                 yield one, ChildProcessError(why)
 
 

@@ -73,8 +73,8 @@ def look_ahead(
         return TrackerState(), ''
     missed = sum(state.unexplained.values()) - state.unexplained.get(RESTING, 0)
     return TrackerState(plane=state.plane, rest=state.rest), (
-        f'scale and base frame come from frames up to number {frames}, of which {missed} do not '
-        f'show the arm at rest: {first}'
+        f'scale and base frame come from frames up to number {frames}, but {missed} of them do '
+        f'not show the arm at rest: {first}'
     )
 
 
@@ -130,7 +130,10 @@ def record_tracking(
             continue
         if topic.name in {connection.topic for connection in outputs.values()}:
             sentences.append(
-                Note(f'{topic.name} existed already and was rewritten', reason='rewritten')
+                Note(
+                    f'{topic.name} was already in the recording and was replaced',
+                    reason='rewritten',
+                )
             )
             continue
         try:
@@ -253,7 +256,8 @@ class TrackTally:
         odd = np.abs(size) > BEAM_SEARCH.odd * BEAM_SEARCH.size_std
         return [
             f'target {target} is {math.exp(0.5 * size[target]):.2g} times as wide as the others: '
-            'it was followed, but repaint the dot, or remove what touches it (--preview shows it)'
+            'it was tracked, but repaint the dot, or remove whatever touches it (--preview shows '
+            'it)'
             for target in np.flatnonzero(odd & (self.seen > 0)).tolist()
         ]
 
@@ -282,8 +286,8 @@ def check_row_order(tracker: Tracker, tally: TrackTally) -> None:
         return
     u, v = tally.last_pixel
     raise CameraError(
-        'the targets are numbered from the free end, as the clamp is not at the left of the '
-        f'picture: say where the target at the clamp is at rest, about [{u:.0f}, {v:.0f}]: '
-        f'--clamp-pixel {u:.0f} {v:.0f}, or clamp_pixel in the camera file',
+        'the targets are numbered from the free end, because the clamp is not at the left of the '
+        f'image: give the pixel of the target at the clamp at rest, about [{u:.0f}, {v:.0f}], '
+        f'with --clamp-pixel {u:.0f} {v:.0f} or as clamp_pixel in the camera file',
         reason='wrong_end',
     )

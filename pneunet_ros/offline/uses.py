@@ -112,7 +112,9 @@ def uses(
         check_estimates(steps(recording, estimator, topics, targets))
         # All that replay would decode, as one message that it cannot ends it.
         deque(recording.messages([*topics, *([] if targets is None else [targets])]), maxlen=0)
-        return '' if loaded else f'with --no-wrench-required: there is no {END_WRENCH.name}'
+        return (
+            '' if loaded else (f'with --no-wrench-required, because there is no {END_WRENCH.name}')
+        )
 
     def tracks() -> str:
         if 'image_raw' not in overrides and not images:
@@ -132,7 +134,11 @@ def uses(
             raise RecordingError(
                 f'{verdicts.findings}; give {verdicts.options}', reason='strange_readings'
             )
-        return '' if has(END_WRENCH) else 'the tip force is estimated, no sensor measures it'
+        return (
+            ''
+            if has(END_WRENCH)
+            else ('the tip force is estimated, because no sensor measures it')
+        )
 
     @functools.cache
     def in_base() -> tuple[RecordingData, tuple[str, ...]]:
@@ -146,7 +152,7 @@ def uses(
         idle = PRECONDITIONS.unloaded_force * arm.weight
         if data.loaded and (force := largest_force(data)) > idle:
             raise RecordingError(
-                f'its end force reaches {force:.3g} N: it is a loaded one', reason='loaded'
+                f'its end force reaches {force:.3g} N: it is a loaded recording', reason='loaded'
             )
         declared = settings.pressure if settings.judge_readings else None
         checked_at_rest([data], [], arm, settings=judging(declared))
@@ -155,8 +161,8 @@ def uses(
     def calibrates_loaded() -> str:
         if not (has(END_WRENCH) or has(STRING_WRENCH)):
             raise RecordingError(
-                'it has no end load: it is an unloaded one, or give the weight that hung on the '
-                f'arm, --end-load {recording.path} FX FY',
+                'it has no end load: either it is an unloaded recording, or give the weight that '
+                f'hung on the arm: --end-load {recording.path} FX FY',
                 reason='not_loaded',
             )
         run, found = in_base()
@@ -166,7 +172,8 @@ def uses(
         check_clamp(data, arm)
         if data.is_idle(arm.sensors):
             raise RecordingError(
-                'its end force never exceeds the noise of the force sensor: it is an unloaded one',
+                'its end force never exceeds the noise of the force sensor: it is an unloaded '
+                'recording',
                 reason='not_loaded',
             )
         return (
@@ -195,7 +202,7 @@ def by_tip(run: RecordingData, found: Sequence[str]) -> str:
 
     found: what was found of the frame that the pose was measured in.
     """
-    way = [] if run.tip_pose is None else [f'with {TIP_POSE.name} as a target at the tip']
+    way = [] if run.tip_pose is None else [f'with {TIP_POSE.name} as the target at the tip']
     return '; '.join((*way, *found))
 
 

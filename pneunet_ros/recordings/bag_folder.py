@@ -32,7 +32,7 @@ def stored_files(path: Path) -> list[Path]:
     """
     if not path.exists():
         raise RecordingError(
-            f'{path} does not exist: an .mcap file or a rosbag2 folder is needed',
+            f'{path} does not exist: give an .mcap file or a rosbag2 folder',
             reason='not_found',
         )
     if not path.is_dir():
@@ -46,14 +46,14 @@ def stored_files(path: Path) -> list[Path]:
     names, storage, compression = FILE.load(path / METADATA, _describe_folder)
     if storage not in STORAGES or compression not in ('', 'none', 'zstd'):
         raise RecordingError(
-            f'{path} is stored as {storage} {compression}: turn it into mcap with `ros2 bag '
+            f'{path} is stored as {storage} {compression}: convert it to mcap with `ros2 bag '
             'convert`',
             reason='not_supported',
         )
     for name, number in Counter(names).items():
         if number > 1:
             raise RecordingError(
-                f'{path / METADATA} names {name} {number} times: name it once',
+                f'{path / METADATA} names {name} {number} times: list it only once',
                 reason='given_twice',
             )
     named = (path / name for name in names)
@@ -91,15 +91,15 @@ def _other_folder(path: Path) -> str:
     loose = [file.name for file in _files_in(path)]
     if loose:
         return (
-            f'is a folder without {METADATA} (it holds {_listed(loose)}): name one of these '
-            'recordings itself'
+            f'is a folder without {METADATA} (it contains {_listed(loose)}): give one of these '
+            'recordings instead'
         )
     inner = sorted(file.parent.name for file in path.glob(f'*/{METADATA}'))
     if inner:
-        return f'is a folder of recordings: name one of those in it ({_listed(inner)})'
+        return f'is a folder of recordings: give one of them ({_listed(inner)})'
     if holds_pictures(path):
         return recording_from(path)
-    return f'is a folder without a recording: no {METADATA} and no .mcap file is in it'
+    return f'is a folder without a recording: it has no {METADATA} and no .mcap file'
 
 
 def _listed(names: list[str]) -> str:
@@ -114,7 +114,7 @@ def _describe_folder(content: Any) -> tuple[list[str], str, str]:
     names, storage = bag.get('relative_file_paths'), bag.get('storage_identifier')
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise RecordingError(
-            f'{where}.relative_file_paths must be a list of names of files', reason='wrong_form'
+            f'{where}.relative_file_paths must be a list of file names', reason='wrong_form'
         )
     # Old versions wrote the folder before the name.
     names = [PurePosixPath(name).name for name in names]

@@ -92,7 +92,7 @@ def read_run(
         if not len(item.stamp_ns):
             why = '; '.join(item.sentences()) or 'the topic is empty'
             raise RecordingError(
-                f'{path}: {item.topic} holds nothing that can be used: {why}',
+                f'{path}: {item.topic} contains nothing usable: {why}',
                 reason='nothing_usable',
             )
         sentences += item.sentences()
@@ -102,7 +102,7 @@ def read_run(
     keep = TARGETS.present(points)
     if pose is not None:
         keep |= TIP_POSE.present(pose)
-    _say_left_out(sentences, frames, ~keep, 'no_target', 'no target was seen')
+    _say_left_out(sentences, frames, ~keep, 'no_target', 'no target was visible')
     if readings is None:
         sentences.append(
             Note('there is no pressure topic: the pressure is taken as 0 Pa', reason='no_pressure')
@@ -126,10 +126,14 @@ def read_run(
         load = wrench.values[at]
         known = by_string is not None or is_constant(wrench.values)
         if known:
-            why = 'follows from a string' if by_string is not None else 'never changes'
+            why = (
+                ('was computed from the pull of a string')
+                if by_string is not None
+                else 'never changes'
+            )
             sentences.append(
                 Note(
-                    f'{wrench.topic} {why}: a known load, which no sensor read',
+                    f'{wrench.topic} {why}: a known load, not measured by a sensor',
                     reason='known_load',
                 )
             )
@@ -147,7 +151,7 @@ def read_run(
         keep &= ~unknown
     if not keep.any():
         raise RecordingError(
-            f'{path}: no frame is left: {"; ".join(sentences)}', reason='no_frames'
+            f'{path}: no frames are left: {"; ".join(sentences)}', reason='no_frames'
         )
     run = RecordingData(
         name=str(path),

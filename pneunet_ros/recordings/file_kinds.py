@@ -21,16 +21,16 @@ def recording_from(path: Path) -> str:
     """Describe how a recording is made of a path that is none."""
     if path.suffix.lower() in VIDEOS or (path.is_dir() and holds_pictures(path)):
         return (
-            'holds images: `pneunet track FILM --readings TABLE.csv --output REC.mcap` makes a '
-            'recording of a film and a table of pressures'
+            'contains images: `pneunet track FILM --readings TABLE.csv --output REC.mcap` turns '
+            'a film and a table of pressures into a recording'
         )
     if path.suffix.lower() in TABLES:
         return (
-            'is a table: `pneunet import TABLE.csv --output REC.mcap` makes a recording of it, '
-            'and `pneunet track FILM --readings TABLE.csv` one of a film and a table'
+            'is a table: `pneunet import TABLE.csv --output REC.mcap` turns it into a recording; '
+            'with a film, use `pneunet track FILM --readings TABLE.csv`'
         )
     films = ', '.join(VIDEOS)
     return (
         f'is not an MCAP file: `pneunet track` takes films ({films}) and folders of images, '
-        '`pneunet import` tables, and `ros2 bag convert` makes MCAP of other bags'
+        '`pneunet import` tables, and `ros2 bag convert` converts other bags to MCAP'
     )

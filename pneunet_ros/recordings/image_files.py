@@ -56,7 +56,7 @@ def checked_rate(rate: float | None) -> float | None:
     """Return the requested frames per second; RequestError if invalid."""
     if rate is not None and not RATES[0] <= rate <= RATES[1]:
         raise RequestError(
-            f'a rate of {rate} Hz cannot be; it goes from {RATES[0]} to {RATES[1]}',
+            f'a rate of {rate} Hz is not possible: it must be from {RATES[0]} to {RATES[1]} Hz',
             reason='out_of_bounds',
         )
     return rate
@@ -89,7 +89,7 @@ def folder_images(
     files = picture_files(folder)
     if not files:
         raise RecordingError(
-            f'{folder} holds neither a recording (metadata.yaml) nor images '
+            f'{folder} contains neither a recording (metadata.yaml) nor images '
             f'({", ".join(PICTURES)})',
             reason='no_images',
         )
@@ -127,10 +127,10 @@ def _decode_plain(data: Bytes, *, colored: bool) -> Bytes:
     """Return the grey levels (height, width) of a bmp or tiff, or its colors."""
     grey, complaint = decode_heard(data, colored=colored)
     if grey is None or complaint:  # a tiff that is damaged is decoded all the same
-        raise MessageError('it is not an image, or is damaged', reason='damaged')
+        raise MessageError('it is not an image, or it is damaged', reason='damaged')
     if grey.dtype not in (np.uint8, np.uint16):
         raise MessageError(
-            f'an image of {grey.dtype} cannot be read; 8 or 16 bits per channel are',
+            f'an image of {grey.dtype} cannot be read, only images with 8 or 16 bits per channel',
             reason='not_supported',
         )
     return eight_bits(grey)
@@ -145,19 +145,17 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
     """
     checked_rate(rate)
     if not path.is_file():
-        raise RecordingError(f'{path} does not exist: a video file is needed', reason='not_found')
+        raise RecordingError(f'{path} does not exist: give a video file', reason='not_found')
     video = _open_video(path)
     own, count = video.get(cv2.CAP_PROP_FPS), video.get(cv2.CAP_PROP_FRAME_COUNT)
     times = _first_times(video)
     video.release()
     if not times:
-        raise RecordingError(
-            f'{path} is a video without one frame that can be read', reason='no_frames'
-        )
+        raise RecordingError(f'{path} is a video without any readable frame', reason='no_frames')
     timed = rate is None and len(times) > 1 and bool(np.all(np.diff(times) > 0.0))
     if not (timed or rate or (math.isfinite(own) and RATES[0] <= own <= RATES[1])):
         raise RequestError(
-            f'{path} does not say how many frames it has a second: give --rate HZ',
+            f'{path} does not state its frame rate: give --rate HZ',
             reason='no_rate',
         )
     used = rate or own
@@ -180,7 +178,7 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
             index += 1
         video.release()
         if why := _breaks_off(path, index, 1 + since * own / 1e3, frames):
-            error = MessageError(f'{path} breaks off: {why}', reason='cut_off')
+            error = MessageError(f'{path} ends too early: {why}', reason='cut_off')
             yield StreamItem(stamp_at(index, used), IMAGE_TOPIC, error, b'')
 
     clock = 'presentation times in the file' if timed else _counted(used)
@@ -218,7 +216,7 @@ def _open_video(path: Path) -> cv2.VideoCapture:
         video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     if not video.isOpened():
         raise RecordingError(
-            f'{path} cannot be read as a video: it is damaged, or of no known kind',
+            f'{path} cannot be read as a video: it is damaged, or its format is not known',
             reason='damaged',
         )
     return video
@@ -249,7 +247,7 @@ def _stream(
 ) -> ImageStream:
     if camera_info is None:
         raise RequestError(
-            f'{path} says nothing of the camera: give --camera-info FILE.yaml (as made by '
+            f'{path} has no camera calibration: give --camera-info FILE.yaml (as made by '
             f'camera_calibration) or --camera-info {NO_LENS} (images without distortion)'
             + ('' if path.is_file() else f', or put {" or ".join(LENS_FILES)} into the folder'),
             reason='no_camera_info',

@@ -92,7 +92,7 @@ def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
     recording = open_recording(path)
     if request.rate is not None:
         raise RequestError(
-            f'--rate is for videos and folders of images; {path} has its own stamps',
+            f'--rate is only for videos and folders of images; {path} has its own stamps',
             reason='other_source',
         )
     image_topic = recording.find_any(

@@ -165,7 +165,7 @@ def read_truth(path: Path) -> ShapeSeries:
             arrays[name] for name in ('stamp_ns', 'arclength', 'theta')
         )
         if not points.size:
-            raise ArchiveError('it holds no frame', reason='no_frames')
+            raise ArchiveError('it contains no frame', reason='no_frames')
         return ShapeSeries(
             name=str(path),
             centerlines=Centerlines(
@@ -180,8 +180,8 @@ def read_truth(path: Path) -> ShapeSeries:
         )
     except (OSError, PneunetError) as error:
         raise RecordingError(
-            f'{path} is not a truth: an .npz with stamp_ns (frames,), arclength (stations,) m, '
-            'and x, y, theta (frames, stations), as `pneunet simulate` writes it '
+            f'{path} is not a ground truth, which is an .npz with stamp_ns (frames,), arclength '
+            '(stations,) m, and x, y, theta (frames, stations), as `pneunet simulate` writes it '
             f'({one_line(error)})',
             reason='no_truth',
         ) from None
@@ -203,8 +203,8 @@ def memory_after(path: Path) -> LabMemory:
         return LabMemory(time=time, pressure=pressure, past=past)
     except NO_MEMORY as error:
         raise RequestError(
-            f'--after {path}: {truth} is not a truth of a recording of the lab '
-            f'({one_line(error)}); name a recording that `pneunet simulate` has written',
+            f'--after {path}: {truth} is not the ground truth of a lab recording '
+            f'({one_line(error)}); give a recording written by `pneunet simulate`',
             reason='no_truth',
         ) from None
 

@@ -120,7 +120,7 @@ def _size_of_mcap(path: Path, stream: BinaryIO) -> int:
     size = stream.seek(0, io.SEEK_END)
     stream.seek(0)
     if size == 0:
-        raise RecordingError(f'{path} is empty: an MCAP recording is needed', reason='empty')
+        raise RecordingError(f'{path} is empty: give an MCAP recording', reason='empty')
     if stream.read(len(MAGIC)) != MAGIC:
         raise RecordingError(f'{path} {recording_from(path)}', reason='wrong_kind')
     return size
@@ -144,7 +144,8 @@ def read_block(path: Path, stream: BinaryIO, block: Block) -> Iterator[tuple[int
                     yield channel, log_time, bytes(data[start + MESSAGE_HEAD.size : end])
     except DAMAGE as error:
         raise RecordingError(
-            f'{path} has changed while it was read, in the chunk at byte {block.offset} ({error})',
+            f'{path} changed while it was being read, in the chunk at byte {block.offset} '
+            f'({error})',
             reason='changed',
         ) from error
 
@@ -195,7 +196,7 @@ def chunk_content(record: bytes | memoryview) -> bytes | memoryview:
         data = lz4.frame.LZ4FrameDecompressor().decompress(data, size + 1)
     elif compression:
         raise UnknownCompression(
-            f'its compression {compression!r} is unknown, zstd and lz4 can be read'
+            f'its compression {compression!r} is unknown; zstd and lz4 can be read'
         )
     if len(body) >= length:
         if len(data) != size:
@@ -270,17 +271,15 @@ class _Scan:
                 )
             )
         elif self.announced is not None and self.announced != count + self.too_late:
-            yield Note(
-                f'announces {self.announced} messages, and {count} were read', reason='lost'
-            )
+            yield Note(f'declares {self.announced} messages, but {count} were read', reason='lost')
         undefined = sum(number for key, number in self.counts.items() if key not in self.channels)
         if undefined:
             yield Note(
-                f'has {undefined} messages of no topic, which are left out', reason='no_topic'
+                f'has {undefined} messages without a topic, which were left out', reason='no_topic'
             )
         if self.too_late:
             yield Note(
-                f'has {self.too_late} messages logged after the year 2262, which are left out',
+                f'has {self.too_late} messages logged after the year 2262, which were left out',
                 reason='too_late',
             )
 
@@ -315,7 +314,7 @@ class _Scan:
                 if opcode == Opcode.FOOTER:
                     return CUT_OFF if end + len(MAGIC) > self.size else None
                 if opcode == 0:  # what some file systems leave after a crash
-                    return f'holds only zeros from byte {position} on'
+                    return f'contains only zeros from byte {position} on'
                 if opcode != Opcode.MESSAGE and run.count:  # what comes may be of any length
                     self._block(run, position, loose=True)
                     run = _Run(position)
@@ -422,8 +421,8 @@ class _Scan:
 
     def _refusal(self, what: str) -> RecordingError:
         return RecordingError(
-            f'{self.path} holds {what}: it is damaged, or made to exhaust the machine that reads '
-            'it; rewrite it without compression if it is neither',
+            f'{self.path} contains {what}: it is damaged, or was made to exhaust memory; if it '
+            'is neither, rewrite it without compression',
             reason='too_large',
         )
 

@@ -73,7 +73,8 @@ def store_for(type_name: str, definition: str) -> Typestore:
     if not definition:
         if type_name not in store.fielddefs:
             raise RecordingError(
-                f'{type_name} is not a type of ROS 2 Jazzy and the recording does not define it',
+                f'{type_name} is not a message type of ROS 2 Jazzy, and the recording does not '
+                'define it',
                 reason='unknown_type',
             )
         return store
@@ -116,7 +117,7 @@ def _parse(definition: str, type_name: str) -> dict[str, Any]:
         return dict(get_types_from_msg(definition, type_name))
     if _is_nested(definition):
         raise RecordingError(
-            f'the definition of {type_name} in the recording has parentheses in parentheses',
+            f'the definition of {type_name} in the recording has nested parentheses',
             reason='wrong_form',
         )
     types: dict[str, Any] = {}
@@ -143,7 +144,7 @@ def _code_length(parsed: Any) -> int:
 def deserialize(raw: bytes, type_name: str, store: Typestore) -> Any:
     """Return the message in serialized bytes; MessageError when they are not such a message."""
     if raw[:2] not in ENCAPSULATIONS:
-        raise MessageError('it does not begin as plain CDR', reason='damaged')
+        raise MessageError('it does not begin with a plain CDR header', reason='damaged')
     try:
         return store.deserialize_cdr(raw, type_name)
     except Exception as error:

@@ -106,7 +106,7 @@ def _unpack(path: Path, plain: Path) -> None:
                 left -= len(piece)
                 if left < 0:
                     raise RecordingError(
-                        f'{path} holds more than {LIMITS.expansion} times its size',
+                        f'{path} expands to more than {LIMITS.expansion} times its size',
                         reason='too_large',
                     )
                 out.write(piece)

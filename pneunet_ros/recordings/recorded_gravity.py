@@ -120,7 +120,7 @@ def read_gravity(
         direction=np.array(directions),
         reach=settings.gravity_timeout if moves else math.inf,
         sentences=tuple(
-            f'{count} readings of gravity left out ({reason}): {refused[reason].sentence}'
+            f'left out {count} readings of gravity ({reason}): {refused[reason].sentence}'
             for reason, count in counts.items()
         ),
     )

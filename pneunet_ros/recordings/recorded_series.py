@@ -32,7 +32,7 @@ REASONS = {
     UNREADABLE: 'not readable',
     'not_finite': f'NaN, infinite or beyond {LARGEST:g}',
     'no_stamp': 'without a header stamp',
-    'duplicate': 'with the stamp of the one before',
+    'duplicate': 'with the same stamp as the one before',
     'older': 'older than the one before',
     AHEAD: 'stamped ahead of time',
     STARTS_ANEW: 'on the other side of a jump back in time',
@@ -100,9 +100,9 @@ def without_topic(recording: Recording, sensor: Input[Any]) -> str:
     types = {topic.type for topic in recording.topics}
     others = [topic.name for topic in recording.topics if topic.type == sensor.type]
     if others:
-        remedy = f'name it, as in --topic {sensor.name}={others[0]}'
+        remedy = f'name it, e.g. --topic {sensor.name}={others[0]}'
     elif sensor is END_WRENCH:
-        remedy = 'add --no-wrench-required where nothing is attached to the arm'
+        remedy = 'add --no-wrench-required if nothing was attached to the arm'
     elif sensor is TARGETS and types & {IMAGE_TYPE, COMPRESSED_TYPE}:
         remedy = (
             f'`pneunet track {recording.path} --model arm.yaml --output TRACKED.mcap` finds the '
@@ -110,11 +110,11 @@ def without_topic(recording: Recording, sensor: Input[Any]) -> str:
         )
     elif sensor is PRESSURE:
         remedy = (
-            'a table of pressures becomes a recording by `pneunet import TABLE.csv --output '
-            'REC.mcap`'
+            '`pneunet import TABLE.csv --output REC.mcap` turns a table of pressures into a '
+            'recording'
         )
     else:
-        remedy = f'record it; there are {recording.contents()}'
+        remedy = f'record it; the recording contains {recording.contents()}'
     return f'has no topic {sensor.name} of type {sensor.type}: {remedy}'
 
 

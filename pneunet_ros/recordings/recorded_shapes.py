@@ -82,7 +82,7 @@ def read_estimates(recording: Recording, overrides: Mapping[str, str]) -> ShapeS
         arclength = found.rows[0][0]
         if not all(np.array_equal(row[0], arclength) for row in found.rows):
             raise RecordingError(
-                f'{recording.path}: the stations of {topic} change on the way',
+                f'{recording.path}: the stations of {topic} change during the recording',
                 reason='wrong_shape',
             )
         rows, stamp_ns = np.array(found.rows), found.stamp_ns
@@ -152,8 +152,9 @@ def read_measured(
         )
     if centerlines is None and tips is None:
         raise RecordingError(
-            f'{recording.path} holds no shape: none of the topics {", ".join(SHAPE_TOPICS)}; '
-            '`pneunet replay --output` writes estimates, `pneunet track --output` targets',
+            f'{recording.path} contains no shape: it has none of the topics '
+            f'{", ".join(SHAPE_TOPICS)}; `pneunet replay --output` writes estimates, `pneunet '
+            'track --output` writes targets',
             reason='no_topic',
         )
     return ShapeSeries(
@@ -210,7 +211,7 @@ def read_rows(recording: Recording, topic: str, row_of: Callable[[Any], Array]) 
         frame=''.join(frames),
         stamp_ns=increasing_ns,
         rows=[rows[place] for place in kept.tolist()],
-        sentences=(f'{topic}: {twice} messages left out: a stamp came twice',) if twice else (),
+        sentences=(f'{topic}: left out {twice} messages with repeated stamps',) if twice else (),
     )
 
 

@@ -81,7 +81,7 @@ class Recording:
             if topic.name == name:
                 return topic
         raise RecordingError(
-            f'{self.path} has no topic {name}; it holds {self.contents()}', reason='no_topic'
+            f'{self.path} has no topic {name}; it contains {self.contents()}', reason='no_topic'
         )
 
     def candidates(self, last_name: str, type_name: str) -> tuple[str, ...]:
@@ -128,13 +128,13 @@ class Recording:
         if found:
             called = label or f'{names} of type {kinds}'
             raise RecordingError(
-                f'{self.path} has {len(found)} topics {called}: '
-                f'{", ".join(found)}; choose one as in {option}{found[0]}',
+                f'{self.path} has {len(found)} topics {called}: {", ".join(found)}; choose one, '
+                f'e.g. {option}{found[0]}',
                 reason='ambiguous_topic',
             )
         raise RecordingError(
-            f'{self.path} has no topic {names} of type {kinds}; it holds '
-            f'{self.contents()}; name one of that type with {option}/its/name',
+            f'{self.path} has no topic {names} of type {kinds}; it contains {self.contents()}; '
+            f'name a topic of that type with {option}/its/name',
             reason='no_topic',
         )
 
@@ -206,7 +206,7 @@ class Recording:
                 message = deserialize(raw, types[name].type, stores[name])
             except MessageError as error:
                 raise RecordingError(
-                    f'{self.path}: the message of {name} at log time {log_time} ns is no '
+                    f'{self.path}: the message of {name} at log time {log_time} ns is not a '
                     f'{types[name].type}: {error}',
                     reason='damaged',
                 ) from error
@@ -251,7 +251,7 @@ def open_recording(path: str | Path) -> Recording:
     if len(left_out) > LEFT_OUT_SHOWN:
         sentences.append(
             Note(
-                f'{len(left_out) - LEFT_OUT_SHOWN} more channels of {path} are left out',
+                f'{len(left_out) - LEFT_OUT_SHOWN} more channels of {path} were left out',
                 reason='not_supported',
             )
         )
@@ -289,20 +289,20 @@ def _left_out(file: McapFile, channel: Channel, known: RecordedTopic | None) -> 
     longest = max(len(channel.topic), len(schema.name) if schema else 0)
     if longest > LIMITS.name:
         return Note(
-            f'{shortened(channel.topic, LIMITS.name)} in {file.path} is left out: the name of a '
-            f'topic or a type has at most {LIMITS.name} characters, not {longest}',
+            f'{shortened(channel.topic, LIMITS.name)} in {file.path} was left out: the name of '
+            f'its topic or type has {longest} characters, and {LIMITS.name} are allowed',
             reason='too_large',
         )
     encodings = channel.message_encoding, schema.encoding if schema else ''
     what = ' with '.join(encoding or 'nothing' for encoding in encodings)
     if known is not None and schema is not None:
         return Note(
-            f'{channel.topic} in {file.path} is read as {known.type} only; '
-            f'its messages of type {schema.name} ({what}) are left out',
+            f'{channel.topic} in {file.path} was read as {known.type} only; its messages of type '
+            f'{schema.name} ({what}) were left out',
             reason='not_supported',
         )
     return Note(
-        f'{channel.topic} in {file.path} is left out: it holds no ROS 2 messages ({what})',
+        f'{channel.topic} in {file.path} was left out: it contains no ROS 2 messages ({what})',
         reason='not_supported',
     )
 
@@ -310,8 +310,8 @@ def _left_out(file: McapFile, channel: Channel, known: RecordedTopic | None) -> 
 def _check_held(path: Path, held: int) -> None:
     if held > LIMITS.waiting:
         raise RecordingError(
-            f'{path} holds more than {LIMITS.waiting // 10**6} MB of messages in one chunk, or in '
-            'chunks that overlap in time: put it in order with `mcap sort`',
+            f'{path} has more than {LIMITS.waiting // 10**6} MB of messages in one chunk, or in '
+            'chunks that overlap in time: sort it with `mcap sort`',
             reason='too_large',
         )
 

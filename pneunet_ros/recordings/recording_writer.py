@@ -129,7 +129,7 @@ class RecordingWriter:
         if not 0 <= log_time_ns <= LATEST_LOG_TIME:
             raise RecordingError(
                 f'{self._path}: a message of {connection.topic} has the log time {log_time_ns} '
-                f'ns, and only times from 0 to {LATEST_LOG_TIME} can be recorded',
+                f'ns, but only times from 0 to {LATEST_LOG_TIME} ns can be recorded',
                 reason='out_of_bounds',
             )
         self._storage.write(connection, log_time_ns, raw)
@@ -207,8 +207,8 @@ def check_name(path: Path) -> None:
     """Refuse the name of another kind of file; a folder may be named by a date, as day_25.11."""
     if path.suffix != BARE_SUFFIX and any(letter.isalpha() for letter in path.suffix):
         raise RecordingError(
-            f'{path} cannot be written: a recording is an {BARE_SUFFIX} file or a folder without '
-            'such an ending',
+            f'{path} cannot be written: a recording is either an {BARE_SUFFIX} file, or a folder '
+            'whose name has no such ending',
             reason='wrong_suffix',
         )
 

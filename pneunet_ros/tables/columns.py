@@ -319,10 +319,10 @@ def columns_of(names: Iterable[str], where: str) -> list[Column]:
         named = any(_quantity(likely_name(name)) == 'pressure' for name in others)
         if raw and not named and 'pressure' not in there:
             raise RecordingError(
-                f'{where}: {", ".join(map(repr, raw[:_NAMES_SHOWN]))} by name: a raw signal, in '
-                'no unit of pressure. Convert it by the data sheet of its sensor (pressure = '
-                'slope x signal + offset) into a column such as pressure_kpa, and leave the '
-                'raw one out by --ignore',
+                f'{where}: {", ".join(map(repr, raw[:_NAMES_SHOWN]))} seems to be a raw signal, '
+                'not a pressure. Convert it to a column such as pressure_kpa with the data sheet '
+                'of the sensor (pressure = slope x signal + offset), and leave out the raw '
+                'column with --ignore',
                 reason='raw_signal',
             )
         raise RecordingError(
@@ -358,9 +358,9 @@ def _unknown_columns(names: list[str], there: Collection[str]) -> str:
     options += [f'--ignore {shlex.join(others)}'] * bool(others)
     sentence = f'the {noun} {shown}{more} {verb} not known: add {" ".join(options)}'
     if any('UNIT' in word for word in meant):
-        sentence += ', with its unit in place of UNIT'
+        sentence += ', replacing UNIT with the unit'
     if others:
-        sentence += f', or --rename OLD=NEW with a known name ({KNOWN_NAMES})'
+        sentence += f', or --rename OLD=NEW to a known name ({KNOWN_NAMES})'
     return sentence
 
 
@@ -388,7 +388,7 @@ def _check_whole(names: dict[tuple[str, int | None], str], where: str) -> None:
                 )
         if target is not None and target >= MOST_TARGETS:
             raise RecordingError(
-                f'{where}: {name}: at most {MOST_TARGETS} targets are read', reason='too_large'
+                f'{where}: {name}: at most {MOST_TARGETS} targets are possible', reason='too_large'
             )
         if quantity.startswith('angle') and f'force{quantity[5:]}' not in quantities:
             raise RecordingError(

@@ -100,8 +100,8 @@ def read_csv(
             binary.seek(0)
             if _JSON.match(binary.read(LONGEST_CELL)):
                 raise RecordingError(
-                    f'{path} holds JSON, whatever its name: write its numbers as a table whose '
-                    'first line names the columns, such as time_s,pressure_kpa',
+                    f'{path} contains JSON, whatever its name: write its numbers as a table '
+                    'whose first line names the columns, e.g. time_s,pressure_kpa',
                     reason='json',
                 )
             binary.seek(0)
@@ -113,7 +113,7 @@ def read_csv(
         ) from error
     except UnicodeDecodeError as error:
         raise RecordingError(
-            f'{path} is not UTF-8 text (byte {error.start}): save it as CSV UTF-8',
+            f'{path} is not UTF-8 text (byte {error.start}): save it as CSV in UTF-8',
             reason='not_utf8',
         ) from error
     except csv.Error as error:
@@ -157,7 +157,7 @@ def _read(
             continue
         if name in places:
             raise RecordingError(
-                f'{path}: two columns are called {name}: --ignore one of them',
+                f'{path}: two columns have the name {name}: --ignore one of them',
                 reason='given_twice',
             )
         places[name] = place
@@ -233,9 +233,9 @@ def _check_decimals(path: Path, line: int, written: str, seen: dict[str, str]) -
     for one, other in ('.,', ',.'):
         if one + 'thousands' in seen and other in seen:
             raise RecordingError(
-                f'{path}: {seen[one + "thousands"]} seems to have a thousands '
-                f'separator, because the decimal mark of {seen[other]} is another: write numbers '
-                'without thousands separators',
+                f'{path}: {seen[one + "thousands"]} seems to have a thousands separator, because '
+                f'{seen[other]} has another decimal mark: write numbers without thousands '
+                'separators',
                 reason='thousands',
             )
 
@@ -289,7 +289,7 @@ def _rows(
         elif len(cells) < columns and cut and next(reader, None) is None:
             left_out.append(
                 Note(
-                    f'{path}: line {line}, the last one, is incomplete and was skipped',
+                    f'{path}: the last line, {line}, is incomplete and was skipped',
                     reason='cut_off',
                 )
             )
@@ -329,8 +329,8 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
         if is_unit(text.lstrip('+-.0123456789 ')):
             hint = ' (put the unit into the column name)'
         raise RecordingError(
-            f'{path}, line {line}, column {name}: {text[:40]!r} is not a number{hint}; a missing '
-            'value is an empty cell, NA or nan',
+            f'{path}, line {line}, column {name}: {text[:40]!r} is not a number{hint}; write a '
+            'missing value as an empty cell, NA or nan',
             reason='not_a_number',
         )
     return value

@@ -71,11 +71,11 @@ def lines_from_names(
         return rest, above
     names = _names_in(list(comments), mark, len(row), request)
     if not names and _is_number(next(cell for cell in row if cell.lower() not in MISSING)):
-        comment = ', and no comment above it holds a known name' if comments else ''
+        comment = ', and no comment above it contains a known name' if comments else ''
         raise RecordingError(
-            f'{path}: no line names the columns: line {above + 1} is a row already{comment}; '
-            f'write a line above it that names each column, such as time_s{mark}pressure_kpa '
-            f'({KNOWN_NAMES})',
+            f'{path}: no line names the columns: line {above + 1} is already a row of '
+            f'values{comment}; write a line above it that names each column, e.g. '
+            f'time_s{mark}pressure_kpa ({KNOWN_NAMES})',
             reason='no_header',
         )
     return itertools.chain(names, rest), above - len(names)
@@ -168,8 +168,8 @@ def check_no_preamble(path: Path, names: int, ahead: Sequence[str], above: int) 
     if table is not None:
         line = above + table + 1
         raise RecordingError(
-            f'{path}: the table seems to begin in line {line}; the first line must name the '
-            f'columns. Remove the lines above it: tail -n +{line} {shlex.quote(str(path))} > '
+            f'{path}: the table seems to begin in line {line}, but the first line must name the '
+            f'columns. Remove the lines above: tail -n +{line} {shlex.quote(str(path))} > '
             'TABLE.csv, or put # before each of these lines',
             reason='no_header',
         )
@@ -182,8 +182,8 @@ def check_separated(path: Path, header: Sequence[str]) -> None:
         return
     if any(map(is_known, words)) or all(map(_is_number, words)):
         raise RecordingError(
-            f'{path}: {header[0][:40]!r} is a single cell: separate cells by commas, semicolons '
-            'or tabs',
+            f'{path}: {header[0][:40]!r} is a single cell: separate the cells by commas, '
+            'semicolons or tabs',
             reason='not_csv',
         )
 
@@ -239,10 +239,11 @@ def ask_about_time(path: Path, places: Mapping[str, int], ahead: Sequence[str], 
         if steps[0] > 0.0:
             units = '|'.join(SI_PER_UNIT['time'])
             known = likely if column_of(likely) else _since_1970(numbers[0])
-            new = known or f'{TIME}_UNIT, with {units} in place of UNIT'
+            new = known or f'{TIME}_UNIT, replacing UNIT with {units}'
             raise RecordingError(
-                f'{path}: no column is known as the time; {name!r} increases from row to row, by '
-                f'{steps[len(steps) // 2]:.4g}: if it is, add --rename {shlex.quote(name)}={new}',
+                f'{path}: no column is known as the time. {name!r} increases from row to row, by '
+                f'{steps[len(steps) // 2]:.4g}: if it is the time, add --rename '
+                f'{shlex.quote(name)}={new}',
                 reason='no_time',
             )
 
@@ -288,15 +289,18 @@ def check_header(
     for name in header:
         if '\0' in name:
             raise RecordingError(
-                f'{path} is not UTF-8 text (is it UTF-16?): save it as CSV UTF-8',
+                f'{path} is not UTF-8 text (is it UTF-16?): save it as CSV in UTF-8',
                 reason='not_utf8',
             )
         if len(name) > LONGEST_CELL:
             raise RecordingError(
-                f'{path}: a name of a column has {len(name)} characters', reason='too_large'
+                f'{path}: the name of a column has {len(name)} characters, which is too many',
+                reason='too_large',
             )
         if name and header.count(name) > 1:
-            raise RecordingError(f'{path}: two columns are called {name!r}', reason='given_twice')
+            raise RecordingError(
+                f'{path}: two columns have the name {name!r}', reason='given_twice'
+            )
     below = map(with_unit, header, units) if units else ()
     there = {*header, *below, *request.rename.values(), *renamed}
     asked = {'--select': request.select, '--rename': request.rename, '--ignore': request.ignore}

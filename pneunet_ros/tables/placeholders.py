@@ -72,8 +72,8 @@ def ask_for_placeholders(
         values = ' '.join(f'{value:.12g}' for value in found[:NUMBERS_SHOWN])
         raise RecordingError(
             f'{path}: {place.label} is ({shown}) in {np.count_nonzero(rows)} of {len(lines)} '
-            f'rows, first in line {lines[int(np.argmax(rows))]}: where that means "no reading" '
-            f'add --missing {values}, and where it was measured add --missing none',
+            f'rows, first in line {lines[int(np.argmax(rows))]}: if that means "no reading", add '
+            f'--missing {values}; if it was measured, add --missing none',
             reason='placeholder',
         )
 

@@ -94,7 +94,9 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     if request.missing:
         shown = ', '.join(f'{value:.12g}' for value in request.missing)
         sentences.append(
-            Note(f'{path}: {count} readings of {shown} are taken as missing', reason='placeholder')
+            Note(
+                f'{path}: {count} readings of {shown} were taken as missing', reason='placeholder'
+            )
         )
     columns = {(item.quantity, item.target): item for item in known}
     for name in request.offsets:
@@ -128,15 +130,15 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     count = max(targets, default=-1) + 1
     if count * len(stamp_ns) > MOST_PLACES:
         raise RecordingError(
-            f'{path} has ids up to {count - 1} in {len(stamp_ns)} rows: split it, as at most '
-            f'{MOST_PLACES} places of targets are read',
+            f'{path} has ids up to {count - 1} in {len(stamp_ns)} rows: split it, because at '
+            f'most {MOST_PLACES} target positions can be read',
             reason='too_large',
         )
     if targets and 0 not in targets:
         sentences.append(
             Note(
-                f'{path}: target 0 has no columns. Targets count from 0 at the clamp: are these '
-                'numbered from 1?',
+                f'{path}: target 0 has no columns. Targets are numbered from 0 at the clamp: are '
+                'these numbered from 1?',
                 reason='no_clamp_target',
             )
         )
@@ -171,7 +173,8 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     )
     if not any(found.counts().values()):
         raise RecordingError(
-            f'{path} holds no reading: no pressure, no force, no target', reason='nothing_usable'
+            f'{path} contains no readings: no pressure, no force, no target',
+            reason='nothing_usable',
         )
     sentences += _coincident(path, table.lines, found.values[TARGETS.name])
     if pressure is not None and found.absolute and np.isfinite(found.values[PRESSURE.name]).any():
@@ -208,17 +211,17 @@ def _absolute(column: str, table: ReadingTable) -> Note:
     vented = min(record.low, record.high, key=lambda end: abs(end - STANDARD_ATMOSPHERE))
     if not air_density(vented, JUDGE):
         return Note(
-            f'{column!r} is an absolute pressure by its name, but none of its readings is a '
-            f'pressure of the air (nearest: {vented:.4g} Pa): if they are gauge, or have another '
-            'unit, say so by --rename; if the arm was never vented, add --pressure-reference '
-            'absolute and --ambient-pressure with the pressure of the air in Pa',
+            f'{column!r} is an absolute pressure by its name, but none of its readings can be '
+            f'atmospheric pressure (nearest: {vented:.4g} Pa). If it is gauge pressure or has '
+            'another unit, use --rename; if the arm was never vented, add --pressure-reference '
+            'absolute and --ambient-pressure with the atmospheric pressure in Pa',
             reason='absolute',
         )
     return Note(
         f'{column!r} is an absolute pressure: add --pressure-reference absolute '
-        f'--ambient-pressure {vented:.0f} to every command that reads the recording (that is its '
-        'reading nearest to the standard atmosphere, in Pa; if the arm was never vented, give the '
-        'pressure of the air)',
+        f'--ambient-pressure {vented:.0f} to every command that reads the recording (its reading '
+        'nearest to the standard atmosphere, in Pa; if the arm was never vented, give the '
+        'atmospheric pressure instead)',
         reason='absolute',
     )
 
@@ -281,7 +284,7 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
             shift = FIRST_STAMP - stamp_ns
         stamp_ns += shift
         if not 0 < stamp_ns < LATEST_STAMP:
-            unit = '; is it in a smaller unit, as time_ms or time_us?' if value > 0 else ''
+            unit = '; is it in a smaller unit, such as time_ms or time_us?' if value > 0 else ''
             seconds = float(value) / NANOSECONDS_PER_SECOND
             shown = f'{value} ns' if name == STAMP else f'{seconds:.13g} s'
             raise RecordingError(
@@ -293,15 +296,15 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
                 f'import --ignore {table.written.get(name, name)} --rate HZ counts rows instead'
             )
             raise RecordingError(
-                f'{where}: time must increase from row to row, but this row repeats the time '
-                f'above (are fractions of a second missing? {remedy})',
+                f'{where}: time must increase from row to row, but this row has the same time as '
+                f'the one above (are fractions of a second missing? {remedy})',
                 reason='not_increasing',
             )
         if stamps and stamp_ns < stamps[-1]:
             raise RecordingError(
-                f'{where}: time must increase from row to row, but this row is earlier '
-                'than the row above: sort the rows by time, or split the table where its clock '
-                'was set back',
+                f'{where}: time must increase from row to row, but this row is earlier than the '
+                'one above: sort the rows by time, or split the table where the clock was set '
+                'back',
                 reason='not_increasing',
             )
         stamps.append(stamp_ns)
@@ -323,7 +326,7 @@ def _check_unnamed_unit(path: Path, table: CsvTable, time: Column) -> None:
     choices = 'time_ms for milliseconds' if step >= LARGEST_STEP else 'time_d for days (Excel)'
     raise RecordingError(
         f'{path}: the column {written!r} has no unit, and its rows are {step:.3g} apart '
-        f'(median), which is unusual for seconds: say what it is, --rename {named}={choices}, '
+        f'(median), which is unusual for seconds. Name the unit: --rename {named}={choices}, '
         f'{named}=time_s for seconds',
         reason='no_unit',
     )

@@ -131,7 +131,7 @@ def test_help_of_predict_has_units_and_defaults(run):
         'pressure: Pa,',
         'frame: N, or with a unit',
         '(default: 0 0)',
-        'end: N m, or with a unit, as 0.2mNm (default: 0)',
+        'end: N m, or with a unit, e.g. 0.2mNm (default: 0)',
         'of the tip: m,',
     ):
         assert words in out
@@ -140,10 +140,10 @@ def test_help_of_predict_has_units_and_defaults(run):
 @pytest.mark.parametrize(
     ('arguments', 'words'),
     [
-        ([], 'VERB is missing; a whole command is: pneunet demo'),
+        ([], 'VERB is missing; a complete command: pneunet demo'),
         (['replai'], "'replai' is not a verb (replay?)"),
         (['walk'], "'walk' is not a verb; "),
-        (['predict'], 'give --pressure, as 31kPa, or --pressure-for, as tip 95mm 40mm'),
+        (['predict'], 'give --pressure (e.g. 31kPa) or --pressure-for (e.g. tip 95mm 40mm)'),
         (['predict', '--pressure', 'high'], "--pressure: 'high' is not a pressure"),
         (['predict', '--pressure', '1', '--force', '1'], '--force: expected 2 arguments'),
         (['predict', '--presure', '1'], '--presure is not an option (--pressure?)'),
@@ -152,9 +152,9 @@ def test_help_of_predict_has_units_and_defaults(run):
         (['replay'], 'REC is missing; '),
         (['replay', 'x.mcap', '--wrench-sign', '2'], '--wrench-sign: invalid choice'),
         (['track'], 'REC_OR_IMAGES is missing; '),
-        (['effects', 'all'], 'all belongs to no option; a whole command is: pneunet effects'),
+        (['effects', 'all'], 'all belongs to no option; a complete command: pneunet effects'),
         (['calibrate', 'u.mcap'], 'u.mcap belongs to no option, and --output is missing; '),
-        (['calibrate', 'u', 'l', '--output', 'm.yaml'], 'u l belong to no option; a whole'),
+        (['calibrate', 'u', 'l', '--output', 'm.yaml'], 'u l belong to no option; a complete'),
         (['calibrate'], 'calibrate --unloaded FREE.mcap --loaded PULLED.mcap --arm arm.yaml --ou'),
         (['diagnose', 'u'], 'u belongs to no option, and --model, --train and --output are mis'),
         (['explore', '--output', 'x'], 'one of --simulated, --live, --by-hand is missing; '),
@@ -334,7 +334,7 @@ def test_a_predict_beyond_the_loads_is_flagged_and_far_less_sure(run_json, run):
 
 
 def test_a_model_that_was_not_measured_says_so_beside_its_std(run_json, run, tmp_path):
-    words = "the model's own error is not in the standard deviations"
+    words = 'the standard deviations do not include the model error'
     assert words in run_json(*LOADED)[1]['std_leaves_out']
     assert words in ' '.join(run(*LOADED)[1].split())
     stiffness = [f'moment_law.rigidity.{row}.1' for row in range(6)]

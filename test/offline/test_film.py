@@ -116,7 +116,7 @@ def test_the_table_of_targets_has_the_stamps_of_the_recording(track, tmp_path):
 @pytest.mark.parametrize(
     ('more', 'said'),
     [
-        (('--delay', '100'), 'no frame of the film lies within the table'),
+        (('--delay', '100'), 'no frame of the film lies within the time range'),
         (('--delay', '1e300'), '--delay 1e.300 must lie between'),
         (('--delay', 'soon'), "--delay: 'soon' is not a time"),
         (('--end-load', 'x', '0'), "--end-load: 'x' is not a force"),

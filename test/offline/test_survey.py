@@ -95,14 +95,14 @@ def test_a_table_of_arms_as_a_spreadsheet_writes_it(tmp_path):
 @pytest.mark.parametrize(
     ('text', 'sentence'),
     [
-        ('name,unloaded\na,x\na,y\n', 'line 3: there are two arms called a'),
+        ('name,unloaded\na,x\na,y\n', 'line 3: there are two arms with the name a'),
         ('name,unloaded\n../a,x\n', 'cannot be the name of a folder'),
         ('arm,unloaded\na,x\n', 'the columns of a table of arms are name'),
-        ('name,pressure\na,x\n', 'it has name, pressure'),
-        ('name,unloaded\na\n', 'line 2: not a cell per column'),
+        ('name,pressure\na,x\n', 'this table has name, pressure'),
+        ('name,unloaded\na\n', 'line 2: the number of cells is not that of the columns'),
         ('name,unloaded\na,"""x"\n', 'line 2: No closing quotation'),
-        ('name\n', 'holds no arm'),
-        ('', 'it has none'),
+        ('name\n', 'contains no arm'),
+        ('', 'this table has none'),
     ],
 )
 def test_a_table_that_cannot_be_used_is_refused(tmp_path, text, sentence):

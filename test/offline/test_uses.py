@@ -53,7 +53,7 @@ def test_a_pose_of_the_tip_calibrates_as_check_says(recording, capsys):
     uses = recording(tip=True, load=False)
     assert uses['calibrate unloaded'] == {
         'usable': True,
-        'reason': 'with tip_pose as a target at the tip',
+        'reason': 'with tip_pose as the target at the tip',
     }
     assert not uses['calibrate loaded']['usable']
     assert main(['calibrate', '--unloaded', 'r.mcap', '--output', 'm.yaml']) != 2

@@ -190,7 +190,7 @@ def test_clocks_that_do_not_agree_leave_nothing(tmp_path, said):
 @pytest.mark.parametrize(
     ('name', 'message', 'what'),
     [
-        ('targets', targets(START, 0.0, 4), 'there are 4 points in targets, and the arm has 3'),
+        ('targets', targets(START, 0.0, 4), 'there are 4 points in targets, but the arm has 3'),
         ('targets', targets(START, 0.0, 3, 'camera'), "targets are in frame 'camera'"),
         ('end_wrench', wrench(START, (0.1, 0.0), 'cell'), "end wrench in frame 'cell', which"),
     ],

@@ -312,8 +312,8 @@ def test_what_is_no_recording_is_refused(tmp_path, content, reason):
 @pytest.mark.parametrize(
     ('name', 'sentence'),
     [
-        ('film.MP4', r'film\.MP4 holds images: `pneunet track FILM --readings TABLE\.csv'),
-        ('film.avi', 'film.avi holds images: `pneunet track FILM'),
+        ('film.MP4', r'film\.MP4 contains images: `pneunet track FILM --readings TABLE\.csv'),
+        ('film.avi', 'film.avi contains images: `pneunet track FILM'),
         ('t.csv', r't\.csv is a table: `pneunet import TABLE\.csv --output REC\.mcap`'),
         ('bag.db3', 'bag.db3 is not an MCAP file: .*ros2 bag convert'),
     ],

@@ -49,7 +49,7 @@ def options(parser: ArgumentParser) -> None:
         (
             'unloaded',
             'recordings of the arm with nothing attached: experiment 1, kappa_p0(p, s) (default: '
-            'those after --loaded without `end_wrench`, or whose every wrench is noise)',
+            'the --loaded recordings without `end_wrench`, or with nothing but noise in it)',
         ),
         ('loaded', 'recordings under end load: experiment 2, the moment law'),
     ):
@@ -62,15 +62,16 @@ def options(parser: ArgumentParser) -> None:
         nargs='+',
         default=[],
         metavar='REC',
-        help='recordings in which the arm swings, after quick steps of the pressure or plucked '
-        'and let go: fit mass at the tip and damping to them; they are not used for the rest',
+        help='recordings in which the arm swings, after quick pressure steps or after being '
+        'plucked: tip mass and damping are fitted to them, and nothing else',
     )
     parser.add_argument(
         '--arm',
         type=Path,
         metavar='FILE',
-        help='model file whose arm block (length, weight, targets), effects and sensors are taken '
-        "for what the recordings do not determine (default: the shipped model of the paper's arm)",
+        help='model file that supplies what the recordings do not determine: the arm block '
+        '(length, weight, targets), effects and sensors (default: the shipped model of the '
+        "paper's arm)",
     )
     parser.add_argument(
         '--output', type=Path, required=True, metavar='MODEL.yaml', help='write the model here'
@@ -81,8 +82,8 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--law',
         choices=tuple(MOMENT_LAWS),
-        help=f'moment law to fit (default: {PiecewiseLinearLaw.kind}, Eq 10; where the loaded '
-        f'frames are too few for it, {LinearLaw.kind})',
+        help=f'moment law to fit (default: {PiecewiseLinearLaw.kind}, Eq 10, or {LinearLaw.kind} '
+        'if there are too few loaded frames)',
     )
     parser.add_argument(
         '--continue',
@@ -94,8 +95,9 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--no-compare',
         action='store_true',
-        help='do not fit without each loaded recording, nor the other moment laws (about half '
-        'the time); the error bars then do not include the effect of leaving out a recording',
+        help='skip the fits that leave out each loaded recording and those of the other moment '
+        'laws: takes about half the time, but the error bars do not include the effect of '
+        'leaving out a recording',
     )
     add_overwrite(parser)
     add_experiments(parser)
@@ -217,12 +219,13 @@ def check_outputs(arguments: Namespace) -> None:
     knowledge = knowledge_file(arguments.output)
     for path in (arguments.output, knowledge, arguments.report):
         if path is not None and path.exists() and not arguments.overwrite:
-            why = f' (it goes with {arguments.output}, for --continue)' * (path == knowledge)
+            why = f' (it belongs to {arguments.output}, for --continue)' * (path == knowledge)
             raise RecordingError(
                 f'{path} exists already{why}: choose another name or pass --overwrite',
                 reason='exists',
             )
     if arguments.output.suffix not in ('.yaml', '.yml'):
         raise RecordingError(
-            f'{arguments.output} must end in .yaml: it becomes a model file', reason='wrong_suffix'
+            f'{arguments.output} must end in .yaml, because it will be a model file',
+            reason='wrong_suffix',
         )

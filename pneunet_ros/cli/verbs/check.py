@@ -130,6 +130,6 @@ def range_lines(ranges: dict[str, Any]) -> list[str]:
         )
         lines.append(
             f'targets: {ranges["targets"]} in {frames} frames; '
-            + (f'not seen, by target: {missing}' if missing else 'all always seen')
+            + (f'not seen, by target: {missing}' if missing else 'all seen in every frame')
         )
     return lines

@@ -40,17 +40,19 @@ def options(parser: ArgumentParser) -> None:
         'a',
         type=Path,
         metavar='A',
-        help='a recording with `tip` and `shape` (of `replay`), or with `targets` (of `track`)',
+        help=(
+            'a recording with `tip` and `shape` (from `replay`), or with `targets` (from `track`)'
+        ),
     )
     parser.add_argument(
         'b',
         type=Path,
         nargs='?',
         metavar='B',
-        help='another one, or a truth (.truth.npz, from `simulate`)',
+        help='another recording, or a ground truth (.truth.npz, from `simulate`)',
     )
     parser.add_argument(
-        '--truth', type=Path, metavar='FILE', help='compare A, and B, with this as well'
+        '--truth', type=Path, metavar='FILE', help='also compare A and B with this ground truth'
     )
     parser.add_argument(
         '--plot',
@@ -64,9 +66,9 @@ def options(parser: ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='[a.|b.]NAME=TOPIC',
-        help='read this topic, of A and B or of one of them, e.g. b.targets=/pneunet/targets for '
-        'what was measured in a recording that also holds estimates; may be repeated; NAME is '
-        f'{", ".join(SHAPE_TOPICS[:-1])} or {SHAPE_TOPICS[-1]}',
+        help='read this topic in A and B, or in one of them only (b.targets=/pneunet/targets '
+        'reads the measured targets of a recording B that also contains estimates); may be '
+        f'repeated; NAME is {", ".join(SHAPE_TOPICS[:-1])} or {SHAPE_TOPICS[-1]}',
     )
     add_overwrite(parser)
     add_json(parser)
@@ -118,7 +120,9 @@ def places_assumed(comparison: Comparison, arm: Arm) -> list[str]:
     lines = [side.centerlines for side in (comparison.of, comparison.to)]
     places = arm.target_arclength
     if any(line is not None and np.array_equal(line.arclength, places) for line in lines):
-        return [f'targets are assumed where {arm.name} has them; give another arm by --model']
+        return [
+            (f'targets are assumed to be where {arm.name} has them; use --model for another arm')
+        ]
     return []
 
 

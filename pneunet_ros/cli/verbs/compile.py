@@ -36,7 +36,7 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         print_json({'folder': cache_folder(), 'compiled': not there, 'cpu_seconds': seconds})
     elif there:
-        output_console().print(f'the kernels are on the disk already, in {cache_folder()}')
+        output_console().print(f'the kernels are already compiled, in {cache_folder()}')
     else:
         output_console().print(f'compiled into {cache_folder()}: {seconds:.0f} s of CPU')
     return DONE

@@ -69,7 +69,9 @@ def run(arguments: Namespace) -> int:
     ):
         compiled = kernels_kept()
         if not compiled and not arguments.json:
-            print('compiling what the demo needs, once: some 10 s of CPU', file=sys.stderr)
+            print(
+                'compiling the kernels of the demo (once only): about 10 s of CPU', file=sys.stderr
+            )
         name = 'replaying Table 1' if compiled else 'compiling, then replaying Table 1'
         task = bar.add_task(name, total=recording.count(topics))
 
@@ -145,8 +147,8 @@ def show(
         )
     print_table(console, table)
     console.print(
-        "Pressures and forces are the paper's; the arm's stiffness and curvature are a "
-        'representative set, no measurement.'
+        'Pressures and forces are from the paper; stiffness and curvature of the arm are '
+        'representative, not measured.'
     )
     if left_out:
         console.print(f'note: {left_out}')

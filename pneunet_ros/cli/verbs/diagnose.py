@@ -45,18 +45,18 @@ def options(parser: ArgumentParser) -> None:
     """Add the options."""
     parser.epilog = (
         'Exit codes: 0 the answer is "none" or "named"; 1 done, and the answer is "inseparable", '
-        '"unknown" or "unobservable"; 2 request or file was wrong. '
-        'A model that cannot be fitted to the recordings is 1, too, and gives no model.yaml. '
-        'Files: report.html, model.yaml (with what was missing), diagnosis.json; where a law was '
-        'discovered that the library does not know, model_discovered.yaml and '
-        'effects/proposed_*.py, which `--effects-path DIR/effects` loads.'
+        '"unknown" or "unobservable"; 2 invalid request or file. A model that cannot be fitted '
+        'to the recordings also gives 1, and no model.yaml. Files: report.html, model.yaml (with '
+        'the missing effect), diagnosis.json; if a law was discovered that is not in the '
+        'library, also model_discovered.yaml and effects/proposed_*.py, which `--effects-path '
+        'DIR/effects` loads.'
     )
     parser.add_argument(
         '--model',
         type=Path,
         required=True,
         metavar='MODEL.yaml',
-        help='the calibrated model that is in question',
+        help='the calibrated model to be diagnosed',
     )
     parser.add_argument(
         '--train',
@@ -64,7 +64,7 @@ def options(parser: ArgumentParser) -> None:
         nargs='+',
         required=True,
         metavar='REC',
-        help='recordings, with and without load, in which the missing effect is looked for',
+        help='recordings with and without load, in which to look for the missing effect',
     )
     parser.add_argument(
         '--heldout',
@@ -72,8 +72,8 @@ def options(parser: ArgumentParser) -> None:
         nargs='+',
         default=[],
         metavar='REC',
-        help='other recordings, on which the model error before and after is measured '
-        '(default: none, and then the answer is not tested on anything new)',
+        help='other recordings, on which the model error is measured before and after (default: '
+        'none; the answer is then not tested on new data)',
     )
     parser.add_argument(
         '--unloaded',
@@ -81,8 +81,8 @@ def options(parser: ArgumentParser) -> None:
         nargs='+',
         default=[],
         metavar='REC',
-        help='which of these recordings are of the arm with nothing attached (default: those '
-        'without `end_wrench`, and those whose every wrench is noise)',
+        help='which of these recordings show the arm with nothing attached (default: those '
+        'without `end_wrench`, or with nothing but noise in it)',
     )
     parser.add_argument(
         '--output',
@@ -96,19 +96,19 @@ def options(parser: ArgumentParser) -> None:
         type=seed,
         default=0,
         metavar='N',
-        help='of the simulated clean data that set the thresholds (default: 0)',
+        help='random seed of the simulated clean data that set the thresholds (default: 0)',
     )
     parser.add_argument(
         '--without',
         nargs='+',
         default=[],
         metavar='EFFECT',
-        help='effects of the library that are not considered, as if it did not have them',
+        help='effects of the library to ignore, as if they did not exist',
     )
     parser.add_argument(
         '--scheduler',
         metavar='ADDRESS',
-        help='simulate on the Dask cluster of this scheduler (default: here)',
+        help='simulate on the Dask cluster of this scheduler (default: on this machine)',
     )
     add_overwrite(parser)
     add_experiments(parser)
@@ -229,6 +229,6 @@ def check_distinct(inputs: list[dict[str, str]]) -> None:
         if other is not item:
             raise RequestError(
                 f'{item["file"]} ({item["role"]}) and {other["file"]} ({other["role"]}) are the '
-                'same recording: give each once',
+                'same recording: give it only once',
                 reason='given_twice',
             )

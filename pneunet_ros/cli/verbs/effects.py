@@ -60,8 +60,8 @@ def run(arguments: Namespace) -> int:
 
 def lines() -> Iterator[str]:
     """Yield the effects by the place where they act, two or more lines each."""
-    yield 'Effects that a model file may hold under `effects:`, off at the neutral value.'
-    yield 'prior: where a value is expected; calibration and diagnosis begin with it.'
+    yield ('Effects of a model file, under `effects:`; at the neutral value they are off.')
+    yield 'prior: the expected range, from which calibration and diagnosis start.'
     for place in dict.fromkeys(effect.place for effect in EFFECTS.values()):
         yield ''
         yield f'{place}: {PLACES[place]}'

@@ -48,30 +48,30 @@ WriteRecording = Callable[['Experiment', 'SafeSet', Path], None]
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
     parser.epilog = (
-        'Exit codes: 0 a name stayed when a new recording came, or the answer is "none" and these '
-        'recordings would have shown every effect; 1 the budget is used up without such an '
-        'answer, or a law took the last name back; 2 request or file was wrong. Files: '
+        'Exit codes: 0 a new recording confirmed the name, or the answer is "none" and these '
+        'recordings would have shown every effect; 1 no such answer within the budget, or a '
+        'discovered law overruled the last name; 2 invalid request or file. Files: '
         'recording_NN.mcap, exploration.html and exploration.json after every recording, and at '
-        'the end diagnosis/, as `diagnose` writes it.'
+        'the end diagnosis/, as written by `diagnose`.'
     )
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument(
         '--simulated',
         metavar='SCENARIO|MODEL',
-        help='record in the virtual lab: the arm of a scenario file or of a shipped scenario, or '
-        'a model file, whose arm and effects the lab takes over',
+        help='record in the virtual lab, with the arm of a scenario file or shipped scenario, or '
+        'with the arm and effects of a model file',
     )
     source.add_argument(
         '--live',
         action='store_true',
-        help='lead a live arm by the topics pressure_command and force_command, such as the '
-        'virtual arm; where nobody takes force_command, say what to hang on and wait; Ctrl-C '
-        'vents it',
+        help='command a live arm, such as the virtual arm, through the topics pressure_command '
+        'and force_command; if no node subscribes to force_command, print the load to apply '
+        'by hand and wait; Ctrl-C vents the arm',
     )
     source.add_argument(
         '--by-hand',
         action='store_true',
-        help='say what to do to the arm and what to hang on, and wait for the recording',
+        help='print the pressures and loads to apply by hand, and wait for the recording',
     )
     parser.add_argument(
         '--effect',
@@ -84,16 +84,20 @@ def options(parser: ArgumentParser) -> None:
         '--namespace',
         default=None,
         metavar='NAME',
-        help='of the topics of a live arm (default: /pneunet)',
+        help='namespace of the topics of a live arm (default: /pneunet)',
     )
     parser.add_argument(
-        '--arm-seed', type=seed, default=0, metavar='N', help='another simulated arm of its make'
+        '--arm-seed',
+        type=seed,
+        default=0,
+        metavar='N',
+        help=('simulate another arm of the same type'),
     )
     parser.add_argument(
         '--model',
         type=Path,
         metavar='MODEL.yaml',
-        help='the model in question (default: that of the shipped arm of the virtual lab)',
+        help='the model to be diagnosed (default: that of the shipped arm of the virtual lab)',
     )
     parser.add_argument(
         '--output', type=Path, required=True, metavar='DIR', help='a new folder for all files'
@@ -103,25 +107,29 @@ def options(parser: ArgumentParser) -> None:
         type=int,
         default=EXPLORATION.recordings,
         metavar='N',
-        help=f'the budget (default: {EXPLORATION.recordings})',
+        help=f'largest number of recordings (default: {EXPLORATION.recordings})',
     )
     parser.add_argument(
         '--pressure',
         type=quantity_type('pressure'),
         nargs=2,
         metavar=('LOW', 'HIGH'),
-        help='safe gauge pressures: Pa, or with a unit, as 60kPa (default: '
-        'those the model was calibrated to)',
+        help='safe range of gauge pressure: Pa, or with a unit, e.g. 60kPa (default: the '
+        'calibrated range of the model)',
     )
     parser.add_argument(
         '--largest-force',
         type=quantity_type('force'),
         metavar='N',
-        help='safe force at the free end: N, or with a unit, as 200mN (default: '
-        'the largest of the calibration)',
+        help='largest safe force at the free end: N, or with a unit, e.g. 200mN (default: the '
+        'largest of the calibration)',
     )
     parser.add_argument(
-        '--seed', type=seed, default=0, metavar='N', help='of noise and thresholds (default: 0)'
+        '--seed',
+        type=seed,
+        default=0,
+        metavar='N',
+        help=('random seed of noise and thresholds (default: 0)'),
     )
     add_effects_path(parser)
     add_json(parser)
@@ -217,15 +225,15 @@ def safe_set(arguments: Namespace, model: Arm) -> SafeSet:
     low, high = arguments.pressure or (known.low, known.high)
     if low < known.low or high > known.high:
         raise RequestError(
-            f'--pressure {low:g} {high:g}: the model is known from {known.low:g} to '
-            f'{known.high:g} Pa',
+            f'--pressure {low:g} {high:g}: the model is calibrated from {known.low:g} to '
+            f'{known.high:g} Pa only',
             reason='out_of_range',
         )
     force = known.force if arguments.largest_force is None else arguments.largest_force
     if force > known.force:
         raise RequestError(
-            f'--largest-force {force:g}: the model is known up to {known.force:.3g} N; calibrate '
-            'it with larger loads first',
+            f'--largest-force {force:g}: the model is calibrated up to {known.force:.3g} N only; '
+            'calibrate it with larger loads first',
             reason='out_of_range',
         )
     return SafeSet(low=low, high=high, force=force)
@@ -267,8 +275,8 @@ def simulated_scenario(arguments: Namespace, model: Arm) -> Scenario:
     scenario = replace(scenario, seed=arguments.seed)
     if scenario.arm.targets.size != model.target_arclength.size:
         raise RequestError(
-            f'the simulated arm has {scenario.arm.targets.size} targets, and the model '
-            f'{model.target_arclength.size}: give the model of this arm by --model',
+            f'the simulated arm has {scenario.arm.targets.size} targets, but the model has '
+            f'{model.target_arclength.size}: give the model of this arm with --model',
             reason='wrong_targets',
         )
     return scenario.with_effects(changes_of(arguments.effect))
@@ -281,7 +289,7 @@ def wait_for_recording(experiment: Experiment, safe: SafeSet, path: Path) -> Non
     for seconds, pressure, x, y in safe.corners(experiment).tolist():
         print(f'  {seconds:5.1f}  {kilopascals(pressure):z5.1f}  {x:6.3f}  {y:6.3f}')
     while not path.exists():
-        print(f'Put it at {path}, then press Enter (Ctrl-C ends): ', end='', flush=True)
+        print(f'Save it as {path}, then press Enter (Ctrl-C quits): ', end='', flush=True)
         if not sys.stdin.readline():
             raise RequestError(
                 f'{path} does not exist, and there is no terminal to ask on', reason='not_found'
@@ -318,8 +326,8 @@ def show_round(rounds: list[Round], console: Console) -> None:
     if rounds[-1].diagnosis is not None:
         parts.append(f'model error {row["before"]} -> {row["after"]} mm rms')
     if rounds[-1].predicted is not None:
-        parts.append(f'{row["predicted"]} mm in the new recording, predicted before it came')
-    parts.append(f'most possible: {row["rivals"]}')
+        parts.append(f'{row["predicted"]} mm in the new recording, predicted before it was made')
+    parts.append(f'most probable: {row["rivals"]}')
     console.print(f'   {"; ".join(parts)}')
 
 

@@ -50,7 +50,7 @@ def options(parser: ArgumentParser) -> None:
         type=Path,
         metavar='TABLE.csv',
         required=True,
-        help='write the table here; .npz writes arrays by the same names',
+        help='write the table here; a .npz file gets arrays with the same names',
     )
     add_overwrite(parser)
     add_topics(parser)
@@ -67,7 +67,8 @@ def run(arguments: Namespace) -> int:
     units = units_of(arguments, arm)
     if arguments.model is not None and not arguments.dimensionless:
         raise RequestError(
-            '--model gives the scales of --dimensionless: give both', reason='missing'
+            '--model only sets the scales of --dimensionless: give both options, or neither',
+            reason='missing',
         )
     names = [sensor.name for sensor in SENSORS]
     overrides = topics_of(arguments.topic, [*names, TIP])

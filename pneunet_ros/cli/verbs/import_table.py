@@ -33,10 +33,10 @@ from pneunet_ros.tables.table_reader import read_table
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
     parser.epilog = (
-        f'Known columns: {known_names()}. Targets count from 0 at the clamp. Strings: a pulls '
-        'along x, b along y, each turned counter-clockwise by its angle. tip_x, tip_y, '
-        'tip_heading: the pose of the tip; each may be missing. Empty cells: no reading, target '
-        'not seen.'
+        f'Known columns: {known_names()}. Targets are numbered from 0 at the clamp. Strings: a '
+        'pulls along x, b along y, each turned counter-clockwise by its angle. tip_x, tip_y, '
+        'tip_heading: the pose of the tip; any of the three may be missing. An empty cell: no '
+        'reading, or target not seen.'
     )
     parser.add_argument('table', type=Path, metavar='TABLE.csv', help='a CSV file, UTF-8')
     parser.add_argument(
@@ -45,7 +45,7 @@ def options(parser: ArgumentParser) -> None:
     add_overwrite(parser)
     add_table_options(parser)
     parser.add_argument(
-        '--rate', type=float, metavar='HZ', help='rows per second of a table without time'
+        '--rate', type=float, metavar='HZ', help='rows per second of a table without a time column'
     )
     add_model(parser, 'model to judge the readings by (default: any soft actuator)')
     add_settings(parser, ['judge_readings'])
@@ -60,7 +60,7 @@ def run(arguments: Namespace) -> int:
         )
     if arguments.table.suffix.lower() == '.mcap' and arguments.table.is_file():
         raise RequestError(
-            f'{arguments.table} is a recording already: `pneunet export` makes a table of it',
+            f'{arguments.table} is already a recording: `pneunet export` converts it to a table',
             reason='wrong_kind',
         )
     request = table_request(arguments, rate=arguments.rate)

@@ -34,21 +34,21 @@ def options(parser: ArgumentParser) -> None:
         type=int,
         default=LINKS,
         metavar='N',
-        help='hinges of the chain (default: %(default)s, within 0.05 mm of `pneunet predict`)',
+        help='number of hinges (default: %(default)s, within 0.05 mm of `pneunet predict`)',
     )
     parser.add_argument(
         '--damping-time',
         type=quantity_type('time'),
         metavar='S',
-        help='damping of a hinge / its stiffness; a free decay at f1 with damping ratio zeta '
-        "gives zeta / (pi f1) (default: the model file's; where it has none, "
-        f'{DAMPING_TIME} s, an assumption: 10 %% of critical damping at 1 Hz)',
+        help='damping over stiffness of a hinge; a free decay at f1 with damping ratio zeta '
+        'gives zeta / (pi f1) (default: from the model file; if it has none, '
+        f'{DAMPING_TIME} s, which assumes 10 %% of critical damping at 1 Hz)',
     )
     parser.add_argument(
         '--radius',
         type=quantity_type('length'),
         metavar='M',
-        help='of the collision capsules: half of the thickness of the finger (default: a '
+        help='radius of the collision capsules: half the thickness of the finger (default: a '
         'sixteenth of its length)',
     )
     parser.add_argument(

@@ -44,12 +44,10 @@ QUESTIONS = (
     Question(
         name='weight',
         kind='force',
-        meaning='weight of the arm: newtons, or grams on a scale',
+        meaning='weight of the arm: newtons, or grams as read from a scale',
         usual='17g',
     ),
-    Question(
-        name='pressure', kind='pressure', meaning='largest pressure it will see', usual='60kPa'
-    ),
+    Question(name='pressure', kind='pressure', meaning='largest pressure in use', usual='60kPa'),
     Question(name='dot', kind='length', meaning='diameter of the dots', usual='3mm'),
 )
 
@@ -57,28 +55,32 @@ QUESTIONS = (
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
     parser.epilog = (
-        'Numbers are SI, or carry a unit: 112mm, 0.17N, 17g, 60kPa. Missing values are asked '
-        'for on a terminal.'
+        'Numbers are in SI units, or carry a unit: 112mm, 0.17N, 17g, 60kPa. On a terminal, you '
+        'are asked for missing values.'
     )
     for question in QUESTIONS:
         parser.add_argument(
-            f'--{question.name}', metavar='SIZE', help=f'{question.meaning}, as {question.usual}'
+            f'--{question.name}', metavar='SIZE', help=f'{question.meaning}, e.g. {question.usual}'
         )
     parser.add_argument(
-        '--targets', metavar='N', help='number of dots, evenly from the clamp to the free end'
+        '--targets',
+        metavar='N',
+        help=('number of dots, evenly spaced from the clamp to the free end'),
     )
     parser.add_argument(
         '--places',
         nargs='+',
         metavar='SIZE',
-        help='places of the dots along the arm, from the clamp, instead of their number',
+        help=(
+            'positions of the dots along the arm, measured from the clamp, instead of their number'
+        ),
     )
     parser.add_argument(
         '--output',
         type=Path,
         default=Path('arm.yaml'),
         metavar='ARM.yaml',
-        help='write the arm here (default: arm.yaml), and the sheet beside it, as .pdf',
+        help='write the arm here (default: arm.yaml), and the sheet next to it, as .pdf',
     )
     parser.add_argument('--no-template', action='store_true', help='write no sheet of dots')
     add_overwrite(parser)
@@ -165,7 +167,8 @@ def answers(
     if not places[1] > 1.5 * sizes['dot']:
         raise RequestError(
             f'--targets {text}: dots of {millimeters(sizes["dot"]):g} mm would be '
-            f'{millimeters(places[1]):g} mm apart, and need half a diameter between them',
+            f'{millimeters(places[1]):g} mm apart, center to center, which leaves less than half '
+            'a diameter between them',
             reason='out_of_bounds',
         )
     return sizes, places

@@ -69,21 +69,22 @@ def options(parser: ArgumentParser) -> None:
         '--pressure',
         type=quantity_type('pressure'),
         metavar='PA',
-        help='gauge pressure: Pa, or with a unit, as 31kPa',
+        help='gauge pressure: Pa, or with a unit, e.g. 31kPa',
     )
     parser.add_argument(
         '--pressure-for',
         nargs='+',
         metavar='WHAT',
-        help='find the pressure: --pressure-for tip X Y brings the tip nearest to a place; '
-        '--pressure-for force F --tip X Y presses with that force where the tip is held',
+        help='find the pressure: --pressure-for tip X Y brings the tip as close as possible to '
+        'X, Y; --pressure-for force F --tip X Y presses with force F while the tip is held '
+        'at X, Y',
     )
     parser.add_argument(
         '--force',
         type=quantity_type('force'),
         nargs=2,
         metavar=('F1', 'F2'),
-        help='force on the free end in the base frame: N, or with a unit, as 150mN, and 20g for '
+        help='force on the free end in the base frame: N, or with a unit, e.g. 150mN, or 20g for '
         'a weight (default: 0 0)',
     )
     parser.add_argument(
@@ -91,27 +92,29 @@ def options(parser: ArgumentParser) -> None:
         nargs=3,
         metavar=('TENSION', 'X', 'Y'),
         help='a thread pulls the tip to a fixed eye or pulley at X, Y (base frame; m, or with a '
-        'unit, as 300mm), in addition to --force; TENSION: N, or with a unit, as 20g',
+        'unit, e.g. 300mm), in addition to --force; TENSION: N, or with a unit, e.g. 20g',
     )
     parser.add_argument(
         '--moment',
         type=quantity_type('moment'),
         default=0.0,
         metavar='M',
-        help='moment on the free end: N m, or with a unit, as 0.2mNm (default: 0)',
+        help='moment on the free end: N m, or with a unit, e.g. 0.2mNm (default: 0)',
     )
     parser.add_argument(
         '--tip',
         type=quantity_type('length'),
         nargs=2,
         metavar=('X', 'Y'),
-        help='position of the tip: m, or with a unit, as 95mm; also find the end force',
+        help=(
+            'position of the tip: m, or with a unit, e.g. 95mm; the end force is estimated from it'
+        ),
     )
     parser.add_argument(
         '--tip-std',
         type=quantity_type('length'),
         metavar='M',
-        help='standard deviation of X, and of Y, of --tip (default: that of a target in the '
+        help='standard deviation of X and of Y in --tip (default: that of a target in the '
         "model's `sensors`)",
     )
     add_dimensionless(parser, 'print')
@@ -122,11 +125,11 @@ def run(arguments: Namespace) -> int:
     """Solve and print."""
     if arguments.tip and arguments.force:
         raise RequestError(
-            'give either --force or --tip: with --tip the force is the answer', reason='exclusive'
+            'give either --force or --tip, not both: --tip estimates the force', reason='exclusive'
         )
     if arguments.string and (arguments.tip or arguments.pressure_for):
         raise RequestError(
-            '--string goes with --pressure, and neither --tip nor --pressure-for',
+            '--string needs --pressure and cannot be combined with --tip or --pressure-for',
             reason='exclusive',
         )
     if arguments.tip_std is not None and not arguments.tip:
@@ -138,7 +141,7 @@ def run(arguments: Namespace) -> int:
         )
     if (arguments.pressure is None) == (arguments.pressure_for is None):
         raise RequestError(
-            'give --pressure, as 31kPa, or --pressure-for, as tip 95mm 40mm', reason='missing'
+            'give --pressure (e.g. 31kPa) or --pressure-for (e.g. tip 95mm 40mm)', reason='missing'
         )
     arm = still_model_of(arguments)
     prediction = predict(arm, solved(arm, arguments), arguments)
@@ -175,13 +178,14 @@ def solved_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
         x, y = (quantity_of('--pressure-for tip', text, 'length') for text in numbers)
         pressure, shape = pressure_for_tip(arm, (x, y), (force[0], force[1]), moment)
         missed = millimeters(math.dist(shape.tip[:2], (x, y)))
-        status = f'{shape.status}; the tip comes within {missed:.3g} mm of the wanted place'
+        status = f'{shape.status}; the tip comes within {missed:.3g} mm of the requested position'
         return pressure, replace(shape, status=status)
     if what == 'force' and len(numbers) == 1 and arguments.tip:
         wanted = quantity_of('--pressure-for force', numbers[0], 'force')
         return pressure_for_force(arm, wanted, tuple(arguments.tip), moment)
     raise RequestError(
-        'write --pressure-for tip X Y, as 95mm 40mm; or --pressure-for force F --tip X Y, as 50mN',
+        'write --pressure-for tip X Y (e.g. tip 95mm 40mm) or --pressure-for force F --tip X Y '
+        '(e.g. force 50mN)',
         reason='wrong_form',
     )
 
@@ -358,6 +362,6 @@ def likely_pressure(arm: Arm, pressure: float) -> str:
         return ''
     low, high = arm.pressure_range
     return (
-        f'the model knows {kilopascals(low):g} to {kilopascals(high):g} kPa; is '
+        f'the model is calibrated from {kilopascals(low):g} to {kilopascals(high):g} kPa; is '
         f'--pressure {verdict.other.sign * pressure:g}{verdict.other.unit} meant?'
     )

@@ -62,7 +62,7 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--no-wrench',
         action='store_true',
-        help='with --fuse: as if there were no force sensor; the force is estimated',
+        help='with --fuse: ignore the force sensor and estimate the force',
     )
     parser.add_argument(
         '--free-tip',
@@ -83,11 +83,11 @@ def run(arguments: Namespace) -> int:
         return run_fusion(arguments)
     if arguments.no_wrench:
         raise RequestError(
-            '--no-wrench belongs to --fuse; without it, use --no-wrench-required',
+            '--no-wrench needs --fuse; without --fuse, use --no-wrench-required',
             reason='exclusive',
         )
     if arguments.free_tip:
-        raise RequestError('--free-tip belongs to --fuse', reason='exclusive')
+        raise RequestError('--free-tip needs --fuse', reason='exclusive')
     return run_estimator(arguments)
 
 
@@ -262,6 +262,8 @@ def show(summary: dict[str, object], tally: Tally, agreement: Agreement | None) 
     for sentence in sentences:
         console.print(f'note: {sentence}')
     if summary['output'] is None:
-        console.print('Nothing written; --output OUT.mcap writes inputs and all estimator topics.')
+        console.print(
+            'Nothing was written; --output OUT.mcap saves the inputs and all estimator topics.'
+        )
     else:
         console.print(f'wrote {summary["output"]}')

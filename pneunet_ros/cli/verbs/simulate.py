@@ -45,41 +45,44 @@ def options(parser: ArgumentParser) -> None:
         type=Path,
         required=True,
         metavar='REC',
-        help='write the recording here, an .mcap file or a rosbag2 folder, and the truth beside '
-        'it: x.truth.npz for x.mcap',
+        help='write the recording here, an .mcap file or a rosbag2 folder, and the ground truth '
+        'next to it: x.truth.npz for x.mcap',
     )
     add_overwrite(parser)
     parser.add_argument(
-        '--seed', type=seed, metavar='N', help='of the noise of this recording, not of the arm'
+        '--seed',
+        type=seed,
+        metavar='N',
+        help=('random seed of the noise of this recording, not of the arm'),
     )
     parser.add_argument(
         '--arm-seed',
         type=seed,
         metavar='N',
-        help='another arm of the same type: parameters up to 15 %% off, targets repainted '
-        '(0: as the scenario describes it)',
+        help='random seed of another arm of the same type: parameters up to 15 %% off, targets '
+        'repainted (0: the arm of the scenario)',
     )
     parser.add_argument(
         '--effect',
         action='append',
         default=[],
         metavar='NAME.PARAMETER=VALUE',
-        help='set a parameter of an effect, e.g. gravity.weight_y=-1.5; `richness` is one, too; '
-        'may be repeated',
+        help='set a parameter of an effect, e.g. gravity.weight_y=-1.5, or its `richness`; may '
+        'be repeated',
     )
     parser.add_argument(
         '--after',
         type=Path,
         metavar='REC',
-        help='the arm remembers this earlier recording of the lab '
-        '(default: an unconditioned arm at rest)',
+        help='start with the loading history of this earlier recording of the lab (default: an '
+        'unconditioned arm at rest)',
     )
     parser.add_argument(
         '--engine',
         choices=('chain', 'mujoco'),
-        help='chain: the arm is in equilibrium all the time; mujoco: it has mass and is moved by '
-        'MuJoCo; in both its base moves as the block `motion` of the scenario says (default: '
-        'mujoco where there is one)',
+        help='chain: the arm is always in equilibrium; mujoco: it has mass, and MuJoCo simulates '
+        'its motion; with both, the base moves as described by the block `motion` of the '
+        'scenario (default: mujoco if there is such a block)',
     )
     add_json(parser)
 

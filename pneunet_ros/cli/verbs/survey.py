@@ -60,54 +60,57 @@ if TYPE_CHECKING:
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
     parser.epilog = (
-        'A survey that was ended goes on where it was: give the same command again. Exit codes: '
-        '0 all arms are done; 1 an arm failed, and its row says why; 2 request or file was wrong. '
-        'Files: survey.html, survey.json, and in arms/NAME what `calibrate` and `diagnose` write.'
+        'To resume an interrupted survey, give the same command again. Exit codes: 0 all arms '
+        'are done; 1 an arm failed (its row gives the reason); 2 invalid request or file. Files: '
+        'survey.html, survey.json, and in arms/NAME the files of `calibrate` and `diagnose`.'
     )
     parser.add_argument(
         'source',
         type=Path,
         metavar='FOLDER|TABLE',
-        help='a folder with a folder per arm, whose recordings begin with unloaded, loaded or '
-        'heldout (or stand in folders of these names), with an arm.yaml or one for all beside '
-        'them; or a CSV table with a row per arm: name, arm, unloaded, loaded, heldout',
+        help='a folder with one folder per arm; the names of its recordings, or of the folders '
+        'that contain them, begin with unloaded, loaded or heldout; arm.yaml is in the '
+        'folder of the arm, or in FOLDER for all arms. Or a CSV table with one row per arm: '
+        'name, arm, unloaded, loaded, heldout',
     )
     parser.add_argument(
         '--output',
         type=Path,
         required=True,
         metavar='DIR',
-        help='write into this folder; arms that are done in it are kept',
+        help='write into this folder; arms already finished in it are kept',
     )
     parser.add_argument(
         '--arm',
         type=Path,
         metavar='FILE',
-        help='arm file of the arms that have none (default: the shipped model of the arm of the '
-        'paper)',
+        help="arm file for arms that have none (default: the shipped model of the paper's arm)",
     )
     parser.add_argument(
         '--static',
         action='store_true',
-        help='frames are steady states: their stamps mean nothing, and no effect with a time in '
-        'it is considered',
+        help='take every frame as a steady state: stamps are ignored, and time-dependent effects '
+        'are not considered',
     )
     parser.add_argument(
         '--seed',
         type=seed,
         default=0,
         metavar='N',
-        help='of the simulated data that set the thresholds (default: 0)',
+        help='random seed of the simulated data that set the thresholds (default: 0)',
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        '--workers', type=int, metavar='N', help='arms at the same time (default: one per core)'
+        '--workers',
+        type=int,
+        metavar='N',
+        help=('number of arms processed at the same time (default: one per core)'),
     )
     where.add_argument(
         '--scheduler',
         metavar='ADDRESS',
-        help='work on the Dask cluster of this scheduler; its workers need this package in the '
-        'same version, and the recordings under the same paths',
+        help='run on the Dask cluster of this scheduler; its workers need the same version of '
+        'this package, and the recordings under the same paths',
     )
     add_overwrite(parser)
     add_effects_path(parser)
@@ -172,7 +175,7 @@ class Survey:
             decided['effects'] = {file.name: file_hash(file) for file in files}
         rows: dict[str, dict[str, Any]] = {}
         begun: dict[str, dict[str, Any]] = {}
-        for arm in self.bar.track(fleet, description='reading what there is'):
+        for arm in self.bar.track(fleet, description='reading the arms'):
             try:
                 key, inputs = arm_key(arm, decided)
             except PneunetError as error:

@@ -23,13 +23,16 @@ def options(parser: ArgumentParser) -> None:
         '--camera',
         type=Path,
         metavar='FILE',
-        help='working plane, clamp and looks of targets, YAML (default: the shipped camera.yaml)',
+        help=(
+            'camera file, YAML: working plane, clamp and appearance of the targets (default: the '
+            'shipped camera.yaml)'
+        ),
     )
     parser.add_argument(
         '--camera-info',
         metavar='FILE',
-        help="lens, YAML as camera_calibration writes it, instead of the recording's camera_info; "
-        f'`{NO_LENS}`: the images are free of distortion',
+        help='lens calibration, YAML as written by camera_calibration, instead of the '
+        f"recording's camera_info; `{NO_LENS}`: the images have no distortion",
     )
     parser.add_argument(
         '--output',
@@ -53,25 +56,28 @@ def options(parser: ArgumentParser) -> None:
         type=float,
         nargs=2,
         metavar=('U', 'V'),
-        help='where the target at the clamp is in the image at rest, about, px (default: as the '
-        'camera file says, or the left end of the row)',
+        help='approximate pixel of the target at the clamp, in the image at rest (default: from '
+        'the camera file, or else the left end of the row)',
     )
     parser.add_argument(
         '--estimates',
         type=Path,
         metavar='REC',
-        help='draw the predicted centerlines of this recording (of `replay`) into the page '
-        '(default: those beside the images, where there are)',
+        help='draw the predicted centerlines of this recording (from `replay`) into the page '
+        '(default: those recorded with the images, if any)',
     )
     parser.add_argument(
-        '--table', type=Path, metavar='FILE.csv', help='write a line per target and frame'
+        '--table',
+        type=Path,
+        metavar='FILE.csv',
+        help=('write a table with one line per target and frame'),
     )
     parser.add_argument(
         '--rate',
         type=float,
         metavar='HZ',
-        help='frames per second of a video or a folder '
-        f'(default: what the video says; {FOLDER_RATE:g} for a folder)',
+        help='frames per second of a video or a folder (default: as stated in the video; '
+        f'{FOLDER_RATE:g} for a folder)',
     )
     add_topics(parser, 'image_raw=/my/topic')
     add_film_options(parser)
@@ -85,28 +91,29 @@ def add_film_options(parser: ArgumentParser) -> None:
         '--readings',
         type=Path,
         metavar='TABLE.csv',
-        help='pressures, and end forces if there are any, that were read while a video or folder '
-        'of images was taken: with them, OUT.mcap is a recording for calibrate and diagnose',
+        help='pressures, and end forces if any, that were read while the video or the images '
+        'were taken; OUT.mcap is then a recording for calibrate and diagnose',
     )
     group.add_argument(
         '--delay',
         metavar='S',
-        help='a frame at t in the film shows the arm at t - S in the table, each counted from its '
-        f'first frame or row; {AUTO}: from how motion follows pressure (default: {AUTO})',
+        help='a frame at t in the film shows the arm at t - S in the table, each counted from '
+        f'its first frame or row; {AUTO}: estimated from how the motion follows the '
+        f'pressure (default: {AUTO})',
     )
     group.add_argument(
         '--end-load',
         nargs=2,
         metavar=('FX', 'FY'),
-        help='a known constant end load (base frame), where a weight hung straight down from the '
-        'tip and no sensor read: N, or with a unit, as 20g',
+        help='a known constant end load (base frame), such as a weight that hung straight down '
+        'from the tip, if no sensor measured it: N, or with a unit, e.g. 20g',
     )
     group.add_argument(
         '--string',
         nargs=3,
         metavar=('TENSION', 'X', 'Y'),
         help='a known tension of a thread from the tip over a fixed eye or pulley at X, Y (base '
-        'frame; m, or with a unit, as 300mm), where no sensor measured the load',
+        'frame; m, or with a unit, e.g. 300mm), if no sensor measured the load',
     )
     add_table_options(parser)
     add_settings(parser, ['judge_readings'])

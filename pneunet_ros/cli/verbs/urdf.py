@@ -32,7 +32,10 @@ def options(parser: ArgumentParser) -> None:
         type=int,
         default=DEFAULTS.stations,
         metavar='N',
-        help='stations of the estimator whose joint_states move it (default: %(default)s)',
+        help=(
+            'number of stations of the estimator whose joint_states move the chain (default: '
+            '%(default)s)'
+        ),
     )
     parser.add_argument(
         '--frame-id',
