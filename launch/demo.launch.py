@@ -11,13 +11,13 @@ def shipped(folder, name):
 
 
 ARGUMENTS = {
-    'namespace': ('/pneunet', 'of the nodes and their topics'),
-    'params_file': ('', 'YAML file of parameters of all nodes, by their names; empty: none'),
+    'namespace': ('/pneunet', 'namespace of the nodes and their topics'),
+    'params_file': ('', 'YAML file with the parameters of all nodes, by node name; empty: none'),
     'model_file': (shipped('config', 'lab_arm.yaml'), 'model file of the arm'),
     'camera_file': (shipped('config', 'lab_camera.yaml'), 'camera file of the tracker'),
-    'scenario_file': ('', 'of the virtual arm: a lab arm, or a scenario such as one that moves'),
+    'scenario_file': ('', 'lab arm or scenario of the virtual arm; empty: the shipped one'),
     'effects': ('', 'hidden effects of the virtual arm: NAME.PARAMETER=VALUE ...'),
-    'swing_period': ('8.0', 's; the arm rests so long, then swells and falls; 0.0: it waits'),
+    'swing_period': ('8.0', 's, period of inflating and deflating; 0.0: the arm waits at rest'),
     'fusion': ('true', 'whether to start the node fusion'),
     'rviz': ('false', 'whether to start RViz'),
     'use_sim_time': ('false', 'whether time comes from /clock'),

@@ -5,16 +5,16 @@ from pneunet_ros.nodes.launch_description import describe_launch, full_name, is_
 from pneunet_ros.nodes.virtual_gripper.configuration import played_gripper
 
 ARGUMENTS = {
-    'namespace': ('/pneunet', 'of the node; each arm has one of its name below'),
+    'namespace': ('/pneunet', 'namespace of the node; each arm has its own inside it'),
     'params_file': (
         '',
-        'YAML file of parameters, such as config/gripper.yaml; empty: none, or that file where '
+        'YAML file with parameters, such as config/gripper.yaml; empty: none, or that file if '
         'the gripper is virtual',
     ),
     'model_file': (
         '',
-        'model file of arms whose block names none; empty: config/paper_arm.yaml, or '
-        'config/lab_arm.yaml where the gripper is virtual',
+        'model file for arms without one in their block; empty: config/paper_arm.yaml, or '
+        'config/lab_arm.yaml if the gripper is virtual',
     ),
     'virtual': ('false', 'whether virtual arms and an object between them take part'),
     'object_width': ('0.04', 'diameter of that object, m; 0: there is none'),

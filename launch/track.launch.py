@@ -3,8 +3,8 @@
 from pneunet_ros.nodes.launch_description import describe_launch, node
 
 ARGUMENTS = {
-    'namespace': ('/pneunet', 'of the node and its topics'),
-    'params_file': ('', 'YAML file of parameters, such as config/tracker.yaml; empty: none'),
+    'namespace': ('/pneunet', 'namespace of the node and its topics'),
+    'params_file': ('', 'YAML file with parameters, such as config/tracker.yaml; empty: none'),
     'model_file': ('', 'model file of the arm; empty: the shipped config/paper_arm.yaml'),
     'camera_file': ('', 'camera file; empty: the shipped config/camera.yaml'),
     'use_sim_time': ('false', 'whether time comes from /clock'),

@@ -89,7 +89,7 @@ def checked_pressures(pressure: npt.ArrayLike, where: str) -> Array:
     column = table_array(pressure, f'{where}.pressure', 1)
     if column.size < 1 or not np.all(np.diff(column) > 0.0):
         raise ModelError(
-            f'{where}.pressure must hold strictly increasing values in Pa, one or more',
+            f'{where}.pressure must be one or more strictly increasing values in Pa',
             reason='not_increasing',
         )
     return column
@@ -124,7 +124,7 @@ def table_array(
             f'{where} must be {kind}, got an array of shape {array.shape}', reason='wrong_shape'
         )
     if not np.all(np.isfinite(array)):
-        raise error(f'{where} holds NaN or infinity', reason='not_finite')
+        raise error(f'{where} contains NaN or infinity', reason='not_finite')
     if np.any(np.abs(array) > LARGEST):
-        raise error(f'{where} holds a number larger than {LARGEST:g}', reason='too_large')
+        raise error(f'{where} contains a number larger than {LARGEST:g}', reason='too_large')
     return frozen_array(array)

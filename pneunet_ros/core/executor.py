@@ -57,7 +57,7 @@ def cluster(address: str, prepare: Callable[[], Any] | None = None) -> Iterator[
         from distributed import Client
     except ImportError as error:
         raise RequestError(
-            f'--scheduler {address} needs Dask: install it by pip install "pneunet_ros[cluster]"',
+            f'--scheduler {address} needs Dask: pip install "pneunet_ros[cluster]"',
             reason='not_installed',
         ) from error
     try:

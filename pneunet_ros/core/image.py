@@ -126,14 +126,14 @@ class Image:
         """Check the layout once."""
         if self.encoding not in ENCODINGS:
             raise MessageError(
-                f'an image with the encoding {self.encoding!r} cannot be read; '
-                f'possible are {", ".join(ENCODINGS)}, and compressed jpeg and png',
+                f'an image with the encoding {self.encoding!r} cannot be read: supported are '
+                f'{", ".join(ENCODINGS)}, and compressed jpeg and png',
                 reason='not_supported',
             )
         if not (0 < self.width <= LARGEST_SIDE and 0 < self.height <= LARGEST_SIDE):
             raise MessageError(
-                f'an image of {self.width} x {self.height} pixels cannot be used; '
-                f'sides go from 1 to {LARGEST_SIDE}',
+                f'an image of {self.width} x {self.height} pixels cannot be used: each side must '
+                f'be 1 to {LARGEST_SIDE} pixels',
                 reason='too_large',
             )
         layout = ENCODINGS[self.encoding]

@@ -30,10 +30,10 @@ def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str
     if last_ns is None or stamp_ns > last_ns:
         return '', ''
     if stamp_ns == last_ns:
-        return 'duplicate', f'{what} with the stamp of the last one'
+        return 'duplicate', f'{what} with the same stamp as the one before'
     back = seconds_between(stamp_ns, last_ns)
     if back <= BACKWARD_JUMP:
-        return 'older', f'{what} {back:.3g} s older than the last one'
+        return 'older', f'{what} {back:.3g} s older than the one before'
     return STARTS_ANEW, f'time jumped back by {back:.3g} s: state reset'
 
 

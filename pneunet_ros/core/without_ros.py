@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 GET_ROS = (
-    "source it, as on a robot, or install its wheels: pip install '.[ros]' in a clone of the "
-    'repository (`make setup` does)'
+    "source ROS 2, or install its wheels with pip install '.[ros]' in a clone of the repository "
+    '(as `make setup` does)'
 )

@@ -1,1 +1,1 @@
-"""From readings to a shape with its uncertainty, and whether targets agree with it."""
+"""Estimation of the shape with its uncertainty from readings, and its check by targets."""

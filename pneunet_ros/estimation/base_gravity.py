@@ -1,7 +1,7 @@
 """Direction of gravity at the base, from an accelerometer on it or a tf frame.
 
-An accelerometer reads the specific force, the opposite of the apparent gravity that pulls at the
-arm in the frame of its base. A tf frame gives the direction of gravity, but no accelerations.
+An accelerometer reads the specific force, the opposite of the apparent gravity on the arm in the
+frame of its base. A tf frame gives the direction of gravity, but no accelerations.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings, turn_of
 from pneunet_ros.model.gravity import FIXED, Gravity, IMU
 
 WHAT = 'base_imu reading'
-LEFT_OUT = 'the parameter gravity (--gravity) leaves base_imu out'
+LEFT_OUT = 'the parameter gravity (--gravity) replaces base_imu'
 # Half way, as ratios go, from what rests and is read in g to what is read in m/s^2; and from
 # there to mg.
 SMALLEST = math.sqrt(STANDARD_GRAVITY)
@@ -40,7 +40,7 @@ class GravityReading:
 class BaseGravity:
     """State of base and gravity: frames, the last good reading, and the last bad one.
 
-    trouble: why the last reading of base_imu could not be used; None: it could.
+    trouble: why the last reading of base_imu could not be used, None if it could.
     """
 
     frames: FrameTree = field(default_factory=FrameTree)
@@ -56,8 +56,8 @@ class BaseGravity:
 class GravitySource:
     """Source of the direction of gravity; settings: meaning of readings; gravity: of the arm.
 
-    frame: a tf frame whose z points up; empty: use `base_imu`. That is required if the model does
-    not state the direction, and ignored if it is fixed.
+    frame: a tf frame whose z axis points up; empty: use `base_imu`, which is required if the model
+    does not state the direction, and ignored if the direction is fixed.
     """
 
     settings: EstimatorSettings
@@ -76,7 +76,7 @@ class GravitySource:
         return not self.frame and self.gravity.source != FIXED
 
     def take(self, known: BaseGravity, reading: BaseReading) -> tuple[BaseGravity, Refusal | None]:
-        """Accept a reading of the accelerometer or of frames; it never stops an estimate."""
+        """Process a reading of the accelerometer or of frames; it never prevents an estimate."""
         if not isinstance(reading, ImuReading):
             return self.take_frames(known, reading)
         if not self.uses_imu:
@@ -108,7 +108,7 @@ class GravitySource:
         """Return why a reading of the accelerometer is invalid; None if it is valid."""
         stamp_ns, force = reading.stamp_ns, (reading.x, reading.y, reading.z)
         if not all(map(math.isfinite, force)):
-            return drop(stamp_ns, 'not_finite', f'{WHAT} holds NaN or infinity')
+            return drop(stamp_ns, 'not_finite', f'{WHAT} contains NaN or infinity')
         last = None if known.reading is None else known.reading.stamp_ns
         reason, sentence = stamp_fault(WHAT, last, stamp_ns)
         if reason and reason != STARTS_ANEW:
@@ -116,14 +116,14 @@ class GravitySource:
         size = math.hypot(*force)
         if not reading.known:
             sentence = (
-                f'{WHAT}: the sensor says that it measures no acceleration (first number of '
-                'linear_acceleration_covariance is -1)'
+                f'{WHAT}: the sensor reports that it does not measure acceleration (the first '
+                'number of linear_acceleration_covariance is -1)'
             )
             return refuse(stamp_ns, 'imu_without_acceleration', sentence)
         if SMALLEST < size < LARGEST:
             return None
-        likely = 'is it in g' if 0.5 < size < 1.5 else 'was gravity taken off'
-        likely = likely if size <= SMALLEST else 'is it in mg or in counts'
+        likely = 'is the unit g' if 0.5 < size < 1.5 else 'was gravity subtracted'
+        likely = likely if size <= SMALLEST else 'is the unit mg or counts'
         sentence = (
             f'{WHAT} of {size:.3g} m/s^2: an accelerometer at rest reads '
             f'{STANDARD_GRAVITY:.2f}; {likely}? Let the driver publish the specific '
@@ -139,8 +139,8 @@ class GravitySource:
         if turn is None:
             base = self.settings.frame_id
             sentence = (
-                f'{WHAT} in frame {reading.frame_id!r}, and no transform on /tf_static joins it '
-                f'to {base!r}: publish it, or set imu_from_base; {LEFT_OUT}'
+                f'{WHAT} in frame {reading.frame_id!r}, but /tf_static has no transform from it '
+                f'to {base!r}: publish one, or set imu_from_base; {LEFT_OUT}'
             )
             return None, refuse(reading.stamp_ns, 'imu_frame', sentence)
         read = np.array([reading.x, reading.y, reading.z])
@@ -148,7 +148,7 @@ class GravitySource:
         return (0.0 - float(force[0]), 0.0 - float(force[1])), None
 
     def turn_of_imu(self, frames: FrameTree, frame_id: str) -> Quaternion | None:
-        """Return the turn from the frame of the accelerometer to the base."""
+        """Return the rotation from the frame of the accelerometer to the base."""
         turn = turn_of(self.settings.imu_from_base)
         if turn is not None:
             return turn
@@ -170,8 +170,8 @@ class GravitySource:
             if not self.gravity.is_measured:
                 return None, None
             sentence = (
-                'no base_imu received, by which the model has gravity: publish it, or say where '
-                'gravity points (parameter gravity, --gravity)'
+                'no base_imu received, but the model takes the direction of gravity from it: '
+                'publish it, or set the direction (parameter gravity, --gravity)'
             )
             return None, refuse(stamp_ns, 'no_imu', sentence, awaits_others=True)
         age = seconds_between(known.reading.stamp_ns, stamp_ns)
@@ -184,13 +184,13 @@ class GravitySource:
     def by_frame(
         self, known: BaseGravity, stamp_ns: int
     ) -> tuple[Direction | None, Refusal | None]:
-        """Return gravity from a frame whose z points up, in g, or why there is no estimate."""
+        """Return gravity from a frame with z pointing up, in g, or why there is no estimate."""
         base = self.settings.frame_id
         found = known.frames.between(self.frame, base)
         if found is None:
             sentence = (
-                f'no transform joins gravity_frame {self.frame!r} to {base!r}: is it on /tf or '
-                '/tf_static, and spelled so?'
+                f'no transform from gravity_frame {self.frame!r} to {base!r}: is it published on '
+                '/tf or /tf_static, and is the name right?'
             )
             return None, refuse(stamp_ns, 'no_gravity_frame', sentence, awaits_others=True)
         turn, read_ns = found

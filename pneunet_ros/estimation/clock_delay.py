@@ -1,9 +1,9 @@
-"""The delay between the clocks of a film and of a table of readings, from the motion.
+"""Delay between the clocks of a film and of a table of readings, estimated from the motion.
 
-A frame stamped t shows the arm of t - delay. At the right delay the places of the targets are a
-smooth function of pressure and load; at a wrong one the same pressure is seen with many shapes.
-Other behavior of a soft arm (plays, slow relaxations) is fitted with it, so that it is not taken
-for a delay; a line that fills within a few frames looks the same as one.
+A frame stamped t shows the arm of t - delay. At the right delay, target positions are a smooth
+function of pressure and load; at a wrong one, the same pressure appears with many shapes. Other
+behavior of a soft arm (plays, slow relaxations) is fitted too, so that it is not mistaken for a
+delay; a line that fills within a few frames cannot be distinguished from one.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Plays = tuple[tuple[float, ...], int]  # widths, and powers of the pressure that
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockDelaySettings:
-    """Settings of the delay fit, and criteria for an unknown delay."""
+    """Settings of the delay fit, and criteria for an undetermined delay."""
 
     components: int = tuning(
         2,
@@ -135,13 +135,13 @@ CLOCK_DELAY = ClockDelaySettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockDelay:
-    """A delay between two clocks, from their first frame and first reading on.
+    """The delay between two clocks, which start at the first frame and first reading.
 
-    delay, std (s): a frame shows the arm of its time minus delay, with one standard error;
-    explained: share of the motion that pressure and load explain with it; frames: how many were
-    used; frame_period (s). repeated: frames in which the arm stands still although its inputs
-    change: a film that has lost some shows the one before once more. trouble: why the data cannot
-    determine it, None if they do.
+    delay, std (s): a frame shows the arm at its time minus delay, with one standard error;
+    explained: share of the motion explained by pressure and load; frames: number used;
+    frame_period (s). repeated: frames in which the arm stands still although its inputs change,
+    because a film repeats the previous frame for a lost one. trouble: why the data cannot
+    determine the delay, None if they do.
     """
 
     delay: float
@@ -164,9 +164,9 @@ class ClockDelay:
             else 'roughly, not to a frame'
         )
         return (
-            f'{self.delay:.4f} s by which the film is ahead of the table, with a standard error '
-            f'of {self.std:.4f} s ({share:.2g} of a frame): known {sure}, from {self.frames} '
-            f'frames, {100.0 * self.explained:.5g} % of whose motion pressure and load explain'
+            f'the film is ahead of the table by {self.delay:.4f} s, with a standard error of '
+            f'{self.std:.4f} s ({share:.2g} of a frame): known {sure}, from {self.frames} '
+            f'frames; pressure and load explain {100.0 * self.explained:.5g} % of their motion'
         )
 
 
@@ -179,16 +179,13 @@ def estimate_delay(
 ) -> ClockDelay:
     """Return the offset of the clock of the film relative to that of the readings.
 
-    The delay is where the residual of the motion over a smooth function of what drove it is
-    smallest; its standard error is by leaving out blocks of the film (jackknife), which sees that
-    residuals hang together, widened by Student's t if there are few blocks.
+    The delay minimizes the residual of the motion as a smooth function of its inputs; its standard
+    error is by leaving out blocks of the film (jackknife), which allows for correlated residuals,
+    widened by Student's t if there are few blocks.
 
-    Args:
-        frame_time: (frames,) s, increasing.
-        motion: (frames, coordinates) m of the targets, NaN where one was not seen.
-        reading_time: (readings,) s, increasing.
-        inputs: (readings, 1 + loads) pressure in Pa, then forces that change in N.
-        settings: the numbers that decide.
+    Args: frame_time: (frames,) s, increasing. motion: (frames, coordinates) m of the targets, NaN
+    where one was not seen. reading_time: (readings,) s, increasing. inputs: (readings, 1 + loads)
+    pressure in Pa, then forces that change in N. settings: tuning constants.
 
     Returns:
         The delay, with a sentence in `trouble` if the data do not determine it.
@@ -235,7 +232,7 @@ def estimate_delay(
     trouble = _cannot_tell(clock, fits[0], rivals, details[0].rate, settings)
     if not trouble and np.mean([detail.distinct for detail in details]) < settings.distinct:
         trouble = Note(
-            'the pressure goes the same way again and again, where hysteresis looks like a delay: '
+            'the pressure repeats one cycle, so hysteresis cannot be distinguished from a delay: '
             f'{REMEDY}',
             reason='not_determined',
         )
@@ -285,15 +282,15 @@ def _cannot_tell(
         ratio = float(np.mean(fit.unexplained(rival) / best))
         if abs(rival - clock.delay) > settings.apart * fit.period and ratio < settings.rival:
             return Note(
-                f'delays of {clock.delay:.2f} s and {rival:.2f} s fit alike: the pressure repeats '
-                f'itself, or changes too evenly; {REMEDY}',
+                f'delays of {clock.delay:.2f} s and {rival:.2f} s fit equally well, because the '
+                f'pressure repeats itself or changes too evenly; {REMEDY}',
                 reason='not_determined',
             )
     if not clock.std * rate < settings.blur:
         return Note(
             f'the delay is {clock.delay:.2f} s with a standard error of {clock.std:.2g} s, which '
-            f'moves a frame by more than {100.0 * settings.blur:g} % of the motion: the pressure '
-            f'changes too evenly, or too few times; {REMEDY}',
+            f'moves a frame by more than {100.0 * settings.blur:g} % of the motion, because the '
+            f'pressure changes too evenly or too seldom; {REMEDY}',
             reason='not_determined',
         )
     return None
@@ -302,7 +299,7 @@ def _cannot_tell(
 def motion_components(motion: Array, settings: ClockDelaySettings) -> tuple[Array, Indices]:
     """Return the largest principal components of the motion (kept, components), and their frames.
 
-    Of the targets that are seen nearly always, in the frames that show all of them.
+    They are from the targets that are nearly always seen, in the frames that show all of these.
     """
     seen = np.isfinite(motion)
     looked_at = seen.any(axis=1)
@@ -320,8 +317,8 @@ def motion_components(motion: Array, settings: ClockDelaySettings) -> tuple[Arra
 class FitDetails:
     """Standard error (s) of one fit, the share of motion it explains, and its frames.
 
-    distinct: share of what a delay does to the motion that no other column does. rate: of the
-    motion (1/s), its mean in shares of its range.
+    distinct: share of the effect of a delay on the motion that no other column can imitate. rate:
+    mean rate of the motion (1/s), relative to its range.
     """
 
     std: float
@@ -380,10 +377,10 @@ class DelayFit:
         return np.asarray(design.T @ design + ridge * np.eye(design.shape[1]))
 
     def unexplained(self, delay: float, every: int = 1) -> Array:
-        """Return the share of each component's variance that is left; inf with too few frames.
+        """Return the unexplained share of each component's variance; inf with too few frames.
 
-        Of the variance in the frames that the table covers: where the arm rests, nothing is left
-        at any delay, and nothing is explained.
+        The variance is that in the frames covered by the table: where the arm rests, no delay
+        leaves a residual, and nothing is explained.
         """
         frames = self.inside(delay)
         enough = max(self.settings.fewest_frames, 0.9 * self.shorter / self.period)
@@ -401,7 +398,7 @@ class DelayFit:
         return float(np.sum(np.log(self.unexplained(delay, every) + 1e-300)))
 
     def candidates(self) -> list[float]:
-        """Return delays at which the residual is a minimum, the best one first."""
+        """Return delays at minima of the residual, best first."""
         low = float(self.time[0] - self.grid[-1]) + self.shorter
         high = float(self.time[-1] - self.grid[0]) - self.shorter
         step = max(self.period, (high - low) / COARSE_STEPS)
@@ -433,9 +430,9 @@ class DelayFit:
     def repeated(self, delay: float) -> Indices:
         """Return the frames in which the arm stands still although its inputs change.
 
-        The arm is where it was a frame before, to within the usual residual, and by more than
-        that not where pressure and load put it: the picture is the one before, or it was taken
-        where the arm sets off, within the error of the delay.
+        Within the usual residual, the arm is where it was one frame before, but not where pressure
+        and load predict it: the picture was repeated, or it was taken at the start of a motion,
+        within the error of the delay.
         """
         frames = self.inside(delay)
         design, _ = self.design(self.time[frames] - delay)
@@ -453,8 +450,8 @@ class DelayFit:
     def details(self, delay: float) -> FitDetails:
         """Return the uncertainty of a delay: linearized, and without each block of frames in turn.
 
-        Few blocks may hold all information on the delay: Student's t has as many degrees of
-        freedom as there are blocks, were all of them equally informative, less one.
+        A few blocks may contain all information on the delay: Student's t has the effective number
+        of equally informative blocks, minus one, as its degrees of freedom.
         """
         frames = self.inside(delay)
         at, scores = self.time[frames] - delay, self.scores[frames]
@@ -489,7 +486,7 @@ class DelayFit:
 
 
 def box_average(time: Array, values: Array, centers: Array, width: float) -> Array:
-    """Return means over boxes of a width (s) of readings joined by straight lines."""
+    """Return means over boxes of a width (s) of piecewise linear readings."""
     slopes = np.diff(values) / np.diff(time)
     areas = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
 
@@ -506,8 +503,8 @@ def box_average(time: Array, values: Array, centers: Array, width: float) -> Arr
 def regressors(inputs: Array, step: float, plays: Plays, settings: ClockDelaySettings) -> Array:
     """Return the regressors of the motion, (instants, columns).
 
-    Powers of the pressure; how far a play of each width lags, weighted by powers; how far the
-    pressure is ahead of each relaxation; powers of every load, and its products with the pressure.
+    They are powers of the pressure; the lag of a play of each width, weighted by powers; the lead
+    of the pressure over each relaxation; powers of every load, and its products with the pressure.
     """
     pressure = unit_range(inputs[:, 0])
     widths, powers = plays
@@ -537,7 +534,7 @@ def unit_range(values: Array) -> Array:
 
 
 def follow_play(values: Array, width: float) -> Array:
-    """Return the output of a play for values in unit range, its width in their range."""
+    """Return the output of a play for values in unit range; width: relative to it."""
     followed, output = np.empty_like(values), float(values[0])
     for place, value in enumerate(values.tolist()):
         output = min(max(output, value - width), value + width)

@@ -1,11 +1,11 @@
-"""The running disagreement of measured targets with the estimate: the trigger for a diagnosis.
+"""Running disagreement between measured targets and the estimate: triggers a diagnosis.
 
-As the estimator: state in, state out; no clock, no topic, no file. `take_estimate` takes every
+Like the estimator: state in, state out, without clock, topic or file. `take_estimate` takes every
 pressure reading with its outcome, `take_targets` every frame of targets, and
 `ConsistencyState.disagreement` gives the current result. A frame is compared with the prediction
-from the neighboring estimates (`frame_prediction`); one is at most `reach` away by the stamps.
-`agreement_of` is the verdict on a whole recording, of the same frames, each on its own and, by
-`persistent_errors`, all together.
+from the neighboring estimates (`frame_prediction`), one of which must be at most `reach` away.
+`agreement_of` is the verdict on a whole recording, for single frames and, by `persistent_errors`,
+for all frames together.
 """
 
 from __future__ import annotations
@@ -100,27 +100,27 @@ class Disagreement:
     force_read: bool
 
     def exceeds(self, other: Disagreement) -> bool:
-        """Whether this disagreement exceeds another: first beyond noise, then by size."""
+        """Whether this disagreement exceeds another one: first by significance, then by size."""
         return (self.beyond, self.rms / self.limit) > (other.beyond, other.rms / other.limit)
 
     @property
     def sentence(self) -> str:
         """Describe it for users."""
         return (
-            f'measured targets are {self.rms:.3g} x their noise from the estimate (noise alone: '
-            f'less than {self.limit:.3g}), worst at {self.arclength:.4g} m, target {self.target}: '
-            'run pneunet diagnose' + ('' if self.force_read else f' ({FORCE_NOT_JUDGED})')
+            f'measured targets are {self.rms:.3g} x their noise away from the estimate (noise '
+            f'alone: less than {self.limit:.3g}), worst at {self.arclength:.4g} m, target '
+            f'{self.target}: run pneunet diagnose'
+            + ('' if self.force_read else f' ({FORCE_NOT_JUDGED})')
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameInnovation:
-    """Distance of the targets of one frame from their estimate.
+    """Deviation of the targets of one frame from their estimate.
 
-    rms: of the whitened difference, 1 if it is all noise; limit: what noise rarely exceeds;
-    at_tip: chi square of the tip alone, two coordinates, NaN where it is not seen; force_read:
-    whether the end load was measured; evidence: of errors that persist, None if the model
-    claims nothing.
+    rms: of the whitened difference, 1 for pure noise; limit: rarely exceeded by noise; at_tip: chi
+    square of the tip alone, two coordinates, NaN if it is not seen; force_read: whether the end
+    load was measured; evidence: for persistent errors, None outside the domain of the model.
     """
 
     stamp_ns: int
@@ -187,8 +187,8 @@ class Agreement:
         tips = ''
         if not self.tips_hold:
             tips = (
-                f'; the tip is outside its 95 % ellipse in {100.0 * self.tips_outside:.0f} '
-                '%: the errors that the model states are too small'
+                f'; the tip is outside its 95 % ellipse in {100.0 * self.tips_outside:.0f} %: '
+                'the uncertainty of the model is too small'
             )
         return (
             f'{verdict}: {100.0 * self.beyond:.0f} % of {self.frames} frames exceed the noise '
@@ -202,10 +202,10 @@ class Agreement:
 class RunningInnovation:
     """Exponentially weighted means over the last frames.
 
-    weight: how many frames they are worth; frames: how many there were; chi_square: per
-    coordinate; coordinates: in a frame; beyond: share of frames beyond the limit; at_targets
-    (targets,): chi square of each target per coordinate, NaN where it was never seen; arclength
-    (targets,) m: of the targets; force_read: whether the end load was measured in the last one.
+    weight: effective number of frames; frames: actual number; chi_square: per coordinate;
+    coordinates: per frame; beyond: share of frames beyond the limit; at_targets (targets,): chi
+    square of each target per coordinate, NaN if it was never seen; arclength (targets,) m: of the
+    targets; force_read: whether the end load was measured in the last one.
     """
 
     stamp_ns: int
@@ -221,9 +221,9 @@ class RunningInnovation:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ConsistencyState:
-    """All that is remembered from one reading or frame to the next.
+    """State of the comparison between readings and frames.
 
-    compared: the frames that the last step compared with their estimates.
+    compared: the frames compared in the last step.
     """
 
     estimates: tuple[ShapeEstimate, ...] = ()
@@ -248,7 +248,7 @@ class ConsistencyState:
         return replace(self, unmatched=count_reason(self.unmatched, reason))
 
     def disagreement(self, settings: ConsistencySettings = DEFAULTS) -> Disagreement | None:
-        """Return the recent distance of measured and estimated targets; None: too few frames.
+        """Return the recent disagreement of measured and estimated targets; None: too few frames.
 
         Errors of registration, placement and model are the same in many frames and do not average
         out, so the limit of the mean is that of a single frame.
@@ -302,7 +302,7 @@ def take_estimate(
     outcome: Outcome,
     settings: ConsistencySettings = DEFAULTS,
 ) -> ConsistencyState:
-    """Process the outcome of a pressure reading, and compare the frames that waited for it."""
+    """Process the outcome of a pressure reading, and compare the frames waiting for it."""
     state = replace(state, compared=())
     if not isinstance(outcome, ShapeEstimate):
         return state
@@ -343,7 +343,7 @@ def take_targets(
 def compare_waiting(
     state: ConsistencyState, estimator: Estimator, settings: ConsistencySettings
 ) -> ConsistencyState:
-    """Compare the waiting frames whose nearest estimate is known by now."""
+    """Compare the waiting frames whose nearest estimate is now known."""
     if not state.estimates:
         return state
     delay_ns = round(estimator.arm.frame_delay * NANOSECONDS_PER_SECOND)

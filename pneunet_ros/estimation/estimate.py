@@ -18,18 +18,18 @@ from pneunet_ros.model.shape import Shape
 class ShapeEstimate:
     """A shape predicted from readings, with its uncertainty; SI units, in the base frame.
 
-    stamp_ns: the pressure reading's; chamber_pressure: Pa; jacobian (3, 4): d(x, y, theta of the
+    stamp_ns: of the pressure reading; chamber_pressure: Pa; jacobian (3, 4): d(x, y, theta of the
     tip) / d(pressure in the chamber, F1, F2, M); tip_covariance (3, 3) of (x, y, theta); std_x,
-    std_y (m) and std_curvature (1/m): per station, arrays (stations,); wrench_age: s, None if
-    no wrench is needed; warnings: sentences about what limits the estimate. position: where its
-    load stands to the domain of the model. gravity: as it was measured, along x and y, in g; None:
-    as the model has it.
+    std_y (m) and std_curvature (1/m): per station, arrays (stations,); wrench_age: s, None if no
+    wrench is needed; warnings: sentences about limits of the estimate. position: of its load
+    relative to the domain of the model. gravity: as measured, along x and y, in g; None: as in the
+    model.
 
-    noise (sources, causes), the noise input matrix, and curved, to second order, with the
-    linearization in it: from these covariance and standard deviations come, so that nobody has to
-    linearize again. What is allowed for the model beyond its domain is not in noise. motion: how
-    the arm moves, None if the model has no `motion`; then shape and standard deviations are
-    those of the moving arm; jacobian, noise and curved are those of its equilibrium.
+    noise (sources, causes): noise input matrix; curved: second-order effects, including the
+    linearization; both are the source of covariance and standard deviations, and are kept to avoid
+    linearizing again. noise excludes the additional model error outside the domain. motion: of the
+    arm, None if the model has no `motion`; with motion, shape and standard deviations are those of
+    the moving arm, but jacobian, noise and curved are those of its equilibrium.
     """
 
     stamp_ns: int
@@ -52,7 +52,7 @@ class ShapeEstimate:
     def second_order(self) -> SecondOrder | None:
         """Second-order effect of noise, with which measured targets are compared.
 
-        It is solved when it is asked for: an estimate does not wait for it.
+        It is computed on demand, so an estimate does not wait for it.
         """
         if self.curved is None or self.noise is None or self.position is None:
             return self.curved
@@ -76,13 +76,13 @@ def estimate_of(
     motion: MotionEstimate | None = None,
     gravity: tuple[float, float] | None = None,
 ) -> ShapeEstimate:
-    """Return a solved shape with its propagated errors; notes: to be attached to it."""
+    """Return the estimate of a solved shape with propagated errors; notes: to be attached."""
     warnings = [*notes, *position.notes]
     if shape.stable is False:
         warnings.append('the equilibrium is unstable under dead load')
     curved = errors.second_order
     if curved is None or curved.step < 1.0:
-        warnings.append('an error of one sigma leads to no equilibrium, or to another one')
+        warnings.append('an error of one sigma leads to another equilibrium, or to none')
     if shape.extrapolated != position.extrapolated:
         shape = replace(shape, extrapolated=position.extrapolated)
     std_x, std_y, std_curvature = errors.std

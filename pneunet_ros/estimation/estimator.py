@@ -1,8 +1,8 @@
-"""From readings to shape estimates: one pure step, the same for live nodes and for recordings.
+"""Shape estimation from readings, as a pure step used by live nodes and for recordings.
 
-`Estimator.step(state, reading) -> state, outcome` knows no clock, no topic and no file. A pressure
-reading gives a `ShapeEstimate` or a `Refusal`; a wrench reading gives nothing or a `Refusal`.
-Stamps are those of the message headers.
+`Estimator.step(state, reading) -> state, outcome` uses no clock, topic or file. A pressure reading
+gives a `ShapeEstimate` or a `Refusal`; a wrench reading gives nothing or a `Refusal`. Stamps are
+those of the message headers.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from pneunet_ros.model.perturbation import PerturbationTable
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Estimator:
-    """A calibrated arm and its sensors: from each reading to the shape with its covariance.
+    """Estimates the shape with its covariance from each reading, for a calibrated arm.
 
     arm: with the noise of its sensors and the covariance of its model; settings: meaning and
     timeouts of the readings; arclength (stations,) m: of the stations; table: derivatives of the
@@ -76,12 +76,11 @@ class Estimator:
     def step(
         self, state: EstimatorState, reading: Reading | BaseReading
     ) -> tuple[EstimatorState, Outcome]:
-        """Take one reading: Eq 4 gives the shape, its linearization the covariance.
+        """Process one reading: Eq 4 gives the shape, its linearization the covariance.
 
-        Args:
-            state: the state after all earlier readings; it is not changed.
-            reading: a pressure (Pa) or an end wrench (N, N m), stamped by its message's header; or
-                of an accelerometer on the base, or of frames.
+        Args: state: the state after all earlier readings; unchanged. reading: a pressure (Pa) or
+        an end wrench (N, N m), with the stamp of its message header; or a reading of an
+        accelerometer on the base, or of frames.
 
         Returns:
             The next state, and the result: a ShapeEstimate or a Refusal for a pressure, None or a
@@ -109,7 +108,7 @@ class Estimator:
     def take_wrench(
         self, state: EstimatorState, reading: WrenchReading
     ) -> tuple[EstimatorState, Refusal | None]:
-        """Remember an end wrench in the base frame."""
+        """Store an end wrench in the base frame."""
         sentence = wrong_frame(self.settings, reading)
         if sentence:
             return state, refuse(reading.stamp_ns, 'wrong_frame', sentence)
@@ -162,8 +161,8 @@ class Estimator:
         )
         if errors is None:
             sentence = (
-                'the shape answers to its loads without bound (limit point), '
-                'or readings and model are too uncertain for any covariance'
+                'no covariance: the arm is at a limit point (infinitely sensitive to its loads), '
+                'or readings and model are too uncertain'
             )
             refusal = refuse(reading.stamp_ns, 'no_uncertainty', sentence)
             return state.with_reading(reading.stamp_ns, history), refusal
@@ -235,7 +234,7 @@ class Estimator:
                 return unloaded, None, None
             sentence = 'no end wrench received; set wrench_required to false if there is no load'
             if 'wrong_frame' in state.rejected:
-                sentence = 'no end wrench is in a frame that is known: set wrench_frame'
+                sentence = 'all end wrenches are in an unknown frame: set wrench_frame'
             refusal = refuse(stamp_ns, 'no_wrench', sentence, awaits_others=True)
             return unloaded, None, refusal
         age = seconds_since(state.wrench.stamp_ns, stamp_ns)

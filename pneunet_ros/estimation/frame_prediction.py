@@ -1,8 +1,8 @@
 """Predicted targets of a frame, from the estimates before and after it.
 
-A frame is rarely taken with a reading. The arm is assumed to move linearly between estimates,
-under the load of the readings before and after the frame, and the interpolation errors of both are
-included. An estimate uses the last wrench that had come; what was read behind it counts here, too.
+A frame is rarely taken exactly at a reading. The arm is assumed to move linearly between
+estimates, under the loads read before and after the frame, including their interpolation errors.
+An estimate uses the last wrench that had arrived; later wrenches are used here too.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ BESIDE = 2  # estimates on either side of a frame, for interpolation
 def predict_frame(
     estimator: Estimator, estimates: Sequence[ShapeEstimate], shown_ns: int
 ) -> PredictedTargets | None:
-    """Return the predicted targets of a frame that shows the arm at a stamp (ns).
+    """Return the predicted targets of a frame showing the arm at a stamp (ns).
 
-    estimates: at increasing stamps (ns), at least one. None if they are too far apart: the arm
-    moves, or may have moved, so far between them that linear interpolation is wrong by more than
-    the noise of a target.
+    estimates: at increasing stamps (ns), at least one. None if they are too far apart: the arm may
+    have moved so far between them that the error of linear interpolation exceeds the noise of a
+    target.
     """
     stamps = np.array([estimate.stamp_ns for estimate in estimates])
     behind = int(np.searchsorted(stamps, shown_ns))
@@ -148,8 +148,8 @@ def in_motion(
 ) -> PredictedTargets:
     """Return the predicted targets of a moving arm, given its equilibrium targets.
 
-    pair, shares: the estimates around the frame, and how near it is to each; nearest: whose
-    motion has the errors.
+    pair, shares: the estimates around the frame, and their interpolation weights; nearest: the
+    estimate whose motion provides the errors.
     """
     places = estimator.target_places
     if places is None or nearest.motion is None:
@@ -173,7 +173,7 @@ def load_of(estimate: ShapeEstimate) -> Array:
 
 
 def wrenches_of(estimates: Sequence[ShapeEstimate]) -> tuple[Stamps, Array]:
-    """Return the stamps (wrenches,) ns and loads (wrenches, 3) that estimates have used."""
+    """Return the stamps (wrenches,) ns and loads (wrenches, 3) used by estimates."""
     read = {
         estimate.stamp_ns - round((estimate.wrench_age or 0.0) * NANOSECONDS_PER_SECOND): load_of(
             estimate

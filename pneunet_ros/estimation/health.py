@@ -1,4 +1,4 @@
-"""Health of the estimator: inputs, estimates and refusals, summed up once a second."""
+"""Health of the estimator: inputs, estimates and refusals, summarized once a second."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class EstimatorHealth(InputHealth):
     """Collects counts and latencies of readings.
 
     The level of a report is the worst since the last one: ERROR while there are no estimates, WARN
-    where readings were dropped or estimates are limited.
+    if readings were dropped or estimates are limited.
     """
 
     def __init__(self, pressure_topic: str, now: float) -> None:
@@ -67,7 +67,7 @@ class EstimatorHealth(InputHealth):
     def disagreement(
         self, settings: EstimatorSettings, consistency: ConsistencyState, now: float
     ) -> Disagreement | None:
-        """Return the distance of targets from estimates; None if there were none recently."""
+        """Return the disagreement of targets with estimates; None if there were none recently."""
         if self._targets_at is None or now - self._targets_at > settings.watch_time:
             return None
         return consistency.disagreement()
@@ -82,7 +82,7 @@ class EstimatorHealth(InputHealth):
     ) -> Report:
         """Summarize the time since the last report, and start the next period.
 
-        left_out: which error of the model its standard deviations leave out.
+        left_out: description of the model error that its standard deviations omit.
         """
         found = self.disagreement(settings, consistency, now)
         level, message = self._verdict(settings.input_timeout, now, found)

@@ -1,9 +1,9 @@
 """Uncertainty of the force found from a measured tip.
 
-The force is the one that brings the model's tip to the measured place. What is wrong in tip,
-pressure and model is wrong in the force by d F = (d tip / d F)^-1 (d tip_measured - d tip_model),
-and the shape moves by both together: near the tip hardly, as that was measured. All of it to first
-order: the tip does not move along itself here, which is what the second order is for.
+The force is the one that brings the model's tip to the measured position. Errors of tip, pressure
+and model change it by d F = (d tip / d F)^-1 (d tip_measured - d tip_model), and the shape moves
+by both together, but hardly near the measured tip. First order is sufficient: the second-order
+motion of the tip along the arm does not occur here.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pneunet_ros.solver.columns import FORCE_Y, LOADS
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeasuredTip:
-    """The estimate at a measured tip, and the covariance (2, 2) N^2 of the force found."""
+    """The estimate at a measured tip, and the covariance (2, 2) N^2 of the estimated force."""
 
     estimate: ShapeEstimate
     force_covariance: Array
@@ -30,10 +30,10 @@ class MeasuredTip:
 def with_measured_tip(
     estimator: Estimator, estimate: ShapeEstimate, tip_std: float
 ) -> MeasuredTip | None:
-    """Return the estimate as one of a measured tip.
+    """Return an estimate with errors for a measured tip.
 
-    estimate: at the force found, whose tip is where it was measured; the moment is exact. tip_std:
-    one sigma (m) of x, and of y, of that place. None if no covariance follows.
+    estimate: at the estimated force, with the tip at its measured position; the moment is exact.
+    tip_std: one sigma (m) of x and of y of that position. None if there is no covariance.
     """
     if estimate.noise is None or estimate.curved is None or estimate.position is None:
         return None

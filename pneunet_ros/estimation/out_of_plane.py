@@ -14,7 +14,7 @@ TINY = 1e-300  # no limit at all, of sensors without noise
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutOfPlaneSettings:
-    """Limits of out-of-plane loads: more than noise, and too much for an estimate."""
+    """Limits of out-of-plane loads for a warning and for rejecting an estimate."""
 
     noise: float = tuning(4.0, 'sigma explained by sensor noise', unit='sigma')
     stop: float = tuning(3.0, 'error, as a multiple of the limit of a warning', source='contract')
@@ -27,8 +27,8 @@ DEFAULTS = OutOfPlaneSettings()
 class OutOfPlane:
     """The out-of-plane component that is largest relative to its limit.
 
-    component: Fz, Mx or My; value and limit in N or N m; warns, stops: whether it is beyond the
-    limit of a warning, of an estimate.
+    component: Fz, Mx or My; value and limit in N or N m; warns, stops: whether it exceeds the
+    limit for a warning, or for an estimate.
     """
 
     component: str
@@ -47,8 +47,8 @@ class OutOfPlane:
         """Return the warning with value and limit."""
         unit = 'N' if self.component == 'Fz' else 'N m'
         return (
-            f'{self.component} of the end wrench is {self.value:.3g} {unit}, out of the plane of '
-            f'the model, more than three times its limit of {self.limit:.3g} {unit} '
+            f'{self.component} of the end wrench is {self.value:.3g} {unit}out of the plane of '
+            f'the model, more than three times the limit of {self.limit:.3g} {unit} '
             '(out_of_plane_limit)'
         )
 
@@ -61,8 +61,8 @@ def out_of_plane(
 ) -> OutOfPlane:
     """Return the out-of-plane part of an end wrench, relative to its limit.
 
-    The limit is a share of the largest force of the arm's domain and of its moment, and no less
-    than noise. Without a domain the weight of the arm stands for the force.
+    The limit is a share of the largest force in the domain of the arm and of its moment, but at
+    least the noise. Without a domain, the weight of the arm is used as the force.
     """
     if arm.domain is None:
         force, moment = arm.weight, arm.weight * arm.length

@@ -1,10 +1,10 @@
 """Persistent errors over a recording: one joint test of a model on all frames.
 
-An error common to all frames hides in the noise of each. Here the errors that a model admits are
+An error common to all frames is hidden by the noise of each. Here the stated errors of a model are
 unknowns shared by all frames: the columns of its covariance, the placement of the targets, and the
 path of the camera. Their prior is the posterior of the calibration, and all frames together
-estimate them. A model holds if the estimate is as close to the prior as the prior and the noise of
-the frames require, and if the residuals are as large as that noise.
+estimate them. A model holds if the estimate is consistent with the prior and with the noise of the
+frames, and if the residuals are consistent with that noise.
 
 Errors correlated from frame to frame carry less information than independent ones; the residuals
 determine how much less. Source: Newey and West, Econometrica 55 (1987).
@@ -99,9 +99,9 @@ class FrameEvidence:
     """A frame and its prediction, as `persistent_errors` uses them.
 
     residual (2, targets) m: measured minus predicted, NaN where not seen; std (targets,) m of the
-    white noise, NaN: that of the model; tip_errors (sources, 2) m: what one sigma of each error
-    of readings and model moves the tip; tip_covariance (2, 2) m^2 as the estimate states it.
-    beyond: the frame by itself is further off than noise can explain.
+    white noise, NaN: that of the model; tip_errors (sources, 2) m: displacement of the tip by one
+    sigma of each error of readings and model; tip_covariance (2, 2) m^2 of the estimate. beyond:
+    the frame alone deviates by more than noise can explain.
     """
 
     stamp_ns: int
@@ -137,14 +137,13 @@ class KeptFrames:
 class PersistentErrors:
     """Joint evidence of the frames of a recording for errors within the model's uncertainty.
 
-    frames: that were used; repeated: how many of them tell as much as one that were independent, 1
-    where the noise is new in each. Of the columns of the model's covariance: how far they had to
-    move, moved (chi squared), over so many that the frames tell of, unknowns. Of these with the
-    places of the targets: moved_with_places, unknowns_with_places. chance: how often a model that
-    holds has to move as far, and sure: below it that is not chance. left: chi squared per degree
-    of freedom of the remaining residual, and left_limit, its limit for noise alone. tip_rms (m):
-    how far the moves of the columns take the tip; tips_outside: share of frames whose true tip is
-    then outside of its stated 95 % ellipse.
+    frames: number used; repeated: number of frames equivalent to one independent frame, 1 if the
+    noise is independent. moved: chi squared of the estimated columns of the model's covariance, of
+    which `unknowns` are determined by the frames; moved_with_places, unknowns_with_places: the
+    same including the target positions. chance: p-value of that chi squared; sure: significance
+    level. left: chi squared per degree of freedom of the remaining residual; left_limit: its limit
+    for noise alone. tip_rms (m): resulting displacement of the tip; tips_outside: share of frames
+    whose true tip is then outside its stated 95 % ellipse.
     """
 
     frames: int
@@ -162,7 +161,7 @@ class PersistentErrors:
 
     @property
     def within_prior(self) -> bool:
-        """Whether the shared unknowns are no further off than the model admits."""
+        """Whether the shared unknowns are consistent with the covariance of the model."""
         return self.chance >= self.sure
 
     @property
@@ -183,16 +182,17 @@ class PersistentErrors:
         said = []
         if not self.within_prior:
             said.append(
-                'all frames together put the arm or its targets further from the model than it '
-                f'admits (chi squared {self.moved:.3g} for {self.unknowns} numbers of the model, '
-                f'{self.moved_with_places:.3g} for {self.unknowns_with_places} with the places '
-                f'of the targets): the tip is off by {millimeters(self.tip_rms):.2g} mm rms by '
-                f'the model alone, and outside of its ellipse in some {self.percent_outside} %'
+                'all frames together deviate from the model by more than its covariance allows '
+                f'(chi squared {self.moved:.3g} for {self.unknowns} parameters of the model, '
+                f'{self.moved_with_places:.3g} for {self.unknowns_with_places} with the '
+                'positions of the targets): with the model alone, the tip is off by '
+                f'{millimeters(self.tip_rms):.2g} mm rms, and outside its ellipse in about '
+                f'{self.percent_outside} %'
             )
         if not self.noise_left:
             said.append(
-                f'and what no error that it admits explains is {math.sqrt(self.left):.2g} x the '
-                f'noise (noise alone: less than {math.sqrt(self.left_limit):.2g})'
+                f'and the part that its covariance cannot explain is {math.sqrt(self.left):.2g} '
+                f'x the noise (noise alone: less than {math.sqrt(self.left_limit):.2g})'
             )
         return ', '.join(said).removeprefix('and ')
 
@@ -205,21 +205,21 @@ class PersistentErrors:
     def advice(self) -> str:
         """Return the advice to users."""
         if self.noise_left:
-            return 'other parameters of the same model explain it: recalibrate'
+            return 'the same model with other parameters would explain it: recalibrate'
         return (
-            'the arm has changed, or something is missing in the model. Recalibrate, and run '
-            'pneunet diagnose on the new recordings'
+            'the arm has changed, or the model lacks an effect. Recalibrate, and run pneunet '
+            'diagnose on the new recordings'
         )
 
 
 def persistent_errors(
     kept: Sequence[FrameEvidence], arm: Arm, settings: PersistenceSettings = PERSISTENCE
 ) -> PersistentErrors | None:
-    """Test for errors that all frames (in order of time) share; None if there are too few frames.
+    """Test for errors common to all frames (in order of time); None for too few frames.
 
-    All is linearized at the estimates. The unknowns that frames share have the prior of the arm:
-    those of the model's covariance with the places of the targets, which go with them, and the
-    camera. The frames' own errors are those of their readings, and the white noise of targets.
+    Everything is linearized at the estimates. The shared unknowns have the prior of the arm: the
+    columns of the model's covariance, the correlated target positions, and the camera. Independent
+    errors of each frame are those of its readings, and the white noise of targets.
     """
     odd = [frame.beyond for frame in kept]
     if any(odd) and np.mean(odd) <= settings.odd:
@@ -270,9 +270,9 @@ def persistent_errors(
 class LinearProblem:
     """Frames as one linear problem, whitened except for their common unknowns.
 
-    residual (frames, coordinates); shared (frames, coordinates, unknowns): what one sigma of each
-    moves: columns of the model's covariance, so many, places of the targets along and across the
-    arm, nodes of the camera's path. coordinates: that were seen in all frames.
+    residual (frames, coordinates); shared (frames, coordinates, unknowns): effect of one sigma of
+    each: columns of the model's covariance (their number is `columns`), target positions along and
+    across the arm, nodes of the camera's path. coordinates: number seen in all frames.
     """
 
     residual: Array
@@ -335,7 +335,7 @@ def linear_problem(
 def frames_as_one(scores: Array) -> float:
     """Return the number of correlated frames that equal one independent frame, at least 1.
 
-    scores (frames, unknowns): how far each frame moves each unknown by what is left.
+    scores (frames, unknowns): contribution of the residual of each frame to each unknown.
     """
     alone = scores.T @ scores
     lags = math.isqrt(len(scores))
@@ -352,7 +352,7 @@ def distance(
 ) -> tuple[float, int]:
     """Return chi squared of a step (n,) with covariance spread (n, n), and its degrees of freedom.
 
-    Directions that the frames hardly determine do not count.
+    Directions hardly determined by the frames do not count.
     """
     variances, axes = np.linalg.eigh(spread)
     seen = variances > settings.seen
@@ -365,7 +365,8 @@ def without_prior(
 ) -> tuple[Array, Array]:
     """Return a step (n,) and its covariance (n, n) from the frames alone, without the prior.
 
-    For a prior that is refuted holds a step back. With uninformative frames it is unchanged.
+    This is needed because a refuted prior holds a step back. With uninformative frames the step is
+    unchanged.
     """
     left, axes = np.linalg.eigh(covariance)
     information = np.where(1.0 - left > settings.seen, 1.0 - left, 1.0)
@@ -381,9 +382,9 @@ def chance_of(moved: float, unknowns: int) -> float:
 def tip_off(frame: FrameEvidence, step: Array, covariance: Array) -> tuple[float, float]:
     """Return the squared tip displacement (m^2) in a frame by a step of the model columns.
 
-    And the probability that the true tip is outside of its stated 95 % ellipse then, with the
-    errors of its readings. covariance (columns, columns): how well the step is known. A sum of
-    squares of normal numbers has about a gamma law of the same mean and variance.
+    Also returns the probability that the true tip is then outside its stated 95 % ellipse,
+    including the errors of its readings. covariance (columns, columns): of the step. A sum of
+    squares of normal variables is approximated by a gamma law with the same mean and variance.
     """
     readings, columns = frame.tip_errors[:READINGS], frame.tip_errors[READINGS:]
     off = step @ columns

@@ -1,4 +1,4 @@
-"""The zero of a pressure sensor, from readings of the vented arm."""
+"""Zero offset of a pressure sensor, from readings of the vented arm."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def pressure_zero(
 ) -> tuple[float | None, str]:
     """Return the offset (Pa) that makes readings of the vented arm zero, and a sentence.
 
-    convention: meaning of the sensor's numbers; its offset is ignored.
+    convention: meaning of the sensor readings; its offset is ignored.
 
-    The offset is None if there are too few readings, if they move by more than the noise and a
-    share of the range, or if the offset is implausible as a zero error: beyond the prior of a
-    gauge, or of an unset zero for this range.
+    The offset is None if there are too few readings, if they vary by more than the noise and a
+    share of the range, or if the offset is implausible as a zero error of a gauge, or of an unset
+    zero for this range.
     """
     fewest = settings.fewest_readings
     if len(readings) < fewest:
@@ -49,14 +49,14 @@ def pressure_zero(
     moved, mean = float(np.ptp(values)), float(values.mean())
     noise = settings.noise_band * arm.sensors.pressure_std
     if not moved <= max(noise, settings.moved * (high - low)):
-        return None, f'the pressure moves by {moved:.4g} Pa; hold the vented arm still'
+        return None, f'the pressure varies by {moved:.4g} Pa; keep the vented arm still'
     largest = min(JUDGE.offset, JUDGE.zero_span * expected_of(arm).reach)
     if abs(mean) > largest:
         name, value = 'pressure_offset', -mean
         if untared.reference == ABSOLUTE:
             name, value = 'ambient_pressure', untared.ambient + untared.sign * mean
         return None, (
-            f'the pressure is {mean:.4g} Pa, too far from zero for a zero error (at most '
+            f'the pressure is {mean:.4g} Pa, more than a zero error can be (at most '
             f'{largest:.4g} Pa): the arm is probably not vented. Vent it and call again; if it '
             f'is vented, set the parameter {name} to {value:.6g}'
         )

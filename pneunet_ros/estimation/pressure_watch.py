@@ -42,8 +42,8 @@ WATCH = WatchSettings()
 class PressureWatch:
     """Pressure readings so far, the time of the last check, and its verdict.
 
-    since: the record since a verdict that doubted them; it takes the place of the whole one where
-    it shows that the sensor was mended.
+    since: the record since a verdict that doubted the readings; it replaces the whole record if it
+    shows that the sensor was corrected.
     """
 
     record: PressureRecord = field(default_factory=PressureRecord)
@@ -98,7 +98,7 @@ class PressureWatch:
     def hint(self, reading: PressureReading, arm: Arm, settings: EstimatorSettings) -> str:
         """Suggest the likely meaning of an impossible reading; empty if none fits.
 
-        All readings so far are judged, and where these do not fit this one alone.
+        All readings so far are judged, or this one alone if these do not fit.
         """
         alone = PressureRecord().after(reading.stamp_ns, reading.pressure)
         for record in (self.record, alone):

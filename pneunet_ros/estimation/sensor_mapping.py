@@ -12,7 +12,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 def base_wrench(settings: EstimatorSettings, reading: WrenchReading) -> WrenchReading:
     """Return the end load in the base frame from a sensor reading.
 
-    Unmeasured out-of-plane components are taken to be zero.
+    Unmeasured out-of-plane components are taken as zero.
     """
     sign = settings.wrench_sign * settings.wrench.size
     force = rotate(settings.wrench_yaw, sign * reading.force_x, sign * reading.force_y)
@@ -40,11 +40,11 @@ def wrong_frame(settings: EstimatorSettings, reading: WrenchReading) -> str:
         return ''
     if not reading.frame_id:
         return (
-            'end wrench without a frame: its header.frame_id is empty, and in which axes the '
-            f'force is cannot be known; it must be {" or ".join(known)}'
+            'end wrench without a frame: header.frame_id is empty, so the axes of the force are '
+            f'unknown; it must be {" or ".join(known)}'
         )
     named = ' nor '.join(known)
     return (
-        f'end wrench in frame {reading.frame_id!r}, which is not {named}; set '
-        'wrench_frame (and wrench_yaw, wrench_sign) to what the sensor reports'
+        f'end wrench in frame {reading.frame_id!r}, which is not {named}; set wrench_frame (and '
+        'wrench_yaw, wrench_sign) to match the sensor'
     )

@@ -22,7 +22,7 @@ from pneunet_ros.model.equilibrium import DEFAULT_STATIONS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatorSettings:
-    """Settings of the estimator for sensors and ROS; never physics of the arm."""
+    """Settings of the estimator for sensors and ROS, not for the physics of the arm."""
 
     frame_id: str = setting(BASE_FRAME, 'frame of all outputs, at the clamp')
     stations: int = setting(DEFAULT_STATIONS, 'number of stations along the arm', bounds=(2, 2000))
@@ -33,27 +33,30 @@ class EstimatorSettings:
         0.5, unit='s', meaning='largest age of the end wrench that is used', bounds=(1e-3, 3600.0)
     )
     input_timeout: float = quantity(
-        0.5, unit='s', meaning='silence of the pressure that is an error', bounds=(1e-3, 3600.0)
+        0.5,
+        unit='s',
+        meaning=('time without pressure readings that counts as an error'),
+        bounds=(1e-3, 3600.0),
     )
-    pressure_unit: str = setting(
-        'Pa', 'unit of what the pressure sensor reports', tuple(PRESSURE_UNITS)
+    pressure_unit: str = setting('Pa', 'unit of the pressure readings', tuple(PRESSURE_UNITS))
+    pressure_reference: str = setting(
+        GAUGE, ('reference of the pressure readings'), (GAUGE, ABSOLUTE)
     )
-    pressure_reference: str = setting(GAUGE, 'what the pressure sensor reports', (GAUGE, ABSOLUTE))
     pressure_sign: int = setting(
-        1, '-1 where the ports of a differential pressure sensor are swapped', (1, -1)
+        1, '-1 if the ports of a differential pressure sensor are swapped', (1, -1)
     )
     ambient_pressure: float = quantity(
         STANDARD_ATMOSPHERE,
         unit='Pa',
-        meaning='subtracted where the pressure is absolute',
+        meaning='subtracted from absolute pressure readings',
         bounds=(3e4, 1.2e5),
     )
     pressure_offset: float = quantity(
         0.0, unit='Pa', meaning='added to every pressure reading', bounds=(-1e6, 1e6)
     )
-    wrench_unit: str = setting('N', 'unit of the forces that the sensor reports', FORCE_UNITS)
+    wrench_unit: str = setting('N', 'unit of the force readings', FORCE_UNITS)
     wrench_sign: int = setting(
-        1, '-1 where the sensor reports the force of the arm on it', (1, -1)
+        1, '-1 if the sensor reports the force that the arm exerts on it', (1, -1)
     )
     wrench_yaw: float = quantity(
         0.0,
@@ -67,14 +70,15 @@ class EstimatorSettings:
     force_offset_y: float = quantity(
         0.0, unit='N', meaning='added to every end force along y', bounds=(-1e3, 1e3)
     )
-    wrench_frame: str = setting('', 'frame id, beside frame_id, that wrench messages may carry')
+    wrench_frame: str = setting('', 'frame id that wrench messages may have, other than frame_id')
     imu_from_base: str = setting(
         '',
-        'how the Imu of base_imu is turned in the base frame: roll, pitch and yaw (rad), as '
-        '"0, 0, 1.57", or x, y, z, w of a quaternion; empty: by its frame_id, as /tf_static says',
+        'orientation of the IMU of base_imu in the base frame: roll, pitch and yaw (rad), e.g. '
+        '"0, 0, 1.57", or x, y, z, w of a quaternion; empty: from /tf_static, by its frame_id',
     )
     gravity_frame: str = setting(
-        '', 'tf frame whose z points up, by which gravity is followed instead of by base_imu'
+        '',
+        ('tf frame whose z axis points up, used for the direction of gravity instead of base_imu'),
     )
     gravity_timeout: float = quantity(
         0.5,
@@ -85,17 +89,17 @@ class EstimatorSettings:
     out_of_plane_limit: float = quantity(
         0.1,
         unit='-',
-        meaning='force and moments of the end wrench out of the plane that are a warning, as a '
-        'share of the calibrated force and its moment; three times that is an error',
+        meaning='out-of-plane force and moments of the end wrench that raise a warning, as a '
+        'share of the calibrated force and its moment; three times as much is an error',
         bounds=(1e-3, 1e6),
     )
     judge_readings: bool = setting(
         True,
-        'give no estimate of readings that are almost surely of another unit, reference or '
-        'sign; false: they are what the settings say',
+        'reject readings that almost surely have another unit, reference or sign; false: trust '
+        'the settings',
     )
     watch_targets: bool = setting(
-        True, 'compare measured targets, where there are any, with the estimate'
+        True, 'compare measured targets, if there are any, with the estimate'
     )
     watch_time: float = quantity(
         2.0,
@@ -105,7 +109,7 @@ class EstimatorSettings:
     )
 
     def __post_init__(self) -> None:
-        """Refuse values outside their declaration."""
+        """Reject values outside their declared range."""
         check_settings(self)
         if not self.frame_id:
             raise RequestError('frame_id must not be empty', reason='empty')
@@ -113,7 +117,7 @@ class EstimatorSettings:
 
     @property
     def wrench(self) -> WrenchConvention:
-        """Meaning of the numbers of the force sensor."""
+        """Meaning of the force readings."""
         return wrench_convention(
             unit=self.wrench_unit,
             sign=self.wrench_sign,
@@ -125,7 +129,7 @@ class EstimatorSettings:
 
     @property
     def pressure(self) -> PressureConvention:
-        """The meaning of a number of the pressure sensor."""
+        """Meaning of the pressure readings."""
         return pressure_convention(
             unit=self.pressure_unit,
             reference=self.pressure_reference,
@@ -159,7 +163,7 @@ def turn_of(text: str) -> Quaternion | None:
         if is_rotation((x, y, z, w)):
             return x, y, z, w
     raise RequestError(
-        'imu_from_base must be roll, pitch and yaw in rad, as "0, 0, 1.57", or x, y, z, w of a '
+        'imu_from_base must be roll, pitch and yaw in rad (e.g. "0, 0, 1.57") or x, y, z, w of a '
         f'unit quaternion, not {text!r}',
         reason='wrong_form',
     )

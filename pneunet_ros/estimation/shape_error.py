@@ -1,8 +1,7 @@
 """Distances between shapes of an arm: at the tip, and along the arm.
 
-Points of one material arclength belong together, and frames whose stamps are nearest: of the two
-series the frames of the slower one are taken, each with the nearest of the faster one within half
-a period of it.
+Points are compared at the same material arclength, and frames at the nearest stamps: each frame of
+the slower series is matched with the nearest one of the faster series, within half a period of it.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ LARGEST_95 = -2.0 * math.log(0.05)  # chi squared of two coordinates, 95 %
 class Centerlines:
     """Points along an arm over time: stamp_ns (frames,) increasing, arclength (points,) m.
 
-    points (frames, 2, points): x, y in m, NaN where one is not known. topic: where they come from.
+    points (frames, 2, points): x, y in m, NaN where unknown. topic: their source.
     """
 
     topic: str
@@ -43,8 +42,8 @@ class Centerlines:
         frames, places = len(self.stamp_ns), len(self.arclength)
         if frames < 1 or places < 2 or not np.all(np.diff(self.arclength) > 0.0):
             raise RecordingError(
-                f'{self.topic} is not a centerline over time: it needs a frame, two points and an '
-                'arclength that increases along them',
+                f'{self.topic} is not a centerline over time: that needs a frame, at least two '
+                'points, and an arclength that increases along them',
                 reason='no_centerline',
             )
         object.__setattr__(self, 'points', frozen_array(self.points, (frames, 2, places)))
@@ -67,7 +66,7 @@ class Centerlines:
 class Tips:
     """The free end over time: place (frames, 2) m, heading (frames,) rad; NaN where unknown.
 
-    covariance (frames, 2, 2) m^2 of the place; None if the source gives none.
+    covariance (frames, 2, 2) m^2 of the position; None if the source has none.
     """
 
     topic: str
@@ -95,9 +94,8 @@ class Pressures:
 class ShapeSeries:
     """Shapes of one source: centerlines, the free end, or both.
 
-    frame: the frame that its coordinates are in, '' where nothing says so. exact: a truth, with
-    no error of its own. pressures: in it, None if unknown. whole: its centerlines reach
-    to the free end.
+    frame: the coordinate frame, '' if unknown. exact: a ground truth without errors. pressures:
+    its pressures, None if unknown. whole: its centerlines reach to the free end.
     """
 
     name: str
@@ -112,7 +110,7 @@ class ShapeSeries:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorStatistics:
-    """Distances (m): how many, root mean square, median, 95 % of them below it, largest."""
+    """Statistics of distances (m): count, rms, median, 95th percentile, largest."""
 
     count: int
     rms: float
@@ -125,11 +123,10 @@ class ErrorStatistics:
 class TipErrors:
     """Tip errors over matched frames.
 
-    difference (frames, 2) m; heading (frames,) rad, NaN where one side does not know it; moved
-    (frames,) m: how far it moves, at its speed, in the time that the stamps are apart. at (m):
-    place along the arm, where both sides know a point; at_end: it is the free end. inside_95:
-    share of the frames in whose 95 % ellipse a truth lies, NaN without covariance or truth.
-    topics: of the two sides.
+    difference (frames, 2) m; heading (frames,) rad, NaN if unknown on one side; moved (frames,) m:
+    its motion, at its speed, in the time between the stamps. at (m): compared place along the arm;
+    at_end: whether it is the free end. inside_95: share of the frames whose 95 % ellipse contains
+    the truth, NaN without covariance or truth. topics: of the two sides.
     """
 
     topics: tuple[str, str]
@@ -164,7 +161,7 @@ class CenterlineErrors:
 
     @property
     def distance(self) -> Array:
-        """Distance (frames, places) m, NaN where one side does not know the point."""
+        """Distance (frames, places) m, NaN where the point is unknown on one side."""
         difference = self.of - self.to
         return np.hypot(difference[:, 0], difference[:, 1])
 
@@ -173,8 +170,8 @@ class CenterlineErrors:
 class Comparison:
     """One source against another. length (m): of the arm, NaN if unknown.
 
-    tip, shape: None if not both sides know it, or where no frame matches, or where the two
-    are of different arms or runs, as the sentences of `unlike` say.
+    tip, shape: None if one side does not have it, if no frame matches, or if the two are of
+    different arms or runs, as described in `unlike`.
     """
 
     of: ShapeSeries
@@ -188,8 +185,8 @@ class Comparison:
 def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None) -> Comparison:
     """Compare the shapes of one source with those of another, frame by frame.
 
-    length: of the arm, m; None: as far as the centerlines reach. Raises RecordingError if the
-    two have nothing in common that could be compared, whatever their stamps.
+    length: of the arm, m; None: the reach of the centerlines. Raises RecordingError if the two
+    have nothing in common to compare, whatever their stamps.
     """
     if of.frame and to.frame and of.frame != to.frame:
         raise RecordingError(
@@ -208,8 +205,8 @@ def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None
         tip = compare_last_points(shape)
     else:
         raise RecordingError(
-            f'{of.name} has {contents(of)} and {to.name} has {contents(to)}: there is nothing '
-            'that both know',
+            f'{of.name} has {contents(of)} and {to.name} has {contents(to)}: they have nothing '
+            'in common',
             reason='nothing_in_common',
         )
     unlike = differences(of, to)
@@ -246,7 +243,7 @@ def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
             said.append(
                 Note(
                     f'{item.name}: the first and the last target are {stretch:.3g} times as far '
-                    'apart as on the arm of the model: give the model of this arm by --model',
+                    'apart as on the arm of the model: give the model of this arm with --model',
                     reason='other_length',
                 )
             )
@@ -256,7 +253,7 @@ def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
 
 
 def _stretch(line: Centerlines | None) -> float:
-    """Return the largest distance of the ends over that along the arm, 0 if not known."""
+    """Return the largest distance of the ends relative to the arclength, 0 if unknown."""
     if line is None:
         return 0.0
     chord = np.hypot(*(line.points[:, :, -1] - line.points[:, :, 0]).T)
@@ -269,7 +266,7 @@ def _stretch(line: Centerlines | None) -> float:
 def _other_pressures(
     of: ShapeSeries, mine: Pressures, to: ShapeSeries, other: Pressures
 ) -> list[Note]:
-    """Report that the pressures of two sides differ where their stamps agree."""
+    """Report that the pressures of two sides differ at the same stamps."""
     low = max(mine.stamp_ns[0], other.stamp_ns[0])
     high = min(mine.stamp_ns[-1], other.stamp_ns[-1])
     within = (mine.stamp_ns >= low) & (mine.stamp_ns <= high)
@@ -296,7 +293,7 @@ def contents(series: ShapeSeries) -> str:
 
 
 def compare_tips(of: Tips, to: Tips, *, at: float, exact: bool) -> TipErrors | None:
-    """Compare the free ends; at: their place along the arm, m; exact: the second are the truth."""
+    """Compare the free ends; at: arclength, m; exact: whether the second side is the truth."""
     mine, other = match_series(of.stamp_ns, to.stamp_ns)
     difference = of.place[mine] - to.place[other]
     kept = np.isfinite(difference).all(axis=1)
@@ -322,7 +319,7 @@ def compare_tips(of: Tips, to: Tips, *, at: float, exact: bool) -> TipErrors | N
 
 
 def speed(stamp_ns: Stamps, place: Array) -> Array:
-    """Return the speed (frames,) m/s of a point at place (frames, 2) m; 0 for one frame alone."""
+    """Return the speed (frames,) m/s of a point at place (frames, 2) m; 0 for a single frame."""
     if stamp_ns.size < 2:
         return np.zeros(stamp_ns.size)
     velocity = np.gradient(place, (stamp_ns - stamp_ns[0]) * 1e-9, axis=0)
@@ -332,7 +329,7 @@ def speed(stamp_ns: Stamps, place: Array) -> Array:
 def share_inside(difference: Array, covariance: Array) -> float:
     """Return the share of differences (frames, 2) m within the 95 % ellipse of a covariance.
 
-    NaN where no frame has one.
+    NaN if no frame has a covariance.
     """
     known = np.isfinite(covariance).all(axis=(1, 2)) & (np.linalg.det(covariance) > 0.0)
     if not known.any():
@@ -343,10 +340,10 @@ def share_inside(difference: Array, covariance: Array) -> float:
 
 
 def compare_centerlines(of: Centerlines, to: Centerlines) -> CenterlineErrors | None:
-    """Compare at the places of one side, as far along the arm as both reach.
+    """Compare at the places of one side, as far as both reach along the arm.
 
-    That is the side that does not know all points, or else has fewer; the other one is
-    interpolated by cubic splines over arclength. None if no frame matches.
+    It is the side with missing points, or with fewer points; the other one is interpolated by
+    cubic splines over arclength. None if no frame matches.
     """
     coarse, fine = sorted(
         (of, to), key=lambda item: (bool(np.isfinite(item.points).all()), len(item.arclength))
@@ -372,7 +369,7 @@ def compare_centerlines(of: Centerlines, to: Centerlines) -> CenterlineErrors | 
 
 
 def compare_last_points(shape: CenterlineErrors | None) -> TipErrors | None:
-    """Return the errors at the last place along the arm that both sides know."""
+    """Return the errors at the last place along the arm that both sides have."""
     if shape is None:
         return None
     difference = (shape.of - shape.to)[:, :, -1]
@@ -406,7 +403,7 @@ def match_series(of_ns: Stamps, to_ns: Stamps) -> tuple[Stamps, Stamps]:
 
 
 def median_period(stamp_ns: Stamps) -> float:
-    """Return the median time (ns) from one stamp to the next; infinite for one alone."""
+    """Return the median time (ns) from one stamp to the next; infinite for a single one."""
     return float(np.median(np.diff(stamp_ns))) if stamp_ns.size > 1 else math.inf
 
 
@@ -416,7 +413,7 @@ def stamps_apart(of_ns: Stamps, to_ns: Stamps) -> Array:
 
 
 def error_statistics(distance: npt.NDArray[np.float64]) -> ErrorStatistics:
-    """Return the statistics of distances (m), at least one of which is finite; NaN are none."""
+    """Return the statistics of distances (m), of which at least one is finite; NaN is ignored."""
     values = distance[np.isfinite(distance)]
     return ErrorStatistics(
         count=values.size,

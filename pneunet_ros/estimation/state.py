@@ -1,4 +1,4 @@
-"""State of an estimator between readings, and the readings that it admits."""
+"""State of an estimator between readings, and admission of readings."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class EstimatorState:
     history_ns: stamp of the last pressure reading in the history (impossible readings are
     skipped); moving: motion of the arm, if the model has `motion`; before: the state before a
     pressure reading that follows a gap of more than a second, kept until the next reading shows
-    whether that stamp was right; watch: check of the declared meaning of pressure readings;
+    whether its stamp was right; watch: check of the declared meaning of pressure readings;
     gravity: direction of gravity.
     """
 
@@ -52,7 +52,7 @@ class EstimatorState:
     gravity: BaseGravity = field(default_factory=BaseGravity)
 
     def with_wrench(self, wrench: WrenchReading) -> EstimatorState:
-        """After an end wrench, in the base frame."""
+        """Return the state after an end wrench in the base frame."""
         return EstimatorState(
             pressure_stamp_ns=self.pressure_stamp_ns,
             history_ns=self.history_ns,
@@ -147,8 +147,9 @@ class EstimatorState:
 def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refusal | None, str]:
     """Whether a reading is admissible: finite, stamped, and later than the last one of its kind.
 
-    A stamp that jumps back by more than a second restarts (a looping bag, a restarted
-    simulation), unless it only shows that the one before was wrong. The third value says which.
+    A stamp that jumps back by more than a second causes a restart (a looping bag, a restarted
+    simulation), unless it only shows that the previous stamp was wrong; the third value tells
+    these apart.
     """
     what = 'pressure' if isinstance(reading, PressureReading) else 'end wrench'
     last = state.pressure_stamp_ns
@@ -161,7 +162,7 @@ def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refu
         values = (reading.pressure, reading.variance)
     stamp_ns = reading.stamp_ns
     if not all(abs(value) <= LARGEST for value in values):
-        sentence = f'{what} reading holds NaN, infinity or a number beyond {LARGEST:g}'
+        sentence = f'{what} reading contains NaN, infinity or a number beyond {LARGEST:g}'
         reason = 'not_finite'
     else:
         reason, sentence = stamp_fault(f'{what} reading', last, stamp_ns)
@@ -183,8 +184,8 @@ def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refu
 def resume(state: EstimatorState, reading: Reading) -> EstimatorState | None:
     """Return the state without the last reading of a kind, if this one shows its stamp was wrong.
 
-    None if time itself has jumped back. A pressure shows it by following the reading before the
-    last, a wrench by being nearer to the pressure than the last.
+    None if time itself has jumped back. A stamp was wrong if a pressure follows the reading before
+    the last, or if a wrench is nearer to the pressure than the last one.
     """
     before, stamp_ns = state.before, reading.stamp_ns
     if isinstance(reading, WrenchReading):

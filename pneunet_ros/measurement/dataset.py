@@ -30,7 +30,7 @@ class IdleSensorSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TriggerSettings:
-    """Criteria for a camera that is triggered with the readings."""
+    """Criteria for a camera that is triggered together with the readings."""
 
     same_instant: float = tuning(0.1, 'distance of a frame from its reading', unit='period')
     share: float = tuning(0.95, 'share of the frames that must be as near')
@@ -60,17 +60,17 @@ class RecordingData:
 
     `reading_stamp_ns` (readings,) and `pressure` (readings,) Pa are all pressure readings, stamps
     increasing; `stamp_ns` (frames,) are the frames in which targets were seen and `reading`
-    (frames,) the pressure reading that belongs to each. force (frames, 2) N and moment (frames,)
-    N m are the end load at the frames in the base frame, as read; `loaded` is False if nothing
-    was attached, and the load then exactly zero. x, y (frames, targets) m in the base frame, NaN
+    (frames,) the pressure reading that belongs to each. force (frames, 2) N and moment (frames,) N
+    m are the end load at the frames in the base frame, as read; `loaded` is False if nothing was
+    attached, and the load is then exactly zero. x, y (frames, targets) m in the base frame, NaN
     where a target was not seen. tip_pose (frames, 3): x, y m and heading rad of the tip, NaN where
     not measured; None: never (see `measurement.tip_pose`); in the frame tip_frame. static: frames
-    are steady states in any order, their stamps mean nothing. pressurized: False if no pressure
-    was recorded; it is then zero. load_known: the load is a known constant, which no sensor has
-    read. wrench_stamp_ns (wrenches,) and wrench (wrenches, 3) N, N m are all readings of the
-    end load; None if only those at the frames are known. gravity (frames, 2): along x and y as
-    the base felt it, in g; None: as the arm has it; gravity_stamp_ns (n,) and gravity_read (n, 2):
-    all readings of it. Raises RecordingError where these do not fit together.
+    are steady states in any order, without meaningful stamps. pressurized: False if no pressure
+    was recorded; it is then zero. load_known: the load is a known constant, not measured by a
+    sensor. wrench_stamp_ns (wrenches,) and wrench (wrenches, 3) N, N m are all readings of the end
+    load; None if only those at the frames are known. gravity (frames, 2): along x and y in the
+    base frame, in g; None: as in the model; gravity_stamp_ns (n,) and gravity_read (n, 2): all its
+    readings. Raises RecordingError if these do not fit together.
     """
 
     name: str
@@ -129,7 +129,7 @@ class RecordingData:
             )
 
     def without_load(self) -> RecordingData:
-        """Return the run as unloaded: force readings are sensor errors."""
+        """Return the run as unloaded, taking force readings as sensor errors."""
         if not self.loaded:
             return self
         frames = len(self.stamp_ns)
@@ -144,7 +144,7 @@ class RecordingData:
         )
 
     def with_end_load(self, force_x: float, force_y: float) -> RecordingData:
-        """Return the run under a known constant end load (N, base frame) that no sensor read."""
+        """Return the run under a known constant end load (N, base frame) without a sensor."""
         frames = len(self.stamp_ns)
         force = np.tile([force_x, force_y], (frames, 1))
         return replace(
@@ -191,9 +191,8 @@ class RecordingData:
     def at_instants(self, delay: float) -> RecordingData:
         """Return the run with readings taken `delay` (s) before the stamp of each frame.
 
-        Between readings pressure and load are on straight lines; static frames have no time. A
-        frame keeps the noise of its own reading of the load: to this is added by how much the
-        line through `wrench` changes from there.
+        Pressure and load are interpolated linearly; static frames have no time. A frame keeps the
+        noise of its own load reading, to which the change of the line through `wrench` is added.
         """
         if self.static:
             return self
@@ -224,7 +223,7 @@ class RecordingData:
     def load_changes(self, late: int) -> Array:
         """Return the change of the load (frames, 3) from its reading to the frame.
 
-        late (ns): of the stamp of a frame.
+        late (ns): delay of the stamp of a frame.
         """
         stamps, values, own = self.instants, self.load, self.instants
         shown = own
@@ -287,7 +286,7 @@ class RecordingData:
 def thinned(runs: Sequence[RecordingData], most: int) -> list[RecordingData]:
     """Return runs thinned by a common factor to at most this many frames in total.
 
-    An hour of film shows the same shapes over and over, most of them of an arm at rest.
+    An hour of film shows the same shapes again and again, mostly of an arm at rest.
     """
     frames = sum(len(run.stamp_ns) for run in runs)
     if frames <= most:
@@ -298,8 +297,8 @@ def thinned(runs: Sequence[RecordingData], most: int) -> list[RecordingData]:
 def thinned_by_course(run: RecordingData, most: int) -> RecordingData:
     """Return a run thinned evenly in time, pressure and load to at most this many frames.
 
-    Half of the way is time, half what pressure and load went through, so that a frame in ten that
-    shows them change is half of the frames.
+    Half of the spacing is by time, half by the changes of pressure and load: if these change in
+    only a tenth of the frames, half of the chosen frames are from that tenth.
     """
     ways = [
         np.abs(np.diff(values)) / np.ptp(values)
@@ -321,8 +320,9 @@ def frame_instants(
 ) -> Stamps:
     """Return the times of all frames on the clock of the readings, (frames,) ns.
 
-    A camera that takes its frames together with readings, to which `reading` (frames,) they
-    belong, has stamps with a jitter of their own; times of any other camera are their stamps.
+    For a camera triggered together with the readings, the times are those of the readings
+    `reading` (frames,), because its stamps have jitter of their own; for any other camera they are
+    its stamps.
     """
     own = reading_stamp_ns[reading]
     if len(reading_stamp_ns) < 2:
@@ -342,9 +342,9 @@ def frames_in_jumps(
 ) -> npt.NDArray[np.bool_]:
     """Return the frames (frames,) taken during a pressure jump between two readings.
 
-    shown (ns): when they were taken; stamp_ns (readings,) and pressure (readings,) Pa. Such a
-    frame shows the pressure before the jump or after it, and no value in between: a line between
-    the readings is wrong by up to all of the jump.
+    shown (ns): times of the frames; stamp_ns (readings,) and pressure (readings,) Pa. Such a frame
+    shows the pressure before or after the jump, and no value in between: linear interpolation is
+    wrong by up to the whole jump.
     """
     if len(stamp_ns) < 4:
         return np.zeros(len(shown), np.bool_)

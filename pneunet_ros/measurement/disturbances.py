@@ -1,11 +1,11 @@
 """Errors shared by all frames: placement of the dots, the camera's position, a known load.
 
-Placement is constant per target in the arm's own tangent and normal: dots are painted on and turn
-with it. The camera has a place of its own in every recording and drifts slowly in it. A load that
-no sensor read, a weight, is wrong by the same throughout its recording: as an error of each frame
-it would hide how the stiffness goes with the pressure. All are unknowns with a known prior;
-together with the noise of pressure and force they are what keeps residuals from being white
-(METHODS: white noise of the right total size is wrong).
+Placement is constant per target along the tangent and normal of the arm: dots are painted on the
+arm and turn with it. The camera has its own position in every recording, and drifts slowly. A
+known load without a sensor, such as a weight, has the same error throughout its recording: as an
+error of each frame it would hide the dependence of the stiffness on the pressure. All are unknowns
+with a known prior; together with the noise of pressure and force they are the reason why residuals
+are not white (METHODS: white noise of the right total size is wrong).
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class Disturbances:
 
     prior covariance (n, n) in m, N and N m; the unknowns of a run are the nodes of its path in x,
     then in y, then the error of its known load. All runs share the offset of the base frame across
-    the arm: a frame found by the row of targets is as far from the neutral line as the row is.
-    clamp_angle: rad.
+    the arm: a base frame found from the row of targets has the offset of that row from the neutral
+    line. clamp_angle: rad.
     """
 
     arclength: Array
@@ -66,7 +66,7 @@ class Disturbances:
     def origin(self, disturbance: Array) -> Array:
         """Return the origin of the base frame for these unknowns (n,): (2,) m.
 
-        What the pictures of all runs have in common; less with fewer of them.
+        It is the common part of the images of all runs; smaller with fewer runs.
         """
         paths = disturbance[2 * self.targets :].reshape(len(self.runs), OF_RUN)
         own = paths[:, : 2 * PATH_NODES].reshape(len(self.runs), 2, PATH_NODES).mean(axis=(0, 2))
@@ -83,9 +83,9 @@ class Disturbances:
         )
 
     def root_of_run(self, which: int) -> Array:
-        """Return its lower square root (OF_RUN, OF_RUN), including the origin common to all runs.
+        """Return the lower square root (OF_RUN, OF_RUN) of the prior with the common origin.
 
-        Where an effect is missing, the origin that was found without it is wrong as well.
+        If an effect is missing, the origin found without it is wrong as well.
         """
         own = self.of_run(which)[2 * self.targets :]
         return np.asarray(np.linalg.cholesky(self.prior[np.ix_(own, own)]))
@@ -96,18 +96,17 @@ class Disturbances:
         return self.arclength.size
 
     def of_run(self, which: int) -> Array:
-        """Return the places of the unknowns that a run has a part in, (n,) int."""
+        """Return the indices of the unknowns of a run, (n,) int."""
         start = 2 * self.targets + OF_RUN * which
         own = np.arange(start, start + OF_RUN)
         return np.concatenate([np.arange(2 * self.targets), own])
 
 
 def placement_prior(noise: SensorNoise, arclength: Array) -> Array:
-    """Return the covariance (2 targets, 2 targets) m^2 of where targets are painted.
+    """Return the prior covariance (2 targets, 2 targets) m^2 of the painted positions.
 
-    arclength (targets,) m. First along the arm, then across it: each target independently, and the
-    whole row, which may be offset from the neutral line or have another spacing than in the arm
-    file.
+    arclength (targets,) m. Along the arm first, then across it: independent errors of each target,
+    and an offset of the whole row from the neutral line and an error of its spacing.
     """
     own, row = max(noise.placement_std, SMALLEST_STD), row_shifts(arclength)
     sizes = np.array([noise.row_spacing_std, noise.row_offset_std])
@@ -117,9 +116,9 @@ def placement_prior(noise: SensorNoise, arclength: Array) -> Array:
 def row_shifts(arclength: Array) -> Array:
     """Return the displacements (2 targets, 2) m of targets along and across the arm.
 
-    Per relative error of the spacing of their row, and per offset of the row from the neutral
-    line over the arclength of the last target. arclength (targets,) m. Fewer than three targets
-    beyond the clamp are not a row: each was placed on its own.
+    They are per relative spacing error of the row, and per offset of the row from the neutral
+    line, relative to the arclength of the last target. arclength (targets,) m. Fewer than three
+    targets beyond the clamp are not a row: each was placed independently.
     """
     targets = arclength.size
     shifts = np.zeros((2 * targets, 2))
@@ -138,7 +137,7 @@ def origin_std(noise: SensorNoise, arclength: Array) -> float:
 def path_prior(noise: SensorNoise) -> Array:
     """Return the covariance (PATH_NODES, PATH_NODES) m^2 of the camera's path, in x and in y.
 
-    A place that is constant, and a random walk that reaches drift_std at the end.
+    The path is a constant position plus a random walk that reaches drift_std at the end.
     """
     share = np.linspace(0.0, 1.0, PATH_NODES)
     place = max(noise.registration_std, SMALLEST_STD)
@@ -150,7 +149,7 @@ def path_prior(noise: SensorNoise) -> Array:
 def known_load_std(noise: SensorNoise, run: RecordingData) -> Array:
     """Return one sigma of F1, F2 (N) and M (N m) of a known load, (3,); zero without one.
 
-    It is what the sensor would have: a load of exactly zero has no error.
+    It equals that of the sensor; a load of exactly zero has no error.
     """
     if not (run.load_known and run.load.any()):
         return np.zeros(LOADS)
@@ -165,7 +164,7 @@ def acting_inputs(run: RecordingData, inputs: Inputs, disturbance: Array) -> Inp
 def painted(theta: Array, curvature: Array, disturbance: Array) -> PaintedTargets:
     """Return the targets of a run at their painted positions; disturbance: as in `of_run`.
 
-    theta (rad), curvature (1/m), both (frames, targets): of the arm at their places.
+    theta (rad), curvature (1/m), both (frames, targets): of the arm at the targets.
     """
     targets = theta.shape[1]
     return paint(theta, curvature, disturbance[: 2 * targets].reshape(2, targets))
@@ -178,9 +177,9 @@ def camera_path(run: RecordingData, disturbance: Array) -> Array:
 
 
 def disturbance_jacobian(run: RecordingData, targets: PaintedTargets) -> Array:
-    """Return how the picture moves per unknown of `of_run`, (frames, 2, targets, n).
+    """Return the derivatives of the image by the unknowns of `of_run`, (frames, 2, targets, n).
 
-    A load moves the arm instead: zero.
+    For a load they are zero: it moves the arm instead.
     """
     placement = targets.jacobian()
     start = placement.shape[-1]
@@ -193,18 +192,18 @@ def disturbance_jacobian(run: RecordingData, targets: PaintedTargets) -> Array:
 
 
 def path_weights(progress: Array) -> Array:
-    """Weight of each node of the camera's path so far into a run, (frames, PATH_NODES)."""
+    """Return the weight of each node of the camera's path in each frame, (frames, PATH_NODES)."""
     at = (PATH_NODES - 1) * progress
     weights: Array = np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(PATH_NODES)))
     return weights
 
 
 def tilt_jacobian(points: Array, length: float) -> Array:
-    """Return how points (frames, 2, targets) m move per tilt of the picture, (.., 2 targets, 2).
+    """Return derivatives of points (frames, 2, targets) m by the tilt, (.., 2 targets, 2).
 
-    To first order a plane that is not parallel to the camera's is seen with a scale that changes
-    in proportion to x and to y, here about the middle of the straight arm, where it stays. The
-    tilt is the change of scale over the length, along x and along y.
+    To first order, a tilted plane has a scale that changes in proportion to x and to y, here about
+    the middle of the straight arm, where it is unchanged. The tilt is the change of scale over the
+    length, along x and along y.
     """
     frames, _, targets = points.shape
     ways = points / length - np.array([[0.5], [0.0]])

@@ -1,9 +1,9 @@
-"""Prediction of a recording: places of the targets in every frame, and the Jacobian.
+"""Prediction of a recording: target positions in every frame, and the Jacobian.
 
-The Jacobian is by every input of the rod (loads, knots of the curvature's table, rigidities,
-split, ...); that by a parameter is the chain rule over them. The solver is the same as live;
-frames start from their own last solution, and at first from the shape that was measured: a
-soft arm may have several equilibria under a load, and it is the one that it was seen in.
+The Jacobian is with respect to every input of the rod (loads, knots of the curvature table,
+rigidities, split, ...); the chain rule gives that of a parameter. The solver is the same as in the
+live estimator. Frames start from their own last solution, or at first from the measured shape,
+because a soft arm may have several equilibria under a load, and the observed one is wanted.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
 
 
 class ForwardModel:
-    """The shapes of an arm in the frames of a run, reused as starts for a changed arm.
+    """Shapes of an arm in the frames of a run, reused as starting points for a changed arm.
 
     arclength (targets,) m of the stations; measured (frames, 2, targets) m, NaN where not seen:
-    the points in the base frame near which equilibria are looked for first. None: from no load.
+    points in the base frame near which equilibria are first searched; None: start without a load.
     """
 
     __slots__ = (
@@ -83,10 +83,10 @@ class ForwardModel:
         return self.every_field[:, :, np.searchsorted(self.stations, self.arclength)]
 
     def solve(self, arm: Arm, inputs: Inputs) -> npt.NDArray[np.bool_]:
-        """Solve all frames; return which have a shape.
+        """Solve all frames; return a mask of those with a shape.
 
-        Fills `fields` (frames, 6, stations) and `points` (frames, 2, stations), where the stations
-        are measured by a camera of which only the effects of the arm are known.
+        Fills `fields` (frames, 6, stations) and `points` (frames, 2, stations): the stations as
+        measured by the camera, given the camera effects of the arm.
         """
         rods = inputs.rods(arm)
         counts = most_panels(
@@ -107,7 +107,7 @@ class ForwardModel:
         return self.solved
 
     def solve_pushed(self, arm: Arm, rods: Rods, loads: Array) -> None:
-        """Solve all frames with pushes along the normals that the arm has."""
+        """Solve all frames with pushes along the normals of the deformed arm."""
         if not np.isfinite(self.heading).all():
             self.solve_on_mesh(arm, rods, loads)
             self.heading = np.nan_to_num(self.headings)
@@ -125,7 +125,7 @@ class ForwardModel:
 
     @property
     def headings(self) -> Array:
-        """Angle (frames, pushes) rad of the tangent where the arm is pushed."""
+        """Return the tangent angle (frames, pushes) rad at the pushes."""
         return self.every_field[:, THETA][:, np.searchsorted(self.stations, self.push_place)]
 
     def solve_on_mesh(self, arm: Arm, rods: Rods, loads: Array) -> None:
@@ -140,7 +140,7 @@ class ForwardModel:
             self.remesh(2 * self.counts, len(loads))
 
     def remesh(self, counts: npt.NDArray[np.int64], frames: int) -> None:
-        """Reallocate for a mesh with this many panels per piece, and forget all solutions."""
+        """Reallocate for a mesh with this many panels per piece, discarding all solutions."""
         self.counts = counts
         self.nodes = np.zeros((frames, int(counts.sum()) + 1, NODE_WIDTH))
         self.known = np.zeros(frames, dtype=np.bool_)
@@ -150,7 +150,7 @@ class ForwardModel:
         self.stable = np.zeros(frames, dtype=np.bool_)
 
     def solve_frames(self, arm: Arm, rods: Rods, loads: Array) -> None:
-        """Solve the frames one after the other; one that Newton's method misses is solved cold."""
+        """Solve the frames in order; where Newton's method fails, solve from a cold start."""
         frames = len(loads)
         beyond = np.array([arm.beyond_range(value) for value in rods.pressure.tolist()])
         self.solved = beyond <= EXTRAPOLATION
@@ -188,7 +188,7 @@ class ForwardModel:
             self.heading[frames] = of.heading
 
     def solutions(self) -> FrameSolutions:
-        """Return the arrays that the kernels start from and fill; not copied."""
+        """Return the arrays that the kernels start from and fill, without copying."""
         return FrameSolutions(
             counts=self.counts,
             arclength=self.stations,
@@ -211,24 +211,24 @@ class ForwardModel:
         return part
 
     def load_jacobian(self, arm: Arm, inputs: Inputs) -> Array:
-        """Return how points move per F1, F2 and M, (frames, 2 stations, 3)."""
+        """Return derivatives of the points by F1, F2 and M, (frames, 2 stations, 3)."""
         none = np.zeros((0, 2), dtype=np.int64)
         return as_points(self.rod_jacobian(arm, inputs, none, knot_rotation(arm)[:0]))
 
     def point_jacobian(self, arm: Arm, inputs: Inputs, columns: Columns) -> Array:
-        """Return how points move per input of `jacobian`, (frames, 2 stations, inputs)."""
+        """Return derivatives of points by inputs of `jacobian`, (frames, 2 stations, inputs)."""
         return as_points(self.jacobian(arm, inputs, columns))
 
     def jacobian(self, arm: Arm, inputs: Inputs, columns: Columns) -> Array:
-        """Return how fields of the solved frames move per input, (frames, inputs, 6, stations).
+        """Return derivatives of the fields by the inputs, (frames, inputs, 6, stations).
 
-        x and y as measured; inputs: F1, F2, M, the knots of the curvature's table, then these
-        columns of the sections of the arm's moment law, as they are before effects.
+        x and y as measured; inputs: F1, F2, M, the knots of the curvature table, then these
+        columns of the sections of the moment law, before effects.
         """
         return self.rod_jacobian(arm, inputs, columns, knot_rotation(arm))
 
     def rod_jacobian(self, arm: Arm, inputs: Inputs, columns: Columns, rotation: Array) -> Array:
-        """Return the `jacobian` for a given rotation (knots, pieces, 5) of the knots."""
+        """Return `jacobian` for a given rotation (knots, pieces, 5) of the knots."""
         rods = inputs.rods(arm)
         pieces = pieces_of(arm, rods, columns)
         out = self.single_jacobian(rods, inputs.loads, pieces.columns, rotation)
@@ -245,7 +245,7 @@ class ForwardModel:
     def single_jacobian(
         self, rods: Rods, loads: Array, columns: Columns, rotation: Array
     ) -> Array:
-        """Return how true fields move per input of the records, pushes turning with the arm."""
+        """Return derivatives of true fields by inputs of the records, with turning pushes."""
         pushed = np.flatnonzero(rods.push.any(axis=(0, 1)))
         own = [[section, column] for column in (LOAD_X, LOAD_Y) for section in pushed.tolist()]
         every = np.concatenate([columns, np.array(own, dtype=np.int64).reshape(-1, 2)])
@@ -274,9 +274,10 @@ class ForwardModel:
         return np.asarray(out[..., np.searchsorted(self.stations, self.arclength)])
 
     def difference(self, arm: Arm, low: Inputs, high: Inputs) -> Array:
-        """Return how points and the heading of the last move, (frames, 2 stations + 1).
+        """Return the displacement of the points and the last heading, (frames, 2 stations + 1).
 
-        From one input to another near those of the solutions; NaN where either has no shape.
+        It is from one input to another, both near those of the solutions; NaN if either has no
+        shape.
         """
         sides = []
         for inputs in (low, high):
@@ -302,10 +303,10 @@ class ForwardModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pieces:
-    """Columns of the law's sections as columns of records that effects may have cut.
+    """Map from columns of the law's sections to columns of records that effects may have split.
 
-    columns (k, 2): of the records; shares (frames, columns of the law, k): how much of each moves
-    with a column of the law.
+    columns (k, 2): of the records; shares (frames, columns of the law, k): derivative of each by a
+    column of the law.
     """
 
     columns: Columns
@@ -318,7 +319,7 @@ class Pieces:
 
 
 def pieces_of(arm: Arm, rods: Rods, columns: Columns) -> Pieces:
-    """Return which columns of the records move with columns of the sections of the law."""
+    """Return the columns of the records that depend on columns of the sections of the law."""
     base, _ = arm.table.at(rods.pressure)
     owner = owners(base, rods.sections)
     first = np.diff(owner, axis=1, prepend=-1) != 0
@@ -350,7 +351,7 @@ def as_points(jacobian: Array) -> Array:
 
 
 def knot_rotation(arm: Arm) -> Array:
-    """Return the rotation (knots, pieces, 5) of a curvature of 1/m at one knot and 0 at others."""
+    """Return the rotation (knots, pieces, 5) due to a curvature of 1/m at one knot."""
     shares = arm.intrinsic_curvature.arclength
     powers = over_meters(rotation_pieces(shares, np.eye(shares.size)), arm.length)
     return np.ascontiguousarray(arm.on_knots(powers))

@@ -1,7 +1,7 @@
-"""The damped Gauss-Newton search: full steps, halved until they lower the cost.
+"""Damped Gauss-Newton search: full steps, halved until they lower the cost.
 
-Where unknowns have bounds, the full step is the best one that stays within them: a step that a
-law cuts off afterwards is none that lowers the cost, and the search would be stuck there.
+If unknowns have bounds, the full step is the best one within them: a step that is clipped
+afterwards may not lower the cost, and the search would get stuck.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ class Bounds:
         """Return the best step (n,) within the bounds, and its reduction of the cost.
 
         step and gain: without bounds; solved: returns the inverse of the Hessian times (n, k).
-        What the step would carry beyond a bound is held at it, and the rest follows.
+        Functions that would exceed a bound are fixed at that bound, and the step is solved again
+        for the rest.
         """
         best, best_gain = step, gain
         held = np.zeros(len(self.rows), dtype=bool)
@@ -91,12 +92,12 @@ def gauss_newton(
 ) -> Search[Linear]:
     """Search from a linearization for the lowest cost.
 
-    newton_step: the full step from a linearization and its gain, in any measure; below `small` the
-    search ends. lower: where a step leads, None if that is not lower by enough. relinearize:
-    there; None if it cannot be. foresee: the search ends one step earlier, where gains fall so
-    fast that the step after the next one would gain less than `small`; the caller takes the next
-    one, which is then as good as linear. on_step: called with the number of each step and where it
-    starts.
+    newton_step: returns the full step from a linearization and its gain, in any measure; the
+    search ends if the gain is below `small`. lower: returns the end of a step, or None if the cost
+    does not fall enough. relinearize: linearizes there; None if this fails. foresee: end one step
+    earlier if gains fall so fast that the step after the next would gain less than `small`; the
+    caller then takes the next step, which is as good as linear. on_step: called with the number
+    and the start of each step.
     """
     last, gain = start, float('inf')
     for count in range(1, most_steps + 1):

@@ -20,8 +20,8 @@ class Inputs:
     """True inputs of the arm at the frames of a run.
 
     pressure (frames,) Pa in the chamber; loads (frames, 3): F1, F2 (N), M (N m); histories: per
-    acting effect one row per frame, None if there is no effect with a history. gravity (frames,
-    2): along x and y, in g; None: as the arm has it.
+    active effect one row per frame; None if no effect has a history. gravity (frames, 2): along x
+    and y, in g; None: as in the model.
     """
 
     pressure: Array
@@ -30,7 +30,7 @@ class Inputs:
     gravity: Array | None = None
 
     def __post_init__(self) -> None:
-        """Make the loads read-only: kernels would be compiled again for writable arrays."""
+        """Make the loads read-only, because kernels would be recompiled for writable arrays."""
         object.__setattr__(self, 'loads', frozen_array(self.loads))
 
     def subset(self, frames: npt.NDArray[np.int64]) -> Inputs:
@@ -44,7 +44,7 @@ class Inputs:
         )
 
     def rods(self, arm: Arm) -> Rods:
-        """Return the record of the rod of an arm in every frame."""
+        """Return the rod record of an arm in every frame."""
         return arm.rods(self.pressure, self.histories, self.loads, self.gravity)
 
     def with_loads(self, loads: Array) -> Inputs:
@@ -52,7 +52,7 @@ class Inputs:
         return replace(self, loads=loads)
 
     def row_weights(self, arm: Arm) -> Array:
-        """Weights of the rows of the table of kappa_p0 in every frame, (frames, rows)."""
+        """Return the weights of the rows of the kappa_p0 table in every frame, (frames, rows)."""
         rows, frames = arm.intrinsic_curvature.pressure, np.arange(self.pressure.size)
         row, above = pressure_rows(rows, self.pressure)
         weights = np.zeros((self.pressure.size, rows.size))
@@ -67,14 +67,14 @@ class Inputs:
 def inputs_of(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
     """Return the inputs of each run; history carries over from run to run by their stamps.
 
-    The arm is taken to have rested at the first pressure before the first run, and to have held
-    still between two. Static frames have no history: each is an equilibrium of its own.
+    The arm is assumed to have settled at the first pressure before the first run, and to be
+    unchanged between runs. Static frames have no history: each is an independent equilibrium.
     """
     return inputs_at_instants(arm, [run.at_instants(arm.frame_delay) for run in runs])
 
 
 def inputs_at_instants(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
-    """Return `inputs_of` runs with a reading at the instant of each of their frames."""
+    """Return `inputs_of` for runs with a reading at the instant of each frame."""
     if not arm.acting:
         return tuple(steady_inputs(arm, run) for run in runs)
     all_inputs = {which: equilibria(arm, run) for which, run in enumerate(runs) if run.static}
@@ -109,7 +109,7 @@ def inputs_at_instants(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs,
 
 
 def equilibria(arm: Arm, run: RecordingData) -> Inputs:
-    """Return the inputs of every frame of a run of steady states."""
+    """Return the inputs of every frame in a run of steady states."""
     steady = steady_inputs(arm, run)
     rested = []
     for pressure in steady.pressure.tolist():

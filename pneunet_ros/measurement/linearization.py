@@ -38,19 +38,19 @@ class Parametrization(Protocol):
         """Return the arm with these values; ModelError if they are invalid."""
 
     def input_jacobian(self, values: Array, inputs: Inputs) -> Array:
-        """Return how inputs of `ForwardModel.jacobian` move, (frames, inputs, parameters)."""
+        """Return derivatives of the inputs of the `jacobian`, (frames, inputs, parameters)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FittedRun:
     """A run with the predictions of the fitted model.
 
-    points (frames, 2, targets) m: the model alone, as measured; disturbance (frames, 2, targets)
-    m: what placement and camera add; fields (frames, 6, targets) as of
+    points (frames, 2, targets) m: prediction of the model alone; disturbance (frames, 2, targets)
+    m: contribution of placement and camera; fields (frames, 6, targets) as from
     `solver.interpolation.at_stations`; whitened (frames,) the squared whitened residual and dof
-    (frames,) the number of its coordinates.
-    Frames that have no equilibrium (`solved` False) count nothing. Coordinates are x, then y of
-    all targets, then the heading of the last, the tip, in a run that has it.
+    (frames,) the number of its coordinates. Frames without an equilibrium (`solved` False) do not
+    count. Coordinates are x, then y of all targets, then the heading of the last, the tip, in a
+    run that has it.
     """
 
     run: RecordingData
@@ -64,7 +64,7 @@ class FittedRun:
 
     @property
     def residual(self) -> Array:
-        """Measured minus predicted with the disturbances found, (frames, 2, targets) m."""
+        """Measured minus predicted targets including disturbances, (frames, 2, targets) m."""
         return self.run.points - self.points - self.disturbance
 
     @property
@@ -91,14 +91,14 @@ class FittedRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunLinearization:
-    """One recording around one point: y = h(x) + e.
+    """Linearization of one recording at one point: y = h(x) + e.
 
-    fitted: at the load that was read. All else is at the most probable load: load_error (frames,
-    3) N, N m is by how much that differs, and tangent (frames, coordinates) how far it moves what
-    is measured. fields (frames, 6, targets) as in `FittedRun`; jacobian (frames, coordinates,
-    parameters + disturbances of the run); errors (frames, coordinates, n): what one sigma of each
-    reading moves; white_residual (frames, coordinates); whitening: of what targets' noise and
-    readings leave.
+    fitted: at the measured load. Everything else is at the most probable load: load_error (frames,
+    3) N, N m is its difference from the measured load, and tangent (frames, coordinates) the
+    resulting change of the measured coordinates. fields (frames, 6, targets) as in `FittedRun`;
+    jacobian (frames, coordinates, parameters + disturbances of the run); errors (frames,
+    coordinates, n): displacement by one sigma of each reading; white_residual (frames,
+    coordinates); whitening: by the noise of targets and readings.
     """
 
     fitted: FittedRun
@@ -111,7 +111,7 @@ class RunLinearization:
     whitening: Whitening
 
     def residual_of(self, model: ForwardModel, arm: Arm, inputs: Inputs, moved: Array) -> Array:
-        """Return the white residual of another arm and disturbance (n,), around this point."""
+        """Return the whitened residual of another arm and disturbance (n,), around this point."""
         inputs = inputs.with_loads(inputs.loads + self.load_error)
         other, _ = predict(model, arm, self.fitted.run, inputs, moved)
         return other.whiten_residual(self.whitening, self.tangent)
@@ -120,10 +120,10 @@ class RunLinearization:
 def predict(
     model: ForwardModel, arm: Arm, run: RecordingData, inputs: Inputs, disturbance: Array
 ) -> tuple[FittedRun, PaintedTargets]:
-    """Return the predictions of an arm for a run, not whitened, and the painted positions.
+    """Return the unwhitened predictions of an arm for a run, and the painted positions.
 
-    disturbance (n,): the unknowns of `of_run`. model: where the search for the equilibria starts;
-    it keeps what was found.
+    disturbance (n,): the unknowns of `of_run`. model: start of the search for equilibria; it is
+    updated with the solutions.
     """
     solved = model.solve(arm, acting_inputs(run, inputs, disturbance)).copy()
     fields = model.fields.copy()
@@ -153,7 +153,7 @@ def moved_as_painted(fields: Array, targets: PaintedTargets) -> Array:
 def parameter_jacobian(
     parameters: Parametrization, values: Array, by_input: Array, inputs: Inputs
 ) -> Array:
-    """Return how points (frames, 2 targets) move per parameter; by_input: per input of the rod."""
+    """Return derivatives of points (frames, 2 targets) by parameters; by_input: by rod inputs."""
     return np.asarray(np.matmul(by_input, parameters.input_jacobian(values, inputs)))
 
 
@@ -168,8 +168,8 @@ def linearize(
 ) -> RunLinearization:
     """Return a recording linearized at values (n,) of parameters and its disturbance (m,).
 
-    inputs: what acted on the arm with these values. model: where the search for the equilibria
-    starts. ModelError if there is no such arm.
+    inputs: of the arm with these values. model: start of the search for equilibria. ModelError if
+    there is no such arm.
     """
     arm = parameters.arm(values)
     fitted, targets = predict(model, arm, run, inputs, disturbance)

@@ -1,7 +1,7 @@
 """An arm in motion: its deviation from equilibrium, from one reading to the next.
 
 The equilibrium of a reading is the shape without inertia; the chain of `solver.swing` follows it
-with its mass and damping. At the first reading the arm is taken to rest.
+with mass and damping. The arm is assumed to be at rest at the first reading.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ MOST_STEPS = 2000  # between two readings: after a longer gap nobody knows how t
 class MovingState:
     """State of the motion at a stamp: the equilibrium as links, and the swing.
 
-    turned (links,) rad/s: how fast the equilibrium turned before it.
+    turned (links,) rad/s: rate of rotation of the equilibrium before the stamp.
     """
 
     stamp_ns: int
@@ -74,8 +74,8 @@ class MovingState:
 class Places:
     """Positions along an arm relative to its links.
 
-    nodes (links + 2, places): weights of the clamp, the middles of the links and the tip; joints
-    (links + 1, places): those of the joints and the tip.
+    nodes (links + 2, places): weights of the clamp, the link centers and the tip; joints (links +
+    1, places): those of the joints and the tip.
     """
 
     nodes: Array
@@ -96,10 +96,10 @@ def places_along(reach: float, arclength: Array) -> Places:
 class MotionEstimate:
     """Motion of an arm about its equilibrium.
 
-    velocity (3,): of the tip, m/s and rad/s. settled: the tip is, and would stay, at its
-    equilibrium as far as is known. swing, at_nodes, at_joints: see `solver.swing.follow_swing`;
-    relative (2,): errors of mass and damping; left_out (m): of the tip in each shape. modes: of
-    the arm about its equilibrium.
+    velocity (3,): of the tip, m/s and rad/s. settled: the tip is at its equilibrium and will stay
+    there, within its uncertainty. swing, at_nodes, at_joints: see `solver.swing.follow_swing`;
+    relative (2,): errors of mass and damping; left_out (m): truncation error of the tip in each
+    shape. modes: of the arm about its equilibrium.
     """
 
     velocity: Array
@@ -135,10 +135,10 @@ class MotionEstimate:
 
 
 def late_parts(errors: Array, shapes: Array) -> Array:
-    """Return the further errors of points on an arm that follows the noise of readings late.
+    """Return further errors of points, because the arm follows the noise of readings late.
 
-    errors (n, 2, points) m: of the equilibrium, by one sigma of each reading; shapes (shapes, 2,
-    points): by q of each shape. Returns (n shapes, 2, points) m, see `solver.swing.part_shapes`.
+    errors (n, 2, points) m: of the equilibrium, per one sigma of each reading; shapes (shapes, 2,
+    points): per q of each shape. Returns (n shapes, 2, points) m, see `solver.swing.part_shapes`.
     """
     parts = np.empty((len(errors), len(shapes), errors[0].size))
     part_shapes(errors.reshape(len(errors), -1), shapes.reshape(len(shapes), -1), parts)
@@ -161,9 +161,9 @@ def likely_motion(arm: Arm) -> Motion | None:
 class MovingArm:
     """An arm whose model has `motion`; table: its model errors.
 
-    modes: about the unloaded arm in the middle of its pressures; it swings under the moments of
-    the slowest. relative (2,): errors of mass (at the stiffness that there is) and of damping, one
-    sigma. Raises ModelError if the unloaded arm has no stable equilibrium to swing about.
+    modes: of the unloaded arm at the middle of its pressure range; the slowest ones describe the
+    swing. relative (2,): one sigma of the errors of mass (for the given stiffness) and damping.
+    Raises ModelError if the unloaded arm has no stable equilibrium to swing about.
     """
 
     arm: Arm
@@ -177,8 +177,8 @@ class MovingArm:
         modes = unloaded_modes(self.arm)
         if modes is None:
             raise ModelError(
-                f'{self.arm.name} has `motion`, and no stable unloaded shape to swing about: its '
-                'rigidities must be positive, or `motion` left out of the model file',
+                f'{self.arm.name} has `motion` but no stable unloaded shape to swing about: make '
+                'its rigidities positive, or remove `motion` from the model file',
                 reason='no_equilibrium',
             )
         object.__setattr__(self, 'modes', modes)
@@ -186,7 +186,7 @@ class MovingArm:
         object.__setattr__(self, 'relative', self._relative_errors())
 
     def _relative_errors(self) -> Array:
-        """Return the relative errors of frequency^2 and damping by the columns of the model."""
+        """Return the relative errors of frequency^2 and damping per column of the model."""
         assert self.arm.inertia is not None
         motion = self.arm.inertia
         found = [[LEFT_OUT, LEFT_OUT], [motion.mass_error, motion.damping_error]]
@@ -211,8 +211,9 @@ class MovingArm:
     ) -> tuple[MovingState, MotionEstimate, Shape, PropagatedErrors]:
         """Advance to the equilibrium of a reading.
 
-        shape: the equilibrium at these places; errors: its own; by_reading (readings, 3): of x, y
-        (m), theta of its tip by one sigma of each. Returns shape and errors for the moving arm.
+        shape: the equilibrium at these places; errors: of the equilibrium; by_reading (readings,
+        3): change of x, y (m), theta of its tip by one sigma of each reading. Returns shape and
+        errors of the moving arm.
         """
         assert shape.solution is not None
         assert self.arm.inertia is not None
@@ -252,7 +253,7 @@ class MovingArm:
 class Moved(NamedTuple):
     """Deviation of a chain from equilibrium: tables of `solver.swing.follow_swing`.
 
-    velocity (3,) of the tip; stopped (2,) m/s: that of x, y, if the equilibrium stopped.
+    velocity (3,) of the tip; stopped (2,) m/s: its velocity in x, y if the equilibrium stopped.
     """
 
     at_nodes: Array
@@ -271,8 +272,8 @@ def follow_reading(
 ) -> tuple[MovingState, Moved]:
     """Advance an arm to the stamp of a reading with a known equilibrium.
 
-    solved: panels, ends and nodes; state: None: the arm rests; too long ago: see `after_gap`.
-    modes: their moments are those of the shapes.
+    solved: panels, ends and nodes; state: None: the arm is at rest; too long ago: see `after_gap`.
+    modes: their moments define the shapes.
     """
     after, room = room_for_links(LINKS, float(solved[1][LOAD_OFFSET])), room_for(SHAPES, LINKS)
     swing, seconds, steps, before, turned = at_rest(SHAPES), 1.0, 0, after, np.zeros(LINKS)
@@ -318,9 +319,9 @@ def follow_readings(
     damping_time: float,
     modes: Modes,
 ) -> Array:
-    """Return how far an arm is from its equilibria, (readings, 2, links + 2) m.
+    """Return the deviation of an arm from its equilibria, (readings, 2, links + 2) m.
 
-    As `follow_reading`, one after the other, from a state (2, SHAPES) of the swing at the first.
+    Like repeated `follow_reading`, starting from a state (2, SHAPES) of the swing at the first.
     """
     seconds = np.diff(stamp_ns, prepend=stamp_ns[0]) / NANOSECONDS_PER_SECOND
     steps = np.array([steps_between(item, damping_time, modes) for item in seconds.tolist()])
@@ -348,9 +349,9 @@ def go_between(
     damping_time: float,
     modes: Modes,
 ) -> MovingState:
-    """Advance an arm to a stamp before the next reading, with known equilibrium.
+    """Advance an arm to a stamp before the next reading, with a known equilibrium.
 
-    After a gap that is too long for steps it is as it was.
+    After a gap that is too long to integrate, the state is unchanged.
     """
     seconds = seconds_between(state.stamp_ns, stamp_ns)
     steps = steps_between(seconds, damping_time, modes)
@@ -384,9 +385,9 @@ def after_gap(
 ) -> Array:
     """Return the covariance of q and p of a chain after a gap (s).
 
-    links: the equilibrium now. It may have stepped there at any time of the gap, of which each is
-    as likely: swings that began long ago have died away, and the last ones have not. The swing
-    continues through the gap with an unknown phase.
+    links: the present equilibrium. The step to it may have happened at any time in the gap, with
+    equal probability: early swings have decayed, late ones have not. The swing continues through
+    the gap with unknown phase.
     """
     from scipy.linalg import expm, solve_continuous_lyapunov  # slow to import, and gaps are rare
 
@@ -406,7 +407,7 @@ def rates_about(
 ) -> tuple[Array, Array]:
     """Return d(q', p') / d(q, p) about an equilibrium at rest, and the projection on the shapes.
 
-    The latter (shapes, links): the q that turns of the links come to.
+    The projection (shapes, links) gives the q for rotations of the links.
     """
     bends = np.cumsum(moment * links.compliance, axis=1)  # turns of links per q
     inertia = bends @ mass_matrix(links, masses)
@@ -449,9 +450,9 @@ def unloaded_modes(arm: Arm) -> Modes | None:
 def is_settled(beside: Array, swing: Array, covariance: Array) -> bool:
     """Whether the tip is at rest in its equilibrium, within its uncertainty.
 
-    beside (2,) m: from the equilibrium; swing (2,) m: how far the tip would swing by the velocity
-    that it has, if the equilibrium stopped; covariance (3, 3): of the tip. Both together must be
-    within 1.96 standard deviations of its place, as 95 % of the errors of readings are.
+    beside (2,) m: offset from the equilibrium; swing (2,) m: amplitude due to the present velocity
+    if the equilibrium stopped; covariance (3, 3): of the tip. Both together must be within 1.96
+    standard deviations of its position, like 95 % of the reading errors.
     """
     far = beside @ beside + swing @ swing
     return bool(far <= WITHIN_95**2 * (covariance[0, 0] + covariance[1, 1]))

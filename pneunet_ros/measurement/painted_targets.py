@@ -1,6 +1,6 @@
 """Apparent positions of misplaced targets: shifted along or across the arm.
 
-The one place that says so: calibration, replay, diagnosis and fusion ask here.
+Calibration, replay, diagnosis and fusion all use this module.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ Complex = npt.NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PaintedTargets:
-    """Offsets of targets from their nominal places, x + i y (.., targets) m in the base frame.
+    """Offsets of targets from their nominal positions, x + i y (.., targets) m in the base frame.
 
-    by_theta (m), by_curvature (m^2): how `beside` moves per rad and per 1/m of the arm at a place;
-    by_along, by_across (-): per painted meter along and across the arm.
+    by_theta (m), by_curvature (m^2): derivatives of `beside` by angle and curvature of the arm at
+    the target; by_along, by_across (-): derivatives by the placement along and across the arm.
     """
 
     beside: Complex
@@ -32,12 +32,12 @@ class PaintedTargets:
     def to_arm(self) -> Complex:
         """Factor from the base frame to the frame of the arm (along + i across), (.., targets).
 
-        There where the target is, and not at its nominal place.
+        It is evaluated at the actual position of the target, not at the nominal one.
         """
         return np.asarray(1j * self.by_across.conj())
 
     def jacobian(self) -> Array:
-        """Return the derivatives of x and y by the placement, (.., 2, targets, 2 targets).
+        """Return the derivatives of x and y by the placements, (.., 2, targets, 2 targets).
 
         The placements along the arm come first, then those across it.
         """
@@ -76,8 +76,8 @@ def painted_at(theta: Array, curvature: Array, placement: Array) -> Complex:
 def along_the_arc(theta: Array, curvature: Array, along: Array) -> tuple[Complex, Complex]:
     """Return x + i y and heading of targets painted (..) m further along the arc.
 
-    theta (rad), curvature (1/m): of the arm where they should be. They are on its arc, and not on
-    its tangent.
+    theta (rad), curvature (1/m): of the arm at the nominal positions. The points lie on its arc,
+    not on its tangent.
     """
     turned = curvature * along
     return along * np.exp(1j * (theta + 0.5 * turned)), np.exp(1j * (theta + turned))

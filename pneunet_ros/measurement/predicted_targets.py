@@ -1,8 +1,8 @@
 """Predicted targets of an estimate.
 
-Errors of readings, of the model and of the camera's place move all targets of a frame together:
-they are columns of the covariance, not spread over its diagonal. Noise that ignores this has the
-right size and raises false alarms all the same.
+Errors of readings, model and camera position move all targets of a frame together: they are
+columns of the covariance, not spread over its diagonal. Noise without this correlation would have
+the right size, but raise false alarms.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from pneunet_ros.solver.columns import LOADS
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PredictedTargets:
-    """Where the targets of the arm must be measured; x, y (targets,) m in the base frame.
+    """Predicted positions of the targets; x, y (targets,) m in the base frame.
 
     errors (sources, 2, targets) m: effect of one sigma of each independent error of reading or
-    model on all of them: F1, F2, M, the pressure and the columns of the model's covariance; the
-    last `own` are of this frame alone: to second order, then of motion. The place of the camera
-    and the targets' own noise are not among these. by_load (3, 2, targets): how they move by F1,
-    F2 (m/N), M (1/N). theta (targets,) rad. share (targets,): where they are, of the way to the
-    last one. placed (2, targets) m: by how much each is painted beside its place, as the
-    calibration found it, and placed_std (targets,) m how well that is known.
+    model on all targets: F1, F2, M, the pressure and the columns of the model's covariance; the
+    last `own` belong to this frame only: second-order errors, then motion. They exclude the
+    position of the camera and the noise of the targets. by_load (3, 2, targets): derivatives by
+    F1, F2 (m/N), M (1/N). theta (targets,) rad. share (targets,): arclength relative to that of
+    the last target. placed (2, targets) m: misplacement of each target, as calibrated, and
+    placed_std (targets,) m its standard deviation.
     """
 
     x: Array
@@ -57,10 +57,10 @@ class PredictedTargets:
 def predict_targets(
     table: PerturbationTable, noise: Array, curved: SecondOrder
 ) -> PredictedTargets:
-    """Return where the targets must be at an estimate.
+    """Return the predicted targets of an estimate.
 
-    noise (sources, causes): its noise input matrix, of the causes of the table; curved: its
-    sensitivity, and what errors move to second order.
+    noise (sources, causes): its noise input matrix, for the causes of the table; curved: its
+    sensitivity, and the second-order effect of errors.
     """
     arm, sensitivity = table.arm, curved.sensitivity
     true_x, true_y, theta, curvature = sensitivity.fields(arm.target_arclength)[:4]
@@ -85,7 +85,7 @@ def predict_targets(
 
 
 def seen_targets(arm: Arm, sensitivity: Sensitivity) -> tuple[Array, Array]:
-    """Return where the targets of a solved rod are measured, x and y (targets,) m."""
+    """Return the measured positions of the targets of a solved rod, x and y (targets,) m."""
     true_x, true_y = sensitivity.fields(arm.target_arclength)[:2]
     return arm.see(true_x, true_y)
 
@@ -93,8 +93,8 @@ def seen_targets(arm: Arm, sensitivity: Sensitivity) -> tuple[Array, Array]:
 def painted_beside(arm: Arm, theta: Array, curvature: Array) -> tuple[Array, Array]:
     """Return the misplacement of targets (.., 2, targets) m, and its std (targets,) m.
 
-    theta (rad), curvature (1/m), both (.., targets): of the arm at their places. As the
-    calibration found it, if it did.
+    theta (rad), curvature (1/m), both (.., targets): of the arm at their places. Both are from the
+    calibration, if it determined them.
     """
     known = None if arm.covariance is None else arm.covariance.placement
     if known is None:
@@ -106,11 +106,11 @@ def painted_beside(arm: Arm, theta: Array, curvature: Array) -> tuple[Array, Arr
 
 
 def target_jacobian(table: PerturbationTable, sensitivity: Sensitivity) -> Array:
-    """Return how the targets of a solved rod are measured to move, (causes, 4, targets).
+    """Return derivatives of the measured targets of a solved rod, (causes, 4, targets).
 
-    Of each x, y (m), and how the arm turns (rad) and bends (1/m) there. causes: F1, F2, M, the
-    pressure in the chamber, columns of the model's covariance. A camera that distorts distorts
-    errors as well, and a column may be of the camera itself.
+    For each target these are x, y (m), the heading (rad) and curvature (1/m) of the arm there.
+    causes: F1, F2, M, the pressure in the chamber, columns of the model's covariance. Camera
+    distortion applies to errors as well, and a column may belong to the camera.
     """
     arm = table.arm
     jacobian = measured_moves(arm, sensitivity)
@@ -125,9 +125,9 @@ def target_jacobian(table: PerturbationTable, sensitivity: Sensitivity) -> Array
 
 
 def measured_moves(arm: Arm, sensitivity: Sensitivity) -> Array:
-    """Return how targets are measured to move by each change of the rod, (changes, 4, targets).
+    """Return derivatives of the measured targets by each change of the rod, (changes, 4, targets).
 
-    Of each x, y (m), and how the arm turns (rad) and bends (1/m) there.
+    For each target these are x, y (m), the heading (rad) and curvature (1/m) of the arm there.
     """
     moved = sensitivity.stations(arm.target_arclength)[:, :4]
     if arm.seeing:

@@ -19,8 +19,8 @@ class PressureConvention:
     """One meaning of the numbers of a pressure sensor.
 
     unit: one of PRESSURE_UNITS. reference: GAUGE, or ABSOLUTE, from which `ambient` (Pa) is
-    subtracted. sign: -1 where the two ports of a differential sensor are swapped. offset (Pa): is
-    added at the end.
+    subtracted. sign: -1 if the two ports of a differential sensor are swapped. offset (Pa): added
+    at the end.
     """
 
     unit: str = 'Pa'

@@ -1,9 +1,9 @@
 """Most likely meaning of pressure readings: unit x reference x sign x zero.
 
 Each meaning is a hypothesis with a prior. Its likelihood is that of three features of the
-readings: the reading at rest, the furthest from it, and the noise. The first two are compared
-by their logarithm, so that a unit alone is not evidence. Measured targets, where there are
-any, add how well the model reproduces them. Live and offline ask the same function.
+readings: the reading at rest, the one furthest from it, and the noise. The first two are compared
+by their logarithm, so that a unit alone is not evidence. If there are measured targets, the fit of
+the model to them counts too. Live nodes and offline verbs use the same function.
 """
 
 from __future__ import annotations
@@ -136,9 +136,9 @@ IMPOSSIBLE = -1e6  # log likelihood of what cannot be
 class PressureRecord:
     """Record of the readings of a pressure sensor, in its unit.
 
-    low, high: of the medians of three readings in a row, so that no single glitch counts; last:
-    the last two readings. steps: sum of squares of differences; curved, log_curved: how many
-    second differences are not zero, and the sum of the logarithms of their size.
+    low, high: of running medians of three readings, so that single glitches do not count; last:
+    the last two readings. steps: sum of squared differences; curved, log_curved: number of nonzero
+    second differences, and the sum of the logarithms of their size.
     """
 
     count: int = 0
@@ -186,9 +186,9 @@ class PressureRecord:
 
     @property
     def returned(self) -> bool:
-        """Whether the last reading is nearer to an end of the range than its middle quarter.
+        """Whether the last reading lies nearer to an end of the range than to its middle.
 
-        A pressure that is still rising says nothing of how far it will go.
+        A pressure that is still rising does not show how far it will go.
         """
         if not self.last:
             return False
@@ -214,7 +214,7 @@ def record_of(stamp_ns: Iterable[int], readings: Iterable[float]) -> PressureRec
 class ExpectedPressure:
     """Calibrated gauge pressures (Pa) of an arm.
 
-    std (Pa): noise of its sensor, 0 if it is not known; share: prior of this arm among others.
+    std (Pa): noise of its sensor, 0 if unknown; share: prior probability of this arm.
     """
 
     low: float
@@ -268,9 +268,9 @@ Fit = Callable[[PressureConvention], tuple[float, int]]
 class PressureVerdict(ReadingVerdict[PressureConvention]):
     """Most likely meaning of the readings of a pressure sensor.
 
-    alike: further meanings that are hardly less likely than the other one. low, high: of the
-    readings, in the unit of the sensor; name: of what they were compared with; strange: the
-    declaration is right, but they are almost surely of another kind of actuator.
+    alike: further meanings that are nearly as likely as the other one. low, high: of the readings,
+    in the unit of the sensor; name: of the actuator that they were compared with; strange: the
+    declaration is right, but the readings are almost surely of another kind of actuator.
     """
 
     alike: tuple[PressureConvention, ...]
@@ -280,7 +280,7 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
     strange: bool = False
 
     def range_of(self, meaning: PressureConvention) -> str:
-        """Return the range of the readings by a meaning, in kPa gauge."""
+        """Return the range of the readings under a meaning, in kPa gauge."""
         low, high = sorted(kilopascals(meaning.gauge(end)) for end in (self.low, self.high))
         return f'{shown(low)} to {shown(high)} kPa gauge'
 
@@ -291,9 +291,8 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
         or_else = f' (or {" or ".join(alike)})' if alike else ''
         return (
             f'most likely {self.other.words}: {self.low:.4g} to {self.high:.4g} is '
-            f'{self.range_of(self.other)}{or_else}; as '
-            f'{self.declared.words} it would be {self.range_of(self.declared)}, which does not '
-            f'look like readings of {self.name}'
+            f'{self.range_of(self.other)}{or_else}; read as {self.declared.words}, it would be '
+            f'{self.range_of(self.declared)}, which does not look like readings of {self.name}'
         )
 
     @property
@@ -303,9 +302,9 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
             return ''
         below = self.declared.gauge(self.low) + self.declared.gauge(self.high) < 0.0
         return (
-            f'the pressure, {self.range_of(self.declared)}, does not match '
-            f'{self.name}, the default model: give --model FILE'
-            f'{"; if the ports of the sensor are swapped, --pressure-sign -1" * below}'
+            f'the pressure, {self.range_of(self.declared)}, does not match the default model, '
+            f'{self.name}: give --model '
+            f'FILE{"; if the ports of the sensor are swapped, --pressure-sign -1" * below}'
         )
 
 
@@ -326,14 +325,11 @@ def judge_pressure(
 ) -> PressureVerdict | None:
     """Weigh all meanings of readings against the declared one.
 
-    Args:
-        record: of the readings, in the unit of the sensor.
-        declared: what they are said to mean.
-        expected: what the arm may be known at, one or several by their shares.
-        fit: how well a model reproduces measured targets by a meaning; None: no targets.
-        moves: the arm is known to bend, so that its pressure changes.
-        running: readings are still to come, so that the largest may be.
-        settings: priors, and the odds that are enough.
+    Args: record: of the readings, in the unit of the sensor. declared: their declared meaning.
+    expected: pressures to expect, for one arm or for several with their shares. fit: fit of a
+    model to measured targets under a meaning; None: no targets. moves: the arm is known to bend,
+    so its pressure changes. running: readings are still to come, possibly including the largest.
+    settings: priors, and the required odds.
 
     Returns:
         The verdict; None if there is no reading, or all are the same number, zero.
@@ -424,9 +420,9 @@ def features_of(
 def meanings(
     record: PressureRecord, declared: PressureConvention, expected: Sequence[ExpectedPressure]
 ) -> Iterator[PressureConvention]:
-    """Yield the declared meaning, and every other one, with ambient pressure and zero by rest.
+    """Yield the declared and all other meanings, with ambient pressure and zero from rest.
 
-    An arm rests at the lowest reading, and one that works by vacuum at the highest.
+    An arm is at rest at the lowest reading, or at the highest if it works by vacuum.
     """
     yield declared
     rests = {(one.high < -one.low) for one in expected}
@@ -480,7 +476,7 @@ def log_likelihood(
     expected: ExpectedPressure,
     settings: PressureJudgeSettings,
 ) -> float:
-    """Return the log likelihood of the features of readings by one meaning."""
+    """Return the log likelihood of the features of readings under one meaning."""
     low, high = sorted((meaning.gauge(features.low), meaning.gauge(features.high)))
     log_uniform = 1.0 / (settings.decades * math.log(10.0))
     rest = max(low, -high, 0.0)
@@ -523,7 +519,7 @@ def log_likelihood(
 
 
 def air_density(ambient: float, settings: PressureJudgeSettings) -> float:
-    """Return the prior density of the logarithm of the pressure (Pa) of the air."""
+    """Return the prior density of the logarithm of the atmospheric pressure (Pa)."""
     density = 0.0
     pairs = (settings.lowland, settings.in_lowland), (settings.highland, 1 - settings.in_lowland)
     for (low, high), share in pairs:

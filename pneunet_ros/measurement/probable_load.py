@@ -1,10 +1,10 @@
-"""The most probable load in a frame, given its targets: where a frame is linearized.
+"""The most probable load in a frame, given its targets, at which the frame is linearized.
 
 Force noise may move the tip of a compliant arm by millimeters, beyond the range in which the model
-is linear. The model is then linearized at the most probable load given reading and targets.
+is linear. The model is therefore linearized at the most probable load, given reading and targets.
 
-Near a load at which the arm snaps, that noise even decides between two equilibria. Loads around
-the reading are then searched for the equilibrium that the camera saw.
+Near a load at which the arm snaps, that noise even decides between two equilibria. Then loads
+around the reading are searched for the equilibrium that the camera saw.
 """
 
 from __future__ import annotations
@@ -61,11 +61,11 @@ def probable_load_errors(
 ) -> Array:
     """Return the difference between load and reading, (frames, 3) N, N m.
 
-    Zero if no load was read, where its noise cannot explain the difference, and in frames
+    They are zero if no load was read, if its noise cannot explain the difference, and in frames
     without a shape. A known load is not corrected: its error is the same in all frames.
 
-    inputs: with the load as read; disturbance (frames, 2, targets) m: what placement and camera
-    add; model: start of the search for the equilibria.
+    inputs: with the load as read; disturbance (frames, 2, targets) m: contribution of placement
+    and camera; model: start of the search for the equilibria.
     """
     shift = np.zeros_like(inputs.loads)
     std = attached_std(noise, run)
@@ -103,7 +103,7 @@ def shift_where_seen(
     """Return load shifts (frames, 3) that bring snapped frames to the observed shape.
 
     measured (frames, 2, targets) m; std (frames, 3) N, N m, of the reading; model: solved at the
-    reading; it is left solved at what is returned.
+    reading, and on return at the shifted loads.
     """
     shift = np.zeros_like(inputs.loads)
     left = distance_to_targets(model, measured)

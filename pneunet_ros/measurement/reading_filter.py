@@ -1,10 +1,10 @@
 """Readings as a piecewise linear function, for values at other times.
 
-An effect with a memory takes noise off the readings: a play as wide as the noise holds them still,
-and a line averages them; and so does a delay, by which a frame falls between two readings. Where
-pressure and load rest, that predicts better than the readings themselves, and such effects come
-out of recordings that have none. So they use the readings beyond their noise, and every frame
-keeps the noise of its own reading, for any memory and delay.
+An effect with memory reduces the noise of readings: a play as wide as the noise holds them
+constant, a lag averages them, and so does a delay that places a frame between two readings. At
+constant pressure and load this predicts better than the raw readings, so such effects would be
+found in recordings without them. Effects with memory therefore use filtered readings, and every
+frame keeps the noise of its own reading, for any memory and delay.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Piece = tuple[int, int]  # first and last reading of a straight line
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingFilterSettings:
-    """From when on noise does not explain that readings leave a straight line."""
+    """Thresholds at which noise no longer explains a deviation from a straight line."""
 
     corner: float = tuning(25.0, 'gain of two lines over one', unit='chi squared')
     slope: float = tuning(9.0, 'gain of a slope over none', unit='chi squared')
@@ -40,8 +40,8 @@ NO_NOISE = 1e-9  # of the range of the readings: stands for a std of zero
 class FilteredReadings:
     """A run with piecewise linear pressure, and a reading at each frame.
 
-    Its load is read at the frames, and its wrench piecewise linear. noise (frames,) Pa: by
-    how much the pressure reading of each frame lies above its line.
+    The load is that read at the frames; the wrench is piecewise linear. noise (frames,) Pa:
+    deviation of the pressure reading of each frame from its line.
     """
 
     run: RecordingData
@@ -51,12 +51,11 @@ class FilteredReadings:
 def filter_readings(
     run: RecordingData, noise: SensorNoise, settings: ReadingFilterSettings = READING_FILTER
 ) -> FilteredReadings:
-    """Return the straight lines that pressure and load of a run follow.
+    """Return the piecewise linear pressure and load of a run.
 
-    Between corners the readings lie on a straight line within their noise, so that a step, a
-    turning point and all else that can be seen in the readings stays where it was; a step between
-    two readings, and readings that noise does not explain, are kept as they are. Static frames
-    are left alone.
+    Between corners, the readings lie on a straight line within their noise, so that steps, turning
+    points and other visible features stay where they were; a step between two readings, and
+    readings that noise does not explain, are kept unchanged. Static frames are not changed.
     """
     if run.static:
         return FilteredReadings(run=run, noise=np.zeros(len(run.stamp_ns)))
@@ -89,7 +88,7 @@ def filtered_wrench(
 def filtered_load(
     stamp_ns: Stamps, load: Array, noise: SensorNoise, settings: ReadingFilterSettings
 ) -> Array:
-    """Return the straight lines that loads (n, 3) N, N m follow."""
+    """Return the piecewise linear fit of loads (n, 3) N, N m."""
     stds = noise.force_std, noise.force_std, noise.moment_std
     return np.column_stack(
         [
@@ -102,7 +101,7 @@ def filtered_load(
 def filtered(
     stamp_ns: Stamps, values: Array, std: float, settings: ReadingFilterSettings
 ) -> Array:
-    """Return the straight lines that values (n,) follow."""
+    """Return the piecewise linear fit of values (n,)."""
     lines = Lines(stamp_ns, values, std, settings)
     return lines.joined(lines.pieces())
 
@@ -110,9 +109,9 @@ def filtered(
 def without_reading_noise(
     run: RecordingData, noise: SensorNoise, settings: ReadingFilterSettings = READING_FILTER
 ) -> RecordingData:
-    """Return a run with all readings smoothed by straight lines.
+    """Return a run with all readings replaced by their piecewise linear fit.
 
-    Needed to simulate an arm with mass, which the noise of the readings would excite.
+    This is needed to simulate an arm with mass, which the noise of the readings would excite.
     """
     if run.static:
         return run
@@ -129,7 +128,7 @@ def without_reading_noise(
 
 
 class Lines:
-    """Least-squares lines through parts of a series, by sums over all that comes before."""
+    """Least-squares lines through parts of a series, from cumulative sums."""
 
     def __init__(
         self, stamp_ns: Stamps, values: Array, std: float, settings: ReadingFilterSettings
@@ -188,13 +187,13 @@ class Lines:
         return first + best
 
     def joined(self, pieces: list[Piece]) -> Array:
-        """Return the lines at every reading."""
+        """Return the fitted value at every reading."""
         return np.concatenate([self.fitted(*piece) for piece in pieces])
 
     def fitted(self, first: int, last: int) -> Array:
         """Return the line fitted to a segment; constant if noise explains its slope.
 
-        Two readings are no line: they stay as they are.
+        Two readings are not fitted: they are kept unchanged.
         """
         part = self.values[first : last + 1]
         if part.size < 3:

@@ -25,7 +25,7 @@ Meaning = TypeVar('Meaning', bound=Convention)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgeSettings:
-    """Priors that all judges share, and the odds that are enough."""
+    """Priors that all judges share, and the required odds."""
 
     other_unit: float = tuning(
         0.02,
@@ -43,7 +43,7 @@ class JudgeSettings:
 class ReadingVerdict(Generic[Meaning]):
     """The declared convention of readings, the likeliest other one, and its log odds.
 
-    limit: of log_odds.
+    limit: threshold for log_odds.
     """
 
     declared: Meaning
@@ -68,14 +68,14 @@ class ReadingVerdict(Generic[Meaning]):
 
     @property
     def options(self) -> str:
-        """Return the options of a command that take the readings by the other meaning."""
+        """Return the options of a command that select the other meaning."""
         return ' '.join(
             f'--{name.replace("_", "-")} {value}' for name, value in self.changes.items()
         )
 
     @property
     def parameters(self) -> str:
-        """Return the parameters of a node that do."""
+        """Return the parameters of a node that select the other meaning."""
         return ', '.join(f'{name} to {value}' for name, value in self.changes.items())
 
 

@@ -1,7 +1,7 @@
 """Check that targets are numbered from the clamp, and that the clamp is fixed.
 
-At the clamp the direction of an arm stays as it is, and at its free end it turns most. This holds
-in every frame of coordinates, also in one that moves with the first target.
+At the clamp the direction of an arm is constant, and at the free end it turns most. This is true
+in every coordinate frame, even in one that moves with the first target.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def numbered_from_tip(
 ) -> bool:
     """Whether targets (frames, 2, targets) m at arclength (targets,) m are numbered from the tip.
 
-    False also where too few were seen, or where nothing bends.
+    Also False if too few were seen, or if nothing bends.
     """
     turned = end_turns(points, arclength, settings)
     if turned is None:
@@ -76,7 +76,7 @@ def first_target_moves(
 ) -> bool:
     """Whether the first target (frames, 2, targets) m moves while the last one rests.
 
-    Of an arm that was measured by a camera that stands still, from its free end.
+    This shows an arm numbered from its free end and measured by a fixed camera.
     """
     ways = []
     for end in (0, -1):
@@ -94,7 +94,7 @@ def first_target_moves(
 def end_turns(
     points: Array, arclength: Array, settings: RowOrderSettings = ROW_ORDER
 ) -> tuple[float, float] | None:
-    """Return over which angles (rad) the first and the last targets turn, None if unknown."""
+    """Return the angles (rad) by which the first and the last targets turn; None if unknown."""
     seen = np.isfinite(points[:, 0]).sum(axis=0) >= settings.fewest_frames
     known = np.flatnonzero(seen)
     if known.size < 3:
@@ -130,8 +130,8 @@ def clamp_motion(
 ) -> float:
     """Return the motion (m) of the target at the clamp with pressure; 0 if unknown.
 
-    points (frames, 2, targets) m, pressure (frames,) Pa, length (m) of the arm. What does not go
-    with the pressure is the camera's: noise and drift.
+    points (frames, 2, targets) m, pressure (frames,) Pa, length (m) of the arm. Motion that does
+    not follow the pressure is noise and drift of the camera.
     """
     if not arclength.size or arclength[0] > settings.at_clamp * length:
         return 0.0

@@ -1,4 +1,4 @@
-"""Steady states: stretches in which readings are constant within their noise."""
+"""Steady states: intervals in which readings are constant within their noise."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ SHORTEST_HOLD = 1.5  # s
 
 
 def steady_segments(values: Array, still: Array | float) -> list[tuple[int, int]]:
-    """Return start and stop of steady stretches of values (n, quantities), greedily.
+    """Return start and stop of steady intervals of values (n, quantities), greedily.
 
-    In each, every quantity stays within `still` (quantities,) from its largest to its smallest. A
-    stretch stops where the next starts; all values are in one.
+    In each, the range of every quantity is at most `still` (quantities,). An interval stops where
+    the next one starts; every value is in one.
     """
     starts = []
     low = high = np.full(values.shape[1:], np.nan)

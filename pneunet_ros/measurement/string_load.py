@@ -17,8 +17,8 @@ CURVE = 3  # targets through which a curve goes on to a tip beyond the last one
 def with_string(run: RecordingData, arm: Arm, string: String) -> tuple[RecordingData, int]:
     """Return a run under the load of a string, and the number of frames without a seen tip.
 
-    Those are left out. Raises RecordingError where none shows it, and RequestError if the eye
-    lies on the arm.
+    Those frames are left out. Raises RecordingError if no frame shows the tip, and RequestError if
+    the eye lies on the arm.
     """
     string.check_beside(run.x, run.y, radius_of(arm))
     places, points = arm.target_arclength, run.points
@@ -29,8 +29,8 @@ def with_string(run: RecordingData, arm: Arm, string: String) -> tuple[Recording
     known = np.flatnonzero(np.isfinite(tips).all(axis=1))
     if not known.size:
         raise RecordingError(
-            f'{run.name}: no frame shows the tip, from which the string pulls: the last target, '
-            'or the three before it where it is not at the tip',
+            f'{run.name}: no frame shows the tip, to which the string is tied: the last target, '
+            'or the last three if none is at the tip',
             reason='no_tip',
         )
     kept = run.subset(known).with_end_load(0.0, 0.0)

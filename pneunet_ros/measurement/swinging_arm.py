@@ -1,9 +1,9 @@
 """A swinging arm: its motion between frames, and at points along it.
 
-The equilibrium follows the estimated loads and pressure, and jumps when these are corrected. The
-arm itself cannot jump. So the unknown is not the deviation q from equilibrium, but the modal
-coordinate w relative to a fixed reference: with S the projection on the modes and theta_e the
-headings of the equilibrium's links,
+The equilibrium follows the estimated loads and pressure, and jumps when these are corrected, but
+the arm itself cannot jump. The unknown is therefore not the deviation q from equilibrium, but the
+modal coordinate w relative to a fixed reference: with S the projection on the modes and theta_e
+the headings of the equilibrium's links,
 
     q = w - S (theta_e - theta_reference).
 
@@ -53,7 +53,8 @@ Q_ROWS, P_ROWS = slice(0, Motion.SHAPES), slice(Motion.SHAPES, 2 * Motion.SHAPES
 class Passed(NamedTuple):
     """The equilibrium between two stamps.
 
-    share: of the way; beyond (2,) N: of the tip force, which went another way.
+    share: fraction of the interval; beyond (2,) N: deviation of the tip force from the
+    interpolation.
     """
 
     stamp_ns: int
@@ -66,12 +67,12 @@ class Reference:
     """Reference of the shape coordinates, and the equilibrium at some unknowns.
 
     heading (links,) rad: of the reference; projection (shapes, links): S, and turns (shapes,
-    links) of each shape. links: of the equilibrium at the unknowns (n,), and turning (links, n):
-    how each turns them; turned (links,) rad/s: how fast they turned before. at_tip (shapes, 2) m:
-    how each shape moves the tip. lag (links,) rad: how far faster shapes are behind the
+    links) of each shape. links: of the equilibrium at the unknowns (n,), with turning (links, n):
+    derivatives of their headings; turned (links,) rad/s: their previous rate. at_tip (shapes, 2)
+    m: displacement of the tip by each shape. lag (links,) rad: lag of faster shapes behind the
     equilibrium; left_out (ERRORS, links) rad: one sigma of the truncation error of a swing, and of
-    the response of the faster modes. pull (4, shapes): what a load has done to places and momenta
-    since the last reference, per force on each shape. lost: nobody knows how it swings.
+    the response of the faster modes. pull (4, shapes): effect of a load on coordinates and momenta
+    since the last reference, per force on each shape. lost: the swing is unknown.
     """
 
     heading: Array
@@ -112,10 +113,11 @@ class Swung:
     """Deviation of an arm from equilibrium at some positions, and its derivatives.
 
     links: of the equilibrium. Rows: x, y (m), theta (rad), curvature (1/m). beside (4, places);
-    by_link (links, 4, places): per turn of each link of the equilibrium, the place of the shapes
-    held; by_shape (shapes, 4, places); moment (places,) N m beside the equilibrium. at_tip
-    (shapes, 2) m: of the tip; left_out (ERRORS, 2, places) m: one sigma. along (2, links + 1,
-    links) m: how middles of links, and the tip, move per turn of each link; heading (links,) rad.
+    by_link (links, 4, places): per rotation of each link of the equilibrium, at constant shape
+    coordinates; by_shape (shapes, 4, places); moment (places,) N m relative to the equilibrium.
+    at_tip (shapes, 2) m: of the tip; left_out (ERRORS, 2, places) m: one sigma. along (2, links +
+    1, links) m: displacement of link centers and tip per rotation of each link; heading (links,)
+    rad.
     """
 
     links: Links
@@ -129,14 +131,14 @@ class Swung:
     heading: Array
 
     def shape(self, equilibrium: Shape) -> Shape:
-        """Return the shape of the arm, at the same places as its equilibrium."""
+        """Return the shape of the arm, at the points of its equilibrium."""
         bent = np.stack([self.beside[3], self.moment])
         return moved_shape(equilibrium, self.beside[:3], bent)
 
     def moves(self, headings: Array) -> Array:
         """Return the derivatives of the deviation from equilibrium, (causes, 4, places).
 
-        headings (causes, links): how each cause turns the links of the equilibrium.
+        headings (causes, links): rotation of the equilibrium links by each cause.
         """
         return np.tensordot(headings, self.by_link, axes=1)
 
@@ -145,9 +147,9 @@ class Swung:
 class SwingingArm:
     """A moving arm, and the slice of its unknowns in the state vector.
 
-    where: of `Motion`, tip: of the tip force. start (4,): one sigma of places and momenta where
-    nobody saw it before; stations, targets: on it. middles (links,) m: of its links; next_shapes
-    (shapes, links): turns.
+    where: slice of `Motion`; tip: slice of the tip force. start (4,): one sigma of coordinates and
+    momenta of an arm not seen before; stations, targets: along the arm. middles (links,) m:
+    centers of its links; next_shapes (shapes, links): their rotations.
     """
 
     moving: MovingArm
@@ -160,7 +162,7 @@ class SwingingArm:
     next_shapes: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Find the middles of the links, and the shapes that are left out."""
+        """Compute the link centers, and the omitted shapes."""
         middles = self.moving.arm.reach * (np.arange(LINKS) + 0.5) / LINKS
         object.__setattr__(self, 'middles', freeze(middles))
         still = solve(self.moving.arm, 0.5 * sum(self.moving.arm.pressure_range))
@@ -173,7 +175,7 @@ class SwingingArm:
         return slice(self.where.start + which.start, self.where.start + which.stop)
 
     def headings(self, sensitivity: Sensitivity) -> Array:
-        """Return how each cause turns the links of the equilibrium, (causes, links) rad."""
+        """Return the rotation of the equilibrium links by each cause, (causes, links) rad."""
         return sensitivity.stations(self.middles)[:, 2]
 
     def swung(
@@ -231,17 +233,14 @@ class SwingingArm:
     ) -> tuple[Known, Reference, Moved]:
         """Advance a swinging arm to a stamp with a solved equilibrium.
 
-        Args:
-            before: what was known, its reference, None if nobody saw the arm, and its stamp.
-            moved: the same with all other unknowns moved, and the force there if it is read.
-            solution: the equilibrium there, at the mean of that; it is the new reference.
-            stamp_ns: where to.
-            path: between the stamps.
-            turning: how each unknown turns the links there, None for as before: along a straight
-                arm a force that nobody knows says nothing of how it bends next.
+        Args: before: the belief, its reference (None if the arm was not seen), and its stamp.
+        moved: the belief with all other unknowns propagated, and with the force if it was read.
+        solution: the equilibrium at the mean of `moved`; it is the new reference. stamp_ns: the
+        new stamp. path: between the stamps. turning: rotation of the links there per unknown;
+        None: as before, because along a straight arm an unknown force does not determine how it
+        bends next.
 
-        Returns:
-            What is known there, its reference, and how the arm moves.
+        Returns: The belief there, its reference, and the motion of the arm.
 
         """
         known, old, old_ns = before
@@ -337,11 +336,11 @@ class SwingingArm:
         return forget(known, self.part(Motion.SWING), self.start)
 
     def swung_on(self, moved: Known, pulled: Array, swing: Swing, on: Array) -> Known:
-        """Return the belief with the swing propagated too; swing: of the mean, with its columns.
+        """Return the belief with the swing propagated; swing: of the mean, with its columns.
 
-        In z = (w, p) an equilibrium that is wrong by S theta pulls: z goes on as A z + (1 - A) (S
-        theta, 0); on (4, 4): A. pulled (shapes, unknowns): S theta of each unknown;
-        the tip force pulls at the tip where it is.
+        With z = (w, p), an error S theta of the equilibrium acts as a force: z becomes A z + (1 -
+        A) (S theta, 0); on (4, 4): A. pulled (shapes, unknowns): S theta of each unknown; the tip
+        force acts at the actual tip.
         """
         where, relative = self.part(Motion.SWING), self.part(Motion.RELATIVE)
         mean, root = moved.mean.copy(), moved.root.copy()
@@ -357,19 +356,19 @@ class SwingingArm:
         return math.hypot(*tip.tolist(), *(there.stopped / self.moving.modes.frequency[0]))
 
     def left_out(self, there: Moved, unanswered: Array) -> Array:
-        """Return one sigma of turns (ERRORS, links) rad that are left out.
+        """Return one sigma of the omitted rotations (ERRORS, links) rad.
 
-        unanswered (2, links) rad: one sigma of what faster shapes have answered of the load.
+        unanswered (2, links) rad: one sigma of the response of faster shapes to the load.
         """
         tips = np.abs(self.next_shapes.sum(axis=1)) * self.moving.arm.reach / LINKS
         swung = BEYOND * self.swing_of(there) * self.next_shapes / tips[:, None]
         return np.concatenate([swung, unanswered])
 
     def answered(self, seconds: float) -> float:
-        """Return the share to which all but the shapes have answered a load that walked so long.
+        """Return the share of the response of faster shapes to a load that has walked for a time.
 
-        Faster shapes are so damped that they only creep to their equilibrium, in the time of the
-        damping: behind a ramp, a lag of first order.
+        Faster shapes are overdamped and creep to their equilibrium with the damping time: a
+        first-order lag behind a ramp.
         """
         motion = self.moving.arm.motion
         assert motion is not None
@@ -381,7 +380,8 @@ class SwingingArm:
     def unanswered(self, seconds: float) -> float:
         """Return one sigma of `answered`, from the unknown time at which the load walked.
 
-        A load that walked u ago leaves exp(-u / time) unanswered: its spread over all u.
+        A load step at a time u ago leaves exp(-u / time) of its response open; this is the spread
+        over all u.
         """
         motion = self.moving.arm.motion
         assert motion is not None
@@ -395,8 +395,8 @@ class SwingingArm:
     def with_walk(self, root: Array, late: Array) -> Array:
         """Return a root including the error of a swing, from the unknown walk of the tip force.
 
-        late (places, 4, 2): by how much less places and momenta move, per sigma of the walk, if it
-        was at PLACES of the time, and not at its beginning.
+        late (places, 4, 2): reduction of the motion of coordinates and momenta, per sigma of the
+        walk, if it happened at PLACES of the interval instead of at its beginning.
         """
         more = np.zeros((len(root), late.shape[0] * late.shape[2]))
         by_column = np.sqrt(WEIGHTS)[:, None, None] * late
@@ -406,7 +406,7 @@ class SwingingArm:
     def lag_of(self, before: Array, beyond: Array, seconds: float) -> Array:
         """Return the lag (links,) rad of the faster modes behind the equilibrium.
 
-        before: at the beginning; beyond (links,) rad: what it turned since then, in these shapes.
+        before: lag at the beginning; beyond (links,) rad: rotation since then, in these shapes.
         """
         motion = self.moving.arm.motion
         assert motion is not None
@@ -418,7 +418,7 @@ class SwingingArm:
     def with_noise(self, root: Array, swing: Swing, there: Moved) -> Array:
         """Return a root including the unknown path between two stamps.
 
-        And with what links and shapes leave out of a swing, as `moving_arm` has it.
+        It also includes the truncation errors of links and shapes, as in `moving_arm`.
         """
         values, vectors = np.linalg.eigh(swing.covariance)
         kicks = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -433,13 +433,13 @@ class SwingingArm:
 
 
 def root_of(columns: Array) -> Array:
-    """Return a square root of a covariance of two, by another one (2, columns)."""
+    """Return a square root (2, 2) of the covariance with the root (2, columns)."""
     variances, axes = np.linalg.eigh(columns @ columns.T)
     return np.asarray(axes * np.sqrt(np.fmax(variances, 0.0)))
 
 
 def responses_to(rates: Array, seconds: float) -> tuple[Array, Array]:
-    """Return how places and momenta go on, from PLACES of a time (3, 4, 4), and in all of it."""
+    """Return transitions of the state from PLACES of a time (3, 4, 4), and over the whole time."""
     from scipy.linalg import expm  # slow to import, and only moving arms need it
 
     last, between = expm(np.multiply.outer([PLACES[0], 0.5 - PLACES[0]], rates * seconds))
@@ -462,7 +462,7 @@ def between(before: Links, after: Links, share: float) -> Links:
 def motion_block(moving: MovingArm, start: float) -> Motion:
     """Return the unknowns of a moving arm; start: initial amplitude at the tip, of the length.
 
-    Shapes have unit mass, so that momenta are velocities about the arm whose modes they are.
+    Shapes have unit modal mass, so momenta are modal velocities.
     """
     modes = moving.modes
     tips = np.abs(modes.shape.sum(axis=1)) * moving.arm.reach / LINKS

@@ -1,8 +1,8 @@
 """The clamp in the frame of motion capture, estimated from tip poses alone.
 
-The arm bends along arcs of constant length from the clamp, at first: a rigid motion of three
-numbers brings all poses onto such arcs. By how much it would change if the arm bent unevenly or
-got longer is in its error (Schmidt's consider covariance, as in a calibration from few targets).
+To first order, the arm bends along arcs of constant length from the clamp: a rigid motion of three
+numbers brings all poses onto such arcs. The effects of uneven bending and lengthening are included
+in its error (Schmidt's consider covariance, as in a calibration from few targets).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 class FoundBase:
     """The clamp in another frame: x, y (m), angle (rad) of the base frame, and standard errors.
 
-    rms (m): what the arcs leave.
+    rms (m): residual of the arcs.
     """
 
     x: float
@@ -87,8 +87,8 @@ class FoundBase:
             f'the clamp was found at ({millimeters(self.x):.2f} ± {millimeters(self.std_x):.2g}, '
             f'{millimeters(self.y):.2f} ± {millimeters(self.std_y):.2g}) mm, and the axis of the '
             f'straight arm at {math.degrees(self.angle):.2f} ± '
-            f'{math.degrees(self.std_angle):.2g} degrees, from arcs of the length of the arm '
-            f'(they leave {millimeters(self.rms):.2g} mm)'
+            f'{math.degrees(self.std_angle):.2g} degrees, by fitting arcs of the length of the '
+            f'arm (residual {millimeters(self.rms):.2g} mm)'
         )
 
     def in_base(self, pose: Array) -> Array:
@@ -102,9 +102,9 @@ def in_base_frame(
 ) -> tuple[list[RecordingData], tuple[Note, ...]]:
     """Return the runs with tip poses in the base frame, and notes on the frame found.
 
-    Poses whose frame is not the base frame, or that are out of the arm's reach, are of another
-    frame; the clamp is looked for in the runs without a load. Raises RecordingError where these
-    do not show it.
+    Poses whose frame is not the base frame, or that are out of reach of the arm, are in another
+    frame; the clamp is estimated from the runs without a load. Raises RecordingError if these do
+    not determine it.
     """
     other = [run for run in runs if is_elsewhere(run, arm, settings)]
     if not other:
@@ -115,9 +115,9 @@ def in_base_frame(
     found = find_base(poses, arm, settings)
     if found is None:
         raise RecordingError(
-            f'{names}: the tip is measured in another frame than {BASE_FRAME}, and these poses do '
-            'not show where the clamp is: bend the arm further and without a load, or give the '
-            'poses in the base frame',
+            f'{names}: the tip is measured in another frame than {BASE_FRAME}, and these poses '
+            'do not determine where the clamp is: bend the arm further, without a load, or give '
+            'the poses in the base frame',
             reason='wrong_frame',
         )
     moved = [
@@ -134,7 +134,7 @@ def in_base_frame(
 
 
 def is_elsewhere(run: RecordingData, arm: Arm, settings: TipFrameSettings = TIP_FRAME) -> bool:
-    """Whether the poses of the tip are of another frame, which no target says the place of."""
+    """Whether the tip poses are in another frame, whose position no target determines."""
     if run.tip_pose is None or run.seen.any():
         return False
     away = np.hypot(run.tip_pose[:, 0], run.tip_pose[:, 1])
@@ -144,8 +144,8 @@ def is_elsewhere(run: RecordingData, arm: Arm, settings: TipFrameSettings = TIP_
 def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) -> FoundBase | None:
     """Find the rigid motion that brings poses (frames, 3) onto arcs from the clamp.
 
-    None if they do not determine it. Headings may be NaN: each frame then has a curvature of
-    its own, which the place of the tip shows.
+    None if they do not determine it. Headings may be NaN: each frame then has its own curvature,
+    given by the tip position.
     """
     poses = poses[np.isfinite(poses[:, :2]).all(axis=1)]
     if len(poses) < 3:
@@ -208,8 +208,8 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
 def departures(turns: Array, arm: Arm, settings: TipFrameSettings) -> Places:
     """Return the displacement of the tip, x + i y (m), by one sigma of departure from an arc.
 
-    turns (frames,) rad: the heading of the tip over that of the clamp. Returned (frames, modes):
-    of the curvature along the arm, and last of an arm that lengthens as it turns.
+    turns (frames,) rad: the heading of the tip relative to the clamp. Returns (frames, modes):
+    modes of the curvature along the arm, and last the lengthening of the arm as it turns.
     """
     share = 0.5 * (1.0 + _NODES)
     arc = np.exp(1j * turns[:, None] * share)

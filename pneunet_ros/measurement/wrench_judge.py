@@ -1,8 +1,8 @@
 """Most likely meaning of end wrench readings: unit x sign x yaw x tare.
 
-The reading of a force sensor as a complex number, f = F1 + i F2, is u e^(i yaw) f + tare in the
-base frame. Measured targets show the true force, and the conventions are compared by their
-residuals; without, by the loads that the model was calibrated for.
+In complex numbers f = F1 + i F2, a force sensor reading is u e^(i yaw) f + tare in the base frame.
+Measured targets show the true force, and the conventions are compared by their residuals; without
+targets, by the loads of the calibration.
 """
 
 from __future__ import annotations
@@ -71,9 +71,9 @@ JUDGE = WrenchJudgeSettings()
 class WrenchConvention:
     """One meaning of the numbers of a force sensor.
 
-    unit: one of FORCE_UNITS. sign: -1 where the reaction is reported. yaw (rad): of its axes in
-    the base frame, counter-clockwise. offset_x, offset_y (N, base frame): are added at the end.
-    frame: the frame id that its messages carry, '' where that is the base frame.
+    unit: one of FORCE_UNITS. sign: -1 if the reaction is reported. yaw (rad): of its axes in the
+    base frame, counter-clockwise. offset_x, offset_y (N, base frame): added at the end. frame: the
+    frame id of its messages, '' for the base frame.
     """
 
     unit: str = 'N'
@@ -108,7 +108,7 @@ class WrenchConvention:
 
     @property
     def words(self) -> str:
-        """Name it to a person: 'in gf, as the reaction, with its axes turned by 90 degrees'."""
+        """Describe the meaning: 'in gf, as the reaction, with its axes turned by 90 degrees'."""
         parts = [f'in {self.unit}']
         parts += ['as the reaction'] * (self.sign < 0)
         parts += [f'with its axes turned by {math.degrees(self.yaw):.0f} degrees'] * bool(self.yaw)
@@ -146,7 +146,8 @@ class ShownForces:
 class ExpectedLoad:
     """The loads for which a model was calibrated.
 
-    largest (N); beyond: how far complex forces (N), one a pressure, are outside, of their size.
+    largest (N); beyond: distance of complex forces (N), one per pressure, outside, relative to the
+    size of the calibrated ones.
     """
 
     largest: float
@@ -173,12 +174,12 @@ class WrenchVerdict(ReadingVerdict[WrenchConvention]):
     def finding(self) -> str:
         """Describe the likely meaning of the readings in one sentence without a remedy."""
         if self.frame and self.log_odds <= self.limit:
-            return f'in frame {self.frame!r}, and in the axes of the arm, if nothing else is known'
+            return f'in frame {self.frame!r}, presumably with the axes of the arm'
         one, other = (self.largest * meaning.size for meaning in (self.other, self.declared))
         where = f'in frame {self.frame!r}, and ' if self.frame else ''
         return (
-            f'{where}most likely {self.other.words}: {self.largest:.3g} means {one:.3g} N; '
-            f'{self.declared.words}, {other:.3g} N, it does not fit the arm'
+            f'{where}most likely {self.other.words}: {self.largest:.3g} means {one:.3g} N; read '
+            f'{self.declared.words}, it would be {other:.3g} N, which does not fit the arm'
         )
 
 
@@ -199,8 +200,7 @@ def judge_wrench(
         shown: the forces estimated from measured targets; None: no targets.
         settings: priors, and the odds required for a verdict.
 
-    Returns:
-        The verdict; None if all readings are zero, or nothing is there to compare with.
+    Returns: The verdict; None if all readings are zero, or there is nothing to compare with.
 
     """
     largest = float(np.max(np.abs(readings), initial=0.0))
@@ -223,7 +223,7 @@ def judge_wrench(
 
 
 def expected_load(arm: Arm, pressure: Array) -> ExpectedLoad | None:
-    """Return the loads that a model knows at pressures (n,) Pa, one for each force to compare."""
+    """Return the calibrated loads of a model at pressures (n,) Pa, one per compared force."""
     if arm.load_hull is None or arm.domain is None:
         return None
     hull, noise = arm.load_hull, arm.sensors
@@ -248,7 +248,7 @@ def load_hint(arm: Arm, declared: WrenchConvention, force: complex, pressure: fl
 
 
 def meanings(declared: WrenchConvention, shown: ShownForces | None) -> Iterator[WrenchConvention]:
-    """Yield the declared meaning and every other one; targets show any yaw, and the tare."""
+    """Yield the declared meaning and every other one; with targets, also any yaw and the tare."""
     right = 0.5 * math.pi
     turns = (0.0, right, -right) if shown is None else (0.0, right, -right, best_yaw(shown))
     for unit, sign, turn in product(FORCE_UNITS, (1, -1), turns):
@@ -266,7 +266,7 @@ def meanings(declared: WrenchConvention, shown: ShownForces | None) -> Iterator[
 
 
 def best_yaw(shown: ShownForces) -> float:
-    """Return the turn (rad) of the readings that fits the forces best, whatever the unit."""
+    """Return the rotation (rad) of the readings that fits the forces best, for any unit."""
     weight = 1.0 / shown.std**2
     product_ = np.sum(weight * shown.force * np.conj(shown.reading))
     angle = math.remainder(cmath.phase(complex(product_)), math.pi)  # the sign is another matter

@@ -123,7 +123,7 @@ def read_text(raw: bytes, place: int) -> tuple[str, int]:
     begin = place + LENGTH.size
     end = begin + size
     if not size or end > len(raw) or raw[end - 1]:
-        raise ValueError('a text does not end')
+        raise ValueError('a string is not terminated')
     return raw[begin : end - 1].decode(), end
 
 

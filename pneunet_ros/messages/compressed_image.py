@@ -19,7 +19,7 @@ from pneunet_ros.core.image import Bytes, eight_bits, LARGEST_SIDE
 
 COMPRESSED_TYPE = 'sensor_msgs/msg/CompressedImage'
 LARGEST_AREA = 64_000_000  # px; 64 MB of grey levels
-POSSIBLE = 'possible are jpeg with 8 bits per channel and png'
+POSSIBLE = 'supported are jpeg with 8 bits per channel, and png'
 
 JPEG, JPEG_END = b'\xff\xd8\xff', b'\xff\xd9'
 PNG, PNG_END = b'\x89PNG\r\n\x1a\n', b'\0\0\0\0IEND\xaeB`\x82'
@@ -54,13 +54,13 @@ def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
         )
     if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
         raise MessageError(
-            f'a {kind} of {width} x {height} pixels cannot be used; '
-            f'sides go from 1 to {LARGEST_SIDE}',
+            f'a {kind} of {width} x {height} pixels cannot be used: each side must be 1 to '
+            f'{LARGEST_SIDE} pixels',
             reason='too_large',
         )
     if width * height > LARGEST_AREA:
         raise MessageError(
-            f'a {kind} of {width} x {height} pixels cannot be used; '
+            f'a {kind} of {width} x {height} pixels cannot be used: at most '
             f'{LARGEST_AREA / 1e6:g} megapixels are possible',
             reason='too_large',
         )
@@ -116,7 +116,7 @@ def jpeg_size(data: Bytes) -> tuple[int, int]:
             break
         place += 2 + int.from_bytes(raw[place + 2 : place + 4], 'big')
     raise MessageError(
-        f'a jpeg of {len(raw)} bytes has no size in its header: it is damaged', reason='damaged'
+        f'a jpeg of {len(raw)} bytes is damaged: its header has no size', reason='damaged'
     )
 
 
@@ -125,7 +125,7 @@ def png_size(data: Bytes) -> tuple[int, int]:
     raw = data[8:25].tobytes()
     if len(raw) < 17 or raw[4:8] != b'IHDR':
         raise MessageError(
-            f'a png of {data.size} bytes has no header: it is damaged', reason='damaged'
+            f'a png of {data.size} bytes is damaged: it has no header', reason='damaged'
         )
     width, height = struct.unpack('>II', raw[8:16])
     return width, height

@@ -67,14 +67,12 @@ def point_type(fields: tuple[tuple[str, str, int], ...], size: int) -> np.dtype[
     """
     if size > _LARGEST_POINT:
         raise MessageError(
-            f'points of {size} bytes are none; at most {_LARGEST_POINT} are read',
+            f'a point of {size} bytes is not possible: points have 1 to {_LARGEST_POINT} bytes',
             reason='too_large',
         )
     names = [name for name, _, _ in fields]
     if len(set(names)) < len(names):
-        raise MessageError(
-            f'a point names a field twice: {", ".join(names)}', reason='given_twice'
-        )
+        raise MessageError(f'a point has a field twice: {", ".join(names)}', reason='given_twice')
     for name, kind, offset in fields:
         if not 0 <= offset <= size - np.dtype(kind).itemsize:
             raise MessageError(

@@ -258,7 +258,7 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
         ) from error
     if found != frame_id:
         raise MessageError(
-            f'targets are in frame {found!r}, and must be in {frame_id!r}', reason='wrong_frame'
+            f'targets are in frame {found!r}, but must be in {frame_id!r}', reason='wrong_frame'
         )
     points = cloud_points(message)
     kinds = {name: points.dtype[name].kind for name in points.dtype.names or ()}
@@ -268,9 +268,9 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
             raise MessageError(f'the field {name} of targets {wrong} {what}', reason='wrong_field')
     if targets is not None and points.size != targets:
         raise MessageError(
-            f'there are {points.size} points in targets, and the arm has {targets} targets: '
-            'every message must hold a point for each, NaN where it was not seen; another arm is '
-            'named by --model (calibrate: --arm; a node: the parameter model_file)',
+            f'there are {points.size} points in targets, but the arm has {targets} targets: '
+            'every message must have one point per target, NaN if it was not seen. For another '
+            'arm, use --model (calibrate: --arm; a node: the parameter model_file)',
             reason='wrong_targets',
         )
     ids = points['id'].tolist()
@@ -336,7 +336,7 @@ def imu_row(message: Any, settings: EstimatorSettings, _: int | None) -> tuple[i
         return reading.stamp_ns, rotation_matrix(turn) @ force
     if reading.frame_id != settings.frame_id:
         raise UnusableTopic(
-            f'base_imu in frame {reading.frame_id!r}, and no transform on /tf_static joins it to '
+            f'base_imu in frame {reading.frame_id!r}, but /tf_static has no transform from it to '
             f'{settings.frame_id!r}: set imu_from_base (--imu-from-base)'
         )
     return reading.stamp_ns, force

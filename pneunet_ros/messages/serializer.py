@@ -93,8 +93,8 @@ class MessageSerializer:
         regular = [offsets[0] + stride * place for place in range(len(rows))]
         if offsets[0] < 0 or offsets != regular:
             raise MessageError(
-                f'{output.name} ({output.type}) cannot be filled in place, as its numbers do not '
-                'stand in it as rows: leave out `numbers` in its entry',
+                f'{output.name} ({output.type}) cannot be filled in place, because its numbers '
+                'are not stored as rows: remove `numbers` from its entry',
                 reason='not_in_place',
             )
         return CdrTemplate(

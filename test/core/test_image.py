@@ -164,9 +164,9 @@ def test_an_array_that_is_given_becomes_read_only():
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
-        ({'encoding': '32FC1'}, 'possible are mono8, 8UC1, rgb8'),
-        ({'width': 0}, 'sides go from 1 to'),
-        ({'height': 20_000}, 'sides go from 1 to'),
+        ({'encoding': '32FC1'}, 'supported are mono8, 8UC1, rgb8'),
+        ({'width': 0}, 'each side must be 1 to'),
+        ({'height': 20_000}, 'each side must be 1 to'),
         ({'step': 2}, 'needs rows of 3 bytes, but its step is 2'),
         ({'encoding': 'mono16'}, 'needs rows of 6 bytes, but its step is 3'),
         ({'encoding': 'yuyv'}, 'needs rows of 6 bytes, but its step is 3'),

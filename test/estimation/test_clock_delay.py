@@ -126,8 +126,8 @@ def test_a_load_that_changes_at_one_pressure_tells_the_delay_as_well():
 @pytest.mark.parametrize(
     ('protocol', 'said'),
     [
-        (triangles, 'fit alike|goes the same way again and again'),
-        (one_ramp, 'fit alike|changes too evenly'),
+        (triangles, 'fit equally well|repeats one cycle'),
+        (one_ramp, 'fit equally well|changes too evenly'),
         (rest, 'the arm does not move'),
     ],
     ids=['triangles', 'one ramp', 'rest'],

@@ -123,11 +123,11 @@ def test_points_are_read_however_they_are_laid_out(message):
 @pytest.mark.parametrize(
     ('message', 'said'),
     [
-        (cloud(frame_id='camera'), "frame 'camera', and must be in 'pneunet_base'"),
-        (cloud(ids=(0, 1, 2)), 'there are 3 points in targets, and the arm has 4 targets'),
+        (cloud(frame_id='camera'), "frame 'camera', but must be in 'pneunet_base'"),
+        (cloud(ids=(0, 1, 2)), 'there are 3 points in targets, but the arm has 4 targets'),
         (
             cloud(ids=(0, 1, 2)),
-            'named by --model .calibrate: --arm; a node: the parameter model_file',
+            'For another arm, use --model .calibrate: --arm; a node: the parameter model_file',
         ),
         (cloud(ids=(0, 1, 2, 2)), 'must be 0 to 3, each once, not 0, 1, 2, 2'),
         (cloud(ids=(0, 1, 2, 4)), 'must be 0 to 3, each once, not 0, 1, 2, 4'),
@@ -136,14 +136,14 @@ def test_points_are_read_however_they_are_laid_out(message):
         (cloud(FIELDS[1:]), 'the field x of targets is missing: it must be float'),
         (cloud([*FIELDS[:2], ('id', '<f4', 16)]), 'the field id of targets is no int32'),
         (cloud([('x', '<i4', 0), *FIELDS[1:]], ids=(0, 1)), 'the field x of targets is no float'),
-        (renamed(cloud([*FIELDS, ('w', '<f4', 20)])), 'names a field twice'),
+        (renamed(cloud([*FIELDS, ('w', '<f4', 20)])), 'has a field twice'),
         (cloud(point_step=18), 'the field id does not lie within the 18 bytes'),
         (cloud(data=np.zeros(95, np.uint8)), '95 bytes cannot hold 1 x 4 points of 24 bytes'),
         (cloud(rows=2, row_step=20), 'rows of 20 bytes cannot hold 2 points'),
         (cloud(width=2**32 - 1), 'cannot hold'),
         (cloud(width=0), 'there are 0 points'),
         (cloud(point_step=0), 'does not lie within the 0 bytes'),
-        (cloud(point_step=2**32 - 1), 'points of 4294967295 bytes are none'),
+        (cloud(point_step=2**32 - 1), 'a point of 4294967295 bytes is not possible'),
     ],
 )
 def test_clouds_that_are_no_targets_are_refused(message, said):

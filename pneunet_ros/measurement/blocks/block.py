@@ -16,8 +16,8 @@ acts                                         columns of the law (`law_columns`, 
             as_pressure                      the error of the pressure that looks like it
 =========== ================================ =================================================
 
-What a block does not do keeps the neutral answer of `Block`. A new cause is one file here and one
-line in `fusion/unknowns.py`.
+Methods that a block does not override keep the neutral result of `Block`. A new cause is one file
+here and one line in `fusion/unknowns.py`.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ CAMERA_CAUSES = 3  # x, y (m) and turn (rad)
 class FrameInputs:
     """Inputs of the arm at a frame, as read.
 
-    chamber, chamber_std: pressure in it, and of its white noise (Pa); history: of the effects;
-    moment, moment_std (N m): at the tip; by_column (columns,): what one sigma of each column of
-    the law changes of the pressure, by effects of sensing; late (memory,) Pa: how far the
-    pressures that lag, and the one behind a play, are from the chamber; gravity: along x and y, in
-    g, None: as the model has it.
+    chamber, chamber_std: pressure in the chamber and its white noise (Pa); history: of the
+    effects; moment, moment_std (N m): at the tip; by_column (columns,): change of the pressure by
+    one sigma of each column of the law, through sensing effects; late (memory,) Pa: distance of
+    the lagging pressures, and of the one behind a play, from the chamber; gravity: along x and y,
+    in g; None: as in the model.
     """
 
     chamber: float
@@ -61,8 +61,8 @@ class FrameInputs:
 class WrenchSeen:
     """The prediction for a wrench reading.
 
-    force (2,) N: the mean of the tip force; by_column (columns, 2): what one sigma of each column
-    of the law changes of the force that was read, by effects of sensing.
+    force (2,) N: the mean of the tip force; by_column (columns, 2): change of the force reading by
+    one sigma of each column of the law, through sensing effects.
     """
 
     force: Array
@@ -73,9 +73,9 @@ class WrenchSeen:
 class Passage:
     """The interval between two stamps.
 
-    seconds of time; pressed (Pa): by how much the pressure has moved; size: of the model error, a
-    share of what the range of pressure does; walk (N/sqrt(s)): of the tip force; steady: how many
-    times faster its variance grows than that of a walk.
+    seconds: duration; pressed (Pa): change of the pressure; size: of the model error, relative to
+    the effect of the pressure range; walk (N/sqrt(s)): of the tip force; steady: factor by which
+    its variance grows faster than that of a random walk.
     """
 
     seconds: float
@@ -101,7 +101,8 @@ class Move:
 class Prior:
     """Prior of a block: mean and one sigma (k,) of its unknowns.
 
-    shared: another block, and what one sigma of each of its first unknowns moves of these (k, m).
+    shared: another block, and the effect of one sigma of each of its first unknowns on these (k,
+    m).
     """
 
     mean: Array
@@ -118,7 +119,7 @@ class Block(abc.ABC):
     @property
     @abc.abstractmethod
     def std(self) -> Array:
-        """One sigma (k,) of each unknown before any frame, SI; it makes the number of them."""
+        """One sigma (k,) of each unknown before any frame, SI; its length is their number."""
 
     @property
     def times(self) -> Array:
@@ -138,12 +139,12 @@ class Block(abc.ABC):
 
     @property
     def law_errors(self) -> tuple[Mapping[str, float], ...]:
-        """Changes of the model file per column, by dotted path, beyond the covariance columns."""
+        """Changes of the model file per column besides the covariance columns, by dotted path."""
         return ()
 
     @property
     def sized(self) -> tuple[int, ...]:
-        """Unknowns that scale with the size of the model error; std is for a size of 1."""
+        """Unknowns that scale with the size of the model error; their std is for a size of 1."""
         return ()
 
     def growth(self, seconds: float, pressed: float) -> list[float]:
@@ -151,7 +152,7 @@ class Block(abc.ABC):
         return []
 
     def move(self, passage: Passage, by_times: Move) -> Move:
-        """Return how the unknowns move; by_times: as Ornstein-Uhlenbeck processes of `times`."""
+        """Return the process model; by_times: Ornstein-Uhlenbeck processes with `times`."""
         return by_times
 
     def on_rod(self, causes: Array, columns: slice) -> None:
@@ -189,14 +190,14 @@ class Block(abc.ABC):
 class SizedBlock(Block):
     """A block of errors that scale with the model error, with time and with the pressure.
 
-    range (Pa): of the pressure: over all of it an error moves as far as it can.
+    range (Pa): of the pressure; a change by the whole range moves an error by its full size.
     """
 
     range: float
     correlation_time: float = tuning(20.0, 'correlation time of the model error', unit='s')
 
     def growth(self, seconds: float, pressed: float) -> list[float]:
-        """Return one sigma of the moves of the sized unknowns, for a size of 1."""
+        """Return one sigma of the process noise of the sized unknowns, for a size of 1."""
         time = self.correlation_time
         by_time = math.sqrt(-math.expm1(-2.0 * seconds / time))
         return [math.hypot(by_time, pressed / self.range)] * len(self.sized)

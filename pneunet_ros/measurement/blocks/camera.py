@@ -14,10 +14,10 @@ from pneunet_ros.measurement.blocks.block import Block, Prior
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera(Block):
-    """Drift and place (x, y m each), and the turn (rad) around the base.
+    """Drift and position (x, y m each), and rotation (rad) around the base.
 
-    drift_std, place_std (m): of a camera that nobody moved; length (m): of the arm; origin (m): of
-    the base frame, beside the neutral line at the clamp.
+    drift_std, place_std (m): of an undisturbed camera; length (m): of the arm; origin (m): offset
+    of the base frame from the neutral line at the clamp.
     """
 
     DRIFT: ClassVar = slice(0, 2)
@@ -59,5 +59,5 @@ class Camera(Block):
         return np.array([moved, moved, self.turned_by])
 
     def on_camera(self) -> Array:
-        """Add up drift and place."""
+        """Add drift and position."""
         return np.array([[1.0, 0, 1, 0, 0], [0, 1, 0, 1, 0], [0, 0, 0, 0, 1]])

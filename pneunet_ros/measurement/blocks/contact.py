@@ -14,7 +14,7 @@ from pneunet_ros.model.part_load import PartLoad
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Push(Block):
-    """Force (N) along the normal and place (m) along the arm; without a contact both are zero.
+    """Contact force (N) along the normal and its arclength (m); without a contact both are zero.
 
     scale (N): of forces; length (m): of the arm.
     """
@@ -41,7 +41,7 @@ class Push(Block):
 
     @property
     def anywhere(self) -> tuple[Array, Array]:
-        """Mean and one sigma of a contact of any force anywhere on the arm."""
+        """Mean and one sigma of a contact with any force, anywhere on the arm."""
         length = self.length
         return np.array([0.0, 0.5 * length]), np.array([self.scale, length / math.sqrt(12.0)])
 
@@ -52,7 +52,7 @@ class Push(Block):
         return low * self.length, high * self.length
 
     def walked(self, walk: float, seconds: float) -> Array:
-        """Return the random walk (2,), given that (N/sqrt(s)) of the forces."""
+        """Return the random walks (2,) for a walk (N/sqrt(s)) of the force."""
         force_walk = min(walk, self.largest_walk * self.scale)
         walks = np.array([force_walk, self.place_walk * self.length])
         return np.asarray(walks * math.sqrt(seconds))
@@ -66,7 +66,7 @@ class Push(Block):
         return PartLoad(force=force, place=place, width=self.width * self.length)
 
     def held(self, own: Array) -> PartLoad:
-        """Return the push of these unknowns (2,), held on the arm."""
+        """Return the push of these unknowns (2,), limited to the arm."""
         low, high = self.limits
         force, place = own.tolist()
         return PartLoad(

@@ -14,7 +14,7 @@ from pneunet_ros.measurement.blocks.block import Block, WrenchSeen
 class ForceSensor(Block):
     """Offset (N) in F1 and F2, and gain beyond 1; scale (N): of forces.
 
-    is_there: nobody reads the force of a tip that is free by setting.
+    is_there: whether the sensor is used; not if the tip is declared free.
     """
 
     scale: float
@@ -37,14 +37,14 @@ class ForceSensor(Block):
 
     @property
     def innocent_std(self) -> Array:
-        """Errors of a sensor that is none the worse for them."""
+        """Standard deviations of harmless sensor errors."""
         return self.tolerance * np.array([self.scale, self.scale, 1.0])
 
     @property
     def off_std(self) -> Array:
-        """Of a sensor that is off."""
+        """Standard deviations of a faulty sensor."""
         return np.array([self.scale, self.scale, 1.0])
 
     def on_wrench(self, seen: WrenchSeen) -> Array | None:
-        """Add the offset, and a share of the force."""
+        """Add the offset and the gain error."""
         return np.column_stack([np.eye(2), seen.force]) if self.is_there else None

@@ -16,7 +16,7 @@ from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 class ModelColumns(Block):
     """Columns of the model's covariance, in sigma; must be the first block with columns.
 
-    known: their number; guessed: how many, the last ones, the calibration has only guessed.
+    known: their number; guessed: the number of those at the end that the calibration only guessed.
     """
 
     known: int

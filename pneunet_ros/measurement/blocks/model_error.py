@@ -1,15 +1,15 @@
-"""Model error: errors of the law that no calibration has found.
+"""Model error: errors of the law that calibration has not found.
 
-Soft arms remember. The error of a model without creep or hysteresis depends on where the pressure
-has been: a part of the intrinsic curvature that follows the chamber late, and the pressure behind
-a play. How large these parts are stays the same, so frames determine them even without a force
-sensor, and the force is corrected by them.
+Soft arms have memory. The error of a model without creep or hysteresis depends on the history of
+the pressure: a part of the intrinsic curvature follows the chamber late, and a part follows the
+pressure behind a play. The sizes of these parts are constant, so frames determine them even
+without a force sensor, and the force is corrected accordingly.
 
-All other model error is a slow error of the pressure (`pressure_error`) and one of intrinsic
-curvature and stiffness, which move with time and with the pressure. One number says how much,
-their size: the share of what the whole range of pressure does. It is not known either
-(`inference/variance_component`). So intervals become wide where something is missing, and stay
-narrow where nothing is.
+All other model error consists of slow errors of the pressure (`pressure_error`), of the intrinsic
+curvature and of the stiffness, which change with time and with the pressure. Their size, relative
+to the effect of the whole pressure range, is unknown too and is estimated
+(`inference/variance_component`). Intervals thus become wide if an effect is missing, and stay
+narrow if none is.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from pneunet_ros.model.uncertainty import STIFFNESS
 class ModelDiscrepancy(SizedBlock):
     """Model errors: curvature and stiffness, delayed curvature (creep), and hysteresis.
 
-    curvature, stiffness: what a size of 1 moves of the model file, by dotted path.
+    curvature, stiffness: changes of the model file by a size of 1, by dotted path.
     """
 
     curvature: Mapping[str, float]
@@ -72,7 +72,7 @@ class ModelDiscrepancy(SizedBlock):
 
     @property
     def law_errors(self) -> tuple[Mapping[str, float], ...]:
-        """An intrinsic curvature off, then a stiffness off."""
+        """An error of the intrinsic curvature, then one of the stiffness."""
         return self.curvature, self.stiffness
 
     @property
@@ -88,12 +88,12 @@ class ModelDiscrepancy(SizedBlock):
 
     @property
     def times(self) -> Array:
-        """Errors of the law move; parts that remember are slow."""
+        """Errors of the law change; parts with memory are slow."""
         memory = [self.memory_time] * (len(self.lag_times) + 1)
         return np.array([self.correlation_time, self.correlation_time, *memory])
 
     def move(self, passage: Passage, by_times: Move) -> Move:
-        """Move errors of the law with time and pressure, all others with time."""
+        """Change errors of the law with time and pressure, all others with time."""
         noise, grown = by_times.noise.copy(), self.growth(passage.seconds, passage.pressed)
         noise[:2] = [passage.size * one for one in grown]
         return Move(decay=by_times.decay, noise=noise)
@@ -110,10 +110,11 @@ class ModelDiscrepancy(SizedBlock):
     def remember(
         self, memory: tuple[float, ...], chamber: float, seconds: float
     ) -> tuple[float, ...]:
-        """Return the pressures (Pa) that lag behind the chamber, and the one behind the play.
+        """Return the pressures (Pa) lagging behind the chamber, and the one behind the play.
 
         memory: those at the last reading, `seconds` ago, empty before the first; chamber (Pa):
-        now. Exact where the chamber jumps with each reading and rests between two.
+        now. This is exact if the chamber pressure jumps at each reading and is constant in
+        between.
         """
         if not memory:
             return (chamber,) * (len(self.lag_times) + 1)
@@ -133,9 +134,9 @@ def pressure_span(arm: Arm) -> tuple[float, float]:
 
 
 def curvature_off(arm: Arm) -> dict[str, float]:
-    """Return curvature errors as large as the effect of the pressure range, by dotted path.
+    """Return curvature errors with the size of the effect of the pressure range, by dotted path.
 
-    The moment law stays that of the pressure.
+    The moment law is unchanged.
     """
     table = arm.intrinsic_curvature
     low, high = (table.at(pressure, table.arclength) for pressure in pressure_span(arm))

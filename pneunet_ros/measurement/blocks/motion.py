@@ -12,7 +12,7 @@ from pneunet_ros.measurement.blocks.block import Block
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Motion(Block):
-    """Place of each of the shapes, their momenta, and relative errors of mass and of damping.
+    """Coordinates and momenta of the shapes, and relative errors of mass and damping.
 
     place_std, momentum_std (shapes,): before any frame, in units of `measurement.swinging_arm`;
     relative (2,): of mass and damping.
@@ -28,5 +28,5 @@ class Motion(Block):
 
     @property
     def std(self) -> Array:
-        """Of places, momenta and relative errors."""
+        """Standard deviations of coordinates, momenta and relative errors."""
         return np.concatenate([self.place_std, self.momentum_std, self.relative])

@@ -33,7 +33,7 @@ class Placement(Block):
     def prior(self) -> Prior:
         """Use the placement of the calibration, correlated with the model.
 
-        The same pictures must not count twice.
+        The same images must not count twice.
         """
         if self.known is None:
             return Prior(mean=np.zeros(2 * self.dots), std=self.std)
@@ -41,7 +41,7 @@ class Placement(Block):
         return Prior(mean=known.mean, std=known.std, shared=(ModelColumns, known.factor))
 
     def of_dots(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-        """Return the unknowns of some dots, along and across."""
+        """Return the unknowns of some dots, along and across the arm."""
         return np.concatenate([which, self.dots + which])
 
     def on_dots(self, own: Array) -> Array:

@@ -21,7 +21,7 @@ class PressureError(SizedBlock):
 
     @property
     def std(self) -> Array:
-        """The range, times the size of the model error."""
+        """The pressure range times the size of the model error."""
         return np.array([self.range])
 
     @property
@@ -40,7 +40,7 @@ class PressureError(SizedBlock):
         return Move(decay=by_times.decay, noise=np.array([passage.size * grown * self.range]))
 
     def on_rod(self, causes: Array, columns: slice) -> None:
-        """Add to the pressure."""
+        """Add the error to the pressure."""
         causes[PRESSURE] = 1.0
 
     def as_pressure(self, inputs: FrameInputs) -> Array:

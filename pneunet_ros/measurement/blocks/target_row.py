@@ -15,8 +15,8 @@ from pneunet_ros.measurement.disturbances import row_shifts
 class TargetRow(Block):
     """Relative error of the spacing, and distance from the neutral line over the row's length.
 
-    arclength (dots,) m; spacing_std, offset_std: of a row that nobody has found. The row that the
-    model was calibrated with is part of its `Placement`: this block opens where dots are others.
+    arclength (dots,) m; spacing_std, offset_std: prior of an uncalibrated row. The calibrated row
+    is part of `Placement`; this block is used for other dots.
     """
 
     arclength: Array
@@ -30,7 +30,7 @@ class TargetRow(Block):
 
     @property
     def prior(self) -> Prior:
-        """Zero: the row is where the model file states."""
+        """Zero: the row is where the model file has it."""
         nothing = np.zeros(2)
         return Prior(mean=nothing, std=nothing, shared=(ModelColumns, np.zeros((2, 0))))
 

@@ -13,7 +13,7 @@ from pneunet_ros.measurement.blocks.block import Block
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tilt(Block):
-    """Parts of the unit vector along gravity in the plane of bending, x and y."""
+    """Components x and y, in the bending plane, of the unit vector along gravity."""
 
     level_std: float = tuning(
         0.012,
@@ -40,5 +40,5 @@ class Tilt(Block):
 
     @property
     def law_errors(self) -> tuple[Mapping[str, float], ...]:
-        """All of the weight along x, then along y."""
+        """The whole weight along x, then along y."""
         return {'gravity.x': 1.0}, {'gravity.y': 1.0}

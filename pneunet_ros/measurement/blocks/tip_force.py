@@ -16,9 +16,9 @@ from pneunet_ros.measurement.inference.variance_component import ErrorGrowth, Si
 class Walk:
     """Random walk of the tip force (N/sqrt(s)): the recent rate, and the typical one.
 
-    interval (s): after which they go on as steadily as from frame to frame. weights (walks,): log
-    weights of the walks that an arm which swings may have, None before any frame; taken: that made
-    the last frame of such an arm likeliest.
+    interval (s): time over which changes are as steady as from frame to frame. weights (walks,):
+    log weights of the candidate walks of a swinging arm, None before any frame; taken: the walk
+    that made the last frame of a swinging arm most likely.
     """
 
     recent: float
@@ -41,7 +41,7 @@ class Walk:
 class ForceChange:
     """Changes of a force between frames, and the part explained by their variances.
 
-    of_tip: it is a component of the tip force, which the usual walk is of.
+    of_tip: whether it is a component of the tip force, which the typical walk refers to.
     """
 
     squared: float
@@ -51,9 +51,9 @@ class ForceChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipForce(Block):
-    """F1 and F2 (N) at the free end; scale (N): the largest force that is likely.
+    """F1 and F2 (N) at the free end; scale (N): the largest likely force.
 
-    swings: the arm does, and a frame alone does not determine the force.
+    swings: the arm swings, so a frame alone does not determine the force.
     """
 
     scale: float
@@ -82,7 +82,7 @@ class TipForce(Block):
 
     @property
     def std(self) -> Array:
-        """The scale, in both directions."""
+        """The force scale, in both directions."""
         return np.full(2, self.scale)
 
     @property
@@ -92,7 +92,7 @@ class TipForce(Block):
 
     @property
     def free_walk(self) -> float:
-        """Random walk (N/sqrt(s)) above which a frame carries over no information on the force."""
+        """Random walk (N/sqrt(s)) above which earlier frames say nothing about the force."""
         return self.largest_walk * self.scale
 
     @property
@@ -134,10 +134,10 @@ class TipForce(Block):
         seconds: float,
         frames: int,
     ) -> Walk:
-        """Return the walk after a frame of an arm that swings.
+        """Return the walk after a frame of a swinging arm.
 
-        score, precision: of a walk of 1 N/sqrt(s), as `SizeGrid.after` takes them; size: assumed;
-        frames: used before it.
+        score, precision: for a walk of 1 N/sqrt(s), as in `SizeGrid.after`; size: the assumed
+        walk; frames: number used before.
         """
         grid = self.walks
         growth = ErrorGrowth(size=size, grown=np.ones(2), seconds=seconds)
@@ -153,8 +153,8 @@ class TipForce(Block):
     ) -> Walk:
         """Return the random walk after a frame, from force changes beyond their variances.
 
-        frames: used before it. It rises immediately and falls within `walk_time`, but not below
-        the mean walk of the tip force.
+        frames: number used before. The walk rises immediately and falls within `walk_time`, but
+        not below the mean walk of the tip force.
         """
         found = [(one.squared - one.explained) / seconds for one in changes]
         weights = [one.explained**-2.0 if one.of_tip else 0.0 for one in changes]

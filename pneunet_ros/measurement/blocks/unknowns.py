@@ -36,10 +36,10 @@ class Placed:
 class Unknowns:
     """The unknowns of some blocks; `Unknowns.of(block, block, ...)`, at most one of each kind.
 
-    std (n,): before any frame, of errors of unknown size for a size of 1; sized: which these are;
-    moving (m,): which unknowns move, moving_times, moving_std (m,); causes (causes, n): what one
-    of each always changes of every cause of the rod, `LAW` and the columns; camera (3, n): of the
-    camera's x, y and turn.
+    std (n,): before any frame; for errors of unknown size, those of a size of 1; sized: indices of
+    these; moving (m,): indices of the unknowns that change, with moving_times and moving_std (m,);
+    causes (causes, n): constant derivatives of every cause of the rod, `LAW` and the columns;
+    camera (3, n): derivatives of the camera's x, y and rotation.
     """
 
     placed: tuple[Placed, ...]
@@ -127,7 +127,7 @@ class Unknowns:
         return block
 
     def at(self, kind: type[Block], part: slice = slice(None)) -> slice:
-        """Return the slice of the unknowns of a block, or of some of them."""
+        """Return the slice of a block in the unknowns, or of a part of the block."""
         where = self.places[kind].where
         if part.start is None:
             return where
@@ -140,7 +140,7 @@ class Unknowns:
 
     @property
     def law_errors(self) -> tuple[dict[str, float], ...]:
-        """Columns of the law beyond the covariance, in the form `PerturbationTable` takes."""
+        """Columns of the law besides the covariance, in the form for `PerturbationTable`."""
         return tuple(dict(error) for one in self.blocks for error in one.law_errors)
 
     @property
@@ -149,7 +149,7 @@ class Unknowns:
         return len(self.causes) - LAW
 
     def prior(self, size: float) -> Gaussian:
-        """Return the initial prior, given the size of the model error."""
+        """Return the initial prior for a size of the model error."""
         mean, root = np.zeros(self.std.size), np.diag(self.scaled_std(size))
         for one in self.placed:
             prior, where = one.block.prior, one.where
@@ -179,8 +179,8 @@ class Unknowns:
     ) -> tuple[Array, Array]:
         """Return mean and square root after the process noise, forward or backward in time.
 
-        noise: one sigma of what is new in every reading, None if it stays. One column of the
-        root follows for all that moves, then those of the noise.
+        noise: one sigma of the unknowns that are new in every reading; None: unchanged. The root
+        gets one column for every unknown that changes, then those of the noise.
         """
         moving, before = self.moving, known.root.shape[1]
         decay = np.exp(-passage.seconds / self.moving_times)
@@ -230,7 +230,7 @@ class Unknowns:
         return response
 
     def as_pressure(self, inputs: FrameInputs) -> Array:
-        """Return each unknown expressed as a pressure error, (n,) Pa."""
+        """Return each unknown as an equivalent pressure error, (n,) Pa."""
         row = np.zeros(self.std.size)
         for one in self.of_pressure:
             own = one.block.as_pressure(inputs)

@@ -8,10 +8,10 @@ from pneunet_ros.model.domain_position import DomainPosition
 
 
 def with_extrapolation_error(noise: Array, position: DomainPosition) -> Array:
-    """Return the noise input matrix (sources, causes) with the model's own error out there.
+    """Return the noise input matrix (sources, causes) with the model error outside the domain.
 
-    position: where the load stands; its error in F1, F2, M and chamber pressure is one source
-    each, after those of `noise_jacobian`. Inside the domain the matrix is the one that was given.
+    position: of the load in the domain; the errors in F1, F2, M and chamber pressure are one
+    source each, after those of `noise_jacobian`. Inside the domain, the given matrix is returned.
     """
     if not any(position.error):
         return noise

@@ -19,7 +19,7 @@ import scipy
 class GaussianModel:
     """Runs as one linear problem: columns per run (rows, n), residuals (rows,), position (n,).
 
-    log_volumes: per run, of the errors that it is whitened by.
+    log_volumes: per run, of the covariance used for whitening.
     """
 
     columns: tuple[Array, ...]
@@ -43,7 +43,7 @@ class GaussianModel:
     ) -> GaussianModel:
         """Set up and solve the problem; grams: column^T column per run, where known.
 
-        log_volumes: nothing where all that is compared is whitened by the same.
+        log_volumes: omitted if all compared models are whitened in the same way.
         """
         vectors = tuple(item.T @ rest for item, rest in zip(columns, residuals, strict=True))
         grams = tuple(grams) or tuple(item.T @ item for item in columns)

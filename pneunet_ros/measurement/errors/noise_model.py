@@ -1,8 +1,8 @@
 """Displacement by one sigma of each reading: common errors of y = h(x) + e, as columns.
 
-Points are x, then y of all targets of a frame, as a camera measures them. A load of exactly zero
-is not a reading and has no error: nothing is attached in that frame, or no moment is measured in
-that recording. `attached_std` holds this rule for all.
+Points are x, then y of all targets of a frame, as measured by a camera. A load of exactly zero is
+not a reading and has no error: nothing is attached in that frame, or no moment is measured in that
+recording. `attached_std` implements this rule.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def target_std(noise: SensorNoise) -> float:
 
 
 def target_stds(noise: SensorNoise, white: Array) -> Array:
-    """Return one sigma (m) of targets of this white noise each, with their painted places."""
+    """Return one sigma (m) of targets with this white noise, including placement."""
     return np.maximum(np.hypot(white, noise.placement_std), SMALLEST_STD)
 
 
@@ -92,12 +92,12 @@ def reading_errors(
 ) -> Array:
     """Return the displacement by one sigma of each reading, (frames, 2 targets, errors) m.
 
-    model: solved there; jacobian (frames, 2 targets, >= 3 + knots) as of
-    `ForwardModel.point_jacobian`, and a row more for a heading, which the camera does not move.
-    The last two are the camera between the nodes of its path. A known load is wrong by the same in
-    every frame, and no error of a reading: it is among `Disturbances`. Frames count as if each had
-    readings of its own; so if they share some, the errors are larger by the square root of their
-    number, and together carry the information of those readings.
+    model: solved there; jacobian (frames, 2 targets, >= 3 + knots) as from
+    `ForwardModel.point_jacobian`, with an additional row for a heading, which the camera does not
+    move. The last two errors are the camera between the nodes of its path. A known load has the
+    same error in every frame, and is one of the `Disturbances` instead. Frames are treated as if
+    each had its own readings; if they share some, the errors are larger by the square root of
+    their number, so that together they carry the information of those readings.
     """
     moves = pressure_moves(model, arm, run, inputs, jacobian)
     pressure = pressure_std(noise, arm, run) * np.sqrt(frames_of_pressure(arm, run))
@@ -127,14 +127,14 @@ def frames_of_wrench(run: RecordingData) -> Array:
 
 
 def shown_instants(arm: Arm, run: RecordingData) -> Stamps:
-    """Return the times that the frames show, by the clock of the pressure, (frames,) ns."""
+    """Return the times that the frames show, on the clock of the pressure, (frames,) ns."""
     return run.instants - round(arm.frame_delay * NANOSECONDS_PER_SECOND)
 
 
 def pressure_std(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
     """Return one sigma (Pa) of the pressure in every frame, (frames,).
 
-    Noise of a reading and interpolation error.
+    It includes the noise of a reading and the interpolation error.
     """
     missed = missed_pressure(noise, arm, run)
     return np.asarray(np.hypot(noise.pressure_std, missed))
@@ -143,7 +143,7 @@ def pressure_std(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
 def missed_pressure(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
     """Return one sigma (Pa) of the interpolation error of the pressure, (frames,).
 
-    Zero in static frames, and in those of a camera that takes them together with readings.
+    It is zero in static frames, and for a camera triggered together with the readings.
     """
     if run.static:
         return np.zeros(len(run.stamp_ns))
@@ -156,9 +156,9 @@ def pressure_moves(
 ) -> Array:
     """Return the displacement per pascal of a reading, (frames, coordinates) m.
 
-    By the table of kappa_p0; where effects go with the pressure, too, or change a wrench by it, by
-    central differences. Otherwise a law of the pressure would replace the table, and avoid
-    its noise.
+    It uses the table of kappa_p0, or central differences if effects depend on the pressure too, or
+    change a wrench with it. Otherwise a law in the pressure could replace the table and avoid its
+    noise.
     """
     slope = arm.intrinsic_curvature.slope(inputs.pressure)
     knots = jacobian[:, :, LOADS : LOADS + slope.shape[1]]
@@ -190,7 +190,7 @@ def pressure_moves(
 def model_errors(arm: Arm, inputs: Inputs) -> Array:
     """Return the displacement by one sigma of pressure and of each column of the covariance.
 
-    (frames, 2 targets, 1 + columns) m by central differences of the whole model; NaN-free, zero
+    (frames, 2 targets, 1 + columns) m by central differences of the whole model; without NaN: zero
     where a neighbor has no equilibrium.
     """
     errors = [pressure_error(arm, inputs, arm.sensors.pressure_std)]

@@ -1,8 +1,8 @@
-"""Quantization error of a sensor that reads in steps: a scale, a converter of few bits.
+"""Quantization error of a sensor with coarse steps, such as a scale or a low-resolution ADC.
 
 At rest such a sensor seems to have no noise, but is wrong by up to half a step. Noisy readings of
-a fine sensor soon differ by next to nothing, quantized ones never by less than a step. So the
-smallest change between successive readings is the step.
+a fine sensor soon differ by almost nothing, quantized ones never by less than a step. The smallest
+change between successive readings is therefore the step.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import math
 def smallest_change(smallest: float, change: float) -> float:
     """Return the smallest nonzero change between successive readings, updated by one change.
 
-    smallest: the value before; infinite if there was no change.
+    smallest: the previous value; infinite if there was no change.
     """
     return min(smallest, abs(change) or math.inf)
 
@@ -26,6 +26,6 @@ def rounding_std(step: float) -> float:
 def with_rounding(std: float, rounding: float) -> float:
     """Return one sigma of a sensor including quantization.
 
-    Noise that is larger than the quantization was measured with the sensor, and includes it.
+    Noise larger than the quantization was measured with this sensor, and already includes it.
     """
     return math.hypot(std, rounding) if std < rounding else std

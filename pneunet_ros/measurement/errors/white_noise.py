@@ -1,8 +1,7 @@
 """White noise of a sensor, estimated from recent readings of a changing quantity.
 
-Differences of high order leave nothing of a course that is smooth from reading to reading, and of
-white noise as much as ever. Where readings are too rare for the course, differences of some order
-leave least of it.
+High-order differences remove a signal that is smooth from reading to reading, but keep all white
+noise. If readings are too rare for that, some intermediate order leaves least of the signal.
 """
 
 from __future__ import annotations
@@ -23,8 +22,8 @@ REPEATS = (
 def white_std(readings: Array) -> float:
     """Return an upper limit on one sigma of white noise of successive readings (n, k).
 
-    A median of differences, so that jumps do not count. 0 if there are too few readings, or if
-    they often repeat (a frozen or coarsely quantized sensor).
+    It is a median of differences, so that jumps do not count; 0 if there are too few readings, or
+    if they often repeat (a frozen or coarsely quantized sensor).
     """
     same = np.count_nonzero(readings[1:, 0] == readings[:-1, 0])
     if same > REPEATS * len(readings):

@@ -1,8 +1,8 @@
 """A bank of hypotheses, each with its own belief.
 
-A hypothesis is a set of causes and what is believed if these, and no others, are at work. All take
-the same frames; the evidence of a frame for each adds to its weight. One that is far less likely
-than the best is dropped, and its belief with it: nothing else has to be forgotten.
+A hypothesis is a set of causes and the belief if exactly these are present. All take the same
+frames, and the evidence of each frame is added to their weights. A hypothesis far less likely than
+the best is dropped together with its belief, so nothing else has to be undone.
 
 Source: multiple models with common measurements: Magill, IEEE Trans. Automatic Control 10 (1965);
 evidence: MacKay, Neural Computation 4 (1992).
@@ -25,7 +25,7 @@ ALIKE = 4.0  # nats within which hypotheses are reported together: odds of 50 to
 class Hypothesis(Generic[Believed]):
     """The belief under a set of causes.
 
-    log_weight: log odds against the most likely hypothesis of its bank, which has 0.
+    log_weight: log odds relative to the most likely hypothesis of its bank, which has 0.
     """
 
     belief: Believed
@@ -33,7 +33,7 @@ class Hypothesis(Generic[Believed]):
 
     @property
     def is_alike(self) -> bool:
-        """Whether the hypothesis is not clearly less likely than the best."""
+        """Whether the hypothesis is about as likely as the best one."""
         return self.log_weight > -ALIKE
 
 
@@ -45,11 +45,9 @@ def ranked(
 ) -> tuple[Hypothesis[Believed], ...]:
     """Return the likely hypotheses, best first.
 
-    Args:
-        hypotheses: in any order, their weights with any common constant.
-        bound: log odds against the best, beyond which one is dropped.
-        most: that are kept.
-        is_same: whether two beliefs say the same; the less likely of them is dropped.
+    Args: hypotheses: in any order; a constant may be common to all weights. bound: log odds
+    against the best, above which one is dropped. most: largest number kept. is_same: whether two
+    beliefs are equivalent; the less likely of them is dropped.
 
     """
     kept: list[Hypothesis[Believed]] = []
@@ -66,8 +64,8 @@ def ranked(
 def odds_beside_first(hypotheses: tuple[Hypothesis[Believed], ...]) -> list[float]:
     """Return the odds of every other hypothesis against the first one, at most 1.
 
-    They weight the distance to the first hypothesis by which its errors are widened: the second
-    moment of a mixture, or more, because the evidence is only as good as the models behind it.
+    They weight the distances by which the errors of the first hypothesis are widened: the second
+    moment of a mixture, or more, because the evidence is only as good as its models.
     """
     return [
         math.exp(min(one.log_weight - hypotheses[0].log_weight, 0.0)) for one in hypotheses[1:]

@@ -1,7 +1,7 @@
 """A Gaussian in square-root form, and its updates.
 
-The root (n, m) may have more columns than rows: moves and forgotten unknowns add columns, a
-measurement keeps them, and `compressed` makes the root square again.
+The root (n, m) may have more columns than rows: process noise and reset unknowns add columns,
+measurements keep their number, and `compressed` makes the root square again.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def forget(known: Known, where: Where, std: Array) -> Known:
 
 
 def widen(known: Known, where: Where, std: Array) -> Known:
-    """Let some unknowns have moved by any amount of one sigma std (k,)."""
+    """Increase the uncertainty of some unknowns by independent changes of one sigma std (k,)."""
     before = known.root.shape[1]
     root = with_columns(known.root, std.size)
     root[where, before:] = np.diag(std)
@@ -67,7 +67,7 @@ def widen(known: Known, where: Where, std: Array) -> Known:
 def without_prior(known: Gaussian, which: int, before: float) -> tuple[float, float]:
     """Return the estimate of an unknown without its prior, and its sigma in the score test.
 
-    before: one sigma of the prior of mean zero that it came from. Infinite where they say nothing.
+    before: one sigma of its zero-mean prior. Infinite if the measurements have no information.
     Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948).
     """
     share = 1.0 - (known.std(which) / before) ** 2 if before > 0.0 else 0.0
@@ -81,8 +81,8 @@ def prior_log_odds(
 ) -> float:
     """Return the log odds (nats) of another prior, given all measurements so far.
 
-    Of some constant unknowns; before, after: one sigma (k,) of the prior in use, and of the other
-    one; center (k,): mean of both. -inf where one was known exactly.
+    For some constant unknowns; before, after: one sigma (k,) of the present and of the other
+    prior; center (k,): mean of both. -inf if one was known exactly.
     """
     return (
         -math.inf if not before.all() else _other_prior(known, where, (before, after), center)[2]
@@ -96,14 +96,11 @@ def with_prior(
 
     The information of all measurements since is kept, and the correlated unknowns follow.
 
-    Args:
-        known: mean and root, that came from a prior on these unknowns.
-        where: which unknowns; they must not have moved.
-        before, after: one sigma (k,) of the prior that it came from, and of a wider one.
-        center: mean (k,) of both.
+    Args: known: mean and root, starting from a prior on these unknowns. where: indices of the
+    unknowns, which must be constant. before, after: one sigma (k,) of the original prior, and of a
+    wider one. center: mean (k,) of both.
 
-    Returns:
-        What would be known by the other prior, and its `prior_log_odds`.
+    Returns: The posterior with the other prior, and its `prior_log_odds`.
 
     Source: evidence of a linear model, MacKay, Neural Computation 4 (1992).
 
@@ -163,7 +160,7 @@ def take_measurement(known: Known, response: Array, value: Array, std: Array) ->
 def innovation_factor(seen: Array) -> Array:
     """Return the Cholesky factor (k, k), stored below the diagonal, of the innovation covariance.
 
-    seen (k, m): what a measurement of white noise 1 sees of each column of the root.
+    seen (k, m): response of a measurement with white noise 1 to each column of the root.
     """
     covariance = seen @ seen.T
     covariance.flat[:: len(seen) + 1] += 1.0
@@ -174,7 +171,7 @@ def innovation_factor(seen: Array) -> Array:
 def root_after(root: Array, seen: Array, factor: Array) -> Array:
     """Return the root of the covariance after a measurement of white noise 1.
 
-    seen (k, m): what it sees of each column of the root (n, m); factor: `innovation_factor`.
+    seen (k, m): its response to each column of the root (n, m); factor: `innovation_factor`.
 
     Source: Andrews, AIAA Journal 6 (1968).
     """

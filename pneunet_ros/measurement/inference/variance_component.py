@@ -23,7 +23,8 @@ MOST_CERTAIN = 1.0 - 1e-9  # share of an innovation that one error can be
 class ErrorGrowth:
     """Random walk of errors of unknown size since the last frame.
 
-    size: as assumed; grown (errors,): one sigma of their moves for a size of 1; seconds: since.
+    size: the assumed size; grown (errors,): one sigma of the changes for a size of 1; seconds:
+    elapsed time.
     """
 
     size: float
@@ -35,8 +36,8 @@ class ErrorGrowth:
 class SizeGrid:
     """Grid of error sizes, with weights updated by every frame.
 
-    sizes (sizes,); fall: power of the size with which it is less likely before any frame; time
-    (s): forgetting time of the frames. first (sizes,): log weights before any frame.
+    sizes (sizes,); fall: exponent of the prior, by which larger sizes are less likely; time (s):
+    forgetting time of the frames. first (sizes,): log weights before any frame.
     """
 
     sizes: tuple[float, ...]
@@ -52,7 +53,7 @@ class SizeGrid:
         object.__setattr__(self, 'squares', freeze(np.square(sizes)))
 
     def size_of(self, log_weights: Array) -> float:
-        """Return the rms size over the posterior weights."""
+        """Return the rms size under the posterior weights."""
         weights = np.exp(log_weights - log_weights.max())
         return math.sqrt(float(weights @ self.squares / weights.sum()))
 
@@ -61,8 +62,8 @@ class SizeGrid:
     ) -> Array:
         """Return the log weights after a frame.
 
-        information: H^T S^-1 v (errors,) and H^T S^-1 H (errors, errors) of the moves for a size
-        of 1, with those assumed in S.
+        information: H^T S^-1 v (errors,) and H^T S^-1 H (errors, errors) of the changes for a size
+        of 1; S includes the assumed size.
         """
         score, precision = information
         assumed = growth.size
