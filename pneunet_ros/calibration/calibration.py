@@ -1,7 +1,7 @@
 """The paper's two experiments: recordings without and with end load -> a model with error bars.
 
 Experiment 1 gives kappa_p0(p, s) from unloaded recordings alone; experiment 2 the moment law from
-loaded ones. The last fit takes all recordings together, through the equilibrium.
+loaded ones. The last fit uses all recordings together, through the equilibrium.
 """
 
 from __future__ import annotations
@@ -75,8 +75,8 @@ class Calibration:
     that of all recordings (equal to free if none is loaded). explained_variance: share of the
     shape's variance in the low-rank covariance of the model file. notes: undetermined quantities,
     and recordings that do not fit the others. variation: variation of the stiffness along the arm;
-    None if it was not tested. motion: frames that were left out because the arm moves; None if
-    there are none. settings: of the calibration.
+    None if it was not tested. motion: frames that were left out because the arm was moving; None
+    if there were none. settings: of the calibration.
     """
 
     arm: Arm
@@ -106,22 +106,17 @@ def calibrate(
 ) -> Calibration:
     """Calibrate an arm: kappa_p0(p, s), the moment law, and their uncertainty.
 
-    Args:
-        unloaded: recordings with nothing attached: pressure in Pa gauge, targets in m in the base
-            frame. Optional if `earlier` is given, or if the pressure of the arm never changes.
-        loaded: recordings under end load, N and N m in the base frame; may be none.
-        frame: an arm that gives length, weight, clamp, targets, effects, and what the recordings
-            do not determine; of a Majidi law also the section.
-        kind: the moment law to fit; None: the paper's, or one stiffness where the loaded frames
-            add no information.
-        compare: fit also without each of the loaded recordings, and the other laws; the error
-            bars include the changes.
-        earlier: posterior of another calibration to continue from, with its tables.
-        on_progress: called with the stage, how far it is, and of how much (0: unknown).
-        settings: thresholds and priors.
+    Args: unloaded: recordings with nothing attached: pressure in Pa gauge, targets in m in the
+    base frame. Optional if `earlier` is given, or if the pressure of the arm never changes.
+    loaded: recordings under end load, N and N m in the base frame; may be none. frame: an arm with
+    the length, weight, clamp, targets, effects, and everything that the recordings do not
+    determine; for a Majidi law also the cross-section. kind: the moment law to fit; None: the
+    paper's, or one stiffness if the loaded frames add no information. compare: also fit without
+    each loaded recording, and with the other laws; the error bars include the changes. earlier:
+    posterior of another calibration to continue from, with its tables. on_progress: called with
+    the stage, its progress, and its total (0: unknown). settings: thresholds and priors.
 
-    Returns:
-        The arm with error bars, and the fits behind it; `joint.converged` says whether to use it.
+    Returns: The arm with error bars, and its fits; use it only if `joint.converged`.
 
     Raises:
         RequestError: no such law, no unloaded recording, or `earlier` does not fit.
@@ -200,8 +195,8 @@ def calibrate_as_stamped(
     resolution = resolve(frame, unloaded, loaded, settings.resolution)
     if resolution.constant_pressure and kind == PiecewiseLinearLaw.kind:
         raise RequestError(
-            f'the law {kind} has its constants over pressure, and the pressure never changes; '
-            'take --law linear',
+            f'the law {kind} needs several pressures, but the pressure never changes; use --law '
+            'linear',
             reason='one_pressure',
         )
     fits = FitSequence(frame, noise, runs, on_progress, resolution=resolution, settings=settings)
@@ -307,14 +302,15 @@ def with_larger_errors(fit: Fit, excess: Array) -> Fit:
 def describe_thinning(
     fitted: Sequence[RecordingData], every: Sequence[RecordingData]
 ) -> tuple[Note, ...]:
-    """Describe how many of the frames were fitted; empty if all were."""
+    """Describe the share of frames that were fitted; empty if all were."""
     frames, all_frames = (sum(len(run.stamp_ns) for run in runs) for runs in (fitted, every))
     if frames == all_frames:
         return ()
     return (
         Note(
-            f'{frames} of {all_frames} frames are used, evenly spread over time and the course of '
-            'pressure and load, to stay within 2 GB of memory; the noise is estimated from all',
+            f'only {frames} of {all_frames} frames are fitted, to stay within 2 GB of memory: '
+            'evenly spread over time and over the changes of pressure and load. The noise is '
+            'estimated from all frames',
             reason='thinned',
         ),
     )
@@ -326,9 +322,9 @@ def describe_structure(fit: Fit, resolution: Resolution) -> list[Note]:
     if parameters.shapes is not None and parameters.shapes < resolution.shapes:
         notes.append(
             Note(
-                f'the recordings are more probable with {parameters.shapes} numbers along the arm '
-                f'than with the {resolution.shapes} that are resolved: the model has '
-                f'{parameters.shapes}',
+                f'the model describes the curvature along the arm by {parameters.shapes} '
+                'numbers: the recordings are more probable with these than with the '
+                f'{resolution.shapes} that the targets resolve',
                 reason='shapes_by_evidence',
             )
         )
@@ -341,7 +337,7 @@ def describe_structure(fit: Fit, resolution: Resolution) -> list[Note]:
             Note(
                 f'the arm {"lengthens" if strain > 0.0 else "shortens"} under pressure, by '
                 f'{abs(strain):.2g} ± {std:.1g} % at {kilopascals(parameters.pressure[-1]):.3g} '
-                'kPa: the recordings are more probable with it, so the model has the effect '
+                'kPa: this makes the recordings more probable, so the model includes the effect '
                 'pressure_elongation',
                 reason='elongation',
             )

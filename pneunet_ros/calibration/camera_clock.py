@@ -1,10 +1,10 @@
 """The camera clock relative to the clock of the readings: two unknowns per recording.
 
-A film whose lost frames nobody counts is stamped k / fps, and goes slow by as much as was lost. To
-first order an error of the time of its frames moves the targets by their velocity: late (s) in
-the middle of the recording, and rate (s/s). Both are unknowns with a prior beside all others of a
-fit; evidence says whether the rate is one. An offset alone is not a finding here: a line between
-pressure sensor and chamber looks like one, and `diagnose` distinguishes them (`camera_delay`).
+If lost frames of a film are not counted, its stamps k / fps run slow. To first order, a timing
+error moves the targets by their velocity: late (s) in the middle of the recording, and rate (s/s).
+Both are unknowns with a prior, fitted together with all others; the evidence shows whether the
+rate is real. An offset alone is not reported here, because a line between pressure sensor and
+chamber looks like one; `diagnose` distinguishes them (`camera_delay`).
 """
 
 from __future__ import annotations
@@ -64,12 +64,12 @@ class CameraClock:
     @property
     def sentence(self) -> Note:
         """Describe it for users."""
-        lost = 'frames that were lost and not counted' if self.rate < 0.0 else 'a wrong frame rate'
+        lost = 'lost frames that were not counted' if self.rate < 0.0 else 'a wrong frame rate'
         return Note(
             f'{self.name}: the camera clock deviates by {1e2 * self.rate:+.2g} ± '
-            f'{1e2 * self.rate_std:.1g} % from the pressure clock (and frames are stamped '
-            f'{1e3 * self.late:.0f} ms late in the middle): {lost}? The corrected times are used; '
-            'stamp frames when they are exposed',
+            f'{1e2 * self.rate_std:.1g} % from the pressure clock (halfway, frames are stamped '
+            f'{1e3 * self.late:.0f} ms late): {lost}? Using corrected times; stamp frames when '
+            'they are exposed',
             reason='other_clock',
         )
 
@@ -77,9 +77,10 @@ class CameraClock:
 def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
     """Return the clocks whose rate is observable from the frames of a fit, by recording.
 
-    noise: of the fit. All clocks are estimated together, because a wrong clock biases the arm, and
-    so the other recordings. To first order this bias may look like a wrong clock there. So only
-    clocks with at least half of the greatest evidence are returned; the others may be right.
+    noise: of the fit. All clocks are estimated together, because a wrong clock biases the arm and
+    thereby the other recordings. To first order, this bias may look like a wrong clock there.
+    Therefore only clocks with at least half of the greatest evidence are returned; the others may
+    be right.
     """
     posterior, last = posterior_at(fit, noise)
     prior, timed = posterior.prior, list[RecordingData]()
@@ -121,7 +122,7 @@ def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
 
 
 def confirms(retimed_fit: Fit, before: Fit) -> bool:
-    """Whether correcting the stamps makes the fit as much more probable as a wrong clock predicts.
+    """Whether correcting the stamps improves the fit as much as a wrong clock predicts.
 
     With a model error, `camera_clocks` finds clocks that do not improve the fit.
     """
@@ -142,9 +143,9 @@ def middle_of(run: RecordingData) -> int:
 
 
 def velocities(arm: Arm, run: RecordingData) -> Array:
-    """Return the velocities of targets, and of the heading of the last (frames, coordinates) m/s.
+    """Return the velocities of targets and of the last heading, (frames, coordinates) m/s.
 
-    By what is read just before and just after each frame; zero if the arm has no shape.
+    They are from the readings just before and after each frame; zero if the arm has no shape.
     """
     others = tuple(item for item in arm.effects if not item.frame_delay)
     arms = [

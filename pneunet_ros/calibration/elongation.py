@@ -10,7 +10,7 @@ from pneunet_ros.core.units import quantities
 from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.model.arm import Arm
 
-FITTED = 'fitted by calibrate beside kappa_p0: the recordings are more probable with it'
+FITTED = 'fitted by calibrate together with kappa_p0: it makes the recordings more probable'
 KEY = f'effects.{PressureElongation.name}'
 PARAMETERS = quantities(PressureElongation)
 NAMES = tuple(f'{KEY}.{item.name}' for item in PARAMETERS)
@@ -18,7 +18,7 @@ SIZE = len(NAMES)
 
 
 def prior_std() -> Array:
-    """Return one sigma of the parameters (SIZE,), SI: half of the range that the effect states."""
+    """Return one sigma of the parameters (SIZE,), SI: half of the prior range of the effect."""
     return np.array([0.5 * max(map(abs, item.metadata['prior'])) for item in PARAMETERS])
 
 

@@ -44,9 +44,9 @@ COMPARED_FRAMES = 60  # of every run, where moment laws are compared: CPU
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LawScore:
-    """Scores of a moment law, one per loaded recording left out of its fit.
+    """Scores of a moment law, one per left-out loaded recording.
 
-    fits: those without each of them.
+    fits: without each of these recordings.
     """
 
     kind: str
@@ -62,11 +62,10 @@ class LawScore:
 class FitSequence:
     """Successive fits, each started from the previous one.
 
-    planned, done: how many fits there will be, 0 if that is not known, and were.
-    low, high (Pa): what the recordings span. uniform: kappa_p0 is the same all along the arm; that
-    is part of the model. resolution: what the recordings can resolve; None: all that is fitted.
-    shapes, elongates: as in `Parameters`, the most that is tried until the first experiment has
-    chosen them.
+    planned, done: number of planned fits, 0 if unknown, and of finished ones. low, high (Pa):
+    pressure range of the recordings. uniform: kappa_p0 is constant along the arm, as a part of the
+    model. resolution: of the recordings; None: everything is fitted. shapes, elongates: as in
+    `Parameters`; the largest ones to try until the first experiment has chosen.
     """
 
     def __init__(
@@ -120,9 +119,10 @@ class FitSequence:
         if not loaded:
             raise RequestError(
                 f'the pressures reach from {kilopascals(self.low):.4g} to '
-                f'{kilopascals(self.high):.4g} kPa, and the moment law of {self.frame.name} holds '
-                f'from {kilopascals(low):.4g} to {kilopascals(high):.4g} kPa: record loads '
-                '(--loaded), or give an --arm with a law that holds there (kind: linear does)',
+                f'{kilopascals(self.high):.4g} kPa, but the moment law of {self.frame.name} is '
+                f'valid from {kilopascals(low):.4g} to {kilopascals(high):.4g} kPa only: record '
+                'loads (--loaded), or give an --arm with a law that is valid there (such as '
+                'kind: linear)',
                 reason='out_of_range',
             )
         law = LinearLaw(bending_stiffness=self.first_stiffness)
@@ -146,7 +146,7 @@ class FitSequence:
     def law(
         self, kind: str, stiffness: float, span: tuple[float, float] | None = None
     ) -> MomentLawParameters:
-        """Return the parameters of a moment law around a stiffness (N m^2); span: over Pa."""
+        """Return parameters of a moment law around a stiffness (N m^2); span: pressures (Pa)."""
         low, high = span or (self.low, self.high)
         return MOMENT_LAW_PARAMETERS[kind](
             stiffness=stiffness,
@@ -196,7 +196,7 @@ class FitSequence:
     def first_experiment(self, unloaded: Sequence[RecordingData]) -> Fit:
         """Fit kappa_p0 to the unloaded recordings, with its smoothness chosen by the evidence.
 
-        The first time, they also say how many numbers it has along the arm, and whether the arm
+        The first fit also chooses the number of values along the arm, and whether the arm
         lengthens.
         """
         settings, frames = self.settings, self.settings.experiments.first_frames
@@ -248,7 +248,7 @@ class FitSequence:
         return float(self.first_stiffness * 10.0**best)
 
     def at_one_pressure(self, runs: Sequence[RecordingData], kind: str) -> Fit:
-        """Fit the curvature at rest and the moment law jointly; different loads separate them.
+        """Fit rest curvature and moment law jointly; different loads separate them.
 
         Raises RecordingError if no recording has a load.
         """
@@ -308,7 +308,7 @@ class FitSequence:
         free: Fit,
         stiffness: float,
     ) -> tuple[LawScore, ...]:
-        """Score each law on each loaded recording, with that one left out of the fit."""
+        """Score each law on each loaded recording, leaving that one out of the fit."""
         results = []
         for kind in MOMENT_LAW_PARAMETERS:
             fits = self.without_each(unloaded, loaded, free, self.law(kind, stiffness))
@@ -344,23 +344,23 @@ class FitSequence:
         beyond = EXTRAPOLATION * (earlier.high - earlier.low)
         if self.low < earlier.low - beyond or self.high > earlier.high + beyond:
             raise RequestError(
-                f'the new recordings reach from {kilopascals(self.low):.4g} to '
-                f'{kilopascals(self.high):.4g} kPa, and the calibration to be continued knows '
+                f'the new recordings span {kilopascals(self.low):.4g} to '
+                f'{kilopascals(self.high):.4g} kPa, but the calibration to be continued covers '
                 f'{kilopascals(earlier.low):.4g} to {kilopascals(earlier.high):.4g} kPa; '
                 'recalibrate with all recordings',
                 reason='out_of_range',
             )
         if earlier.placement.size != 2 * self.frame.target_arclength.size:
             raise RequestError(
-                f'the calibration to be continued knows {earlier.placement.size // 2} targets, '
-                f'and the new recordings have {self.frame.target_arclength.size} (the pose of the '
+                f'the calibration to be continued has {earlier.placement.size // 2} targets, but '
+                f'the new recordings have {self.frame.target_arclength.size} (the pose of the '
                 'tip counts as one); recalibrate with all recordings',
                 reason='wrong_targets',
             )
         kind = kind or earlier.kind or PiecewiseLinearLaw.kind
         if earlier.kind and earlier.kind != kind:
             raise RequestError(
-                f'the calibration to be continued has the moment law {earlier.kind}',
+                f'the calibration to be continued has another moment law, {earlier.kind}',
                 reason='other_law',
             )
         law = None
@@ -374,9 +374,9 @@ class FitSequence:
             numbers += law.mean.size
         if earlier.values.size != numbers:
             raise RequestError(
-                f'the knowledge of the calibration to be continued is damaged: its tables and its '
-                f'moment law have {numbers} parameters, and it holds {earlier.values.size}; '
-                'calibrate again with all recordings',
+                'the .knowledge.npz of the calibration to be continued is damaged: its tables '
+                f'and moment law have {numbers} parameters, but it contains '
+                f'{earlier.values.size}; recalibrate with all recordings',
                 reason='damaged',
             )
         return self.fit('all that is new', runs, self.wide, law, earlier=earlier)
@@ -385,9 +385,9 @@ class FitSequence:
 def squared_errors(arm: Arm, run: RecordingData, placement: Array | None = None) -> Array:
     """Return the mean square error (m^2) of the targets in every frame, (frames,).
 
-    placement (2, targets) m, along and across the arm, from a fit; with it, what all frames have
-    in common is the place of the camera. A frame without equilibrium counts as if the arm were a
-    length away.
+    placement (2, targets) m, along and across the arm, from a fit; if given, the common part of
+    all frames is attributed to the camera position. A frame without equilibrium counts as an error
+    of the length of the arm.
     """
     model = ForwardModel(arm.target_arclength, run.points)
     (inputs,) = inputs_of(arm, [run])

@@ -1,8 +1,8 @@
 """Initial guess of kappa_p0: circular arcs through the targets of each frame.
 
-A search that begins with a straight arm comes by shapes that are nowhere near, and there a table
-that jumps from row to row explains any misfit by the noise of the pressure: with a noisy sensor
-it may never come back. Weight bends the arm as well, so this is where to begin and no more.
+A search that starts with a straight arm passes through shapes far from the data. There, a table
+that jumps from row to row explains any misfit by the noise of the pressure, and with a noisy
+sensor the search may not recover. Weight bends the arm as well, so this is only a starting point.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ def first_curvature(runs: Sequence[RecordingData], arm: Arm, pressure: Array) ->
 
 
 def tip_turns(runs: Sequence[RecordingData], arm: Arm) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Return the tip angle (frames,) rad from the clamp, and the frames that show it.
+    """Return the tip angle (frames,) rad relative to the clamp, and the frames that show it.
 
-    From frame to frame of rising pressure it turns by less than half a turn.
+    It is assumed to change by less than half a turn between frames of rising pressure.
     """
     turns = []
     for run in runs:
@@ -61,7 +61,7 @@ def tip_turns(runs: Sequence[RecordingData], arm: Arm) -> tuple[Array, npt.NDArr
 
 
 def arc_curvature(seen: npt.NDArray[np.complex128], arclength: Array) -> Array:
-    """Return the curvature (frames,) 1/m of the arcs from the clamp that targets lie on best.
+    """Return the curvature (frames,) 1/m of the arcs from the clamp that fit the targets best.
 
     seen (frames, targets) m: x + i y of targets, x along the clamp, NaN where one was not seen;
     arclength (targets,) m.

@@ -79,11 +79,11 @@ class ArmNumbers:
 class Fleet:
     """Arms side by side.
 
-    pressure (Pa) of the comparison; numbers (n,) that several arms know; values and stds (arms,
-    n), NaN where an arm does not know one; center and scatter (n,): what alike arms have in
-    common, and by how much they differ beyond their error bars. p_values (arms,): how often the
-    furthest of as many alike arms is as far off, NaN where an arm is not compared; log_chance
-    (arms,): the same of this arm alone, for their order.
+    pressure (Pa) of the comparison; numbers (n,) known for several arms; values and stds (arms,
+    n), NaN if unknown for an arm; center and scatter (n,): mean of alike arms, and their
+    differences beyond the error bars. p_values (arms,): probability that the furthest of as many
+    alike arms is as far off, NaN if an arm is not compared; log_chance (arms,): the same for this
+    arm alone, for sorting.
     """
 
     names: tuple[str, ...]
@@ -114,14 +114,15 @@ class Fleet:
         compared = int(np.count_nonzero(np.isfinite(self.p_values)))
         if not compared:
             return (
-                f'No arm is called odd: that takes {self.settings.fewest} arms with a number in '
-                'common.'
+                f'No arm can be called odd: at least {self.settings.fewest} arms with a number '
+                'in common are needed.'
             )
         if not self.odd:
             furthest = int(np.nanargmin(self.p_values))
             return (
-                f'No arm is odd: of {compared} alike arms the furthest would be as far off as '
-                f'{self.names[furthest]} with probability {self.p_values[furthest]:.2g}.'
+                f'No arm is odd: among {compared} alike arms, the most different one would be as '
+                f'far off as {self.names[furthest]} with probability '
+                f'{self.p_values[furthest]:.2g}.'
             )
         count = f'{len(self.odd)} of {compared} arms {"is" if len(self.odd) == 1 else "are"} odd'
         return f'{count}: {"; ".join(map(self.describe, self.odd))}.'
@@ -137,7 +138,7 @@ class Fleet:
             f'{self.scatter[which]:.2g}{unit}'
         )
         if abs(self.deviations[arm, which]) < scipy.stats.norm.isf(0.5 * self.settings.level):
-            sentence += ' (no number of it is unusual alone, but all of them together are)'
+            sentence += ' (no single number is unusual, but all of them together are)'
         return sentence
 
 
@@ -152,16 +153,13 @@ def arm_numbers(
 ) -> ArmNumbers:
     """Return the compared quantities of a calibrated arm, with the covariance of its model file.
 
-    Args:
-        arm: the arm, with the covariance of its model.
-        pressure: gauge, Pa; what needs a higher one than the arm was calibrated to is left out.
-        loaded: whether it was calibrated under loads, so that its stiffness is its own.
-        settings: the numbers by which fleets are compared.
+    Args: arm: the arm, with the covariance of its model. pressure: gauge, Pa; quantities at
+    pressures above the calibrated range are omitted. loaded: whether the arm was calibrated under
+    loads, so that its stiffness was measured. settings: thresholds for comparing fleets.
 
-    Returns:
-        Turning angle of the unloaded arm at no, half and all of the pressure, what of it is in the
-        outer half where the curvature may vary along the arm, the bending stiffness of the arm as
-        a whole at half of the pressure, and the parameters of its effects.
+    Returns: Turning angle of the unloaded arm at zero, half and full pressure, that of its outer
+    half if the curvature may vary along the arm, the bending stiffness of the whole arm at half
+    pressure, and the parameters of its effects.
 
     """
     values = evaluate(arm, pressure, loaded, settings)
@@ -221,7 +219,7 @@ def evaluate(
 
 
 def mean_stiffness(arm: Arm, pressure: float) -> float:
-    """Return the bending stiffness (N m^2) of the arm as a whole: its sections in series."""
+    """Return the bending stiffness (N m^2) of the whole arm: its sections in series."""
     law = arm.moment_law
     known = np.clip([pressure], *law.pressure_range)
     (sections,) = law.sections(known, arm.length, arm.weight)
@@ -238,15 +236,11 @@ def compare_arms(
 ) -> Fleet:
     """Estimate center and scatter of a fleet, and its outliers.
 
-    Args:
-        arms: the numbers of each arm by its name.
-        pressure: at which they are, Pa.
-        seed: of the simulated fleets.
-        settings: the numbers by which it is decided.
+    Args: arms: the numbers of each arm, by name. pressure: of the numbers, Pa. seed: of the
+    simulated fleets. settings: thresholds for the decision.
 
-    Returns:
-        The arms side by side. A number is compared where enough arms know it; center and scatter
-        of the others are medians.
+    Returns: The compared arms. A number is compared if enough arms have it; center and scatter of
+    the others are medians.
 
     """
     counts = Counter(number for item in arms.values() for number in item.values)
@@ -300,18 +294,14 @@ def distances(
 ) -> tuple[Array, Array, Array]:
     """Return center, scatter and the probability of each arm's distance, for many fleets at once.
 
-    A robust start says which arms may be counted; of those, center and scatter are the most
-    probable ones.
+    A robust start selects the arms to use; center and scatter are the most probable ones for
+    these.
 
-    Args:
-        values: (fleets, arms, n), NaN where an arm does not know a number.
-        covariance: of the error bars (arms, n, n), the same in every fleet.
-        settings: the numbers by which fleets are compared.
+    Args: values: (fleets, arms, n), NaN if unknown for an arm. covariance: of the error bars
+    (arms, n, n), the same in every fleet. settings: thresholds for comparing fleets.
 
-    Returns:
-        center (fleets, n); scatter (fleets, n, n), the covariance of alike arms beyond their error
-        bars; log probability (fleets, arms) that one of them is as far off, NaN where it knows
-        nothing.
+    Returns: center (fleets, n); scatter (fleets, n, n), the covariance of alike arms beyond their
+    error bars; log probability (fleets, arms) that an arm is as far off, NaN if it has no numbers.
 
     """
     center, scatter = robust_start(values, covariance, settings)
@@ -337,7 +327,7 @@ def deviations_and_precision(
 ) -> tuple[Array, Array]:
     """Return the deviations of arms (fleets, arms, n) and their inverse covariance.
 
-    Both are zero if an arm does not know a number.
+    Both are zero for unknown numbers of an arm.
     """
     known = np.isfinite(values)
     both = known[..., :, None] & known[..., None, :]
@@ -352,9 +342,9 @@ def deviations_and_precision(
 def next_estimate(
     values: Array, covariance: Array, center: Array, scatter: Array, counted: npt.NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Return center and scatter after one round of expectation and maximization.
+    """Return center and scatter after one EM iteration.
 
-    counted (fleets, arms): which arms are.
+    counted (fleets, arms): mask of the arms to use.
     """
     deviation, precision = deviations_and_precision(values, covariance, center, scatter)
     precision = precision * counted[..., None, None]
@@ -394,7 +384,7 @@ def robust_start(
 
 
 def center_and_scatter(values: Array, variances: Array) -> tuple[Array, Array]:
-    """Return the median of each number and its scatter beyond the error bars, (fleets, n) each.
+    """Return median and scatter beyond the error bars of each number, (fleets, n) each.
 
     The scatter makes the median of the squared deviations, normalized by scatter and error bar,
     equal to that of a standard normal variable; zero where error bars are enough.
@@ -458,8 +448,9 @@ def simulate_furthest(
 ) -> Array:
     """Return the smallest log probability in each of many simulated fleets of equal arms.
 
-    The fleets have the arms, error bars and missing numbers of this one, and go through the same
-    estimate of center and scatter: of few arms one is further off than chi squared says.
+    The simulated fleets have the same number of arms, error bars and missing numbers, and use the
+    same estimate of center and scatter, because among few arms one is further off than chi squared
+    suggests.
     """
     random = np.random.default_rng([seed, values.shape[0]])
     roots = [np.linalg.cholesky(rescued(one + scatter)) for one in covariance]

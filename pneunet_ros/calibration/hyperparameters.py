@@ -1,6 +1,6 @@
 """Model selection: smoothness of kappa_p0, numbers along the arm, and elongation.
 
-One evidence chooses all of it: that of a first, linearized fit with all terms.
+All are chosen by the evidence of a first, linearized fit with all terms.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ def most_likely_parameters(
     tried: Iterable[Parameters],
     settings: CalibrationSettings = CALIBRATION,
 ) -> Parameters:
-    """Return the tried parameters with the largest evidence, as smooth ones.
+    """Return the parameters with the largest evidence among those tried.
 
-    The data enter through the fit's information and its vector, so nothing is solved again. An arm
-    of which few targets show the shape may bend unevenly, which looks much like an elongation:
-    that competes (`nonuniformity`).
+    The data enter through the information of the fit and its vector, so nothing is solved again.
+    With few targets, an unevenly bending arm looks similar to an elongation, so it competes
+    (`nonuniformity`).
     """
     parameters = first.parameters
     known, cells = parameters.before_law, parameters.cells
@@ -67,9 +67,9 @@ def smoothnesses(
 
 
 def structures(most: Parameters) -> Iterator[Parameters]:
-    """Yield parameters with fewer numbers along the arm, halved each time, lengthening or not.
+    """Yield parameters with ever fewer numbers along the arm, with and without elongation.
 
-    Where targets show all of the arm, kappa_p0 keeps its knots: their prior is smooth.
+    If targets resolve the whole arm, kappa_p0 keeps its knots, whose prior is smooth.
     """
     shapes = most.shapes
     while shapes is None or shapes:

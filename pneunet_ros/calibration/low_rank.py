@@ -24,8 +24,9 @@ def low_rank(
 ) -> tuple[ModelCovariance, float]:
     """Return a low-rank covariance of the parameters, and the share of shape variance it captures.
 
-    most: number of columns. painted: include the placement of only the first `painted` targets;
-    None: of all targets. guessed (parameters, errors): assumed errors, one extra column each.
+    most: largest number of columns. painted: include the placement of only the first `painted`
+    targets; None: of all targets. guessed (parameters, errors): assumed errors, one extra column
+    each.
 
     Keeps the directions of the full covariance that move the targets of the fitted frames most,
     and scales them to preserve the total variance. If the targets resolve less than the table of
@@ -51,9 +52,9 @@ def low_rank(
 
 
 def covariance_root(covariance: Array) -> Array:
-    """Return a square root (n, n) of a covariance, also of one that rounding made indefinite.
+    """Return a square root (n, n) of a covariance, even if rounding made it indefinite.
 
-    Exactly known quantities get the variance of rounding.
+    Exactly known quantities get a variance of rounding size.
     """
     std = np.sqrt(np.diag(covariance))
     size, along = np.linalg.eigh(covariance / std / std[:, None])
@@ -91,8 +92,8 @@ def rounded(values: Array) -> Array:
 def shape_jacobian(fit: Fit, count: int, places: Array | None = None) -> Array:
     """Return the derivative of the shape in some frames of every run, (points, parameters).
 
-    places (m) of the arm: its targets; where these are few, its knots too, and then also unloaded
-    at the pressures of the table. Points are x, then y of all places, frame by frame.
+    The points are the targets (m); if there are few, also the knots, and then also unloaded at the
+    pressures of the table. Points are x, then y of all places, frame by frame.
     """
     arm, parameters = fit.arm, fit.parameters
     inputs = [run_inputs(run, count) for run in fit.runs]

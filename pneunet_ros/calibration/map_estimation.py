@@ -1,9 +1,9 @@
 """MAP estimation of the model by Gauss-Newton on target points.
 
-What is fitted are the points, not differentiated curvature. Parameters of the model, disturbances
-of the measurement and the errors of pressure and force readings have Gaussian priors; readings are
-integrated out frame by frame, the rest is solved for. All unknowns are scaled to their prior, so
-that it is the unit matrix.
+The fit is to the points, not to curvature from derivatives. Parameters of the model, disturbances
+of the measurement and errors of pressure and force readings have Gaussian priors; reading errors
+are integrated out frame by frame, the rest is solved for. All unknowns are scaled to their prior,
+so that it is the unit matrix.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ NONE = frozen_array(np.zeros(0))
 class ScaledPrior:
     """The joint prior of parameters and disturbances: mean + scale z, z normal of unit variance.
 
-    size: how many unknowns, the first, are parameters of the model; placement follows them, up to
-    `shared`, and then what is of each run alone: the camera's path, the error of a known load.
+    size: number of model parameters, which come first; placement follows, up to `shared`, and then
+    the unknowns of each run: the camera's path, the error of a known load.
     """
 
     def __init__(
@@ -72,7 +72,8 @@ class ScaledPrior:
 class LinearizedPosterior:
     """The posterior around scaled unknowns (n,): cost, normal matrix (n, n) and gradient (n,).
 
-    Both of the data alone; the prior adds the unit matrix and -scaled. bounds: of a step.
+    Matrix and gradient are those of the data; the prior adds the unit matrix and -scaled. bounds:
+    of a step.
     """
 
     scaled: Array
@@ -98,8 +99,8 @@ class LinearizedPosterior:
 class Posterior:
     """Negative log posterior over all runs, and its linearization.
 
-    The forward models keep where equilibria were found, to start from. A trial starts where the
-    linearization was: an arm that has snapped to another equilibrium in a trial that went too far
+    The forward models keep their equilibria as starting points. A trial starts from those of the
+    linearization: otherwise an arm that snapped to another equilibrium in a too large trial step
     would stay there in the next.
     """
 
@@ -131,7 +132,8 @@ class Posterior:
     def linearize(self, scaled: Array, *, whole: bool = False) -> LinearizedPosterior:
         """Return the joint linearization of all runs at scaled unknowns.
 
-        whole: keep the Jacobian of each frame too, which an hour of film has no memory for.
+        whole: also keep the Jacobian of each frame, which needs too much memory for an hour of
+        film.
         """
         prior, size = self.prior, self.prior.size
         values, disturbance = prior.unscale(scaled)
@@ -180,20 +182,15 @@ def fit(
 ) -> Fit:
     """Find the maximum a posteriori parameters of a model, given recordings.
 
-    Args:
-        parameters: what is fitted, with its prior.
-        runs: the recordings, frames with targets in the base frame.
-        noise: one sigma of every sensor, SI.
-        targets: (targets,) m, arclength of the targets.
-        start: (n,) values to begin with; the prior's mean where None.
-        on_progress: called with the number of each step and the cost.
-        settings: when the search ends.
+    Args: parameters: to be fitted, with their prior. runs: the recordings, frames with targets in
+    the base frame. noise: one sigma of every sensor, SI. targets: (targets,) m, arclength of the
+    targets. start: (n,) initial values; None: the mean of the prior. on_progress: called with the
+    number of each step and the cost. settings: stopping criteria.
 
     Returns:
         The fit with covariance; `converged` and `status` say how the search ended.
 
-    Raises:
-        ModelError: the start is no arm.
+    Raises: ModelError: the start is not a valid arm.
 
     """
     posterior = Posterior(parameters, runs, noise, targets)
@@ -221,7 +218,10 @@ def fit(
     )
     status = {
         End.CONVERGED: 'converged',
-        End.STUCK: f'no step lowers the cost any more; {search.gain:.2g} standard deviations left',
+        End.STUCK: (
+            f'no step lowers the cost any more, with {search.gain:.2g} standard deviations left '
+            'to gain'
+        ),
         End.UNFINISHED: 'no convergence within the allowed steps',
     }[search.end]
     nearly = search.end is End.STUCK and search.gain < settings.nearly

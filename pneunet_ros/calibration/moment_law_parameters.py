@@ -24,7 +24,7 @@ class MomentLawParameters(abc.ABC):
     """Parameters of one kind of moment law, with a prior that the data easily outweigh.
 
     mean (n,) and prior (n, n) covariance; stiffness is a first guess of EI (N m^2). given: the law
-    of the calibrated arm, for constants that are not fitted.
+    of the arm file, for constants that are not fitted.
     """
 
     kind: ClassVar[str]
@@ -46,20 +46,21 @@ class MomentLawParameters(abc.ABC):
     def slopes(self, pressure: Array) -> Array:
         """Return the derivatives of the moved columns of sections, (n, columns, parameters).
 
-        All of these laws are linear in their parameters, so it is the same for all values;
-        pressure (n,) Pa. The last answers are kept: recordings come again and again.
+        All of these laws are linear in their parameters, so the result does not depend on their
+        values; pressure (n,) Pa. The last results are cached, because recordings are evaluated
+        again and again.
         """
         return slopes_at(self, pressure.tobytes())
 
     @property
     def sections(self) -> int:
-        """The number of sections with a stiffness each."""
+        """The number of sections, each with its own stiffness."""
         return 1
 
     def scalings(self, values: Array) -> Array:
         """Return the derivatives of parameters (n,) by ln EI of each section, (n, sections).
 
-        Of a law in which a part of EI is given, as Majidi's, that of the rest.
+        For a law in which a part of EI is given, such as Majidi's, they are for the rest.
         """
         return values[:, None]
 
@@ -70,7 +71,7 @@ class MomentLawParameters(abc.ABC):
 
     @abc.abstractmethod
     def quantities(self) -> tuple[tuple[str, ...], Array]:
-        """Return the numbers of the model file that move, and their change per parameter."""
+        """Return the affected numbers of the model file, and their change per parameter."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,9 +79,9 @@ class PiecewiseParameters(MomentLawParameters):
     """Eq 10: a line in pressure and a small bow for alpha1 and for alpha2; l1 / l in rows.
 
     The paper regresses the rigidities linearly in pressure; the bow keeps the errors of that line
-    honest. Unknowns per section: alpha at the lower and the upper end of the range, and how much
-    more it is in the middle than the line. The split may have kinks. M_O is zero: beside kappa0 it
-    cannot be identified.
+    honest. Unknowns per section: alpha at the lower and upper end of the range, and its excess
+    over the line in the middle. The split may have kinks. M_O is zero, because it cannot be
+    distinguished from kappa0.
     """
 
     kind: ClassVar[str] = PiecewiseLinearLaw.kind
@@ -117,7 +118,7 @@ class PiecewiseParameters(MomentLawParameters):
 
     @property
     def sections(self) -> int:
-        """On both sides of the split."""
+        """One on each side of the split."""
         return 2
 
     def scalings(self, values: Array) -> Array:
@@ -193,8 +194,8 @@ PAPER_SECTION = {'width': 0.015, 'thickness': 0.003, 'height': 0.012, 't1': 0.00
 class MajidiParameters(MomentLawParameters):
     """Eq 11: one elastic modulus; kappa0 is fitted as for other laws.
 
-    The section is taken from the law of the given arm if it has one, else from Figure 1 of the
-    paper.
+    The cross-section is that of the law of the given arm, if it has one, or that of Figure 1 of
+    the paper.
     """
 
     kind: ClassVar[str] = MajidiLaw.kind
@@ -214,7 +215,7 @@ class MajidiParameters(MomentLawParameters):
 
     @property
     def assumed(self) -> bool:
-        """Whether the section is the paper's, for want of the arm's own."""
+        """Whether the cross-section is the paper's, because the arm has none."""
         return not isinstance(self.given, MajidiLaw)
 
     @property

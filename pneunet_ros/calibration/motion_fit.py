@@ -1,8 +1,8 @@
 """Tip mass and damping of an arm, from recordings of its oscillations.
 
-The arm's statics are known; each recording is followed reading by reading, and the measured motion
-about equilibrium is compared with that of the chain. Where the pressure stands still the arm was
-plucked: such a recording begins where it was let go, and how it moves there is fitted as well.
+The statics of the arm are known; each recording is simulated reading by reading, and the measured
+motion about equilibrium is compared with that of the chain. At constant pressure the arm was
+plucked: such a recording starts at the release, and its initial state is fitted as well.
 """
 
 from __future__ import annotations
@@ -81,11 +81,11 @@ class SwingingRun:
 
     @property
     def beside(self) -> Array:
-        """Measured targets relative to equilibrium (frames, 2, targets) m, NaN where not seen."""
+        """Measured targets relative to equilibrium, (frames, 2, targets) m, NaN where not seen."""
         return self.points - self.still[self.reading]
 
     def beginning_with(self, frame: int) -> SwingingRun:
-        """Return the recording from the reading of a frame on."""
+        """Return the recording starting at the reading of a frame."""
         start = int(self.reading[frame])
         return replace(
             self,
@@ -100,8 +100,8 @@ class SwingingRun:
     def centered(self, values: Array) -> Array:
         """Return values (frames, 2, targets, ...) less the mean of each coordinate, NaN unseen.
 
-        Where the camera stands is no motion. Where the arm is let go, it is not known yet how it
-        moves.
+        The position of the camera is not motion. At the release, the state of the arm is not known
+        yet.
         """
         left_out = ~np.isfinite(self.points)
         left_out[self.plucked * (self.reading == 0)] = True
@@ -112,7 +112,7 @@ class SwingingRun:
         return np.asarray(seen - mean.T)
 
     def solved_from(self, readings: slice) -> Solved:
-        """Return the tables of some of the readings."""
+        """Return the tables of the solved rods for some of the readings."""
         panels, ends, nodes = self.solved
         return panels[readings], ends[readings], nodes[readings]
 
@@ -122,9 +122,9 @@ class MotionFit:
     """Fitted mass and damping, with standard errors.
 
     tip_mass kg, damping_time s; hertz and decay_time (s): of the slowest vibration of the unloaded
-    arm in the middle of its pressures. still_rms, moving_rms (m): residuals of targets from the
-    arm in equilibrium and in motion. in_motion: number of frames in which motion moves the tip by
-    more than 1.96 standard deviations of a target. shares (arms,): fitted step towards each of
+    arm at mid-range pressure. still_rms, moving_rms (m): residuals of targets from the arm in
+    equilibrium and in motion. in_motion: number of frames in which motion moves the tip by more
+    than 1.96 standard deviations of a target. shares (arms,): fitted step towards each of
     `nearby`.
     """
 
@@ -143,13 +143,12 @@ class MotionFit:
     def sentence(self) -> str:
         """The finding in words."""
         return (
-            f'{self.in_motion} of {self.frames} frames show the arm in motion '
-            f'({self.hertz:.2g} Hz, decays in {self.decay_time:.2g} s): '
-            f'tip_mass {1e3 * self.motion.tip_mass:.2g} ± {1e3 * self.tip_mass_std:.1g} g, '
-            f'damping_time {1e3 * self.motion.damping_time:.3g} ± '
-            f'{1e3 * self.damping_time_std:.1g} ms; targets are '
-            f'{millimeters(self.moving_rms):.2g} mm off the moving arm, '
-            f'{millimeters(self.still_rms):.2g} mm beside its equilibrium'
+            f'{self.in_motion} of {self.frames} frames show the arm in motion ({self.hertz:.2g} '
+            f'Hz, decays in {self.decay_time:.2g} s): tip_mass {1e3 * self.motion.tip_mass:.2g} '
+            f'± {1e3 * self.tip_mass_std:.1g} g, damping_time '
+            f'{1e3 * self.motion.damping_time:.3g} ± {1e3 * self.damping_time_std:.1g} ms; '
+            f'targets are {millimeters(self.moving_rms):.2g} mm away from the moving arm, and '
+            f'{millimeters(self.still_rms):.2g} mm from its equilibrium'
         )
 
 
@@ -208,7 +207,7 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
 
 
 def stands_still(run: RecordingData, loads: Array, arm: Arm) -> bool:
-    """Whether pressure and loads (readings, 3) are constant: then the arm was plucked."""
+    """Whether pressure and loads (readings, 3) are constant, so the arm must have been plucked."""
     reach, noise = 2.0 * run.idle_reach(), arm.sensors
     known = (run.pressure, noise.pressure_std), (loads[:, :2], noise.force_std)
     return all(float(np.max(np.ptp(values, axis=0))) <= reach * std for values, std in known)
@@ -236,11 +235,11 @@ def let_go(run: SwingingRun) -> SwingingRun:
 class MotionProblem:
     """Recordings, and the fitted parameters.
 
-    The numbers: mass at the tip, in units of the arm's share there, less than zero if the arm
-    itself is lighter; log of the damping time (s);
-    then, of each plucked recording, q and p where it begins. std (m): white noise of a target.
-    others (rows, unknowns): columns of residuals by what else is not known exactly, one sigma
-    each; covariance (unknowns, unknowns): the inverse of their information.
+    The parameters: mass at the tip, in units of the arm's effective mass there, negative if the
+    arm itself is lighter; log of the damping time (s); then q and p at the start of each plucked
+    recording. std (m): white noise of a target. others (rows, unknowns): columns of residuals by
+    other uncertainties, one sigma each; covariance (unknowns, unknowns): the inverse of their
+    information.
     """
 
     arm: Arm
@@ -253,7 +252,7 @@ class MotionProblem:
 
     @property
     def lost(self) -> float:
-        """Where a chain is that has no place (m): farther away than any arm can be."""
+        """Position (m) used for a chain that diverged: farther away than any arm can be."""
         return 2.0 * self.arm.length
 
     @property
@@ -266,7 +265,7 @@ class MotionProblem:
         return self.share * float(numbers[0]), math.exp(float(numbers[1]))
 
     def masses(self, mass: float) -> Masses:
-        """Return the masses with this much at the tip; less than zero lightens the whole arm."""
+        """Return the masses with this mass at the tip; a negative one lightens the whole arm."""
         own = masses_of(self.arm)
         if mass >= 0.0:
             return own._replace(tip=self.share * mass)
@@ -323,16 +322,16 @@ class MotionProblem:
         return np.nan_to_num(np.concatenate([item.ravel() for item in left]) / self.std)
 
     def root_mean_square(self, left: Sequence[Array]) -> float:
-        """Return the root mean square (m) of targets, less what the others explain."""
+        """Return the root mean square (m) of target distances after subtracting the others."""
         rest, _ = self.split(self.white(left))
         return self.std * math.sqrt(
             2.0 * float(rest @ rest) / sum(int(np.isfinite(item).sum()) for item in left)
         )
 
     def split(self, left: Array) -> tuple[Array, Array]:
-        """Return residuals (rows,) less what the others explain, and the shares of these.
+        """Return residuals (rows,) after subtracting the others, and the values of these.
 
-        shares (unknowns,): their most probable values, in sigma.
+        values (unknowns,): most probable, in sigma.
         """
         if self.others is None or self.covariance is None:
             return left, np.zeros(0)
@@ -342,10 +341,10 @@ class MotionProblem:
     def with_others(
         self, arms: Sequence[Arm], runs: Sequence[RecordingData], numbers: Array
     ) -> MotionProblem:
-        """Return the problem with all that is not known exactly, at these numbers.
+        """Return the problem with all other uncertainties, at these parameters.
 
-        An unknown step towards each of these arms, then where targets are painted and where the
-        camera stands: on a slow ramp both look like damping.
+        The others: an unknown step towards each of these arms, then the positions of targets and
+        camera: on a slow ramp, errors of both look like damping.
         """
         others = np.column_stack([*self.steps_towards(arms, runs, numbers), self.disturbed(runs)])
         gram = others.T @ others + np.eye(others.shape[1])
@@ -388,7 +387,7 @@ class MotionProblem:
         return columns
 
     def best_of_scan(self) -> Array:
-        """Return the numbers of a grid that explain the first readings of each run best."""
+        """Return the grid parameters that explain the first readings of each run best."""
         short = self.shortened(SCANNED_READINGS)
         guesses = [
             short.first_numbers(mass - 1.0, ratio)
@@ -398,7 +397,7 @@ class MotionProblem:
         return min(guesses, key=lambda numbers: float(np.sum(short.cost(numbers) ** 2)))
 
     def search(self, start: Array, least_mass: float = -math.inf) -> Any:
-        """Search for the most likely numbers; least_mass: bound of the first of them."""
+        """Search for the most likely parameters; least_mass: lower bound of the first one."""
         from scipy.optimize import least_squares  # slow to import, and few fits need it
 
         return least_squares(
@@ -412,10 +411,10 @@ class MotionProblem:
         )
 
     def without_held_frames(self, left: Sequence[Array]) -> MotionProblem | None:
-        """Return the problem less the frames in which plucked arms were still held; None: none.
+        """Remove the frames in which plucked arms were still held; None if there are none.
 
-        left: residuals per run. A push that ends behind the last large swing leaves frames that no
-        free swing explains: within the first period, and beyond what the later ones leave.
+        left: residuals per run. If a push ends after the last large swing, some frames within the
+        first period fit no free swing: their residuals are larger than later ones.
         """
         period = 2.0 * np.pi / float(self.modes.frequency[0]) * NANOSECONDS_PER_SECOND
         runs = list(self.runs)
@@ -435,7 +434,7 @@ class MotionProblem:
         return replace(self, runs=tuple(runs), others=None, covariance=None)
 
     def with_starts(self, numbers: Array) -> Array:
-        """Return the numbers with plucked runs begun as their frames show, at this motion."""
+        """Return the parameters with starts of plucked runs fitted to their frames."""
         if numbers.size == 2:
             return numbers
         from scipy.optimize import least_squares  # slow to import, and few fits need it
@@ -450,7 +449,7 @@ class MotionProblem:
         return np.concatenate([motion, found.x])
 
     def numbers_of(self, motion: Motion) -> Array:
-        """Return the numbers of a mass and damping; plucked runs begin at their first frame."""
+        """Return parameters for a mass and damping; plucked runs start at their first frame."""
         numbers = self.first_numbers(0.0, 0.1)
         numbers[:2] = motion.tip_mass / self.share, math.log(motion.damping_time)
         return numbers
@@ -484,23 +483,20 @@ def fit_motion(
 ) -> MotionFit:
     """Fit mass at the tip and damping to recordings in which the arm swings.
 
-    Args:
-        arm: the calibrated arm; its weight is its mass.
-        runs: recordings with quick changes of the pressure, or of an arm that was plucked and let
-            go at constant pressure.
-        near: start of the search; None: scan a grid.
-        nearby: arms that each differ from this one in one of its errors, by `DIFFERENCE` of a
-            standard deviation: the size of each error is fitted too.
-        trusted_error: relative error of the mass up to which a swing that suggests a lighter arm
-            is overruled by the model file.
+    Args: arm: the calibrated arm; its weight is its mass. runs: recordings with quick changes of
+    the pressure, or of an arm that was plucked and let go at constant pressure. near: start of the
+    search; None: scan a grid. nearby: arms that differ from this one by one error each, by
+    `DIFFERENCE` of a standard deviation; the sizes of these errors are fitted too. trusted_error:
+    relative error of the mass up to which a swing that suggests a lighter arm is overruled by the
+    model file.
 
-    Of more frames than a calibration takes, as many are fitted, evenly in time and pressure.
+    At most as many frames as in a calibration are fitted, evenly in time and pressure.
 
     Returns:
         Mass and damping with standard errors.
 
-    Raises:
-        RequestError: the arm hardly swings in the recordings, or no mass at the tip explains how.
+    Raises: RequestError: the arm hardly swings in the recordings, or no mass at the tip explains
+    its motion.
 
     """
     runs = thinned(runs, EXPERIMENTS.most_frames)
@@ -524,9 +520,9 @@ def fit_motion(
     frames = sum(len(item) for item in settled)
     if not moving_rms < still_rms:
         raise RequestError(
-            f'the recordings after --motion do not show the arm swing ({in_motion} of {frames} '
-            'frames, and mass explains none of them): change the pressure by half of its range '
-            'within 0.1 s, or pluck the arm and let it go',
+            f'the recordings after --motion do not show the arm swinging ({in_motion} of '
+            f'{frames} frames, none of them explained by mass): change the pressure by half of '
+            'its range within 0.1 s, or pluck the arm and let it go',
             reason='not_in_motion',
         )
     errors = standard_errors(problem, fitted.jac, left)
@@ -539,9 +535,9 @@ def fit_motion(
     if tip_mass < -SURE * tip_std:
         whole = (1.0 + tip_mass / problem.share) * arm.weight
         raise RequestError(
-            f'the arm swings faster than its weight allows: arm.weight is {arm.weight:.4g} N, and '
-            f'{whole:.4g} N would do; weigh the arm, and give --arm a file '
-            'with its weight',
+            f'the arm swings faster than its weight allows: arm.weight is {arm.weight:.4g} N, '
+            f'but the swing would need {whole:.4g} N. Weigh the arm, and give --arm a file with '
+            'that weight',
             reason='wrong_weight',
         )
     tip_mass = max(tip_mass, 0.0)
@@ -572,9 +568,9 @@ def predicted_motion(
 ) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...], tuple[Flags, ...]]:
     """Predict recordings for given mass and damping, without a fit.
 
-    But how an arm moves where it was plucked. Returns, per run, the measured and predicted
-    deviations from equilibrium, each less its mean, their size (frames, 2, targets) m, and the
-    frames at rest.
+    Only the initial state of a plucked arm is fitted. Returns, per run, the measured and predicted
+    deviations from equilibrium (frames, 2, targets) m, each minus its mean, and the frames at
+    rest.
     """
     problem = motion_problem(arm, runs)
     while True:
@@ -589,9 +585,9 @@ def predicted_motion(
 
 
 def less_swing(arm: Arm, motion: Motion, runs: Sequence[RecordingData]) -> list[RecordingData]:
-    """Return recordings less the swing of an arm of this mass and damping about its equilibrium.
+    """Return recordings minus the swing of an arm of this mass and damping about equilibrium.
 
-    Those in which it was plucked stay as they are.
+    Recordings of a plucked arm are unchanged.
     """
     problem = motion_problem(arm, runs)
     beside, _ = problem.follow(problem.numbers_of(motion))
@@ -619,11 +615,11 @@ def motion_problem(arm: Arm, runs: Sequence[RecordingData]) -> MotionProblem:
 
 
 def standard_errors(problem: MotionProblem, jacobian: Array, left: Sequence[Array]) -> Array:
-    """Return the standard errors of the numbers.
+    """Return the standard errors of the parameters.
 
-    Residuals are correlated from frame to frame, as statics are not exact: the frames of a period
-    of the arm count as one observation. Source: cluster-robust covariance, Liang and Zeger,
-    Biometrika 73 (1986).
+    Residuals are correlated from frame to frame, because the statics are not exact: the frames of
+    one period of the arm count as one observation. Source: cluster-robust covariance, Liang and
+    Zeger, Biometrika 73 (1986).
     """
     period = 2.0 * np.pi / float(problem.modes.frequency[0])
     blocks, first = [], 0

@@ -1,8 +1,8 @@
 """Sensor noise estimated from the recordings themselves, without model residuals.
 
-White noise from second differences in time, in which smooth motion cancels; the camera's place
-and drift from the target at the clamp, which does not move with the arm; placement of the targets
-from how they lie beside a smooth curve while the arm is straightest.
+White noise is from second differences in time, in which smooth motion cancels; position and drift
+of the camera from the target at the clamp, which does not move with the arm; placement of the
+targets from their distance to a smooth curve while the arm is straightest.
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ def estimate_noise(
 ) -> NoiseEstimate:
     """Estimate all standard deviations; undetermined ones stay `assumed`.
 
-    arclength (targets,) m of the targets. Runs of a few frames say nothing: they are not a motion;
-    nor do static ones, which have no order in time. A load of exactly zero is not a reading.
-    Targets and camera are never exactly where they are said to be, even where `assumed` says so.
+    arclength (targets,) m of the targets. Runs of a few frames are not used, because they are not
+    a motion; nor are static ones, which have no order in time. A load of exactly zero is not a
+    reading. Target and camera positions are never taken as exact, even if `assumed` says so.
     """
     assumed = with_places_uncertain(assumed, arclength, settings)
     headings = [run.heading for run in runs if run.heading is not None]
@@ -88,8 +88,8 @@ def estimate_noise(
         if std is not None and std < least:
             found[key] = (
                 least,
-                f'{words}: positions and headings in time differ by less, as in a lossy film or '
-                'with a tracker that repeats what rests',
+                f'{words}: successive positions and headings differ by less, as in a lossy film '
+                'or with a tracker that repeats resting targets',
             )
     white = found['target_std'][0]
     white = white if white is not None else assumed.target_std
@@ -108,10 +108,10 @@ def estimate_noise(
         found[key] = coarse, sentence
         notes.append(
             Note(
-                f'the {name} is read in steps of {step:.3g} {unit}, coarser than its noise: '
-                f'step^2/12 is in its variance, and {key} is {coarse:.3g} {unit}. A {name} that '
-                'rests is off by the same in all of its frames; a finer sensor or converter '
-                'gives more information',
+                f'the {name} is read in steps of {step:.3g} {unit}, coarser than its noise: its '
+                f'variance includes step^2/12, and {key} is {coarse:.3g} {unit}. A constant '
+                f'{name} has the same error in all frames; a finer sensor or converter would '
+                'give more information',
                 reason='coarse_steps',
             )
         )
@@ -125,13 +125,13 @@ def estimate_noise(
             Note(
                 'while the arm rests, the errors of neighboring targets are correlated '
                 f'({neighbors:.2f}), as with hot air, a curved window or lossy video. The noise '
-                f'of each target is set to {factor:.2g} times the measured one',
+                f'of each target is set to {factor:.2g} times the measured noise',
                 reason='alike_neighbors',
             )
         )
     found['placement_std'] = (
         placement(runs, arclength, white, assumed.placement_std, settings),
-        'targets beside a smooth curve while the arm is straightest',
+        'distance of targets from a smooth curve while the arm is straightest',
     )
     place, drift = camera(runs, arclength, white, settings)
     found['registration_std'] = place, 'motion of the target at the clamp, between recordings'
@@ -159,7 +159,7 @@ def in_time(
 def readings_of(runs: Sequence[RecordingData]) -> dict[str, list[Array]]:
     """Return the series of readings (values,) of every sensor in some recordings.
 
-    A component of the load that is zero throughout was not measured.
+    A load component that is always zero was not measured.
     """
     components = [column for load in loads_of(runs) for column in enumerate(load.T)]
     measured = [(place, values) for place, values in components if np.any(values)]
@@ -190,9 +190,9 @@ def with_noise_of_readings(
 def with_places_uncertain(
     assumed: SensorNoise, arclength: Array, settings: NoiseEstimateSettings
 ) -> SensorNoise:
-    """Return the noise with places of targets and camera that are not known exactly.
+    """Return the noise with uncertain positions of targets and camera.
 
-    Many an arm file says 0: taken at its word, a stiffness would be wrong by many of its errors.
+    Many arm files say 0; if this were used, a stiffness would be wrong by many of its errors.
     """
     way = float(arclength[-1]) if arclength.size else 0.0
     return replace(
@@ -209,20 +209,20 @@ def differing_noise(
     sources: Mapping[str, str],
     settings: NoiseEstimateSettings,
 ) -> list[Note]:
-    """Report estimated noise that differs from the assumed one, and which is used."""
+    """Report estimated noise that differs from the assumed noise, and which one is used."""
     said = []
     for name, unit in STATED:
         found, stated = getattr(noise, name), getattr(assumed, name)
         if sources.get(name, ASSUMED) == ASSUMED or stated <= 0.0:
             continue
         if not 1.0 / settings.differs < found / stated < settings.differs:
-            said.append(f'{name} {found:.3g} {unit}, where it says {stated:.3g} {unit}')
+            said.append(f'{name} {found:.3g} {unit} instead of {stated:.3g} {unit}')
     if not said:
         return []
     return [
         Note(
             f'the noise of these recordings differs from the arm file: {"; ".join(said)}. The '
-            'measured values are used and written to the model',
+            'measured values were used and are written to the model',
             reason='other_noise',
         )
     ]
@@ -231,9 +231,9 @@ def differing_noise(
 def resolution_of(
     series: Sequence[Array], settings: NoiseEstimateSettings = NOISE_ESTIMATE
 ) -> float:
-    """Return the resolution of a sensor from its readings (values,); 0 if they are on no grid.
+    """Return the resolution of a sensor from its readings (values,); 0 if they are not on a grid.
 
-    Readings of a sensor that is coarser than its noise repeat, and all lie whole steps apart.
+    Readings of a sensor coarser than its noise repeat, and differ by whole steps.
     """
     steps = [step for values in series if (step := grid_step(values, settings)) > 0.0]
     return float(np.median(steps)) if 2 * len(steps) > len(series) else 0.0
@@ -257,8 +257,8 @@ def with_step(
 ) -> tuple[float | None, str]:
     """Return a standard deviation including quantization, and its source.
 
-    white: of what was read, None if unknown; assumed: what is thought then. Noise beyond
-    a step shows the rounding, too, and then nothing is added: the sentence is empty.
+    white: noise of the readings, None if unknown; assumed: used in that case. Noise larger than a
+    step includes the rounding, so nothing is added and the sentence is empty.
     """
     noise = min(assumed, 0.5 * step) if white is None else white
     if step == 0.0 or noise >= step:
@@ -276,7 +276,8 @@ def loads_of(runs: Sequence[RecordingData]) -> list[Array]:
 def load_readings(run: RecordingData) -> Array:
     """Return F1, F2 (N) and M (N m) of all loaded frames, (n, 3).
 
-    Of frames that have the same reading the first: a repeated value says nothing of noise.
+    Of frames with the same reading, only the first counts: a repeated value has no noise
+    information.
     """
     load = np.column_stack([run.force, run.moment])
     if run.wrench_stamp_ns is not None:
@@ -288,7 +289,7 @@ def load_readings(run: RecordingData) -> Array:
 def quiet_series(
     series: Sequence[Array], settings: NoiseEstimateSettings = NOISE_ESTIMATE
 ) -> list[Array]:
-    """Return the series with noise information: slow ones show motion between their readings."""
+    """Return the series that show noise: in slow ones, changes between readings are motion."""
     stds = [second_differences([values], settings) or 0.0 for values in series]
     least = min((std for std in stds if std > 0.0), default=0.0)
     return [
@@ -303,8 +304,8 @@ def second_differences(
 ) -> float | None:
     """Return the standard deviation of white noise on smooth series, each (values,) in time.
 
-    None for too few values, and where most lie on straight lines to the last digit: a set point,
-    or a sensor coarser than its noise.
+    None for too few values, or if most lie on straight lines to the last digit: a set point, or a
+    sensor coarser than its noise.
     """
     differences = np.concatenate([np.zeros(0), *(np.diff(values, 2) for values in series)])
     differences = differences[np.isfinite(differences)]
@@ -336,8 +337,8 @@ def white_of_targets(
 ) -> float | None:
     """Return the standard deviation of white noise of targets while the arm moves evenly.
 
-    White noise averages out over the targets of a frame; a change of motion does not. Frames are
-    compared less their mean, so that choosing among them does not make the noise smaller.
+    White noise averages out over the targets of a frame, but a change of motion does not. Frames
+    are compared with their mean removed, so that choosing among them does not reduce the noise.
     """
     series = [values for run in runs for values in (run.x, run.y)]
     first = second_differences([column for values in series for column in values.T], settings)
@@ -387,7 +388,7 @@ def likeness(
 def resting_differences(run: RecordingData, pressure_std: float) -> Array:
     """Return second differences in time of targets (n, targets) m while the pressure rests.
 
-    Of x and of y, where all targets are seen in three frames one after the other.
+    They are for x and y, in triples of successive frames in which all targets are seen.
     """
     change = np.abs(np.diff(run.frame_pressure)) < RESTS * pressure_std
     resting = change[1:] & change[:-1]
@@ -402,10 +403,10 @@ def placement(
     assumed: float,
     settings: NoiseEstimateSettings,
 ) -> float | None:
-    """Return the standard deviation of the painted places, per coordinate (m).
+    """Return the standard deviation of the painted positions, per coordinate (m).
 
-    A few targets may lie on a smooth curve by chance: of them it is no less than `assumed` (m).
-    None if unknown.
+    A few targets may lie on a smooth curve by chance: for few targets it is at least `assumed`
+    (m). None if unknown.
     """
     free = [run.points for run in runs if not run.loaded]
     if not free:
@@ -434,7 +435,7 @@ def camera(
     """Return the scatter of the camera position between runs and its drift within a run (m).
 
     Both are estimated from few values, and their variance beyond the white noise may be zero by
-    chance: it is no less than its own standard error.
+    chance: it is at least its own standard error.
     """
     if arclength.size == 0 or arclength[0] > settings.at_clamp * arclength[-1]:
         return None, None

@@ -22,8 +22,8 @@ NUGGET = 3e-9  # of the variance of the prior, so that it can be inverted
 class Hyperparameters:
     """The prior of kappa_p0: a Gaussian process over p and s.
 
-    amplitude (1/m) at the highest pressure of a part that is proportional to pressure, std (1/m)
-    of a part that is not; both smooth in s over `length_scale` (of the length).
+    amplitude (1/m), at the highest pressure, of the part proportional to pressure; std (1/m) of
+    the remaining part; both smooth in s over `length_scale` (of the length).
     """
 
     amplitude: float
@@ -36,8 +36,8 @@ class PriorState:
     """The posterior of an earlier fit: first parameters, placement of targets, their covariance.
 
     values (k,) and placement (2 targets,) m, tangents then normals; covariance (k + 2 targets, k +
-    2 targets) of both, in this order. Placement is part of it because the dots stay where they are
-    painted: without it an earlier error of the curvature would count twice.
+    2 targets) of both, in this order. Placement is included because the dots do not move on the
+    arm: without it, an earlier error of the curvature would count twice.
     """
 
     values: Array
@@ -49,12 +49,12 @@ class PriorState:
 class Parameters:
     """Curvature at `pressure` (rows,) Pa x `arclength` (knots,) s / l, elongation, moment law.
 
-    `frame` is an arm that has everything else; without `law` the arm keeps its own. earlier: mean
-    and covariance of the first parameters from an earlier fit, in place of what is believed
-    before. shapes: how many numbers describe kappa_p0 along the arm at one pressure, 1 for a
-    curvature that is constant; the prior holds the knots to them. None: as many as there are
-    knots. elongates: whether the arm lengthens under pressure; where it does not, the prior holds
-    the numbers of that at zero. None: there are no such numbers.
+    `frame` is an arm with everything else; without `law` the arm keeps its own. earlier: mean and
+    covariance of the first parameters from an earlier fit, used as the prior. shapes: number of
+    values that describe kappa_p0 along the arm at one pressure, 1 for a constant curvature; the
+    prior ties the knots to them. None: as many as there are knots. elongates: whether the arm
+    lengthens under pressure; if not, the prior fixes the elongation parameters at zero. None:
+    there are no such parameters.
     """
 
     frame: Arm
@@ -117,7 +117,7 @@ class Parameters:
 
     @property
     def before_law(self) -> int:
-        """Number of parameters that precede those of the law."""
+        """Number of parameters before those of the law."""
         return self.cells + (0 if self.elongates is None else elongation.SIZE)
 
     @property
@@ -158,7 +158,7 @@ class Parameters:
 
     @property
     def columns(self) -> Columns:
-        """Columns of the sections that the law moves, then those that lengthen, (k, 2)."""
+        """Columns of the sections that depend on the law, then those of the elongation, (k, 2)."""
         columns = [] if self.law is None else list(self.law.columns)
         if self.elongates:
             columns += [(section, REST_STRAIN) for section in range(self.sections)]

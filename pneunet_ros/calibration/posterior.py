@@ -15,7 +15,7 @@ class PosteriorState(PriorState):
     """Mean and covariance of all parameters of a fit: the prior of the next one.
 
     pressure (rows,) Pa and arclength (knots,) s / l of the table of kappa_p0; kind and stiffness
-    (N m^2) of the moment law's parameters over low to high (Pa), kind '' where none was fitted.
+    (N m^2) of the moment law's parameters over low to high (Pa), kind '' if none was fitted.
     shapes, elongates: as in `Parameters`, 0 for as many as there are knots. information (n, n):
     information of all recordings so far on the values, without the prior.
     """

@@ -17,9 +17,9 @@ class Fit:
     placement (2, targets) m, along tangent and normal, and shared_covariance that of parameters
     and placement together. information (n, n) is that of the data alone on the parameters
     (disturbances integrated out), information_vector (n,) the same data's linear term.
-    disturbance: all unknowns of `Disturbances`, m; origin (2,) m: of the base frame, beside the
-    neutral line. log_evidence: of the runs, with the normal approximation of the posterior, up to
-    a constant. `converged` and `status`: how the search ended.
+    disturbance: all unknowns of `Disturbances`, m; origin (2,) m: offset of the base frame from
+    the neutral line. log_evidence: of the runs, with the normal approximation of the posterior, up
+    to a constant. `converged` and `status`: how the search ended.
     """
 
     parameters: Parameters

@@ -14,7 +14,7 @@ GAUGE_PASCALS = PressureConvention()
 class PreconditionSettings:
     """Preconditions of a calibration.
 
-    declared: what the pressure readings were taken to mean, which is judged; None: it is right.
+    declared: declared meaning of the pressure readings, to be judged; None: it is right.
     """
 
     fewest_frames: int = tuning(3, 'fewest frames, of all recordings together')
@@ -151,7 +151,7 @@ class NoiseEstimateSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResolutionSettings:
-    """Resolution of recordings, and the prior for what they do not resolve."""
+    """Resolution of recordings, and the prior for everything that they do not resolve."""
 
     knots: int = tuning(11, 'most knots of kappa_p0 along the arm')
     apart: float = tuning(
@@ -320,8 +320,8 @@ CALIBRATION = CalibrationSettings()
 
 
 def judging(declared: PressureConvention | None) -> CalibrationSettings:
-    """Return the settings of a calibration that judges whether pressures mean this.
+    """Return the settings of a calibration that judges the declared meaning of pressures.
 
-    declared: what the readings were taken to mean; None: it is right.
+    declared: meaning of the readings; None: it is right.
     """
     return replace(CALIBRATION, preconditions=replace(PRECONDITIONS, declared=declared))

@@ -15,7 +15,7 @@ class TargetRow:
     """The row of targets, with standard errors.
 
     offset (m): from the neutral line, positive on the side of E2; spacing: relative error of the
-    spacing of the arm file, positive where targets are farther apart.
+    spacing in the arm file, positive if targets are farther apart.
     """
 
     offset: float
@@ -39,7 +39,8 @@ class TargetRow:
 def target_row(fit: Fit) -> TargetRow:
     """Estimate the common offset of the row of targets from the placement of each target.
 
-    The row and the targets by themselves make up the placement; both are normal before the fit.
+    Placement is the sum of an error of the row and independent errors of the targets; both have
+    normal priors.
     """
     arclength, noise = fit.arm.target_arclength, fit.arm.sensors
     shifts = row_shifts(arclength)

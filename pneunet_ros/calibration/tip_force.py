@@ -1,7 +1,7 @@
 """End force estimated from measured targets, with its standard deviation (result (b)).
 
-All targets of a frame, or the last one alone, the pressure known: the force is what brings the
-model there. From the tip alone it is badly conditioned; `sigma` says how badly.
+At known pressure, the force is the one for which the model fits all targets of a frame, or only
+the last one. From the tip alone it is ill-conditioned; `sigma` shows how much.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SMALL_STEP = 1e-4  # sigma of the force; a step that ends the search
 class EndForces:
     """F1, F2 (N) of frames, (frames, 2), and their covariance (frames, 2, 2).
 
-    NaN: not found, or not determined, such as F1 from the tip of a straight arm.
+    NaN if not found or not determined, such as F1 from the tip of a straight arm.
     """
 
     force: Array
@@ -49,14 +49,12 @@ def end_forces(
 ) -> EndForces:
     """Estimate the end force of every frame of a recording, ignoring its force readings.
 
-    The errors: targets, their placement, the camera's place, pressure, and the model's covariance.
-    The search begins with the force that was read where there is one.
+    The errors include those of targets, their placement, camera position, pressure, and the
+    covariance of the model. The search starts with the measured force, if any.
 
-    Args:
-        arm: the model, with its sensors' noise and its covariance.
-        run: the recording; targets (frames, targets) m in the base frame.
-        tip_only: look at the last target alone.
-        settings: when the search ends, and what counts as determined.
+    Args: arm: the model, with its sensors' noise and its covariance. run: the recording; targets
+    (frames, targets) m in the base frame. tip_only: use only the last target. settings: stopping
+    criteria, and thresholds for a determined force.
 
     Returns:
         Force (frames, 2) N in the base frame and its covariance, NaN where there is none.
@@ -116,8 +114,8 @@ def end_forces(
 def relaxation(step: Array, before: Array, taken: Array) -> Array:
     """Return the relaxation factor of each step (frames, 2).
 
-    before: the steps before, of which the shares `taken` were taken. Where a model misses the
-    targets by much more than noise, full steps swing around the best force, or away from it.
+    before: the previous steps, of which the shares `taken` were used. If a model misses the
+    targets by much more than noise, full steps oscillate around the best force or diverge.
 
     Source: Irons and Tuck, Int. J. Numer. Methods Eng. 1 (1969).
     """

@@ -1,4 +1,4 @@
-"""The model with what was missing: base refitted with the effects, its covariance with theirs."""
+"""The model with the missing effects: refitted base, and joint covariance."""
 
 from __future__ import annotations
 
@@ -84,9 +84,9 @@ def free_numbers(refit: Refit) -> list[tuple[str, Coordinate, float]]:
 def describe_effects(refit: Refit, probability: Mapping[str, float]) -> tuple[NamedEffect, ...]:
     """Return the effects with their parameters and errors, the most probable first.
 
-    The error of a parameter has that of its law in it, relative to what is not neutral. Where
-    several effects act, each also takes up what the plain laws of the others miss: as much again
-    of each.
+    The error of a parameter includes the error of its law, relative to its distance from neutral.
+    With several effects, each may also absorb the law errors of the others, which are added in
+    full.
     """
     together = math.sqrt(len(refit.hypotheses))
     law_errors = {item.name: together * item.kind.law_error for item in refit.hypotheses}
@@ -128,7 +128,7 @@ def parameter_shifts(before: Fit, after: Fit) -> dict[str, Shift]:
 
 
 def shown_quantities(fit: Fit, names: tuple[str, ...]) -> set[str]:
-    """Return names: moment law at the first, middle and last row, kappa_p0 of the last row."""
+    """Return the names of the moment law (first, middle, last row) and kappa_p0 (last row)."""
     law = [name.split('.') for name in names if name.startswith('moment_law.')]
     rows = sorted({int(parts[2]) for parts in law if len(parts) > 2})
     chosen = {str(row) for row in (rows[0], rows[len(rows) // 2], rows[-1])} if rows else set()

@@ -36,16 +36,15 @@ def fit_base(
     settings: BaseFitSettings = DEFAULTS.base_fit,
     calibration: CalibrationSettings = DEFAULTS.calibration,
 ) -> BaseFit:
-    """Fit; RequestError and RecordingError where the recordings are not fit for it."""
+    """Fit the base model; RequestError or RecordingError if the recordings are unsuitable."""
     fitted = thinned(training, calibration.experiments.most_frames)
     unloaded = [run for run in fitted if not run.loaded]
     loaded = [run for run in fitted if run.loaded]
     one_pressure = has_one_pressure(fitted, frame, calibration.resolution)
     if not unloaded and not one_pressure:
         raise RequestError(
-            'a diagnosis needs a training recording without a load, which shows the effect '
-            'of the pressure alone (--unloaded names one whose force sensor had nothing to '
-            'measure)',
+            'a diagnosis needs a training recording without a load, which shows the effect of '
+            'pressure alone (if its force sensor read only noise, list it after --unloaded)',
             reason='no_unloaded',
         )
     check_runs(unloaded, loaded, frame, settings=calibration)

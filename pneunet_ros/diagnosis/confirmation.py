@@ -39,7 +39,7 @@ class Confirmer:
 
     base: the model without further effects; tried: all fitted sets; training: names of the
     training recordings, which come first in the runs; steady: every frame is a steady state and
-    counts as an experiment of its own.
+    counts as an independent experiment.
     """
 
     base: Record
@@ -50,7 +50,7 @@ class Confirmer:
 
     @classmethod
     def of(cls, selection: Selection, base: Record) -> Confirmer:
-        """Take all sets of a selection."""
+        """Return the confirmer for all sets of a selection."""
         runs = selection.linearization.runs[: selection.linearization.training]
         in_time = selection.settings.hypothesis
         return cls(
@@ -75,7 +75,7 @@ class Confirmer:
     def refutations(self, record: Record) -> tuple[str, ...]:
         """Return the objections to a set of effects, regardless of other sets.
 
-        A set that something else explains as well is not refuted: it remains an alternative.
+        A set is not refuted by another explanation that fits as well: it remains an alternative.
         """
         return (
             *self.what_is_left(record),
@@ -98,7 +98,7 @@ class Confirmer:
         return (
             Note(
                 f'it leaves chi squared per coordinate {left:.2g} in the training recordings, '
-                f'and noise alone 1 (p-value {worst.p_value:.1g} of {worst.name})',
+                f'where noise alone leaves 1 (p-value {worst.p_value:.1g} of {worst.name})',
                 reason='misfit',
             ),
         )
@@ -116,10 +116,10 @@ class Confirmer:
         return before - after
 
     def held_out_objections(self, record: Record) -> tuple[Note, ...]:
-        """Object where the error on held-out recordings does not fall significantly.
+        """Object if the error on held-out recordings does not fall significantly.
 
-        Chi squared of their residuals at the fit to the training recordings, and of what these
-        predict of them.
+        It compares chi squared of their residuals with the training fit, and conditional on the
+        training data.
         """
         if not self.has_held_out:
             return ()
@@ -129,9 +129,9 @@ class Confirmer:
         means = [self.chi_squared(item, held_out=True) for item in (self.base, record)]
         return (
             Note(
-                'the held-out error does not fall significantly with it (chi squared per '
-                f'coordinate {means[0]:.4g} before, {means[1]:.4g} after): hold out a recording '
-                'that shows it',
+                'it does not reduce the held-out error significantly (chi squared per coordinate '
+                f'{means[0]:.4g} before, {means[1]:.4g} after): hold out a recording that shows '
+                'this effect',
                 reason='no_fall',
             ),
         )
@@ -150,20 +150,21 @@ class Confirmer:
     def untried(self) -> tuple[Note, ...]:
         """Object to a name without an independent recording.
 
-        Of frames that are steady states each is an experiment of its own.
+        Steady-state frames are independent experiments.
         """
         tested = self.has_held_out or not self.settings.confirmation.tested
         if len(self.training) > 1 or self.steady or tested:
             return ()
         return (
             Note(
-                'it was not tested: there is only one training recording, and none was held out',
+                'it was not tested, because there is only one training recording and none was '
+                'held out',
                 reason='untested',
             ),
         )
 
     def nonuniform_arm(self, record: Record) -> tuple[Note, ...]:
-        """Object where an arm that bends unevenly, which no target shows, needs no effect."""
+        """Object if uneven bending between targets explains the data without an effect."""
         if record.nonuniform is None or self.base.nonuniform is None:
             return ()
         if record.nonuniform - self.base.nonuniform >= self.settings.selection.least_evidence:
@@ -171,8 +172,8 @@ class Confirmer:
         share = self.settings.calibration.resolution.nonuniform
         return (
             Note(
-                f'an arm whose curvature varies by {share:g} along its length explains it as '
-                'well, and these targets cannot show that variation',
+                f'an arm whose curvature varies by {share:g} along its length would explain the '
+                'data as well, and these targets cannot rule that out',
                 reason='uneven_arm',
             ),
         )
@@ -180,7 +181,7 @@ class Confirmer:
     def other_names(self, record: Record, alternatives: Collection[str]) -> tuple[Note, ...]:
         """Object if another set wins when one training recording is left out.
 
-        By the linearized fit of each set to all of them, from which one is taken out.
+        It uses the linearized fit of each set to all recordings, with one removed.
         """
         margin = evidence_margin(record.evidence, self.settings.selection)
         allowed = {*record.names, *alternatives}
@@ -209,8 +210,8 @@ class Confirmer:
         if len(self.training) < 2:
             return (
                 Note(
-                    'there is only one training recording, so leaving it out could not test the '
-                    'name',
+                    'there is only one training recording, so the name could not be tested by '
+                    'leaving it out',
                     reason='one_recording',
                 ),
             )
@@ -229,11 +230,11 @@ class Confirmer:
 def error_rises(
     before: Sequence[Score], after: Sequence[Score], settings: ConfirmationSettings
 ) -> str:
-    """Return a sentence where the error on held-out recordings rises significantly.
+    """Return a sentence if the error on held-out recordings rises significantly.
 
-    Something that makes the arm softer lets noise of the readings explain more: its chi squared
-    falls, and nobody would use the model. Frames near in time err alike: by batches of them, and
-    by the ratio in each, as a few frames may be far more sensitive than the others.
+    A softer arm lets the noise of readings explain more: chi squared falls although the model is
+    useless. Errors of frames near in time are correlated, so the test uses batches of frames, and
+    the ratio in each batch because a few frames may be far more sensitive than the others.
     """
     change: list[float] = []
     squares: list[Array] = []

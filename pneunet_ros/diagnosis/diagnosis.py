@@ -93,26 +93,22 @@ def diagnose(
     on_progress: OnProgress = say_nothing,
     settings: DiagnosisSettings = DEFAULTS,
 ) -> Diagnosis | UnsettledDiagnosis:
-    """Diagnose a model by recordings: its missing effects, or the detection limits.
+    """Diagnose a model with recordings: find its missing effects, or the detection limits.
 
     The base model is refitted to the training recordings together with every hypothesis; held-out
-    ones are used for scores and tests only. docs/diagnosis.md says how.
+    ones are used for scores and tests only. See docs/diagnosis.md.
 
-    Args:
-        model: the arm, with the effects that are known already.
-        training: recordings of pressure (Pa), end load (N, N m) and targets (m, base frame), at
-            least one of them without a load. The position of the tip is a target where no other
-            was seen; its heading is not used, which a note says.
-        held_out: others, in the same range of pressure and force; may be empty.
-        seed: of the simulated clean data behind the thresholds.
-        executor: where they are simulated; here if None.
-        on_progress: called with what is done, how far, and of how much (0 = unknown).
-        settings: the numbers by which it decides.
+    Args: model: the arm, with the effects that are already known. training: recordings of pressure
+    (Pa), end load (N, N m) and targets (m, base frame), at least one of them without a load. The
+    position of the tip is a target if no other was seen; its heading is not used, and a note says
+    so. held_out: other recordings in the same range of pressure and force; may be empty. seed: of
+    the simulated clean data behind the thresholds. executor: runs the simulations; None: this
+    process. on_progress: called with the task, its progress, and its total (0 = unknown).
+    settings: thresholds and priors.
 
-    Returns:
-        The answer, with the model before and after, all numbers in SI; without any of them where
-        the fit of the base model does not settle. A law outside the library may still take its
-        name back (`discovery.discover`), as `pneunet diagnose` does.
+    Returns: The answer, with the model before and after, all numbers in SI; without numbers if the
+    fit of the base model does not converge. A law outside the library may still overrule its name
+    (`discovery.discover`), as in `pneunet diagnose`.
 
     Raises:
         RequestError: no training recording is without a load.
@@ -141,7 +137,7 @@ def investigate(
     on_progress: OnProgress = say_nothing,
     settings: DiagnosisSettings = DEFAULTS,
 ) -> Investigation:
-    """Diagnose as `diagnose` does; return the diagnosis with all fits it rests on."""
+    """Diagnose like `diagnose`; return the diagnosis with all its fits."""
     model = without_fitted(model)  # what a calibration found is a hypothesis as others are
     model, training, held_out, notes = with_tips(model, training, held_out)
     every = training, held_out
@@ -173,7 +169,7 @@ def investigate_at_rest(
     settings: DiagnosisSettings,
     allowed: float = 0.0,
 ) -> Investigation:
-    """Diagnose a model by frames that show the arm in equilibrium; allowed: as in `Selection`."""
+    """Diagnose a model with frames of the arm in equilibrium; allowed: as in `Selection`."""
     (training, held_out), unread = without_unread(model, training, held_out)
     notes = (*unread, *notes)
     base = fit_base(
@@ -236,24 +232,24 @@ def limits_of(
 def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:
     """Whether a further step would gain almost nothing, absolutely or relative to the misfit.
 
-    Convergence of the cost is not required: without a strong effect in the model it may change
-    from one linearization to the next.
+    Convergence of the cost is not required: if the model lacks a strong effect, the cost may
+    change from one linearization to the next.
     """
     nearly = 0.5 * settings.calibration.map_estimation.nearly**2
     return fit.gain < nearly or has_ended(fit, settings.refit)
 
 
 def unsettled(seed: int, notes: Sequence[str], settings: DiagnosisSettings) -> UnsettledDiagnosis:
-    """Return a diagnosis that says that the base model could not be fitted."""
+    """Return a diagnosis stating that the base model could not be fitted."""
     return UnsettledDiagnosis(
         sentence=(
             'The model could not be fitted to the training recordings: the search did not '
             'converge, so the model error cannot be assessed.'
         ),
         notes=(
-            'check length, targets, units and the moment law of the model, and the recordings by '
-            '`pneunet check`; a calibration from the unloaded recordings alone shows which '
-            'recording does not fit',
+            'check the length, targets, units and moment law of the model, and run `pneunet '
+            'check` on the recordings; a calibration from the unloaded recordings alone shows '
+            'which recording does not fit',
             *notes,
         ),
         seed=seed,
@@ -268,7 +264,7 @@ def considered_hypotheses(
 ) -> tuple[Hypothesis, ...]:
     """Return the effects that may be named, except those equivalent to a pressure scale.
 
-    One with a memory only if a recording can show it: frames in time, and not too few.
+    Effects with memory are included only if a recording can show them: enough frames in time.
     """
     in_time = any(carries_time(run, settings) for run in training)
     return tuple(
@@ -306,7 +302,7 @@ def conclude(
 ) -> Diagnosis:
     """Evaluate the models before and after on the recordings, and put the result together.
 
-    A name whose model is surely worse on held-out recordings is none.
+    A name is withdrawn if its model is surely worse on held-out recordings.
     """
     settings, added = selection.settings, verdict.trial is not first
     runs, noise = selection.linearization.runs, selection.linearization.noise
@@ -419,7 +415,7 @@ def decide(
 def take_back(investigation: Investigation, objection: str) -> Diagnosis:
     """Return the diagnosis with its name withdrawn: the answer is `unknown`.
 
-    objection: what speaks against the name, which the notes say.
+    objection: the reason, added to the notes.
     """
     named, selection = investigation.diagnosis, investigation.selection
     first, best = investigation.base, investigation.trial
@@ -440,16 +436,19 @@ def take_back(investigation: Investigation, objection: str) -> Diagnosis:
         selection, first, best, verdict, named.detectable, investigation.recordings
     )
     names = ' or '.join((missing, *named.alternatives))
-    sentence = f'The model lacks something that {names} explains, and another law explains better.'
-    return replace(diagnosis, sentence=f'{sentence} The notes say how much.')
+    sentence = (
+        f'The model lacks an effect: {names} would explain it, but another law explains it better.'
+    )
+    return replace(diagnosis, sentence=f'{sentence} See the notes for the numbers.')
 
 
 def passes_alike(
     rival: Record, best: Record, settings: SelectionSettings = DEFAULTS.selection
 ) -> bool:
-    """Whether a rival that passes, with no more effects, explains the recordings as well.
+    """Whether an adequate rival without more effects explains the recordings as well.
 
-    By evidence, or by chi squared alone: then only the prior separates the two.
+    The comparison is by evidence or by chi squared alone; in the latter case only the prior
+    separates the two.
     """
     if len(rival.names) > len(best.names):
         return False
@@ -459,7 +458,7 @@ def passes_alike(
 
 
 def comparable(records: Sequence[Record]) -> list[Added]:
-    """Return the gain of sets over the set that all of them extend, or else over the base."""
+    """Return the gain of sets over the set that all of them extend, or over the base."""
     added = [item.added for item in records if item.added is not None]
     if len(added) == len(records) and len({item.names for item in added}) == 1:
         return added
@@ -471,8 +470,8 @@ def effect_probabilities(
 ) -> dict[str, float]:
     """Return the probability that each effect is missing, over all candidate sets.
 
-    Evidence counts by what laws of effects are worth, as it does for the answer. None is surer
-    than names were right in blind trials; confirmed: nothing of the name is untested.
+    Evidence is weighted by the accuracy of the laws, as for the answer. No probability exceeds the
+    success rate of names in blind trials; confirmed: every requirement for the name was tested.
     """
     logs = np.array([item.evidence for item in comparable(records)])
     margin = evidence_margin(float(logs.max()), settings.selection)
@@ -494,7 +493,7 @@ def evaluate(
 ) -> Evaluation:
     """Evaluate the model of a trial on training and held-out recordings.
 
-    thinned: the runs of the trial, of which chi squared is known already.
+    thinned: the runs of the trial, with known chi squared.
     """
     fit = fit_with_effects(trial.refit, settings)
     arm = augment_model(trial.refit, fit, settings)
@@ -515,7 +514,7 @@ def evaluate(
 def wanted_candidates(
     verdict: Verdict, candidates: Sequence[Candidate], detectable: Mapping[str, Detectable]
 ) -> list[Candidate]:
-    """Return the effects that the next recording should show: rivals, else unseen ones."""
+    """Return the effects that the next recording should show: rivals, or unseen ones."""
     if verdict.alternatives:
         names = (*verdict.trial.names, *verdict.alternatives)
         return [item for item in candidates if item.name in names]
@@ -589,9 +588,9 @@ def notes_on_rest(selection: Selection, best: Trial) -> tuple[str, ...]:
     return (
         Note(
             f'{item.name} in addition to {names} would reduce chi squared by another '
-            f'{item.gain:.0f}, more than the error of the law of {names} explains. Both '
-            f'together fail the tests, so it is not named; recordings in which {names} '
-            'shows less would decide',
+            f'{item.gain:.0f}, more than the law error of {names} explains. Both together fail '
+            f'the tests, so {item.name} is not named; recordings that show less of {names} would '
+            'decide',
             reason='too_faint',
         ),
     )
@@ -606,7 +605,7 @@ def notes_on_time(selection: Selection, training: Sequence[RecordingData]) -> tu
     names = [item.name for item in hypotheses(tuple(known), settings) if item.has_memory]
     why = f'no training recording has {settings.fewest_in_time} frames'
     if all(run.static for run in training):
-        why = 'frames are static and their stamps carry no time'
+        why = 'frames are static, so their stamps carry no time'
     return (
         Note(
             f'{why}: time-dependent effects were not considered ({", ".join(names)})',
@@ -623,16 +622,16 @@ def at_rest(
 ) -> tuple[list[RecordingData], list[RecordingData], tuple[str, ...], FramesInMotion | None]:
     """Return recordings without frames in motion; a note on these comes first.
 
-    And these frames.
+    Also returns these frames.
 
-    RecordingError where no training recording without a load is left.
+    RecordingError if no training recording without a load is left.
     """
     kept, motion = without_motion(model, training, held_out)
     if motion is None:
         return kept[0], kept[1], notes, None
     if all(run.loaded for run in kept[0]) and not all(run.loaded for run in training):
         raise RecordingError(
-            f'{motion.left_out}. Too little is left for a diagnosis', reason='in_motion'
+            f'{motion.left_out}. Too few frames are left for a diagnosis', reason='in_motion'
         )
     return kept[0], kept[1], (motion.left_out, *notes), motion
 
@@ -642,8 +641,8 @@ def with_tips(
 ) -> tuple[Arm, list[RecordingData], list[RecordingData], tuple[str, ...]]:
     """Return model and recordings with the tip as last target if only the tip was seen.
 
-    The fourth value says what of the poses of the tip was not used. Raises RecordingError where
-    its heading is all there is.
+    The fourth value describes the unused parts of the tip poses. Raises RecordingError if only the
+    heading was measured.
     """
     runs, notes = [*training, *held_out], tuple[str, ...]()
     if all(run.tip_pose is None for run in runs):

@@ -18,7 +18,7 @@ from pneunet_ros.model.uncertainty import SensorNoise
 
 
 def scores(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Score, ...]:
-    """Score every run; the arm's history is carried on from run to run by their stamps."""
+    """Score every run; the history of the arm continues from run to run by their stamps."""
     pairs = zip(runs, inputs_of(arm, runs), strict=True)
     return tuple(score(arm, run, inputs) for run, inputs in pairs)
 
@@ -28,7 +28,7 @@ def misfit(
 ) -> Misfit:
     """Return the misfit over all runs; chi_squared: of the whitened residuals of each run.
 
-    Residuals at the fit to the training runs: nothing is fitted to held-out ones.
+    Residuals are those of the fit to the training runs; nothing is fitted to held-out ones.
     """
     squares = np.concatenate([item.error[np.isfinite(item.error)] ** 2 for item in run_scores])
     lengths = np.concatenate([distances(item.error) for item in run_scores])
@@ -84,7 +84,7 @@ def removed_share(before: float, after: float, floor: float) -> float | None:
 
 
 def adequacy(tests: Sequence[LackOfFit], test: LackOfFit, level: float) -> Adequacy:
-    """Return a test at the joint level of all tests."""
+    """Return a test with its p-value adjusted for the number of tests."""
     return Adequacy(
         test=test.name,
         statistic=test.statistic,

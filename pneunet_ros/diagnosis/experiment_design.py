@@ -1,4 +1,4 @@
-"""Experiment design: choose the most informative recording by simulation with the model."""
+"""Experiment design: choose the most informative next recording by simulation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiment:
-    """A recording that could be made: corners of (s, pressure, F1, F2), as shares of ranges."""
+    """A possible recording: corners of (s, pressure, F1, F2), as shares of ranges."""
 
     words: str
     corners: tuple[tuple[float, ...], ...]
@@ -42,7 +42,7 @@ class Experiment:
         targets: int,
         settings: ExperimentDesignSettings = DEFAULTS.experiment_design,
     ) -> RecordingData:
-        """Return the recording from a stamp on, its targets at zero; force (N): the largest."""
+        """Return the recording from a stamp on, with targets at zero; force (N): the largest."""
         corners = np.array(self.corners, dtype=np.float64)
         time = np.arange(0.0, corners[-1, 0], 1.0 / settings.rate)
         share, f1, f2 = (np.interp(time, corners[:, 0], corners[:, i]) for i in (1, 2, 3))
@@ -111,8 +111,8 @@ def propose_experiment(
 ) -> str:
     """Propose the experiment most informative about a wanted effect, its rivals fitted jointly.
 
-    Counted is the chi squared of each wanted effect at the far end of its prior range. Empty if
-    nothing is wanted.
+    It maximizes chi squared of each wanted effect at the far end of its prior range. Empty if no
+    effect is wanted.
     """
     if not wanted:
         return ''
@@ -163,7 +163,7 @@ def linearize_experiments(
 ) -> Linearization | None:
     """Linearize the training runs and each candidate experiment at a refit.
 
-    pressure_range (Pa) and force (N): what the shares of an experiment are of. None if the arm
+    pressure_range (Pa) and force (N): full scale of the shares of an experiment. None if the arm
     has no shape in one.
     """
     fitted = refit.linearization
@@ -182,7 +182,7 @@ def linearize_experiments(
 
 
 def largest_force(refit: Refit) -> float:
-    """Return the largest force (N) of the training runs; the weight where no load was recorded."""
+    """Return the largest force (N) of the training runs; the weight if no load was recorded."""
     fitted = refit.linearization
     force = max(float(np.abs(run.force).max()) for run in fitted.runs[: fitted.training])
     return force or refit.point.arm.weight
@@ -196,7 +196,7 @@ def effect_information(
 ) -> float:
     """Return chi squared of an effect in these runs, its rivals fitted jointly.
 
-    effect, rivals: their directions in all runs, None if they are not known.
+    effect, rivals: their directions in all runs, None if unknown.
     """
     if effect is None:
         return 0.0
@@ -210,7 +210,7 @@ def effect_information(
 
 
 def prior_end_factor(candidate: Candidate, prior_range: float) -> float:
-    """Return the increase of chi squared from the value tried to the end of the prior range."""
+    """Return the ratio of chi squared at the end of the prior range to that at the tried value."""
     coordinate = candidate.hypothesis.coordinates[candidate.which]
     tried = max(abs(float(candidate.tried[candidate.which])), 1e-300)
     return float((prior_range * coordinate.std / tried) ** 2)

@@ -1,7 +1,7 @@
 """Generic fields: smooth curvature, stretch and rotation over arclength, times regressors.
 
-They stand for all that no effect of the table says. Three uses: how large a departure is harmless,
-whether anything is left (lack-of-fit tests), and where.
+They represent everything not described by an effect of the library. They have three uses: the size
+of harmless departures, lack-of-fit tests, and localization.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Regressors:
         all_inputs: Sequence[Inputs],
         settings: LinearizationSettings = DEFAULTS.linearization,
     ) -> Regressors:
-        """Collect the frames; the maximum pressure carries over by the runs' stamps."""
+        """Collect the frames; the maximum pressure carries over between runs by their stamps."""
         low, high = arm.table_range
         span = high - low
         load = max((float(np.abs(item.loads).max()) for item in all_inputs), default=0.0) or 1.0
@@ -97,14 +97,14 @@ class Regressors:
 
 
 def past_name(time_constant: float) -> str:
-    """Return the name of the regressor that is the past over a time (s)."""
+    """Return the name of the regressor for the past over a time (s)."""
     return f'past {time_constant:g} s'
 
 
 def high_pass(run: RecordingData, time_constant: float) -> Array:
-    """Return pressure (Pa) less its first-order low-pass, at the frames; static ones rest.
+    """Return pressure (Pa) minus its first-order low-pass at the frames; zero if static.
 
-    Exact for readings joined by straight lines.
+    This is exact for piecewise linear pressure.
     """
     if run.static:
         return np.zeros(len(run.stamp_ns))
@@ -122,9 +122,9 @@ def high_pass(run: RecordingData, time_constant: float) -> Array:
 class Fields:
     """Response of the points of a run to unit fields, (frames, 2 targets, n) m.
 
-    generic: shapes over the arm times regressors, shared by all runs, with names. shapes:
-    curvature modes and a shift of the picture; weights (frames, windows): of windows of time;
-    regressors (frames, k): what single targets are tested with.
+    generic: shapes over the arm times regressors, common to all runs, with names. shapes:
+    curvature modes and a shift of the image; weights (frames, windows): of time windows;
+    regressors (frames, k): for tests of single targets.
     """
 
     names: tuple[str, ...]
@@ -134,11 +134,11 @@ class Fields:
     regressors: Array
 
     def windows(self) -> Array:
-        """Shapes in windows of time of this run."""
+        """Shapes in time windows of this run."""
         return products(self.shapes, self.weights)
 
     def single(self) -> Array:
-        """Residuals of single targets, with pressure and load."""
+        """Fields of single targets, times pressure and load."""
         return products(np.eye(self.shapes.shape[1])[None], self.regressors)
 
 
@@ -151,7 +151,7 @@ def products(shapes: Array, factors: Array) -> Array:
 def fields_of(regressors: Regressors, which: int, knots: Array, theta: Array) -> Fields:
     """Return the fields of a run.
 
-    knots (frames, 2 targets, knots): how points answer to a curvature of 1/m at each knot; theta
+    knots (frames, 2 targets, knots): response of points to a curvature of 1/m at each knot; theta
     (frames, targets) rad.
     """
     settings = regressors.settings
@@ -186,10 +186,10 @@ def fields_of(regressors: Regressors, which: int, knots: Array, theta: Array) ->
 
 
 def stretch_fields(arclength: Array, theta: Array, count: int) -> Array:
-    """Response of points to stretch modes, (frames, 2 targets, count) in units of the length.
+    """Return the response of points to stretch modes, (frames, 2 targets, count), over length.
 
-    arclength (targets,) s / l; theta (frames, targets) rad: the way along the tangent, integrated
-    by trapezoids from target to target.
+    arclength (targets,) s / l; theta (frames, targets) rad: the displacement along the tangent is
+    integrated by the trapezoidal rule from target to target.
     """
     modes = legendre.legvander(2.0 * arclength - 1.0, count - 1)
     parts = []

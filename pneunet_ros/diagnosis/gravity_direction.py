@@ -1,6 +1,7 @@
-"""The effect `gravity` read as a direction: the arm's own weight, in another direction.
+"""The effect `gravity` interpreted as the weight of the arm in another direction.
 
-A line load of at most what the arm weighs may be that weight, where the model has gravity wrong.
+A line load not larger than the weight of the arm may be that weight, if the model has a wrong
+direction of gravity.
 """
 
 from __future__ import annotations

@@ -20,10 +20,11 @@ FIRST_SIZES = (0.05, 0.25, 0.8)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coordinate:
-    """A parameter of an effect as a number: a size is 0 where neutral; a positive shape is a log.
+    """A parameter of an effect as a number: sizes are 0 at neutral, positive shapes are logs.
 
-    A parameter whose neutral value is infinite is its reciprocal; std: half of the prior range,
-    low and high: the bounds, all in the coordinate; bounds: those of the parameter (SI), closed.
+    If the neutral value is infinite, the coordinate is the reciprocal; std: half of the prior
+    range, low and high: the bounds, all in the coordinate; bounds: those of the parameter (SI),
+    closed.
     """
 
     parameter: str
@@ -39,7 +40,7 @@ class Coordinate:
     bounds: tuple[float, float]
 
     def value(self, coordinate: float) -> float:
-        """Return the parameter (SI) at a coordinate, within its bounds to the last bit."""
+        """Return the parameter (SI) at a coordinate, strictly within its bounds."""
         coordinate = min(max(coordinate, self.low), self.high)
         if self.logarithmic:
             value = math.exp(coordinate)
@@ -56,7 +57,7 @@ class Coordinate:
         return 1.0 / value if self.reciprocal else value - self.neutral
 
     def slope(self, coordinate: float) -> float:
-        """Return the derivative of the parameter by its coordinate, there."""
+        """Return the derivative of the parameter by its coordinate at this value."""
         value = self.value(coordinate)
         if self.logarithmic:
             return value
@@ -83,12 +84,12 @@ class Hypothesis:
 
     @property
     def has_memory(self) -> bool:
-        """Whether the effect depends on past pressures, so that points are nonlinear in it."""
+        """Whether the effect depends on past pressures, which makes points nonlinear in it."""
         return self.kind.implements('actuate') or self.kind.implements('frame_delay')
 
     @property
     def is_linear(self) -> bool:
-        """Whether points are linear in its size: without memory, or with a shape parameter too."""
+        """Whether points are linear in its size: without memory, or with a shape parameter."""
         return not self.has_memory or len(self.sizes) < self.size
 
     @property
@@ -130,7 +131,7 @@ class Hypothesis:
 
     @property
     def sizes(self) -> list[int]:
-        """Which numbers are magnitudes, zero at the neutral value."""
+        """Mask of the numbers that are magnitudes, zero at the neutral value."""
         return [i for i, item in enumerate(self.coordinates) if not item.shape]
 
     def starts(self) -> list[tuple[int, Array]]:
@@ -207,5 +208,5 @@ def hypotheses(
 
 
 def carries_time(run: RecordingData, settings: HypothesisSettings) -> bool:
-    """Whether the frames of a recording can show an effect that lives by the past."""
+    """Whether the frames of a recording can show an effect that depends on the past."""
     return not run.static and len(run.stamp_ns) >= settings.fewest_in_time

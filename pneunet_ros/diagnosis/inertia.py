@@ -1,8 +1,8 @@
 """Inertia as a missing effect: swinging frames, with a static and a moving arm.
 
-A diagnosis judges statics by frames at rest. What the others show is either the arm with its mass
-and damping, which are fitted to the training recordings, or nothing of the library. Held-out
-recordings are predicted by what was fitted.
+A diagnosis judges statics with frames at rest. The other frames are explained either by mass and
+damping, fitted to the training recordings, or by no effect of the library. Held-out recordings are
+predicted with the fitted values.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Swings:
     def objection(self, floor: float) -> str:
         """Return why the moving arm does not fit the swings; empty if it does.
 
-        Allowed are residuals by noise (rms floor, m) and by the law error of inertia.
+        Residuals due to noise (rms floor, m) and to the law error of inertia are allowed.
         """
         moving = [~item for item in self.rest]
         left = mean_square(self.left, moving)
@@ -76,8 +76,8 @@ class Swings:
         if left <= allowed:
             return ''
         return (
-            f'targets are {millimeters(math.sqrt(left)):.2g} mm off the moving arm, and '
-            f'noise alone would be {millimeters(math.sqrt(allowed)):.2g} mm'
+            f'targets are {millimeters(math.sqrt(left)):.2g} mm away from the moving arm, where '
+            f'noise alone would leave {millimeters(math.sqrt(allowed)):.2g} mm'
         )
 
     def fall(self, floor: float) -> float:
@@ -104,7 +104,7 @@ def with_frames_in_motion(
     held_out: Sequence[RecordingData],
     moving: Sequence[Flags],
 ) -> Investigation:
-    """Return an investigation that also says whether the model lacks inertia (`with_inertia`)."""
+    """Return an investigation that also tests for missing inertia (`with_inertia`)."""
     if found.selection is None or isinstance(found.diagnosis, UnsettledDiagnosis):
         return found
     noise = found.selection.linearization.noise
@@ -122,8 +122,8 @@ def with_inertia(
 ) -> Diagnosis:
     """Return a diagnosis extended by whether inertia is missing.
 
-    training, held_out: with the frames that swing; moving: which these are, per recording;
-    noise: of the sensors in these recordings.
+    training, held_out: with the swinging frames; moving: masks of these, per recording; noise: of
+    the sensors in these recordings.
     """
     arm = diagnosis.after.arm
     if is_known(diagnosis):
@@ -150,7 +150,7 @@ def with_inertia(
     if others and swings[-1].fall(floors[-1]) < diagnosis.settings.confirmation.fall:
         objections.append(NO_FALL)
     if any(objections) or diagnosis.answer == 'unknown':
-        why = next((one for one in objections if one), 'the arm at rest is not explained')
+        why = next((one for one in objections if one), 'the frames at rest are not explained')
         return not_named(diagnosis, fit, why)
     pairs = [
         (one.misfit(one.still, rest), one.misfit(one.left, rest))
@@ -171,7 +171,7 @@ def is_known(diagnosis: Diagnosis) -> bool:
 
 
 def not_named(diagnosis: Diagnosis, fit: MotionFit, why: str) -> Diagnosis:
-    """Return a diagnosis that says why inertia is none of its names."""
+    """Return a diagnosis with the reason why inertia is not named."""
     return replace(
         diagnosis,
         detectable=detectable(diagnosis, 2.0 * fit.damping_time_std),
@@ -183,7 +183,7 @@ def not_named(diagnosis: Diagnosis, fit: MotionFit, why: str) -> Diagnosis:
 
 
 def swinging(runs: Sequence[RecordingData], moving: Sequence[Flags]) -> list[RecordingData]:
-    """Return the recordings in which an arm swings, if there are some only without a load."""
+    """Return the recordings in which an arm swings, only unloaded ones if there are any."""
     return unloaded([run for run, flags in zip(runs, moving, strict=True) if flags.any()])
 
 

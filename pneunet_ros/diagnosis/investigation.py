@@ -14,9 +14,10 @@ from pneunet_ros.measurement.dataset import RecordingData
 class Investigation:
     """A diagnosis with its intermediate results, for further analysis.
 
-    selection: all that was tried; base: the fit of the model without any further effect; best: of
-    all sets of effects, named or not; trial: the model of the answer; recordings: training and
-    held out; notes: on these, whatever the answer. None if nothing settled.
+    selection: everything that was tried; base: the fit of the model without further effects; best:
+    of all sets of effects, named or not; trial: the model of the answer; recordings: training and
+    held out; notes: on the recordings, independent of the answer. None if the base fit did not
+    converge.
     """
 
     diagnosis: Diagnosis | UnsettledDiagnosis
@@ -34,6 +35,6 @@ class Investigation:
         return replace(self, diagnosis=diagnosis, trial=self.base)
 
     def noted(self, note: str) -> Investigation:
-        """Return the investigation with a note more."""
+        """Return the investigation with an additional note."""
         diagnosis = replace(self.diagnosis, notes=(*self.diagnosis.notes, note))
         return replace(self, diagnosis=diagnosis)

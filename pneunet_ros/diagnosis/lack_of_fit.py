@@ -1,8 +1,8 @@
 """Lack-of-fit tests: score tests on generic fields, in training and held-out recordings.
 
-A statistic is z^T C^-1 z of a group of fields (measurement/errors/gaussian_model.py). What clean
-data reach is simulated: normal scores of the linearized refit, with standard deviations of
-placement and camera that are themselves known from few values only.
+A statistic is z^T C^-1 z of a group of fields (measurement/errors/gaussian_model.py). Its
+distribution in clean data is simulated: normal scores of the linearized refit, with standard
+deviations of placement and camera that are themselves estimated from few values.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ DRAWS = 2000  # simulations of clean data
 class LackOfFit:
     """A test: name and statistic, and its mean and standard deviation in clean data.
 
-    Clean data are taken to follow a gamma law of these.
+    The distribution in clean data is approximated by a gamma law with these moments.
     """
 
     name: str
@@ -36,16 +36,16 @@ class LackOfFit:
 
     @property
     def p_value(self) -> float:
-        """Probability that data without model error reach this value."""
+        """Probability that data without model error reach the statistic."""
         return float(scipy.stats.gamma.sf(self.statistic, **self.gamma_law)) if self.dof else 1.0
 
     def threshold(self, level: float) -> float:
-        """Return the value that data without model error exceed with probability `level`."""
+        """Return the value exceeded by data without model error with probability `level`."""
         return float(scipy.stats.gamma.isf(level, **self.gamma_law)) if self.dof else np.inf
 
     @property
     def gamma_law(self) -> dict[str, float]:
-        """Shape and scale of the law of clean data."""
+        """Shape and scale of the gamma law of clean data."""
         return {'a': (self.mean / self.std) ** 2, 'scale': self.std**2 / self.mean}
 
     @property
@@ -58,8 +58,8 @@ class LackOfFit:
 class ScoreStatistic:
     """A statistic without its distribution in clean data.
 
-    disturbances: how its normal scores (dof, n) answer to each disturbance of which the standard
-    deviation is known from few values only, and from how many.
+    disturbances: response of its normal scores (dof, n) to each disturbance whose standard
+    deviation is estimated from few values, and the number of these values.
     """
 
     name: str
@@ -83,9 +83,9 @@ def lack_of_fit_tests(
     map_function: MapFunction = map,
     settings: LackOfFitSettings = DEFAULTS.lack_of_fit,
 ) -> tuple[LackOfFit, ...]:
-    """Make all tests; problem: of all runs of the linearization.
+    """Return all tests; problem: of all runs of the linearization.
 
-    map_function: runs the simulations, as `map` does.
+    map_function: runs the simulations, like `map`.
     """
     tested = TestedProblem.of(problem, linearization.blocks, linearization.size)
     statistics = [
@@ -116,7 +116,7 @@ def lack_of_fit_tests(
 
 
 def worst_p_value(tests: Sequence[LackOfFit]) -> float:
-    """Return the least p-value of tests, corrected for their number."""
+    """Return the smallest p-value of tests, corrected for their number."""
     return min(1.0, min(item.p_value for item in tests) * len(tests))
 
 
@@ -146,7 +146,7 @@ class TestedProblem:
     """A linear problem with its unusually large residual directions.
 
     residuals (rows,) of each run after the best step; placement (rows, n) and camera (rows, k):
-    what these move in each run, and over both what they share with the columns of the problem.
+    their effect in each run, and for both the part shared with the columns of the problem.
     """
 
     problem: OpenLaws
@@ -158,7 +158,7 @@ class TestedProblem:
 
     @classmethod
     def of(cls, problem: OpenLaws, blocks: Sequence[LinearizedRun], size: int) -> TestedProblem:
-        """Take the runs of a problem; size: unknowns of the base model alone."""
+        """Return the tested problem of some runs; size: number of unknowns of the base model."""
         columns = problem.gaussian.columns
         placement = [
             problem.columns(which, block.base[:, size:]) for which, block in enumerate(blocks)

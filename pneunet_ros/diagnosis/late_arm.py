@@ -1,7 +1,7 @@
 """Inertia as the cause of a delay, if no frame shows the arm swing.
 
-Damping delays an arm on slow ramps, like a late camera or a line that fills slowly. If one of
-these was found, or comes closest, mass and damping are fitted to all frames, the swing is
+On slow ramps, damping delays an arm just like a late camera or a slowly filling line. If one of
+these was found or comes closest, mass and damping are fitted to all frames, the swing is
 subtracted, the search is repeated, and the evidence decides.
 """
 
@@ -62,7 +62,7 @@ class Moving:
 
     @property
     def log_probability(self) -> float:
-        """Of the training recordings (`log_densities`)."""
+        """Log probability of the training recordings (`log_densities`)."""
         return log_densities(self.found, self.best)[0]
 
 
@@ -72,7 +72,7 @@ def with_late_arm(
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
 ) -> Investigation:
-    """Return an investigation that also asks whether the arm is late because it has mass."""
+    """Return an investigation that also tests inertia as the cause of a delay."""
     at_rest, rival = found.diagnosis, found.best
     if isinstance(at_rest, UnsettledDiagnosis) or rival is None or is_known(at_rest):
         return found
@@ -109,7 +109,7 @@ def less_motion(
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
 ) -> Moving | None:
-    """Fit mass and damping, and search recordings less the swing; None if none fits.
+    """Fit mass and damping, and search recordings minus the swing; None if no fit is found.
 
     Starts from the effects found without motion, since some of them may imitate it: a late camera
     looks like damping. Their parameters are fitted too, to first order. Repeats with the effects
@@ -170,7 +170,8 @@ def arm_towards(arm: Arm, trial: Trial, steps: Sequence[float] | Array) -> Arm:
 def log_densities(found: Investigation, best: Trial) -> tuple[float, float]:
     """Return the log probability density of training recordings, and of held-out ones given them.
 
-    Per coordinate in m: recordings less a swing are whitened by less noise than those as they are.
+    It is per coordinate in m, because recordings minus a swing are whitened by less noise than the
+    original ones.
     """
     assert found.selection is not None
     linearization, record = found.selection.linearization, best.record
@@ -184,14 +185,14 @@ def log_densities(found: Investigation, best: Trial) -> tuple[float, float]:
 def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool) -> Diagnosis:
     """Return the diagnosis with inertia named, or with the reason why it is not.
 
-    The model before is evaluated on the recordings with their swing, whitened by the same noise as
-    the model after; it must make the held-out ones less probable. row: evidence for inertia.
+    The previous model is evaluated on the recordings with their swing, whitened by the same noise
+    as the new model; it must make the held-out ones less probable. row: evidence for inertia.
     """
     diagnosis, at_rest = moving.found.diagnosis, found.diagnosis
     assert isinstance(diagnosis, Diagnosis)
     assert isinstance(at_rest, Diagnosis)
     if diagnosis.answer == 'unknown':
-        return not_named(diagnosis, moving.fit, 'what else the recordings show is not explained')
+        return not_named(diagnosis, moving.fit, 'the recordings show more that is not explained')
     assert found.base is not None
     base = whitened_as(moving.found, found.base, found)
     level, tests = diagnosis.settings.lack_of_fit.level, base.record.tests
@@ -200,8 +201,9 @@ def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool)
         return not_named(replace(diagnosis, answer='unknown'), moving.fit, NO_FALL)
     whole = replace(
         diagnosis,
-        certainty=f'{at_rest.certainty} That is without motion: with {" + ".join(row.effects)} '
-        f'({row.evidence:.0f} nats) the p-value is {row.p_value:.2g}.',
+        certainty=f'{at_rest.certainty} This holds for the arm without motion. With '
+        f'{" + ".join(row.effects)} ({row.evidence:.0f} nats) the p-value is '
+        f'{row.p_value:.2g}.',
         where=at_rest.where,
         where_sentence=at_rest.where_sentence,
         heat_maps=tuple(
@@ -219,7 +221,7 @@ def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool)
 def whitened_as(other: Investigation, trial: Trial, found: Investigation) -> Trial:
     """Return a trial with its recordings whitened by the noise of another investigation.
 
-    A swing that nobody took off looks like noise: what is left beside it looks small.
+    A swing that is not subtracted counts as noise, and makes other residuals look small.
     """
     assert found.selection is not None
     assert other.selection is not None
@@ -231,7 +233,7 @@ def whitened_as(other: Investigation, trial: Trial, found: Investigation) -> Tri
 
 
 def with_chi_squared(evaluation: Evaluation, record: Record) -> Evaluation:
-    """Return an evaluation with chi squared as it is in a record."""
+    """Return an evaluation with chi squared from a record."""
     count = len(evaluation.training_scores)
     chi_squared, coordinates = record.run_chi_squared, record.coordinates
     training, held_out = (
@@ -247,7 +249,7 @@ def with_chi_squared(evaluation: Evaluation, record: Record) -> Evaluation:
 
 
 def evidence_of(best: Trial, rival: Trial, gained: float) -> Evidence:
-    """Return the evidence for inertia with the effects found, over the model before.
+    """Return the evidence for inertia with the effects found, over the previous model.
 
     gained: gain in log probability of the training recordings over a rival.
     """
@@ -262,7 +264,7 @@ def evidence_of(best: Trial, rival: Trial, gained: float) -> Evidence:
 
 
 def inseparable(diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis that says that inertia explains the recordings as well."""
+    """Return a diagnosis stating that inertia explains the recordings as well."""
     return replace(
         diagnosis,
         answer='inseparable',

@@ -1,7 +1,7 @@
 """Law errors of effects: the size of each, independent in every frame and along the arm.
 
 No law is exact: a line may fill faster than it empties, an elongation may be uneven. The law error
-of a strong effect may look like another effect, far above the noise. So every effect is given a
+of a strong effect may look like another effect, far above the noise. Therefore every effect has a
 relative error of its size, independent in every frame and along the arm. These errors are
 integrated out run by run, like the path of the camera.
 """
@@ -27,7 +27,7 @@ DIFFERENCE = 0.1  # of a size; step of the derivative by it
 class LawErrors:
     """Errors of the laws of effects in every run, (frames, 2 targets, errors) m.
 
-    One standard deviation each; none where there is no effect.
+    Each is one standard deviation; there are none without an effect.
     """
 
     fields: tuple[Array, ...]
@@ -81,7 +81,7 @@ def along_arm(field: Array, shapes: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OpenLaws:
-    """The linear problem of a fit in which errors of laws are integrated out, run by run."""
+    """Linear problem of a fit in which the errors of laws are integrated out, run by run."""
 
     gaussian: GaussianModel
     filters: tuple[Whitening, ...] = ()
@@ -90,7 +90,7 @@ class OpenLaws:
     def of(
         cls, known: GaussianModel, blocks: Sequence[LinearizedRun], errors: LawErrors
     ) -> OpenLaws:
-        """Return that of a fit to runs; blocks: those, linearized, errors: of effects in them."""
+        """Return the problem of a fit; blocks: the linearized runs; errors: of effects in them."""
         pairs = zip(blocks, errors.fields, strict=False)
         filters = tuple(
             Whitening(1.0, independent(block.white_by_frame(field))) for block, field in pairs
@@ -128,9 +128,10 @@ class OpenLaws:
 
 
 def independent(columns: Array, least: float = 1e-6) -> Array:
-    """Return columns (rows, n) of the same covariance that are orthogonal, without empty ones.
+    """Return nonzero orthogonal columns (rows, n) with the same covariance.
 
-    least: variance that counts. Where an effect does nothing in a frame, an SVD would stumble.
+    least: smallest variance to keep. An SVD would have trouble with frames in which an effect does
+    nothing.
     """
     variances, axes = np.linalg.eigh(columns.T @ columns)
     kept: Array = columns @ axes[:, variances > least]

@@ -1,9 +1,9 @@
 """Recordings linearized around a fit: derivatives of whitened points.
 
-The camera's path and the errors of readings are integrated out run by run. What is left unknown,
-each scaled so that its prior is normal with unit variance: the base model, the placement of the
-targets, a field of harmless departures that no model is free of, and the tilt of a camera that
-nobody sets up exactly parallel to the plane of the arm.
+The camera's path and the errors of readings are integrated out run by run. The remaining unknowns,
+each scaled to a normal prior with unit variance, are the base model, the placement of the targets,
+a field of harmless departures that every model has, and the tilt of a camera that is not exactly
+parallel to the plane of the arm.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ class LinearizedRun:
 
     base (rows, n): model and placement, scaled; path (rows, k): the camera's, which `path_filter`
     integrates out of whitened columns (rows, n); placed (frames, 2, targets) m: the part of the
-    placement at the point that `base` takes off; fields: generic ones, and tilt: how points answer
-    to that of the picture, neither whitened. model: where searches for equilibria start.
-    load_error, tangent: as in `measurement.linearization.RunLinearization`.
+    placement that `base` subtracts; fields: generic ones, and tilt: response of points to a tilt
+    of the image, neither whitened. model: start of searches for equilibria. load_error, tangent:
+    as in `measurement.linearization.RunLinearization`.
     """
 
     fitted: FittedRun
@@ -63,7 +63,7 @@ class LinearizedRun:
 
     @property
     def log_volume(self) -> float:
-        """Log of sqrt(det C / det D) of the errors by which a run is whitened; see `Whitening`."""
+        """Log of sqrt(det C / det D) of the errors used to whiten a run; see `Whitening`."""
         return self.whitening.log_volume + self.path_filter.log_volume
 
     @property
@@ -86,10 +86,10 @@ class LinearizedRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LinearizationPoint:
-    """Where recordings are linearized: values of the base model's unknowns, placement, effects.
+    """Point of linearization: values of the base model's unknowns, placement, effects.
 
-    placement (2, targets) m; effects come beside those of the model. origin (2,) m: of the base
-    frame of all recordings, beside the neutral line, as the base fit has found it.
+    placement (2, targets) m; effects are added to those of the model. origin (2,) m: offset of the
+    base frame of all recordings from the neutral line, from the base fit.
     """
 
     parameters: Parameters
@@ -100,11 +100,11 @@ class LinearizationPoint:
 
     @property
     def arm(self) -> Arm:
-        """The arm there."""
+        """The arm at this point."""
         return self.with_effects().arm(self.values)
 
     def with_effects(self) -> Parameters:
-        """Return the unknowns of an arm that has the effects, too."""
+        """Return the unknowns of an arm that also has these effects."""
         frame = self.parameters.frame
         return replace(
             self.parameters, frame=replace(frame, effects=(*frame.effects, *self.effects))
@@ -114,7 +114,7 @@ class LinearizationPoint:
 class KnownInputs:
     """Inputs of arms in runs, cached per set of sensing and actuation effects.
 
-    The last `alternatives` of the runs did not follow each other: each came after all others.
+    The last `alternatives` runs are not successive: each follows all others.
     """
 
     def __init__(
@@ -200,7 +200,7 @@ class Linearization:
     def at(
         self, point: LinearizationPoint, runs: Sequence[RecordingData] | None = None
     ) -> Linearization:
-        """Return the same runs, or these, around another point."""
+        """Return the same or other runs around another point."""
         known = self.known_inputs if runs is None else None
         runs = runs or self.runs
         return Linearization(point, runs, self.training, self.noise, self.settings, known)
@@ -252,8 +252,8 @@ class Linearization:
     def tolerances(self) -> Array:
         """Return the size of every generic field that is harmless, (fields,).
 
-        Together they move the points by `settings.tolerance` of the length, root mean square, in
-        frames that have a shape.
+        Together they move the points by `settings.tolerance` of the length (root mean square) in
+        frames with a shape.
         """
         fields = [block.fields.generic for block in self.blocks]
         squares = sum(np.nansum(field**2, axis=(0, 1)) for field in fields)
@@ -275,7 +275,7 @@ class Linearization:
     ) -> list[Array] | None:
         """Return the whitened residuals (rows,) of runs for a model; None if there is no solution.
 
-        Placement and departures are not taken off; effects come beside those of the model.
+        Placement and departures are not subtracted; effects are added to those of the model.
         """
         try:
             arm = replace(self.point, values=values, effects=tuple(effects)).arm
@@ -294,8 +294,8 @@ class Linearization:
     def points(self, arm: Arm, which: range) -> list[Array] | None:
         """Return predicted points (frames, 2, targets) m of an arm; None if there is no solution.
 
-        Under the loads around which the runs are linearized. Of the placement only how it differs
-        from its linearization.
+        They are under the loads of the linearization, and include only the nonlinear part of the
+        placement.
         """
         out = []
         all_inputs = self.known_inputs.of(arm)

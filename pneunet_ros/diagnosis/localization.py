@@ -1,4 +1,4 @@
-"""Where simulation and measurement disagree: shares of the misfit, heat maps, a plain sentence."""
+"""Localization of the misfit: shares, heat maps, and a sentence."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ FALLING, RISING = -1.0, 1.0
 class Frames:
     """All training frames: squared whitened residuals, pressure and load.
 
-    squares (frames, targets), NaN where not seen, 2 on average by noise alone; arclength
-    (targets,) s / l; axes: per axis on which frames differ (frames,) its value, NaN where a frame
-    belongs to none.
+    squares (frames, targets), NaN where not seen, 2 on average for noise alone; arclength
+    (targets,) s / l; axes: values (frames,) of every axis on which frames differ, NaN if a frame
+    has none.
     """
 
     squares: Array
@@ -57,8 +57,8 @@ def collect_frames(
 ) -> Frames:
     """Collect the residuals of the training runs.
 
-    harmless: nothing but harmless departures is left, which are none of the misfit; else they
-    have taken up a part of what is missing, and are added.
+    harmless: only harmless departures are left, which are not misfit; otherwise they have absorbed
+    a part of the missing effect and are added.
     """
     linearization, gaussian = refit.linearization, refit.gaussian
     squares, axes = [], []
@@ -116,9 +116,9 @@ def misfit_shares(frames: Frames) -> tuple[Share, ...]:
 def axis_shares(
     axis: Axis, edges: Array, squares: Sequence[Array], significant: float
 ) -> list[Share]:
-    """Return the share of each bin with its significance; squares: those of each bin.
+    """Return the share of each bin with its significance; squares: of each bin.
 
-    A bin in which more was seen holds more of the misfit: how much was seen stands beside it.
+    Bins with more observations have more misfit, so the share of observations is returned too.
     """
     finite = [item[np.isfinite(item)] for item in squares]
     excess = [max(float(item.sum()) - 2 * item.size, 0.0) for item in finite]
@@ -130,7 +130,7 @@ def axis_shares(
             start = stop = (FALLING, RISING)[which]
         p_value = float(scipy.stats.chi2.sf(values.sum(), 2 * values.size)) if values.size else 1.0
         frames = values.size / seen
-        statement = f'{part / total:.0%} of the misfit and {frames:.0%} of what was seen lie'
+        statement = f'{part / total:.0%} of the misfit but {frames:.0%} of the observations lie'
         if p_value > significant:
             statement = 'the residuals are consistent with noise'
         shares.append(
@@ -163,7 +163,7 @@ def describe_misfit(frames: Frames) -> str:
     settings = frames.settings
     known = frames.squares[np.isfinite(frames.squares)]
     if scipy.stats.chi2.sf(known.sum(), 2 * known.size) > settings.significant:
-        return 'no part of the recordings stands out from noise'
+        return 'no part of the recordings exceeds the noise'
     words = []
     names: dict[Axis, str] = {'force': 'the force', 'pressure': 'the pressure', 'time': 'time'}
     for axis, name in names.items():
@@ -201,8 +201,8 @@ def end_ratio(frames: Frames, axis: Axis) -> float:
 def rising_to_falling_ratio(frames: Frames) -> float:
     """Return the ratio of excess misfit with rising to falling pressure.
 
-    Only frames of like pressure and force are compared: what hangs on the arm on the way up, and
-    not on the way down, is no hysteresis.
+    Only frames with similar pressure and force are compared: a load that is attached only while
+    the pressure rises is not hysteresis.
     """
     cells = np.zeros(len(frames.squares), np.int64)
     axes: tuple[Axis, ...] = ('pressure', 'force')

@@ -1,8 +1,8 @@
-"""Whether nonuniform bending between targets explains what an effect does.
+"""Tests whether nonuniform bending between targets explains an effect.
 
-With a target at the tip alone a constant curvature is an assumption, and what an arm does beside
-it looks like an effect. `calibration.checks.nonuniformity` puts the departure into the covariance
-of a fit; here its linear part, with the same prior, is one more unknown beside the effects.
+With a target only at the tip, constant curvature is an assumption, and a departure from it looks
+like an effect. `calibration.checks.nonuniformity` adds the departure to the covariance of a fit;
+here its linear part, with the same prior, is an additional unknown.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ FIELD = 'curvature 1 x p'  # of `generic_field`: linear along the arm, proportio
 def nonuniform_columns(
     linearization: Linearization, settings: ResolutionSettings = RESOLUTION
 ) -> list[Array]:
-    """Return the whitened response to one sigma of the departure, (rows, 1) per training run.
+    """Return the whitened response to one sigma of departure, (rows, 1) per training run.
 
-    None of them where the curvature is free along the arm.
+    There are none if the curvature is free along the arm.
     """
     parameters = linearization.point.parameters
     if parameters.arclength.size > 2 and parameters.shapes != 1:
@@ -46,7 +46,8 @@ def beside_nonuniform(
 ) -> list[Candidate]:
     """Return effects with their information reduced by nonuniform bending.
 
-    gaussian: of the training runs without them; columns: `nonuniform_columns`, may be none.
+    gaussian: of the training runs without these effects; columns: `nonuniform_columns`, possibly
+    none.
     """
     if not columns:
         return list(candidates)
@@ -60,7 +61,7 @@ def beside_nonuniform(
 
 
 def with_columns(gaussian: GaussianModel, columns: list[Array]) -> GaussianModel:
-    """Return the linear problem with one unknown more, of unit prior."""
+    """Return the linear problem with one more unknown, with unit prior."""
     return GaussianModel.of(
         [np.concatenate(pair, axis=1) for pair in zip(gaussian.columns, columns, strict=True)],
         gaussian.residuals,

@@ -1,8 +1,8 @@
 """Influence of pressure noise on a fit through effects with a history.
 
-The noise of a frame's own reading is in the covariance of that frame. That of earlier ones reaches
-it through the memory: where a play turned, what a line held. It is common to many frames, and is
-found by adding as much noise once more.
+The noise of a frame's own reading is in the covariance of that frame. The noise of earlier
+readings acts through memory, for example at the turning points of a play or in the state of a
+line. It is common to many frames, and is estimated by adding the same amount of noise again.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pneunet_ros.diagnosis.settings import DEFAULTS, ReadingNoiseSettings
 def with_reading_noise(
     refit: Refit, seed: int, settings: ReadingNoiseSettings = DEFAULTS.reading_noise
 ) -> Refit:
-    """Return a fit whose covariance includes the reading noise that its effects remember."""
+    """Return a fit whose covariance includes the reading noise in the memory of its effects."""
     if not any(item.has_memory for item in refit.hypotheses):
         return refit
     linearization = refit.linearization

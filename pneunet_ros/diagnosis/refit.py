@@ -1,4 +1,4 @@
-"""Effects put into the model and fitted jointly with all of it, their shape parameters free.
+"""Joint fit of effects and the rest of the model, with free shape parameters.
 
 Gauss-Newton: the Jacobian of the base model is that of its linearization, the one of the effects
 is recomputed at every step, and residuals are those of the equilibrium itself.
@@ -30,9 +30,9 @@ DIFFERENCE = 5e-4
 class Refit:
     """Effects fitted jointly: their numbers and covariance, and the linear problem at the end.
 
-    numbers (k,) of all hypotheses, one after the other; base (n,) scaled position of all other
-    unknowns; gaussian: with columns base, departures, numbers. settled: another linearization
-    changes nothing.
+    numbers (k,) of all hypotheses, in order; base (n,): scaled position of all other unknowns;
+    gaussian: with columns base, departures, numbers. settled: another linearization changes
+    nothing.
     """
 
     linearization: Linearization
@@ -68,7 +68,7 @@ class Refit:
 
     @property
     def point(self) -> LinearizationPoint:
-        """Where the fit ended."""
+        """The end point of the fit."""
         linearization = self.linearization
         values = linearization.mean + linearization.scale @ self.base[: linearization.mean.size]
         return replace(
@@ -95,8 +95,8 @@ def effects_of(hypotheses: Sequence[Hypothesis], numbers: Array) -> tuple[Effect
 class Iterate:
     """A point of the search: scaled base (n,), numbers (k,), residuals (rows,) per run, cost.
 
-    Residuals are those of the model alone; the cost is half of chi squared and prior, and the log
-    volume of the errors that they are whitened by: an arm that gives more has larger ones.
+    Residuals are those of the model alone; the cost is half of chi squared and prior, plus the log
+    volume of the errors used for whitening, which are larger for a softer arm.
     """
 
     base: Array
@@ -129,7 +129,7 @@ class JointFit:
         self.high = np.concatenate([item.high for item in hypotheses] or nothing)
 
     def residuals(self, base: Array, numbers: Array) -> list[Array] | None:
-        """Return residuals (rows,) per run; placement and departures are not taken off."""
+        """Return residuals (rows,) per run, without subtracting placement and departures."""
         linearization, size = self.linearization, self.linearization.size
         values = linearization.mean[:size] + linearization.scale[:size, :size] @ base[:size]
         return linearization.residual(values, effects_of(self.hypotheses, numbers), self.runs)
@@ -193,7 +193,7 @@ class JointFit:
     def fit(self, numbers: Array, base: Array | None = None) -> Refit | None:
         """Find the most probable numbers from a start; None if the start has no shapes.
 
-        base: scaled position of all other unknowns to begin with; else that of the linearization.
+        base: initial scaled position of all other unknowns; None: that of the linearization.
         """
         numbers = np.clip(numbers, self.low, self.high)
         at = self.iterate(self.start() if base is None else base, numbers)
@@ -223,7 +223,7 @@ class JointFit:
         )
 
     def active_bounds(self, numbers: Array, step: Array) -> list[int]:
-        """Return which unknowns are at a bound that the step would cross."""
+        """Return a mask of unknowns at a bound that the step would cross."""
         first = step.size - numbers.size
         change = step[first:]
         low = (numbers <= self.low) & (change < 0.0)
@@ -257,7 +257,7 @@ class JointFit:
 
 
 def complete_gram(known: Array, columns: Array) -> Array:
-    """Complete columns^T columns (n, n), of which the first block is known."""
+    """Complete columns^T columns (n, n), whose first block is known."""
     size = known.shape[0]
     gram = np.empty((columns.shape[1],) * 2)
     gram[:size, :size] = known
@@ -281,11 +281,11 @@ def refit(
 def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) -> Refit:
     """Relinearize and fit until nothing changes, a limited number of times.
 
-    What errors of readings move is that of the model around which is linearized, so that a search
-    may swing from one model to another and back: where the cost rises, it goes on halfway. Where
-    it does not come to rest, or there is no arm halfway, the most probable fit of all rounds is
-    returned, of those whose own search ended: one that broke off far from its minimum may cost
-    less, by larger errors of the model it began with.
+    The effect of reading errors is that of the linearized model, so a search may alternate between
+    two models: if the cost rises, it continues halfway between them. If it does not converge, or
+    if there is no arm halfway, the most probable fit of all rounds with a finished search is
+    returned: a fit that was stopped far from its minimum may have a lower cost only because its
+    initial model had larger errors.
     """
     around, best = fit, None
     for _ in range(rounds):
@@ -322,8 +322,8 @@ def linearize_all_runs(
 ) -> tuple[Iterate, GaussianModel] | None:
     """Linearize all runs at a fit to some of them; None if one has no solution.
 
-    Scores of fields in held-out recordings are then those of what the training ones predict of
-    them: V^-1 of all, with the fields of a part, is that of the part given the others.
+    Scores of fields in held-out recordings are then conditional on the training ones: V^-1 of all
+    runs, with the fields of a part, is that of the part given the others.
     """
     search = JointFit(linearization, fit.hypotheses, settings, all_runs=True)
     at = search.iterate(fit.base, fit.numbers)
@@ -334,9 +334,9 @@ def linearize_all_runs(
 def effect_direction(
     linearization: Linearization, fit: Refit, residuals: Sequence[Array], effect: Effect
 ) -> tuple[Array, ...] | None:
-    """Return the reduction of whitened residuals (rows,) per run by one more effect.
+    """Return the reduction of whitened residuals (rows,) per run by an additional effect.
 
-    residuals: those without it, of the first runs of the linearization. None if the arm has no
+    residuals: without that effect, of the first runs of the linearization. None if the arm has no
     shape with it.
     """
     effects = (*fit.effects, effect)

@@ -29,10 +29,10 @@ class Estimated:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedEffect:
-    """An effect that is missing in the model, and its parameters by name.
+    """An effect missing in the model, and its parameters by name.
 
-    probability: that it is, by the evidence of all sets that were fitted, and by how often a name
-    of this kind was wrong in blind trials.
+    probability: that it is missing, from the evidence of all fitted sets and the error rate of
+    such names in blind trials.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Share:
     """Share of the misfit, and of the data, in an interval of an axis.
 
     start, stop in SI (s / l for arclength, Pa, N, s since the start of a recording, -1 or +1 for
-    falling or rising pressure); p_value: how often noise alone puts as much there.
+    falling or rising pressure); p_value: probability of such a share by noise alone.
     """
 
     axis: Axis
@@ -104,8 +104,8 @@ class Adequacy:
 class Detectable:
     """The detection limit of an effect: its smallest size that these recordings would have shown.
 
-    parameter: the quantity that `smallest` (SI, `unit`) is of, for a stiffness the largest value;
-    observable: it is within the prior range.
+    parameter: the quantity of `smallest` (SI, `unit`), which for a stiffness is the largest value;
+    observable: whether it is within the prior range.
     """
 
     parameter: str
@@ -116,7 +116,7 @@ class Detectable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shift:
-    """A quantity of the base model before and after an effect was added, and its error after."""
+    """A quantity of the base model before and after adding an effect, and its error after."""
 
     before: float
     after: float
@@ -162,19 +162,18 @@ class HeatMap:
 class Diagnosis:
     """The result of `diagnose`.
 
-    answer: one of five; sentence: the same in words; certainty: what was compared, and by how much
-    it differs. effects: what is missing, strongest first;
-    alternatives: names of effects that cannot be distinguished from it with these data. where:
-    shares of the misfit, in words `where_sentence`; heat_maps: over arclength and another axis.
-    before, after: the base model, and the one with the effects (the same where none was added).
-    noise_floor (m): the rms that a perfect model would have, and how far its rms may be from that
-    on these recordings. closed: share of the reducible error on held-out recordings that was
-    removed, None if there was none. adequacy_before, _after: the worst lack-of-fit test of
-    each; adequacy_same: the worst before, once more after. detectable: detection limit by effect.
-    shift: base quantities, by dotted name, that were biased by the missing effect. evidence: what
-    was tried, best first. cosines: of the directions of two effects, -1 to 1, where worth a word.
-    proposal: the next recording that would tell more, empty if none. seed: of the simulated clean
-    data.
+    answer: one of five; sentence: the answer in words; certainty: what was compared, and the
+    difference. effects: the missing ones, strongest first; alternatives: names of effects that
+    cannot be distinguished from them with these data. where: shares of the misfit, in words
+    `where_sentence`; heat_maps: over arclength and another axis. before, after: the base model,
+    and the one with the effects (the same if none was added). noise_floor (m): the rms of a
+    perfect model on these recordings, and its scatter. closed: share of the reducible error on
+    held-out recordings that was removed, None if there was none. adequacy_before, _after: the
+    worst lack-of-fit test of each; adequacy_same: the worst test before, repeated after.
+    detectable: detection limit by effect. shift: base quantities, by dotted name, that were biased
+    by the missing effect. evidence: all trials, best first. cosines: of the directions of two
+    effects, -1 to 1, if large. proposal: the most informative next recording, empty if none. seed:
+    of the simulated clean data.
     """
 
     answer: Answer
@@ -207,7 +206,7 @@ class Diagnosis:
 class UnsettledDiagnosis:
     """A diagnosis that stopped because the base fit did not converge; it has no numbers.
 
-    sentence: what happened; notes: what else should be known; seed and settings as asked for.
+    sentence: what happened; notes: further information; seed and settings as requested.
     """
 
     sentence: str

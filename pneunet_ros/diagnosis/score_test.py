@@ -1,6 +1,6 @@
-"""Score test of each effect, before it is fitted.
+"""Score test of each effect before it is fitted, and its detection limit.
 
-And detectability: from which size on its score would have been significant.
+The detection limit is the size at which the score would have been significant.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ NUGGET = 1e-9  # variance that is added, as directions of effects may be equal
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Candidate:
-    """An effect added to a refit: the reduction of chi squared, and the start of its fit.
+    """An effect that may be added to a refit: its reduction of chi squared, and a start.
 
-    start (numbers,): where to begin a fit; tried (numbers,): where the effect was tried; which:
-    the size that was moved there. information: chi squared of that size on these recordings, after
-    refitting all else; direction: by how much whitened residuals (rows,) per run fall there.
+    start (numbers,): start of a fit; tried (numbers,): values at which the effect was tried;
+    which: index of the varied size. information: chi squared of that size on these recordings,
+    after refitting everything else; direction: decrease of the whitened residuals (rows,) per run.
     """
 
     hypothesis: Hypothesis
@@ -52,9 +52,9 @@ def score_effects(
     settings: ScoreTestSettings = DEFAULTS.score_test,
     problem: OpenLaws | None = None,
 ) -> list[Candidate]:
-    """Score every hypothesis that is not in a refit, the most promising first.
+    """Score every hypothesis that is not in a refit, most promising first.
 
-    problem: the linear problem of the refit with errors of its laws; else as if they were exact.
+    problem: linear problem of the refit with law errors; None: exact laws.
     """
     linearization = refit.linearization
     problem = problem or OpenLaws(gaussian=refit.gaussian)
@@ -79,7 +79,7 @@ def score_effect(
 ) -> Candidate | None:
     """Return the best start of an effect; None if the arm has no shape with it.
 
-    residuals (rows,) per training run: those of the refit.
+    residuals (rows,) per training run: of the refit.
     """
     best = None
     for which, numbers in hypothesis.starts():
@@ -116,7 +116,7 @@ def score_effect(
 
 
 def cosine_matrix(gaussian: GaussianModel, candidates: Sequence[Candidate]) -> Array:
-    """Return the cosines of the effects' directions after refitting all else, (n, n)."""
+    """Return the cosines of the effects' directions after refitting the rest, (n, n)."""
     directions = zip(*(item.direction for item in candidates), strict=True)
     columns = [np.column_stack(run) for run in directions]
     inner = gaussian.inner(columns, columns)
@@ -131,9 +131,9 @@ def largest_clean_score(
     level: float,
     seed: int,
 ) -> float:
-    """Return the value that the largest score exceeds in clean data with probability `level`.
+    """Return the value exceeded by the largest score in clean data with probability `level`.
 
-    Simulated: normal scores of the linearized refit, with their correlations.
+    It simulates normal scores of the linearized refit, with their correlations.
     """
     if not candidates:
         return 0.0
@@ -149,9 +149,9 @@ def detection_limits(
     candidates: Sequence[Candidate],
     settings: ScoreTestSettings = DEFAULTS.score_test,
 ) -> Mapping[str, Detectable]:
-    """Return for every effect the size that is visible after refitting the base model.
+    """Return, for every effect, the size that is visible after refitting the base model.
 
-    An effect that is another scale of pressure alone is never observable: kappa_p0(p) takes it up.
+    An effect that only rescales the pressure is never observable, because kappa_p0(p) absorbs it.
     """
     by_name = {item.name: item for item in candidates}
     limits = {}
@@ -177,7 +177,7 @@ def effect_cosines(
     candidates: Sequence[Candidate],
     settings: ScoreTestSettings = DEFAULTS.score_test,
 ) -> Mapping[tuple[str, str], float]:
-    """Return the cosine of every two effects' directions, -1 to 1, where it is reported."""
+    """Return the reported cosines between the directions of two effects, -1 to 1."""
     if not candidates:
         return {}
     cosines = cosine_matrix(gaussian, candidates)

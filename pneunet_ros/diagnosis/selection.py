@@ -1,4 +1,4 @@
-"""Which effects are missing: score tests, joint refits, evidence; forward, then backward."""
+"""Selection of missing effects by score tests, joint refits and evidence, forward and backward."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ class Added:
 class Record:
     """Result of effects that were fitted jointly.
 
-    dof: their numbers; evidence over the base, in log probability; gain in chi squared, with
-    prior and volume of the errors; tests: what they leave; plausible: no size is far beyond
-    its prior range. outside_prior: sentences on parameters beyond theirs. run_chi_squared: of
-    the whitened residuals of each run, held-out ones too, and coordinates: their number.
-    log_probability: of the training runs, without: of all but each in turn, both linearized at
-    the fit to all; predicted: of the held-out runs given the training ones; nonuniform: of the
-    training runs where the arm may bend unevenly along it, None if its curvature is free
-    there. added: over the set to which the last effect was added.
+    dof: number of their parameters; evidence over the base, in log probability; gain in chi
+    squared, with prior and volume of the errors; tests: of the remaining misfit; plausible: no
+    size is far beyond its prior range. outside_prior: sentences on parameters beyond theirs.
+    run_chi_squared: of the whitened residuals of each run, held-out ones too, and coordinates:
+    their number. log_probability: of the training runs; without: of all but each in turn, both
+    linearized at the fit to all; predicted: of the held-out runs given the training ones;
+    nonuniform: of the training runs if the arm may bend unevenly, None if its curvature is free
+    along the arm. added: gain over the set to which the last effect was added.
     """
 
     names: tuple[str, ...]
@@ -98,7 +98,7 @@ class Trial:
 class Selection:
     """The search over sets of effects, and all sets that were tried.
 
-    allowed: excess that the law of an effect may leave that was taken off the recordings.
+    allowed: excess allowed for the law of an effect that was subtracted from the recordings.
     """
 
     linearization: Linearization
@@ -126,8 +126,8 @@ class Selection:
         trial = self.test_trial(base, None)
         if trial is None:
             raise ModelError(
-                'a held-out recording has no equilibrium with the model of the training '
-                'recordings: train with its loads and pressures, or leave it out',
+                'in a held-out recording the model of the training recordings has no '
+                'equilibrium: include its loads and pressures in the training, or omit it',
                 reason='no_equilibrium',
             )
         return trial
@@ -135,7 +135,7 @@ class Selection:
     def open_laws(self, trial: Trial) -> tuple[LawErrors, OpenLaws]:
         """Return the law errors of a trial, and its linear problem with them.
 
-        It is large: the last one alone is kept.
+        Only the last one is kept, because it is large.
         """
         key = frozenset(trial.names)
         if self.opened is None or self.opened[0] != key:
@@ -151,7 +151,7 @@ class Selection:
         """Test a joint fit on all recordings, and store the result.
 
         known: the set to which an effect was added. None if the arm has no shape in a held-out
-        recording with it.
+        recording with that effect.
         """
         all_runs = self.linearization.at(trial.point)
         at_fit = linearize_all_runs(all_runs, trial, self.settings.refit)
@@ -207,7 +207,7 @@ class Selection:
     ) -> bool:
         """Whether the residual lies within the law errors of these effects.
 
-        Little of what was left without them; or more, if it is nothing beside errors of the laws.
+        That is a small part of the misfit without them, or more if law errors explain it.
         """
         settings, most = self.settings, base.record.excess
         lack_of_fit = settings.lack_of_fit
@@ -240,7 +240,8 @@ class Selection:
     def fit_rivals(self, base: Trial, best: Trial) -> Trial:
         """Replace the strongest effect of a set by those with similar scores; return the best fit.
 
-        The rest of the set stays: what is an effect more was chosen among its own rivals.
+        The rest of the set is kept, because each additional effect was chosen among its own
+        rivals.
         """
         if not best.names:
             return best
@@ -283,7 +284,7 @@ class Selection:
     def significant_candidate(self, trial: Trial) -> Candidate | None:
         """Return the effect with the best score on top of these.
 
-        None if noise, or what the laws of these miss, has as much.
+        None if noise, or the law errors of these, would explain the score.
         """
         candidates, settings = self.score_candidates(trial), self.settings
         if not candidates:
@@ -298,9 +299,9 @@ class Selection:
         return candidates[0] if candidates[0].gain > needed else None
 
     def add_effect(self, base: Trial, trial: Trial, *, thorough: bool) -> Trial | None:
-        """Return the best set with one effect more; None if none is good enough.
+        """Return the best set with one more effect; None if none is good enough.
 
-        thorough: where no set is adequate, fit all likely effects; small steps may mislead.
+        thorough: if no set is adequate, fit all likely effects, because small steps may mislead.
         """
         settings, candidates = self.settings.selection, self.score_candidates(trial)
         largest = candidates[0].gain if candidates else 0.0
@@ -322,7 +323,7 @@ class Selection:
     ) -> list[Trial]:
         """Refit once with each candidate, then the best ones to convergence.
 
-        A strong effect may not have arrived after one refit: its score says what it will gain.
+        A strong effect may not have converged after one refit; its score estimates the gain.
         """
         settings, known = self.settings.selection, trial.refit
         first, gains = [], []
@@ -352,9 +353,9 @@ class Selection:
         return finalists
 
     def eliminate_backward(self, base: Trial, trial: Trial) -> Trial:
-        """Leave out effects without which the recordings are predicted as well.
+        """Remove effects that are not needed to predict the recordings.
 
-        The last one, too, if its size does not differ from nothing.
+        The last one is also removed if its size does not differ significantly from zero.
         """
         absent = self.settings.selection.absent
         while len(trial.names) > 1:
@@ -389,8 +390,9 @@ def choose_best(
 ) -> Trial | None:
     """Return the most probable set that is better than the set it extends.
 
-    Adequate and plausible sets come first, unless a more probable one fits far better: one more
-    effect may make that adequate. Among sets of similar evidence, the one with fewest parameters.
+    Adequate and plausible sets come first, unless a more probable one fits far better and could
+    become adequate with one more effect. Among sets of similar evidence, the one with fewest
+    parameters is chosen.
     """
     over = {item: item.record.over(trial.record) for item in extended}
     better = [
@@ -428,8 +430,8 @@ def is_worth_adding(
 def is_absent(fit: Refit, name: str, most: float) -> bool:
     """Whether the sizes of an effect are within this many standard errors of zero.
 
-    Together, with their correlations. It led the fit out of a poor minimum of the others, and is
-    not what explains.
+    This is tested jointly, with correlations. Such an effect only led the fit out of a poor
+    minimum of the others, and explains nothing.
     """
     first = 0
     for item, numbers in zip(
@@ -457,8 +459,8 @@ def is_plausible(fit: Refit, most: float) -> bool:
 def parameters_outside_prior(fit: Refit, ends: float) -> tuple[str, ...]:
     """Return a note on every parameter outside its prior range by two standard errors.
 
-    An error has that of the law of the effect in it. ends: of the range of a size, in prior
-    standard deviations; that of a shape ends at one.
+    The error includes that of the law. ends: limits of a size in prior standard deviations; those
+    of a shape are one.
     """
     stds = np.split(np.sqrt(np.diag(fit.covariance)), np.cumsum([i.size for i in fit.hypotheses]))
     parts = split_numbers(fit.hypotheses, fit.numbers)
@@ -486,7 +488,7 @@ def predicted_probability(gaussian: GaussianModel, training: int) -> float:
 
 
 def evidence_margin(evidence: float, settings: SelectionSettings = DEFAULTS.selection) -> float:
-    """Return the difference of evidence that counts, as no law of an effect is exact."""
+    """Return the significant difference of evidence, given that no law is exact."""
     return max(settings.least_evidence, settings.law_evidence * evidence)
 
 

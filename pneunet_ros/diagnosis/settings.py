@@ -1,6 +1,6 @@
 """Tuning constants of a diagnosis: one class per algorithm, all in `DiagnosisSettings`.
 
-Where no source is given a number is invented; blind trials were made with all of them together.
+Numbers without a source are invented; blind trials tested all of them together.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pneunet_ros.measurement.reading_filter import READING_FILTER, ReadingFilter
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BaseFitSettings:
-    """The refit of the base model, and how much of the recordings is used."""
+    """Settings of the base refit, and the share of recordings used."""
 
     frames: int = tuning(48, 'frames of every run; neighbors differ by white noise alone')
     first_frames: int = tuning(24, 'frames of every run for the fit of the base model')
@@ -23,7 +23,7 @@ class BaseFitSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinearizationSettings:
-    """Recordings around a fit, and the generic fields that stand for departures of any kind."""
+    """Settings of the linearization of recordings, and of generic fields for departures."""
 
     tolerance: float = tuning(0.001, 'rms of departures that are harmless', unit='length')
     tilt: float = tuning(
@@ -43,7 +43,7 @@ class LinearizationSettings:
     reading_filter: ReadingFilterSettings = READING_FILTER
 
     def __post_init__(self) -> None:
-        """Refuse a memory of the fields that is no time constant."""
+        """Reject an invalid time constant for the memory of the fields."""
         if self.field_memory not in self.time_constants:
             raise RequestError(
                 f'field_memory must be one of {self.time_constants} s', reason='unknown_kind'
@@ -52,7 +52,7 @@ class LinearizationSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HypothesisSettings:
-    """Where in its prior range an effect is tried."""
+    """Settings for the values at which an effect is tried."""
 
     shapes: int = tuning(5, 'values of a shape parameter over its prior range')
     shape_margin: float = tuning(10.0, 'factor by which a shape may leave its prior range')
@@ -62,7 +62,7 @@ class HypothesisSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoreTestSettings:
-    """The score of each effect before it is fitted, and what would have been visible."""
+    """Settings of score tests and detection limits."""
 
     smallest_step: float = tuning(0.3, 'least step of effects with memory', unit='size tried')
     largest_step: float = tuning(3.0, 'largest step of effects with memory', unit='size tried')
@@ -74,7 +74,7 @@ class ScoreTestSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawErrorSettings:
-    """Law error of an effect, in addition to which other effects are scored and compared."""
+    """Settings of the law errors of effects, allowed for when other effects are compared."""
 
     size: float = tuning(0.3, 'error of a size in every frame, each for itself', unit='of it')
     shapes: int = tuning(3, 'Legendre polynomials along the arm, each with such an error')
@@ -84,7 +84,7 @@ class LawErrorSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LackOfFitSettings:
-    """Tests for lack of fit."""
+    """Settings of the lack-of-fit tests."""
 
     level: float = tuning(0.002, 'probability of a false alarm in any of the tests')
     least_seen: float = tuning(0.3, 'score variance from which a field is seen in the data')
@@ -98,7 +98,7 @@ class LackOfFitSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefitSettings:
-    """The joint fit of effects and base model."""
+    """Settings of the joint fit of effects and base model."""
 
     rounds: int = tuning(5, 'most relinearizations')
     base_rounds: int = tuning(20, 'most relinearizations of the base fit, without effects')
@@ -109,14 +109,14 @@ class RefitSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingNoiseSettings:
-    """Influence of reading noise through effects with a history."""
+    """Settings for reading noise that acts through effects with a history."""
 
     draws: int = tuning(12, 'times that noise is added once more')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SelectionSettings:
-    """Forward selection of effects, and backward elimination."""
+    """Settings of forward selection and backward elimination of effects."""
 
     most_effects: int = tuning(3, 'effects that may be missing together')
     shortlist: int = tuning(5, 'candidates that are fitted, in order of their score')
@@ -163,7 +163,7 @@ class ConfirmationSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalizationSettings:
-    """Shares of the misfit over arclength, pressure, force, time and direction."""
+    """Settings of the misfit shares over arclength, pressure, force, time and direction."""
 
     moving: float = tuning(0.02, 'rate of pressure; below it holds', unit='pressure range/s')
     trend: float = tuning(2.0, 'ratio of misfits that is called a difference')
@@ -173,7 +173,7 @@ class LocalizationSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExperimentDesignSettings:
-    """Experiments that are tried out with the model."""
+    """Settings for simulated experiments."""
 
     frames: int = tuning(60, 'frames of an experiment')
     rate: float = tuning(20.0, 'rate of readings', unit='Hz')
@@ -181,7 +181,7 @@ class ExperimentDesignSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AugmentedModelSettings:
-    """The base model fitted with the effects, and their standard errors."""
+    """Settings of the base model fitted with the effects."""
 
     settled: float = tuning(0.3, 'step at which the fit has converged', unit='std of all')
 

@@ -1,9 +1,9 @@
-"""Frames with unread changes: pressure or load changed between two readings.
+"""Removal of frames in which pressure or load changed between two readings.
 
-What a straight line between two readings misses is an error of the readings, which a fit takes up
-along the tangent of the shape, as if it were normal. Where it is more than the noise of a reading,
-a frame is no measurement of the arm: it shows a pressure, or a load, that nobody knows. Such a
-frame, and one from beyond the readings, is left out.
+The error of linear interpolation between readings is treated as a reading error: a fit absorbs it
+along the tangent of the shape, as if it were normal. If it exceeds the noise of a reading, the
+frame is not a valid measurement, because its pressure or load is unknown. Such frames, and those
+outside the readings, are left out.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ Flags = npt.NDArray[np.bool_]
 def without_unread(
     arm: Arm, *groups: Sequence[RecordingData]
 ) -> tuple[list[list[RecordingData]], tuple[Note, ...]]:
-    """Return groups of recordings less the frames whose readings are not known, and a note.
+    """Return recordings without the frames whose readings are unknown, and a note.
 
-    A loaded recording that is left with no load is left out as well. RecordingError where no
-    recording of the first group is left, or none without a load, or none with one.
+    A loaded recording that has no load any more is left out as well. RecordingError if the first
+    group loses all its recordings, or all without a load, or all with one.
     """
     noise = with_noise_of_readings(arm.sensors, [run for group in groups for run in group])
     read = [[(run, read_frames(arm, run, noise)) for run in group] for group in groups]
@@ -45,22 +45,22 @@ def without_unread(
     kept = [[part for _, part in group if part is not None] for group in parts]
     lost = [run.name for group in parts for run, part in group if part is None]
     note = Note(
-        f'{left} of {sum(flags.size for flags in every)} frames were left out: their pressure or '
-        'load was not measured, as it changed between two readings, or was not read any more'
-        + (f'; nothing is left of {", ".join(lost)}' if lost else ''),
+        f'{left} of {sum(flags.size for flags in every)} frames were left out because their '
+        'pressure or load is not known: it changed between two readings, or its readings had '
+        'ended' + (f'; nothing is left of {", ".join(lost)}' if lost else ''),
         reason='between_readings',
     )
     if {run.loaded for run in kept[0]} != {run.loaded for run in groups[0]}:
         raise RecordingError(
-            f'{note}. Too little is left for a diagnosis: read pressure and load more often than '
-            'frames',
+            f'{note}. Too few frames are left for a diagnosis: read pressure and load more often '
+            'than frames',
             reason='between_readings',
         )
     return kept, (note,)
 
 
 def read_part(run: RecordingData, flags: Flags, noise: SensorNoise) -> RecordingData | None:
-    """Return these frames of a run; None if none is left, or none with the load it had."""
+    """Return these frames of a run; None if none is left, or none with its load."""
     if not flags.any():
         return None
     part = run.subset(np.flatnonzero(flags))

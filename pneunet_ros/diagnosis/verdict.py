@@ -48,20 +48,20 @@ def describe_verdict(
         case 'unobservable' if verdict.mimicked:
             return (
                 f'The misfit may be {" and ".join(verdict.mimicked)}, or an arm that bends '
-                'unevenly. These targets cannot distinguish them, so no effect of the library '
-                'is observable in these recordings; more targets along the arm would.'
+                'unevenly. These targets cannot distinguish them, so no effect of the library is '
+                'observable in these recordings; more targets along the arm would help.'
             )
         case 'unobservable':
             return 'No effect of the library is observable in these recordings.'
         case 'unknown' if verdict.unconfirmed:
             closest = ' and '.join(verdict.unconfirmed)
             return (
-                f'The model lacks something. {closest} would explain it, but the name is not '
-                'confirmed: the notes say why.'
+                f'The model lacks an effect. {closest} would explain it, but is not confirmed; '
+                'the notes say why.'
             )
         case 'unknown':
-            closest = ' The notes say what came closest.' if verdict.notes else ''
-            return f'The model lacks something that no effect of the library explains.{closest}'
+            closest = ' The notes name the closest one.' if verdict.notes else ''
+            return f'The model lacks an effect, and no effect of the library explains it.{closest}'
         case 'named':
             gained = describe_gain(verdict.trial.record, before.rms, after.rms, noise)
             return f'The model lacks {names}: {gained}'
@@ -72,16 +72,16 @@ def describe_verdict(
 
 
 def describe_gain(record: Record, before: float, after: float, noise: tuple[float, float]) -> str:
-    """Describe the improvement by a set of effects: in rms (m), where that shows it.
+    """Describe the improvement by a set of effects, in rms (m) if that shows it.
 
-    noise: rms (m) of a perfect model, and how far it scatters.
+    noise: rms (m) of a perfect model, and its scatter.
     """
     if before - after <= noise[1]:
         return (
-            'the training recordings, each predicted from the others, are more probable by '
-            f'{record.evidence:.0f} nats in all. The rms error cannot show it '
-            f'({millimeters(after):.3f} mm with it, {millimeters(before):.3f} mm without, '
-            f'noise alone {millimeters(noise[0]):.3f} ± {millimeters(noise[1]):.3f} mm).'
+            'with this added, the training recordings, each predicted from the others, are more '
+            f'probable by {record.evidence:.0f} nats in total. The rms error cannot show this '
+            f'({millimeters(after):.3f} mm with it, {millimeters(before):.3f} mm without, noise '
+            f'alone {millimeters(noise[0]):.3f} ± {millimeters(noise[1]):.3f} mm).'
         )
     return (
         f'adding {"it" if len(record.names) == 1 else "them"} reduces the model error from '
@@ -90,7 +90,7 @@ def describe_gain(record: Record, before: float, after: float, noise: tuple[floa
 
 
 def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
-    """Describe what was compared, and the size of the difference."""
+    """Describe the comparison that led to the answer, and the size of the difference."""
     confirmer, base, record = Confirmer.of(selection, first.record), first.record, best.record
     worst = min(base.tests, key=lambda item: item.p_value)
     tested = (
@@ -108,7 +108,10 @@ def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
     if not record.adequate:
         record = closest_set(selection)
         if not record.names:
-            return f'Compared with clean data, {tested}; no set of effects explains any of it.'
+            return (
+                f'Compared with clean data, {tested}; no set of effects explains any of the '
+                'misfit.'
+            )
         return (
             f'Compared with clean data, {tested}; with {" + ".join(record.names)}, which comes '
             f'closest ({record.evidence:.0f} nats of evidence), it is '
@@ -122,7 +125,7 @@ def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
     if confirmer.has_held_out:
         fall = confirmer.held_out_fall(record)
         less = f'by {fall:.0f}' if fall >= 0.0 else f'it rises by {-fall:.0f}'
-        sentence += f', in held-out recordings {less}'
+        sentence += f', and in held-out recordings {less}'
     others = [item for item in selection.tried.values() if not {*best.names} <= {*item.names}]
     others = [item for item in others if item.names]
     if not others:
@@ -135,6 +138,6 @@ def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
 
 
 def closest_set(selection: Selection) -> Record:
-    """Return the set of effects with most evidence among those that reduce chi squared."""
+    """Return the set with most evidence among those that reduce chi squared."""
     lower = [item for item in selection.tried.values() if item.gain >= 0.0]
     return max(lower, key=lambda item: item.evidence)

@@ -133,9 +133,10 @@ def untestable_law(
     if not predicts_better(law, named.record, limits):
         return ''
     return (
-        f'{best.suspect.kind.name} beside it predicts each training recording from the others '
-        f'better, by {law.evidence:.0f} in log probability where this alone has '
-        f'{named.record.evidence:.0f}, and {count} training recordings cannot confirm either'
+        f'together with {best.suspect.kind.name} it predicts each training recording from the '
+        f'others better (log probability higher by {law.evidence:.0f}, compared with '
+        f'{named.record.evidence:.0f} for it alone), and {count} training recordings cannot '
+        'confirm either'
     )
 
 
@@ -214,7 +215,7 @@ def look_for_law(
     assert isinstance(diagnosis, Diagnosis)
     settings, causes = search.settings, cause_map(search, base)
     if not suspects:
-        notes = ('no kind of cause that was tried predicts recordings that are left out',)
+        notes = ('no kind of cause that was tried predicts left-out recordings',)
         nothing = Discovery(searched=True, causes=causes, notes=notes, settings=settings)
         return nothing, None
     fits = JointFits(selection, first, base, search, settings)
@@ -431,7 +432,7 @@ def objections_to(
     if finding.share < settings.least_share:
         found.append(f'it explains {max(finding.share, 0.0):.0%} of what is left')
     if base is not first and finding.gain < settings.beside_named * base.record.evidence:
-        found.append('it may be what the law of the named effect leaves out')
+        found.append('it may be a part of the named effect that its law misses')
     if finding.proposal is not None:
         if not finding.explains:
             worst = min(finding.proposal.trial.record.tests, key=lambda item: item.p_value)

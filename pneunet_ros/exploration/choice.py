@@ -45,7 +45,7 @@ class Choice:
     def words(self) -> str:
         """The rivals that it separates best, in words."""
         if not self.divergence:
-            return 'to begin with'
+            return 'to start with'
         pair = max(self.divergence, key=self.divergence.__getitem__)
         return f'it would best distinguish {pair[0]} from {pair[1]}'
 

@@ -33,7 +33,7 @@ def experiments() -> Iterator[Experiment]:
         ),
     )  # fmt: skip
     yield Experiment(
-        words='without a load, pressure that goes up and down in 2 s, then in 6 s, over and over',
+        words='without a load, pressure repeatedly up and down, first in 2 s, then in 6 s',
         corners=tuple(
             (time, 0.9 * (place % 2) + 0.05, 0, 0)
             for place, time in enumerate((0, 1, 2, 3, 4, 5, 6, 9, 12, 15, 18, 21, 24))

@@ -24,8 +24,8 @@ class SafeSet:
         """Check the order."""
         if not (self.low < self.high and self.force >= 0.0 and math.isfinite(self.force)):
             raise RequestError(
-                f'the safe set goes from {self.low:g} to {self.high:g} Pa with at most '
-                f'{self.force:g} N: pressures must rise, and the force be 0 or more',
+                f'the safe set is {self.low:g} to {self.high:g} Pa with at most {self.force:g} '
+                'N: the second pressure must be larger, and the force 0 or more',
                 reason='out_of_bounds',
             )
 

@@ -1,1 +1,1 @@
-"""One estimate of shape, tip force and pressure bias from all sensors that are there."""
+"""One estimate of shape, tip force and pressure bias from all available sensors."""

@@ -37,9 +37,9 @@ class Belief(Gaussian):
     """The belief at a stamp: mean (n,), root (n, m) with root root^T the covariance.
 
     walk: of the forces; sizes (sizes,): log weights of the sizes of the model error; chamber: the
-    pressure (Pa) as read, NaN where it was not; solution: the rod there, None before the first;
-    frames: how many have been used; causes: that are taken to be at work, by name; reference: what
-    a swing is counted from, None if the model has no `motion`, or before any frame.
+    pressure reading (Pa), NaN if there was none; solution: the rod at the frame, None before the
+    first; frames: number used so far; causes: names of the active causes; reference: reference of
+    a swing, None if the model has no `motion`, or before any frame.
     """
 
     stamp_ns: int
@@ -53,7 +53,7 @@ class Belief(Gaussian):
 
     @property
     def unpressed(self) -> bool:
-        """Whether the last frame had no pressure reading: its error holds the whole pressure."""
+        """Whether the last frame had no pressure reading; the error is then the whole pressure."""
         return self.frames > 0 and math.isnan(self.chamber)
 
     @property
@@ -79,7 +79,7 @@ def first_belief(
 
 
 def reset_to_prior(unknowns: Unknowns, belief: Belief) -> Belief:
-    """Reset to the prior; keep the tip force and the shape as the start of the search."""
+    """Reset to the prior, but keep the tip force and the shape as the start of the search."""
     first, force = first_belief(unknowns, belief.stamp_ns, belief.causes), unknowns.at(TipForce)
     mean = first.mean.copy()
     mean[force] = belief.mean[force]
@@ -95,7 +95,7 @@ def reset_to_prior(unknowns: Unknowns, belief: Belief) -> Belief:
 def with_strange_targets(
     unknowns: Unknowns, settings: FusionSettings, belief: Belief, strange: npt.NDArray[np.intp]
 ) -> Belief:
-    """Widen the places of targets that did not fit by their gate: they are not where they were."""
+    """Widen the positions of targets that their gate rejected: they have moved."""
     where = unknowns.at(Placement).start + unknowns.block(Placement).of_dots(strange)
     return forget(belief, where, math.sqrt(settings.target_gate) * unknowns.std[where])
 
@@ -112,9 +112,9 @@ def move_belief(
 ) -> Belief:
     """Propagate the belief to another stamp, forward or backward.
 
-    size: of the model error; pressed (Pa): by how much the pressure has moved since; walk
-    (N/sqrt(s)): of the forces from now on, None for as they moved recently; noise (N m, Pa): one
-    sigma of readings of moment and pressure there, None if they are those of before.
+    size: of the model error; pressed (Pa): change of the pressure since; walk (N/sqrt(s)): of the
+    forces from now on, None: as recently; noise (N m, Pa): one sigma of the new readings of moment
+    and pressure, None if they are the previous ones.
     """
     seconds = seconds_between(belief.stamp_ns, stamp_ns)
     steady = belief.walk.steadiness(seconds) if walk is None else 1.0

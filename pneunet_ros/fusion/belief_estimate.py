@@ -1,4 +1,4 @@
-"""Estimate at the stamp of a pressure reading, with all errors, from the belief."""
+"""Estimate from the belief at the stamp of a pressure reading, with all errors."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.solution import SolverNodes
 
 STIFFNESS_UNKNOWN = (
-    'the stiffness was not measured (the model was calibrated without loads), so '
-    'the shape gives no force: calibrate with loads'
+    'the model was calibrated without loads, so its stiffness is unknown and no force can be '
+    'estimated: calibrate with loads'
 )
 OF_THE_BENCH = (
     *(one.sentence for one in CAUSES if one.sentence),
@@ -54,9 +54,10 @@ OF_THE_BENCH = (
 class BelievedArm:
     """The arm at the stamp of a reading, according to the belief.
 
-    belief: moved there; unseen (unknowns, errors): what has moved since the last frame; inputs:
-    what was read; causes: what one of each unknown changes; bent: the rod; position: of its load
-    to the domain of the model. swinging: the arm beside that, None if the model has no `motion`.
+    belief: propagated to the stamp; unseen (unknowns, errors): changes since the last frame;
+    inputs: the readings; causes: derivatives by the unknowns; bent: the rod; position: of its load
+    relative to the domain of the model. swinging: the swing about this rod, None if the model has
+    no `motion`.
     """
 
     belief: Belief
@@ -71,17 +72,15 @@ class BelievedArm:
 def unknown_swing(state: FusionState, belief: Belief, mode: Mode) -> str:
     """Return a sentence if the swing of the arm is unknown, or else ''.
 
-    A swing that the newest frame contradicts is not followed further; at rest nothing is lost by
-    one frame that is wrong.
+    A swing contradicted by the newest frame is not followed further; at rest a single wrong frame
+    does no harm.
     """
     if belief.reference is None:
         return ''
     if belief.reference.lost:
-        return (
-            'the swing of the arm is unknown: its equilibrium is far from where the arm was seen'
-        )
+        return 'the motion of the arm is unknown: its equilibrium is far from the measured targets'
     if state.counts.contradicted and mode is not Mode.PREDICTION:
-        return 'the swing of the arm is unknown: no hypothesis explains the last frame'
+        return 'the motion of the arm is unknown: no hypothesis explains the last frame'
     return ''
 
 
@@ -93,9 +92,9 @@ def estimate_at(
     mode: Mode,
     notes: list[str],
 ) -> tuple[FusionState, FusedEstimate | Refusal]:
-    """Estimate shape and force at a pressure: the belief moved to its stamp.
+    """Estimate shape and force at a pressure, from the belief propagated to its stamp.
 
-    read: the wrench nearest to it, used if the sensor is not off; notes: what to say beside it.
+    read: the wrench nearest to it, used unless the sensor is faulty; notes: further notes.
     """
     stamp_ns = instant.stamp_ns
     used = None if FORCE_SENSOR in state.causes else read
@@ -160,7 +159,7 @@ def arm_at(
 ) -> BelievedArm:
     """Return the arm at a reading, according to the belief.
 
-    start: from where the rod is solved, None for where the last frame saw it.
+    start: starting point of the rod, None: the rod at the last frame.
     """
     stamp_ns = instant.stamp_ns
     belief = state.belief or first_belief(bench.unknowns, stamp_ns, state.lasting)
@@ -246,8 +245,8 @@ def contact_at(
 ) -> Contact | None:
     """Return the likely contact; None if there is none.
 
-    The contact is ambiguous if another hypothesis is as likely, or if no sensor measures the tip
-    force: both loads bend the arm much alike.
+    The contact is ambiguous if another hypothesis is about as likely, or if no sensor measures the
+    tip force: both loads bend the arm in similar ways.
     """
     belief, bent = arm.belief, arm.bent
     if bent.contact is None or not state.bank:
@@ -273,7 +272,7 @@ def contact_at(
 
 
 def is_there(bench: Bench, place: float, other: Hypothesis[Belief]) -> bool:
-    """Whether a hypothesis, if it is likely, has a contact at a place (m) too."""
+    """Whether a hypothesis, if it is likely, also has a contact at a place (m)."""
     belief = other.belief
     apart = abs(float(belief.mean[bench.unknowns.at(Push).stop - 1]) - place)
     at_place = apart <= bench.settings.contact_apart * bench.arm.length
@@ -304,7 +303,7 @@ def shape_estimate(
     wrench_age: float | None,
     notes: list[str],
 ) -> ShapeEstimate | Refusal:
-    """Return the shape with the errors that the belief carries into it, to second order."""
+    """Return the shape with its errors from the belief, to second order."""
     bent, position = arm.bent, arm.position
     sensitivity = bent.linearize()
     causes = causes_with_contact(bench.unknowns, arm.causes, bent.contact)
@@ -326,9 +325,9 @@ def shape_estimate(
         return refuse(
             stamp_ns,
             'too_uncertain',
-            f'the tip uncertainty is {known}, and largest_tip_std allows '
+            f'the tip uncertainty is {known}, but largest_tip_std allows only '
             f'{1000.0 * bench.settings.largest_tip_std:.3g} mm'
-            + (': no target was seen recently' if mode is Mode.PREDICTION else ''),
+            + (': no target was visible recently' if mode is Mode.PREDICTION else ''),
             awaits_others=True,
         )
     shape, motion = bent.shape, None
@@ -351,7 +350,7 @@ def shape_estimate(
 
 
 def other_shape(bench: Bench, other: Belief, instant: PressureInstant) -> Shape | None:
-    """Return the shape by another belief at a pressure; None if there is none."""
+    """Return the shape for another belief at a pressure; None if there is none."""
     bench = bench.of(other.causes)
     inputs = bench.inputs_at(instant, None)
     causes = bench.unknowns.causes_at(inputs)
@@ -365,7 +364,7 @@ def other_shape(bench: Bench, other: Belief, instant: PressureInstant) -> Shape 
 
 
 def shape_in_place(bench: Bench, shape: Shape, belief: Belief) -> Shape:
-    """Return the shape that a camera sees which is taken for moved, if it is where it was."""
+    """Return the shape if a camera that seems to have moved is still where it was."""
     x, y, turn = belief.mean[bench.unknowns.at(Camera)][Camera.PLACE.start :].tolist()
     there = np.array([x, y])
     x, y = np.stack(rotate(turn, shape.x, shape.y)) + there[:, None]
@@ -373,9 +372,9 @@ def shape_in_place(bench: Bench, shape: Shape, belief: Belief) -> Shape:
 
 
 def holding(estimate: ShapeEstimate, there: Shape, odds: float) -> ShapeEstimate:
-    """Return an estimate with errors widened by another possible shape, weighted by its odds.
+    """Return an estimate whose errors include another possible shape, weighted by its odds.
 
-    The second moment of a mixture, about the shape that is published.
+    It is the second moment of a mixture about the published shape.
     """
     here, root = estimate.shape, math.sqrt(odds)
     tip = root * (np.array(there.tip) - np.array(here.tip))
@@ -390,9 +389,9 @@ def holding(estimate: ShapeEstimate, there: Shape, odds: float) -> ShapeEstimate
 
 
 def seen_shape(bench: Bench, unseen: Array, sensitivity: Sensitivity) -> SeenShape:
-    """Return where the camera saw the shape, and the accuracy of that position now.
+    """Return the arclengths at which the camera saw the shape, and their present accuracy.
 
-    unseen (causes, errors): what has moved since.
+    unseen (causes, errors): changes since then.
     """
     noise = bench.arm.sensors
     variance = target_std(noise) ** 2 + noise.registration_std**2 + noise.drift_std**2
@@ -439,8 +438,8 @@ def known_force(
 ) -> tuple[Array, Array]:
     """Return force (2,) N and covariance (2, 2) N^2, NaN where not determined, or all unknown.
 
-    The covariance holds what other hypotheses say. fault: of a force sensor that is off. It may be
-    right, and the model wrong: while it reads, the covariance holds both.
+    The covariance includes the other hypotheses. fault: of a force sensor that is not used. The
+    sensor may be right and the model wrong: while it has readings, the covariance includes both.
     """
     tip = bench.unknowns.at(TipForce)
     force = arm.belief.mean[tip]

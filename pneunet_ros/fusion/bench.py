@@ -1,4 +1,4 @@
-"""Constants of a fusion: the arm, its sensors, and the effect of the unknowns on it."""
+"""Constants of a fusion: the arm, its sensors, and the effect of the unknowns."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ FAR = 1e3  # force scales: what reads more says no more
 class Bench:
     """A calibrated arm with its sensors and painted targets, prepared for the fusion.
 
-    arclength (stations,) m of an estimate; places (n,) m: those and the targets in their order
-    along the arm, of_stations and of_targets: which of them they are.
-    given: the unknowns, None for `unknowns_of` the arm; moving: the bench as it is if the arm
-    swings, where its model does not say so. Raises ModelError where the arm has no targets.
+    arclength (stations,) m of an estimate; places (n,) m: stations and targets in order along the
+    arm, of_stations and of_targets: their indices. given: the unknowns, None for `unknowns_of` the
+    arm; moving: the bench for a swinging arm whose model has no motion. Raises ModelError if the
+    arm has no targets.
     """
 
     arm: Arm
@@ -72,7 +72,7 @@ class Bench:
         """Prepare stations, the table of the model's neighbors, and the unknowns."""
         if not self.arm.target_arclength.size:
             raise ModelError(
-                'arm.target_arclength is empty: without targets nothing can be fused',
+                'arm.target_arclength is empty: the fusion needs targets',
                 reason='too_few_targets',
             )
         stations = station_arclength(self.arm.reach, self.sensors.stations)
@@ -103,7 +103,7 @@ class Bench:
         object.__setattr__(self, 'moving', self._moving())
 
     def _moving(self) -> Bench | None:
-        """Return the bench with a likely inertia; None if it is known or not wanted."""
+        """Return the bench with a likely inertia; None if the inertia is known or not used."""
         if self.arm.motion is not None or self.given is not None:
             return None
         motion = likely_motion(self.arm)
@@ -111,7 +111,7 @@ class Bench:
 
     @property
     def swings(self) -> bool:
-        """Whether the arm swings, or may do so."""
+        """Whether the arm may swing."""
         return self.swinging is not None or self.moving is not None
 
     def of(self, causes: frozenset[str]) -> Bench:
@@ -119,11 +119,11 @@ class Bench:
         return self.moving if self.moving is not None and MOTION in causes else self
 
     def without(self, belief: Belief, where: slice) -> Belief:
-        """Reset some unknowns to what was known before any frame."""
+        """Reset some unknowns to their prior."""
         return forget(belief, where, self.unknowns.scaled_std(self.size_of(belief))[where])
 
     def size_of(self, belief: Belief) -> float:
-        """Return the likely size of the model error, as a share of the range of pressure."""
+        """Return the likely size of the model error, relative to the range of pressure."""
         return self.discrepancy.grid.size_of(belief.sizes)
 
     @property
@@ -133,7 +133,7 @@ class Bench:
 
     @property
     def force_scale(self) -> float:
-        """The largest force (N) that is likely."""
+        """The largest likely force (N)."""
         return self.unknowns.block(TipForce).scale
 
     def inputs_at(self, instant: PressureInstant, wrench: NearWrench | None) -> FrameInputs:
@@ -181,7 +181,7 @@ class Bench:
         return frame
 
     def pulled(self, kept: tuple[WrenchReading, ...], gauge: float) -> tuple[WrenchReading, ...]:
-        """Return readings of the force as they are true at a pressure (Pa); none of a free tip."""
+        """Return true forces for the force readings at a pressure (Pa); none for a free tip."""
         if self.settings.free_tip:
             return ()
         if not self.arm.sensing:
@@ -195,8 +195,8 @@ class Bench:
     def with_wrench(self, belief: Belief, wrench: NearWrench, gauge: float) -> Belief:
         """Return the belief after an end wrench (base frame), a linear measurement of the force.
 
-        The force may have changed since the reading, by its random walk. A reading beyond
-        `force_gate` of the belief resets the force first.
+        The force may have changed since the reading, by its random walk. A reading that deviates
+        from the belief by more than `force_gate` resets the force first.
         """
         reading = load_read(wrench.reading, gauge)
         true = self.arm.sense(reading)
@@ -226,10 +226,9 @@ class Bench:
         size: float,
         walk: float | None = None,
     ) -> Belief:
-        """Return the belief at a later stamp, with a contact that may have moved.
+        """Return the belief at a later stamp; a contact may have moved.
 
-        pressed (Pa): by how much the pressure has moved since; noise, size, walk: as of
-        `move_belief`.
+        pressed (Pa): change of the pressure since; noise, size, walk: as in `move_belief`.
         """
         moved = move_belief(self.unknowns, belief, stamp_ns, size, pressed, noise=noise, walk=walk)
         if not belief.touched:
@@ -282,7 +281,7 @@ class Bench:
         return rounding_std(step) if step <= coarsest else 0.0
 
     def shown_ns(self, sightings: TargetSightings) -> int:
-        """Return when a frame was taken (ns): its stamp minus the delay of the camera."""
+        """Return the time (ns) at which a frame was taken: its stamp minus the camera delay."""
         return sightings.stamp_ns - round(self.arm.frame_delay * NANOSECONDS_PER_SECOND)
 
     def held_contact(self, belief: Belief) -> PartLoad | None:
@@ -293,18 +292,18 @@ class Bench:
 
     @property
     def stiffness_unknown(self) -> bool:
-        """Whether the model was calibrated without a load, so that its stiffness is unknown."""
+        """Whether the model was calibrated without loads, so that its stiffness is unknown."""
         domain = self.arm.domain
         return domain is not None and domain.largest_force == domain.largest_end_moment == 0.0
 
     @property
     def tells_camera(self) -> bool:
-        """Whether the error of the model is known, which else looks like a moved camera."""
+        """Whether the model error is known; otherwise it would look like a moved camera."""
         return self.arm.covariance is not None
 
 
 def misfit_of(innovation: Array, covariance: Array, variance: float) -> float:
-    """Return the chi squared of two innovations (2,), whose noise of a variance is added."""
+    """Return the chi squared of an innovation (2,), with added noise of a variance."""
     x, y = innovation.tolist()
     (both_x, both), (_, both_y) = covariance.tolist()
     both_x, both_y = both_x + variance, both_y + variance

@@ -1,4 +1,4 @@
-"""The rod of a fusion at some values of its unknowns, and how it answers to them."""
+"""The rod of a fusion for given unknowns, and its sensitivity to them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FOLLOWING = replace(SOLVER, coarser=80.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BentArm:
-    """The rod at some values of the unknowns, at places along it; rods without its contact."""
+    """The rod for given unknowns, at places along it; rods: without its contact."""
 
     rods: Rods
     changes: Perturbation
@@ -41,9 +41,9 @@ class BentArm:
         return self.shape.solution
 
     def linearize(self) -> Sensitivity:
-        """Return its derivatives by loads, pressure and covariance columns.
+        """Return the derivatives of the rod by loads, pressure and covariance columns.
 
-        With a contact also to its force and its place.
+        With a contact, also by its force and position.
         """
         if self.contact is None:
             return linearize_shape(self.solution, self.rods, self.changes)
@@ -61,9 +61,9 @@ def bend_arm(
     quick: bool,
     contact: PartLoad | None = None,
 ) -> BentArm:
-    """Solve the rod under what was read, and changes (causes,) of it: those of the unknowns.
+    """Solve the rod under the readings, with changes (causes,) by the unknowns.
 
-    quick: give up soon where no solution is near. contact: it points along the normal of the arm.
+    quick: give up early if no solution is near. contact: it acts along the normal of the arm.
     """
     force_x, force_y, moment, error = changes[: PRESSURE + 1].tolist()
     pressure = inputs.chamber + error
@@ -86,7 +86,8 @@ def bend_arm(
 def causes_with_contact(unknowns: Unknowns, causes: Array, contact: PartLoad | None) -> Array:
     """Return the derivatives of all causes by the unknowns, including those of a contact, if any.
 
-    causes (causes, unknowns): those without it. Force and place of the contact follow.
+    causes (causes, unknowns): derivatives without a contact. Force and position of the contact
+    follow.
     """
     if contact is None:
         return causes

@@ -1,7 +1,7 @@
-"""Possible causes, one row each. A new cause is one more row.
+"""Possible causes of error, one class each.
 
-A cause competes with all others by its evidence (`fusion.weighing`): the odds against it before
-any frame, a belief that allows for it, and what frames say of that.
+A cause competes with all others by its evidence (`fusion.weighing`): its prior odds, a belief that
+allows for it, and the evidence of frames for that belief.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Cause(abc.ABC):
     """A cause of error that a hypothesis may include.
 
     sentence: what to fix on the rig. rarity: prior log odds against the cause, in units of
-    `odds_against`; more than 1 if a model error looks much like it.
+    `odds_against`; more than 1 if a model error looks similar.
     """
 
     name: ClassVar[str]
@@ -65,7 +65,7 @@ class Cause(abc.ABC):
 
     @abc.abstractmethod
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Whether this cause may produce a frame that no hypothesis fits, or only a contact."""
+        """Whether this cause may explain a frame that no hypothesis, or only a contact, fits."""
 
     @abc.abstractmethod
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
@@ -79,7 +79,7 @@ class Cause(abc.ABC):
 def retaken(
     bench: Bench, taken: TakenFrame, before: Belief, walk: float | None = None
 ) -> TakenFrame:
-    """Return the update of another belief by the same frame, starting at the last shape, if any.
+    """Return the update of another belief by the same frame, starting at any last shape.
 
     walk (N/sqrt(s)): random walk of the tip force on a swinging arm; None: as in `taken`.
     """
@@ -95,7 +95,7 @@ def relearned(taken: TakenFrame, after: Belief) -> TakenFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactCause(Cause):
-    """An object touches the arm. A hypothesis with a contact also tests whether it has ended."""
+    """An object touches the arm. A hypothesis with a contact also tests for its end."""
 
     name: ClassVar = CONTACT
     sentence: ClassVar = ''
@@ -105,7 +105,7 @@ class ContactCause(Cause):
         return taken.update.fit is not None
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Search for a contact along the arm, starting without the current one, if any."""
+        """Search for a contact along the arm, starting without any current one."""
         fit, frame, before = taken.update.fit, taken.frame, taken.before
         if fit is None:
             return
@@ -122,9 +122,9 @@ class ContactCause(Cause):
             yield there, 0.0
 
     def is_sure(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Whether a contact is still certain: it fits the frame together with the measured force.
+        """Whether a contact is still certain, because it fits the frame and the measured force.
 
-        Without a force sensor even a large contact force proves nothing: another tip force may
+        Without a force sensor, even a large contact force proves nothing: another tip force may
         fit without a contact.
         """
         fit = taken.update.fit
@@ -150,14 +150,14 @@ class CameraCause(Cause):
     )
 
     def priors(self, bench: Bench) -> tuple[slice, Array, Array, Array]:
-        """Return where its unknowns are, one sigma if it stays, if it does not, and the mean."""
+        """Return its unknowns, one sigma if it stays and if it moved, and the mean."""
         unknowns = bench.unknowns
         where = slice(unknowns.at(Camera, Camera.PLACE).start, unknowns.at(Camera).stop)
         center = unknowns.block(Camera).prior.mean[Camera.PLACE.start :]
         return where, unknowns.std[where], unknowns.block(Camera).moved_std, center
 
     def is_told(self, bench: Bench, belief: Belief) -> float:
-        """Weigh a turn too small to leave a misfit: a tip force moves the arm much like that."""
+        """Weigh a rotation too small to cause a misfit, because a tip force looks similar."""
         if not bench.tells_camera or not bench.knows_force(belief):
             return -math.inf  # an undetermined force leaves the turn undetermined too
         where, before, after, _ = self.priors(bench)
@@ -166,23 +166,22 @@ class CameraCause(Cause):
         return told_beyond(belief, turn, before[-1:], innocent, after[-1:])
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Return whether the model error is known, which looks much like it."""
+        """Return whether the model error is known, because it looks similar."""
         return bench.tells_camera
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Try a camera that moved since the last frame, or that was misplaced all along."""
+        """Try a camera that moved since the last frame, or that was misplaced from the start."""
         yield from lately_or_always(bench, taken, self, self.priors(bench))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetsCause(Cause):
-    """Other targets are painted than those of the calibration."""
+    """The targets are not those of the calibration."""
 
     name: ClassVar = TARGETS
     sentence: ClassVar = (
-        'the targets are not painted where the calibration found them: their '
-        'calibrated places are ignored. Calibrate again, or remove '
-        'covariance.placement from the model file'
+        'the targets are not where the calibration found them: ignoring their calibrated '
+        'positions. Calibrate again, or remove covariance.placement from the model file'
     )
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
@@ -190,7 +189,7 @@ class TargetsCause(Cause):
         return bench.unknowns.block(Placement).known is not None
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Try a repainted row, then targets that are each repainted."""
+        """Try a repainted row, then individually repainted targets."""
         unknowns = bench.unknowns
         row = unknowns.at(TargetRow)
         for where in (row, slice(unknowns.at(Placement).start, row.stop)):
@@ -200,28 +199,28 @@ class TargetsCause(Cause):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TiltCause(Cause):
-    """The base is tilted, and the arm's own weight bends it."""
+    """The base is tilted, so the weight of the arm bends it."""
 
     name: ClassVar = TILT
     rarity: ClassVar = 3.0
     sentence: ClassVar = (
-        'gravity acts in another direction than in the model: level the base, or set '
-        'the direction of gravity (parameter gravity, --gravity), and reset'
+        'gravity acts in a different direction than in the model: level the base, or set the '
+        'direction of gravity (parameter gravity, --gravity), and reset'
     )
 
     def is_told(self, bench: Bench, belief: Belief) -> float:
-        """Weigh a tilt that a tip force all but hides in each frame."""
+        """Weigh a tilt that a tip force nearly hides in each frame."""
         tilt, where = bench.unknowns.block(Tilt), bench.unknowns.at(Tilt)
         if not bench.tells_camera or self.name in belief.causes:
             return -math.inf
         return told_beyond(belief, where, tilt.std, 2.0 * tilt.std, tilt.tilted_std)
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Return whether the model error is known, which looks much like it."""
+        """Return whether the model error is known, because it looks similar."""
         return bench.tells_camera
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Try a base that tilted since the last frame, or that was tilted all along."""
+        """Try a base that tilted since the last frame, or that was tilted from the start."""
         tilt = bench.unknowns.block(Tilt)
         priors = bench.unknowns.at(Tilt), tilt.std, tilt.tilted_std, np.zeros(tilt.std.size)
         yield from lately_or_always(bench, taken, self, priors)
@@ -229,20 +228,20 @@ class TiltCause(Cause):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceSensorCause(Cause):
-    """The force sensor is off: not tared, another gain, a swapped axis, a dead cable.
+    """The force sensor is faulty: not tared, another gain, a swapped axis, a dead cable.
 
-    There are many ways to be off, so it is not used.
+    Because there are many kinds of faults, the sensor is not used.
     """
 
     name: ClassVar = FORCE_SENSOR
     sentence: ClassVar = (
-        'ignoring the force sensor: it disagrees with the targets. Check its sign, '
-        'axes and cable, the pressure, and whether the camera was turned; tare it with '
-        'an unloaded arm and reset, or run pneunet diagnose'
+        'ignoring the force sensor: it disagrees with the targets. Check its sign, axes and '
+        'cable, the pressure, and whether the camera was turned; then tare it with the arm '
+        'unloaded and reset, or run pneunet diagnose'
     )
 
     def is_told(self, bench: Bench, belief: Belief) -> float:
-        """Weigh an error that is small in each frame."""
+        """Weigh a sensor error that is small in each frame."""
         sensor, where = bench.unknowns.block(ForceSensor), bench.unknowns.at(ForceSensor)
         if FORCE_SENSOR in belief.causes:
             return -math.inf
@@ -253,7 +252,7 @@ class ForceSensorCause(Cause):
         return taken.frame.wrench is not None and not bench.settings.free_tip
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Let it have broken since the last frame, or have been off all along."""
+        """Try a sensor that failed since the last frame, or that was faulty from the start."""
         sensor, where = bench.unknowns.block(ForceSensor), bench.unknowns.at(ForceSensor)
         if not sensor.std.all():
             return
@@ -284,9 +283,10 @@ class PressureCause(Cause):
         return bench.tells_camera and not frame.alone and not missed
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Ignore it from now on, or restart without it: wrong readings may have been learned.
+        """Try ignoring the pressure from now on, or restarting without it after wrong readings.
 
-        Their rival is the belief reset with the sensor kept: the belief itself may be wrong.
+        They compete with a belief that is reset but keeps the sensor, because the belief itself
+        may be wrong.
         """
         frame, before = taken.frame, taken.before
         now = replace_causes(before, PRESSURE)
@@ -304,7 +304,7 @@ class PressureCause(Cause):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MirroredCause(Cause):
-    """The image is mirrored, as by a mirror in front of the camera or by its driver."""
+    """The image is mirrored, by a mirror in front of the camera or by its driver."""
 
     name: ClassVar = MIRRORED
     sentence: ClassVar = (
@@ -313,26 +313,26 @@ class MirroredCause(Cause):
     )
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
-        """Return whether an arm that is not straight shows it.
+        """Return whether the arm is bent enough to show it.
 
-        Not of one that swings by a model without known errors: far from where that has it, an arm
-        may be on either side.
+        False for an arm that swings with a model of unknown error: far from its predicted shape,
+        an arm may be on either side.
         """
         return bench.of(taken.before.causes).swinging is None or bench.tells_camera
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Take the targets from the other side."""
+        """Try the mirrored targets."""
         yield retaken(bench, taken, replace_causes(taken.before, MIRRORED)), 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionCause(Cause):
-    """The arm swings, and its model does not say how."""
+    """The arm swings, but its model has no motion."""
 
     name: ClassVar = MOTION
     sentence: ClassVar = (
-        'the arm swings, and its model has no motion: the swing is estimated from the '
-        'weight of the arm and a typical damping. Calibrate with --motion'
+        'the arm swings, but its model has no `motion`: assuming the mass that follows from its '
+        'weight, and a typical damping. Calibrate with --motion'
     )
 
     def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
@@ -340,7 +340,7 @@ class MotionCause(Cause):
         return bench.moving is not None
 
     def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
-        """Let it swing since the last frame, by an unknown force, or from the start."""
+        """Try a swing since the last frame, by an unknown force, or from the start."""
         before, fit = taken.before, taken.update.fit
         if fit is None:
             return
@@ -374,10 +374,10 @@ def extended(known: Belief, first: Belief) -> Belief:
 def lately_or_always(
     bench: Bench, taken: TakenFrame, cause: Cause, priors: tuple[slice, Array, Array, Array]
 ) -> Iterator[Alternative]:
-    """Yield the frame with a wider prior of some unknowns: since the last frame, then all along.
+    """Yield the frame with a wider prior of some unknowns, since the last frame or from the start.
 
-    The second only where the frames so far support it. priors: indices of the unknowns, one sigma
-    of the prior of the belief, one of the wide prior, and the mean of both.
+    The latter only if the frames so far support it. priors: indices of the unknowns, one sigma of
+    the prior of the belief, one sigma of the wide prior, and the mean of both.
     """
     where, _, wide, _ = priors
     yield retaken(bench, taken, replace_causes(widen(taken.before, where, wide), cause.name)), 0.0
@@ -389,11 +389,11 @@ def lately_or_always(
 def told_beyond(
     belief: Belief, where: slice, before: Array, innocent: Array, after: Array
 ) -> float:
-    """Return the log odds by all frames so far for a wide prior, where an error is not innocent.
+    """Return the log odds of a wide prior from all frames so far, if an error is not harmless.
 
-    before, after: one sigma (k,) of the prior that the belief came from, and of the wide one;
-    innocent (k,): errors that call for nothing. -inf where all are smaller, or where the frames
-    cannot resolve an error that small, as along a straight arm, where the force is held.
+    before, after: one sigma (k,) of the original prior of the belief, and of the wide one;
+    innocent (k,): harmless errors. -inf if all errors are smaller, or if the frames cannot resolve
+    such a small error, as along a straight arm, where the force is held.
     """
     large = False
     for which, std, limit in zip(range(where.start, where.stop), before, innocent, strict=True):
@@ -405,7 +405,7 @@ def told_beyond(
 
 
 def replace_causes(belief: Belief, *more: str) -> Belief:
-    """Return a belief that holds more causes."""
+    """Return a belief with further active causes."""
     return replace(belief, causes=belief.causes | set(more))
 
 

@@ -18,16 +18,16 @@ AS_HARD = 0.05  # share of a force to which it is reached: they are known so, ac
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripCommand:
-    """Wanted: width between the surfaces (m), with no more than a force (N) of every arm."""
+    """Commanded width between the surfaces (m), and the largest force (N) of every arm."""
 
     width: float
     force: float
 
     def __post_init__(self) -> None:
-        """Refuse what is no number."""
+        """Reject NaN and infinity."""
         if not (np.isfinite(self.width) and np.isfinite(self.force) and self.force >= 0.0):
             raise RequestError(
-                f'a width of {self.width} m with at most {self.force} N cannot be commanded',
+                f'a width of {self.width} m with at most {self.force} N is not possible',
                 reason='out_of_bounds',
             )
 
@@ -36,19 +36,19 @@ class GripCommand:
 class Reach:
     """Inward position (n,) m of the surface of an unloaded arm at pressures (n,) Pa.
 
-    It is counted from the origin of the gripper, along the direction to the object.
+    It is measured from the origin of the gripper, along the direction to the object.
     """
 
     pressure: Array
     inward: Array
 
     def pressure_for(self, inward: float) -> float:
-        """Return the pressure (Pa) that moves the surface inward this far, or as far as it can."""
+        """Return the pressure (Pa) for this inward position, or for the nearest possible one."""
         return float(np.interp(inward, self.inward, self.pressure))
 
 
 def reach_of(arm: Arm, mount: Mount, inward: Array) -> Reach:
-    """Return how far an arm reaches over its calibrated pressures; inward (3,): unit vector."""
+    """Return the reach of an arm over its calibrated pressures; inward (3,): unit vector."""
     side = mount.axes[:, :2].T @ inward
     pressures = np.linspace(*arm.pressure_range, SCANNED)
     reached, start = [], None
@@ -71,10 +71,10 @@ def reach_of(arm: Arm, mount: Mount, inward: Array) -> Reach:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Closing:
-    """Moves the pressures of the arms of a gripper.
+    """Controls the pressures of the arms of a gripper.
 
-    reaches: of the arms, by name. rate: fastest change, Pa/s; gain: 1/s, the part of what is
-    missing that is made good in a second.
+    reaches: of the arms, by name. rate: fastest change, Pa/s; gain: 1/s, the share of the
+    remaining error that is corrected per second.
     """
 
     gripper: Gripper
@@ -83,7 +83,7 @@ class Closing:
     gain: float
 
     def places(self, width: float) -> dict[str, float]:
-        """Return how far inward (m) the arms are with so much (m) between them."""
+        """Return the inward positions (m) of the arms for a width (m) between them."""
         center = self.gripper.axis
         return {
             name: float(self.gripper.inward(name) @ center) - 0.5 * width for name in self.reaches
@@ -96,7 +96,7 @@ class Closing:
         command: GripCommand,
         elapsed: float,
     ) -> dict[str, float]:
-        """Return the pressures (Pa) to command after so many seconds."""
+        """Return the pressures (Pa) to command after this many seconds."""
         touches, places = self.gripper.touches(seen), self.places(command.width)
         most, after = self.rate * elapsed, {}
         for name, pressure in pressures.items():
@@ -113,9 +113,9 @@ class Closing:
     ) -> float:
         """Return the pressure (Pa) still needed to reach a place (m, inward), limited by a force.
 
-        By the model, or by what moves the tip of the arm as it is, whichever is more: one that is
-        in the way keeps an arm from where its model has it. It is no more than an arm with its tip
-        held needs for what is left of the force.
+        It is from the model or from the local sensitivity of the tip, whichever is larger, because
+        an obstacle keeps an arm from its modeled position. It is limited to the pressure that an
+        arm with a fixed tip needs for the remaining force.
         """
         mount, inward = self.gripper.mounts[name], self.gripper.inward(name)
         side, jacobian = mount.axes[:, :2].T @ inward, seen.fused.estimate.jacobian
@@ -137,8 +137,8 @@ class Closing:
     ) -> bool:
         """Whether no arm can do more for a command.
 
-        Each that touches presses as hard as it may, or all are at an end of their pressures.
-        pressures (Pa): as commanded last; width (m): that is seen.
+        Then each touching arm presses with the largest allowed force, or all are at a limit of
+        their pressures. pressures (Pa): the last command; width (m): as measured.
         """
         closing = width > command.width
         end = -1 if closing else 0

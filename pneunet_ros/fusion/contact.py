@@ -1,9 +1,9 @@
-"""Does something touch the arm, and where.
+"""Detection and localization of a contact along the arm.
 
-A contact is a force along the normal of the arm at a place of it. Whether there may be one says a
-score test of every frame: what a push on each panel of the rod would gain, all other unknowns
-following. Only then it is sought, from the best places, as one more frame problem with two more
-unknowns.
+A contact is a force along the normal of the arm at some place. A score test in every frame shows
+whether there may be one: the gain by a push on each panel of the rod, with all other unknowns
+adapting. Only then is it searched for, from the best places, as another frame problem with two
+more unknowns.
 
 Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948).
 """
@@ -31,12 +31,12 @@ CONTACT_STARTS = 3  # places from which a contact is sought, the best
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contact:
-    """A contact: where it is, and how hard it presses.
+    """A contact: its position and force.
 
     x, y (m) in the base frame; arclength, std_arclength (m) along the arm; force, std_force (N)
     along its normal (-sin theta, cos theta); log_odds: of a contact against none; correlation: of
-    its force with the tip force; ambiguous: the two cannot be distinguished, and no sensor reads
-    one.
+    its force with the tip force; ambiguous: the two cannot be distinguished, and no sensor
+    measures the tip force.
     """
 
     x: float
@@ -58,7 +58,7 @@ def without_contact(unknowns: Unknowns, belief: Belief) -> Belief:
 
 
 def with_any_contact(unknowns: Unknowns, belief: Belief) -> Belief:
-    """Switch a contact on, of any force anywhere on the arm."""
+    """Switch a contact on, with any force, anywhere on the arm."""
     mean, where = belief.mean.copy(), unknowns.at(Push)
     mean[where], std = unknowns.block(Push).anywhere
     more = np.zeros((mean.size, 2))
@@ -68,7 +68,7 @@ def with_any_contact(unknowns: Unknowns, belief: Belief) -> Belief:
 
 
 def correlation_with_tip(unknowns: Unknowns, belief: Belief) -> float:
-    """Return the multiple correlation of the contact force with the two of the tip force."""
+    """Return the multiple correlation of the contact force with the tip force."""
     root = belief.root
     force, contact = root[unknowns.at(TipForce)], root[unknowns.at(Push).start]
     along = force @ contact
@@ -77,7 +77,7 @@ def correlation_with_tip(unknowns: Unknowns, belief: Belief) -> float:
 
 
 def differs_from_zero(fit: Fit, limit: float) -> bool:
-    """Whether the contact force of a fit is beyond a chi squared from zero."""
+    """Whether the contact force of a fit differs from zero by more than a chi squared."""
     belief, which = fit[0].posterior(fit[1]), fit[0].unknowns.at(Push).start
     force, std = belief.mean[which], belief.std(which)
     return bool(force**2 > limit * std**2)
@@ -87,10 +87,10 @@ def differs_from_zero(fit: Fit, limit: float) -> bool:
 class PushScores:
     """The gain of a push on each panel of the rod, linearized around a fit without one.
 
-    place (panels,) m; force (panels,) N, the most likely there; gain (panels,) chi squared;
-    pushes, weighed (coordinates, panels): what a push moves, whitened, and the inverse of the
-    covariance times that; information (panels,): of the force; freedom (N, m): one sigma of a
-    force that may be any, and the length of the arm.
+    place (panels,) m; force (panels,) N, the most likely one there; gain (panels,) chi squared;
+    pushes, weighed (coordinates, panels): whitened displacement by a push, and the inverse
+    covariance times that; information (panels,): of the force; freedom (N, m): one sigma of the
+    prior of the force, and the length of the arm.
     """
 
     place: Array
@@ -104,7 +104,7 @@ class PushScores:
     def evidence(self) -> Array:
         """Return the gain (panels,) minus the cost of unknown force and place (Occam factor).
 
-        By Laplace.
+        It uses the Laplace approximation.
         """
         std, length = self.freedom
         anywhere = 12.0 / length**2  # 1 / variance of a place that may be any
@@ -150,7 +150,7 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
 
 
 def pulled_at(problem: FrameProblem, fit: FrameLinearization, place: Array) -> Array | None:
-    """Return how much 1 N at each place moves a swinging arm within one frame interval.
+    """Return the motion of a swinging arm within one frame interval per 1 N at each place.
 
     place (places,): arclength (m). Returns the changes of the modal coordinates and momenta
     (4, places); None if the arm does not swing.
@@ -162,7 +162,7 @@ def pulled_at(problem: FrameProblem, fit: FrameLinearization, place: Array) -> A
 
 
 def with_pull(problem: FrameProblem, pulled: Array) -> Belief:
-    """Return the prior of a frame, for a contact that has pressed since the last frame.
+    """Return the prior of a frame for a contact that has acted since the last frame.
 
     pulled (4,): change of the modal coordinates and momenta per 1 N of contact force.
     """
@@ -177,7 +177,7 @@ def with_pull(problem: FrameProblem, pulled: Array) -> Belief:
 def find_contacts(
     problem: FrameProblem, fit: FrameLinearization, *, unexplained: bool
 ) -> list[Fit]:
-    """Return the fits with a contact, the best at each place, best first.
+    """Return fits with a contact, the best one for each place, best first.
 
     Empty if no contact is needed. fit: the fit without a contact; its linearization shows whether
     one is needed, unless that fit is inconsistent with the frame (unexplained). The best places
@@ -236,7 +236,7 @@ def place_of(fit: Fit) -> float:
 def search_at(
     problem: FrameProblem, fit: FrameLinearization, scores: PushScores, panel: int
 ) -> Fit | None:
-    """Return the fit with a contact that is sought from a panel on."""
+    """Return the fit with a contact, searched from a panel."""
     where = problem.unknowns.at(Push)
     pulled = pulled_at(problem, fit, scores.place[panel : panel + 1])
     if pulled is not None and problem.swinging is not None:

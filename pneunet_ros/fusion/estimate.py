@@ -1,4 +1,4 @@
-"""One estimate of shape, tip force and pressure bias, and what of it is known."""
+"""The estimate of shape, tip force and pressure bias, and which of these are determined."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MODE_SENTENCES = {
 class ForceSensorFault:
     """Reading of a faulty force sensor and the estimate from targets: (2,) N of F1 and F2.
 
-    reading: NaN while none is fresh; targets and targets_std: NaN where not determined.
+    reading: NaN without a fresh one; targets and targets_std: NaN where not determined.
     """
 
     reading: Array
@@ -49,7 +49,7 @@ class ForceSensorFault:
         read = ', '.join(f'{value:.4f}' for value in self.reading.tolist())
         pairs = zip(self.targets.tolist(), self.targets_std.tolist(), strict=True)
         said = ', '.join(f'{value:.4f} ± {std:.4f}' for value, std in pairs)
-        return f'ignored: it reads ({read}) N, the targets give ({said}) N'
+        return f'ignored: it reads ({read}) N, but the targets give ({said}) N'
 
     @property
     def numbers(self) -> dict[str, list[float | None]]:
@@ -66,16 +66,15 @@ class ForceSensorFault:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FusedEstimate:
-    """Shape, tip force and pressure bias from all sensors that are there; SI, base frame.
+    """Shape, tip force and pressure bias from all available sensors; SI, base frame.
 
     estimate: the shape with its uncertainty, also of the tip. force (2,) N at the tip and its
-    force_covariance (2, 2) N^2, NaN in components that are not determined, and everywhere where it
-    is ambiguous. contact: along the arm, None if none is likely. pressure_bias (Pa) and its
-    std: the model error, as an error of the pressure: creep, hysteresis and a drifting sensor
-    look like that. force_sensor: one that is off and not used, None if none is known to be.
-    nis: running mean of the normalized innovation squared of frames per coordinate, 1 where all is
-    noise, nis_limit what noise rarely exceeds; NaN before the first. target_age: s since the last
-    frame that was used, None before the first.
+    force_covariance (2, 2) N^2, NaN for components that are not determined, and for all if it is
+    ambiguous. contact: along the arm, None if none is likely. pressure_bias (Pa) and its std: the
+    model error, expressed as a pressure error, such as creep, hysteresis or sensor drift.
+    force_sensor: a sensor fault, None if none is known. nis: running mean of the normalized
+    innovation squared of frames per coordinate, 1 for pure noise; nis_limit: rarely exceeded by
+    noise; NaN before the first. target_age: s since the last used frame, None before the first.
     """
 
     estimate: ShapeEstimate
@@ -93,7 +92,7 @@ class FusedEstimate:
 
     @property
     def stamp_ns(self) -> int:
-        """The stamp of the reading it comes from."""
+        """The stamp of its pressure reading or frame."""
         return self.estimate.stamp_ns
 
 

@@ -1,9 +1,10 @@
-"""The most likely unknowns behind one frame of targets: y = h(x) + e, with a prior on all of x.
+"""Most likely unknowns of one frame of targets: y = h(x) + e, with a prior on all of x.
 
-With the prior's mean m and root S the unknowns are x = m + S xi, and what is minimized is |xi|^2 +
-|e|^2 of the whitened residual e: its least value is the NIS of the frame. In xi nothing is
-singular, whatever is known exactly. The search is the damped Gauss-Newton of `measurement`, among
-stable shapes alone; of a linear h it is one Kalman update in square-root form.
+With the prior's mean m and root S, the unknowns are x = m + S xi, and the fit minimizes |xi|^2 +
+|e|^2 with the whitened residual e; the minimum is the NIS of the frame. The problem in xi is never
+singular, even with exactly known unknowns. The search is the damped Gauss-Newton method of
+`measurement`, restricted to stable shapes; for a linear h it is one Kalman update in square-root
+form.
 
 Source: iterated extended Kalman filter as Gauss-Newton: Bell & Cathey, IEEE Trans. Automatic
 Control 38 (1993).
@@ -75,7 +76,7 @@ class Trial:
 
 
 def solve_factored(factor: Array, sides: Array) -> Array:
-    """Return S^-1 sides, by the Cholesky factor of S below its diagonal."""
+    """Return S^-1 sides, from the Cholesky factor of S below its diagonal."""
     solved, _ = dpotrs(factor, sides, lower=1)
     return np.asarray(solved)
 
@@ -85,8 +86,8 @@ class FrameLinearization:
     """A trial with its Jacobian with respect to xi, the innovation, and its covariance.
 
     jacobian (coordinates, unknowns): of the prediction, whitened; lacking (coordinates, errors):
-    effect of a model error of the whole range; innovation (coordinates,): residual at the mean of
-    the prior, to first order; factor: Cholesky factor of its covariance; weighed (coordinates,):
+    effect of a model error of size 1; innovation (coordinates,): residual at the mean of the
+    prior, to first order; factor: Cholesky factor of its covariance; weighed (coordinates,):
     inverse of that covariance times the innovation; force (2, 2) N^2: posterior covariance of the
     tip force; step (unknowns,): Gauss-Newton step in xi, and its gain. turning (causes, links):
     rotation of the links of a swinging arm by each cause.
@@ -109,20 +110,20 @@ class FrameLinearization:
 
     @property
     def cost(self) -> float:
-        """The squared whitened residual, of the prior too."""
+        """The squared whitened residual, including the prior."""
         return self.trial.cost
 
     def size_information(self, growth: ErrorGrowth) -> tuple[Array, Array]:
-        """Return H^T S^-1 v (errors,) and H^T S^-1 H of the errors of unknown size, as moved."""
+        """Return H^T S^-1 v (errors,) and H^T S^-1 H for the changes of errors of unknown size."""
         moved = self.lacking * growth.grown
         return moved.T @ self.weighed, moved.T @ self.solve(moved)
 
     def newton_step(self) -> tuple[Array, float]:
-        """Return the step (unknowns,) in xi to where the cost is least, and its gain."""
+        """Return the step (unknowns,) in xi to the minimum of the cost, and its gain."""
         return self.step, self.gain
 
     def stepped(self) -> FrameLinearization:
-        """Return the linearization after its step; the arm is not solved again."""
+        """Return the linearization after its step, without solving the arm again."""
         trial = self.trial
         there = Trial(
             xi=trial.xi + self.step,
@@ -150,9 +151,9 @@ class FrameLinearization:
 
     @property
     def log_evidence_cost(self) -> float:
-        """Minus twice the log of the evidence of this solution, by Laplace, but for a constant.
+        """Minus twice the log evidence (Laplace) of this solution, up to a constant.
 
-        A solution that must be met to a hair, as near buckling, is less likely than its cost.
+        A sharply peaked solution, as near buckling, is less likely than its cost suggests.
         """
         return self.cost + 2.0 * float(np.log(np.diagonal(self.factor)).sum())
 
@@ -162,20 +163,20 @@ class FrameProblem:
     """Estimation problem of one frame: the cost of targets and prior over the unknowns.
 
     prior: propagated to the stamp of the frame, with the noise of its readings; growth: of the
-    model error since the last frame, None if no pressure was read; used (targets,): the targets
-    that are used.
+    model error since the last frame, None if no pressure was read; used (targets,): mask of the
+    targets to use.
 
-    Of an arm that swings: swinging; late: the columns of the root from which on forces have walked
-    since the last frame, and answered: the share to which the arm has bent by that already;
-    considered: a direction (2, 1) of the tip force, and the share that it learns of all it could;
-    left_out: the first of the columns of what a swing leaves out, which are of this frame alone.
+    For a swinging arm: swinging; late: first column of the root for force changes since the last
+    frame, and answered: the share of the response of the arm so far; considered: a direction (2,
+    1) of the tip force, and the share of the information that it uses; left_out: first column of
+    the truncation errors of the swing, which belong to this frame only.
 
-    What stays while it is searched: std (coordinates,) m of white noise; measured (targets,) m, x
-    + i y; causes (causes, unknowns): what unknowns change of every cause; cause_root: what one
-    sigma of each xi changes of the causes, of the camera's place (x, y) and of its turn; painted
-    (coordinates, xi): of the places painted, whitened; sized_causes (causes, errors): of a model
-    error of the whole range; force (2, 2) N^2: covariance of the tip force before the frame;
-    still_root: the root of the unknowns as they bend the arm.
+    Constant during the search: std (coordinates,) m of white noise; measured (targets,) m, x + i
+    y; causes (causes, unknowns): derivatives of every cause by the unknowns; cause_root:
+    derivatives of the causes, of the camera position (x, y) and of its rotation by xi; painted
+    (coordinates, xi): of the painted positions, whitened; sized_causes (causes, errors): effect of
+    a model error of size 1; force (2, 2) N^2: covariance of the tip force before the frame;
+    still_root: the root of the unknowns for the bending of the arm.
     """
 
     table: PerturbationTable
@@ -203,7 +204,7 @@ class FrameProblem:
     force: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Take the targets that count with their white noise, and what the unknowns change."""
+        """Prepare the used targets, their white noise, and the derivatives by the unknowns."""
         unknowns, root, sightings = self.unknowns, self.prior.root, self.sightings
         counting = None if self.used.all() else np.flatnonzero(self.used)
         white = sightings.std if counting is None else sightings.std[counting]
@@ -257,7 +258,7 @@ class FrameProblem:
         return self.prior.root
 
     def start_at(self, force: Array) -> Array:
-        """Return the most likely xi with a force (2,) N."""
+        """Return the most likely xi for a force (2,) N."""
         tip = self.unknowns.at(TipForce)
         root = self.root[tip]
         gain = np.linalg.lstsq(root @ root.T, force - self.mean[tip], rcond=None)[0]
@@ -284,7 +285,7 @@ class FrameProblem:
         return self.trial_of(xi, bent)
 
     def trial_of(self, xi: Array, bent: BentArm) -> Trial | None:
-        """Compare the targets of an arm that is solved at xi with the frame; None at no number."""
+        """Compare the targets of an arm solved at xi with the frame; None if not finite."""
         unknowns, arm, shape = self.unknowns, self.table.arm, bent.shape
         x = self.mean + self.still_root @ xi
         there_x, there_y, theta, swung = shape.x, shape.y, shape.theta, self.swung(bent, x)
@@ -329,7 +330,7 @@ class FrameProblem:
     def moved_too(self, trial: Trial, sensitivity: Sensitivity, moves: Array) -> Array | None:
         """Add, in place, the effect of causes on the swing to moves (causes, 4, targets).
 
-        Returns how each cause turns the links of the equilibrium; None if the arm does not
+        Returns the rotation of the equilibrium links by each cause; None if the arm does not
         swing.
         """
         if self.swinging is None or trial.swung is None:
@@ -339,7 +340,7 @@ class FrameProblem:
         return turning
 
     def whiten(self, moves: Complex) -> Array:
-        """Return coordinates (.., coordinates) of targets (.., targets) m that count, in sigma.
+        """Return whitened coordinates (.., coordinates) of the used targets (.., targets) m.
 
         moves: along + i across the arm.
         """
@@ -350,8 +351,8 @@ class FrameProblem:
     def along_arm(self, trial: Trial, moves: Array) -> Complex:
         """Return moves (n, targets) m of targets, along + i across the arm.
 
-        moves (n, 4, targets): x, y (m) of their nominal places, before the camera turns, and how
-        the arm turns (rad) and bends (1/m) there.
+        moves (n, 4, targets): x, y (m) of their nominal positions, before the rotation of the
+        camera, and heading (rad) and curvature (1/m) of the arm there.
         """
         beside = trial.beside
         moved = moves[:, 0] + 1j * moves[:, 1]
@@ -360,7 +361,7 @@ class FrameProblem:
         return np.asarray(moved * beside.to_arm)
 
     def stretch(self, trial: Trial) -> Array:
-        """Return how far targets move per painted meter, (coordinates,): along and across."""
+        """Return derivatives of targets by their placement, (coordinates,): along and across."""
         along = (trial.beside.by_along * trial.beside.to_arm).real
         stretch = np.ones(self.std.size)
         stretch[::2] = along if self.counting is None else along[self.counting]
@@ -414,7 +415,7 @@ class FrameProblem:
         )
 
     def search(self, xi: Array, start: SolverNodes | None) -> FrameLinearization | None:
-        """Search from xi for the lowest cost; None if there is no shape to start from."""
+        """Search from xi for the lowest cost; None if there is no shape at the start."""
         trial = self.try_at(xi, start)
         first = None if trial is None else self.linearize(trial)
         if first is None:
@@ -438,10 +439,11 @@ class FrameProblem:
         return self.last_step(found.last) if found.end is End.CONVERGED else found.last
 
     def last_step(self, fit: FrameLinearization) -> FrameLinearization:
-        """Take the last step of a search, which gains little.
+        """Take the last step of a search, with its small gain.
 
-        Where the frame determines the force the problem is linear, and the cost is not checked.
-        Along a barely observed force the step may lead to an arm about to buckle: there it is.
+        If the frame determines the force, the problem is nearly linear and the cost is not
+        checked. Along a barely observed force, the step may lead to an arm about to buckle, so the
+        cost is checked.
         """
         step, _ = fit.newton_step()
         if self.knows_force(fit, self.settings.linear) and self.is_allowed(fit.trial.xi + step):
@@ -452,9 +454,9 @@ class FrameProblem:
         return self.linearize(trial) or fit
 
     def at_targets(self, fit: FrameLinearization) -> Array:
-        """Return the chi squared of each target that counts against all others, (counting,).
+        """Return the chi squared of each used target against all others, (counting,).
 
-        Of the residual that is left, with the covariance that it has after the fit.
+        It uses the residual after the fit, with its covariance.
         """
         precision, _ = dpotri(fit.factor, lower=1)
         along, across = precision.diagonal().reshape(-1, 2).T
@@ -476,15 +478,15 @@ class FrameProblem:
         return unknowns.block(Push).load_of(x[unknowns.at(Push)])
 
     def knows_force(self, fit: FrameLinearization, most: float) -> bool:
-        """Whether the force is known after the frame, to a share `most` of its scale."""
+        """Whether the force is known after the frame, to within `most` of its scale."""
         largest = most * self.unknowns.block(TipForce).scale
         return bool(fit.force[0, 0] + fit.force[1, 1] <= largest**2)
 
     def posterior(self, fit: FrameLinearization) -> Belief:
         """Return the posterior belief after the frame.
 
-        Where the search was stopped, as by a stability that ends, the step that it could not take
-        is one more error.
+        If the search was stopped, for example at a loss of stability, the remaining step is added
+        as an error.
         """
         root = root_after(self.root, fit.jacobian, fit.factor)
         step, gain = fit.newton_step()
@@ -509,9 +511,9 @@ class FrameProblem:
         )
 
     def consider(self, mean: Array, root: Array, axis: Array, told: float) -> tuple[Array, Array]:
-        """Return a posterior in which a direction of the tip force learns a share of all it could.
+        """Return a posterior using a share of the information on a direction of the tip force.
 
-        All other unknowns learn with that force as uncertain as it was (Schmidt's filter).
+        All other unknowns are updated with the prior uncertainty of that force (Schmidt's filter).
         axis (2, 1); told: the share. Source: Brink, J. Guidance, Control, and Dynamics 40 (2017).
         """
         tip = self.unknowns.at(TipForce)
@@ -524,9 +526,9 @@ class FrameProblem:
         return mean, np.hstack([root, column])
 
     def walk_information(self, fit: FrameLinearization) -> tuple[Array, Array, float] | None:
-        """Return H^T S^-1 v (2,), H^T S^-1 H of the walk of the tip force, and its assumed size.
+        """Return H^T S^-1 v (2,) and H^T S^-1 H of the tip force walk, and its assumed size.
 
-        None if the force did not walk since the last frame, or a sensor reads it.
+        None if the force did not change since the last frame, or if a sensor measures it.
         """
         size = self.prior.walk.recent
         if self.late is None:

@@ -1,8 +1,8 @@
-"""One frame taken into the belief: gates, cold starts, and whether a second solution fits as well.
+"""Update of the belief by one frame: gates, cold starts, and the search for a second solution.
 
-A target that does not fit all others (a swapped dot) is left out, a frame that does not fit at all
-is not used, and now and then the search restarts from forces all over the scale: with the tip
-hidden another equilibrium may look the same.
+A target that does not fit the others (a swapped dot) is left out, a frame that does not fit at all
+is not used, and from time to time the search restarts from forces over the whole scale: if the tip
+is hidden, another equilibrium may look the same.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ EXACT = 1e-6  # of the force scale: std of a force that is known
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ColdRound:
-    """A round of cold starts, a few in each frame, after which the best are followed, one a frame.
+    """A round of cold starts, a few per frame, of which the best are then followed, one per frame.
 
-    frame: of the round; best: cost and force (N) of those that fitted best so far.
+    frame: number within the round; best: cost and force (N) of the best fits so far.
     """
 
     frame: int = 0
@@ -50,7 +50,7 @@ class ColdSearch:
     round: ColdRound = field(default_factory=ColdRound)
 
     def looked(self, fit: Fit) -> ColdSearch:
-        """Return the state after one frame's share of the search for rivals of a fit."""
+        """Return the state after one frame's share of the search for alternatives to a fit."""
         settings = fit[0].settings
         gain, round_ = look_elsewhere(fit, self.round)
         clear = 0 if gain > -settings.rival else self.clear + 1
@@ -67,12 +67,12 @@ class ColdSearch:
 class FrameUpdate:
     """Result of a frame.
 
-    belief: after it, None if it was not used, for which `reason` is the key. nis: the least
-    cost, coordinates: how many it is of, both NaN and 0 where there was no fit; left_out: targets
-    that did not fit. ambiguous: another force explains the frame as well; settled: that is known
-    already, as the search began at every cold start, or a sensor measures the force. unchecked:
-    the fit whose rivals are still to be searched for, None if there is none. fit: its source,
-    also where the frame was not used.
+    belief: after the frame, None if it was not used, with `reason` as the key. nis: the lowest
+    cost, coordinates: their number; NaN and 0 without a fit; left_out: targets that did not fit.
+    ambiguous: another force explains the frame as well; settled: this is already known, because
+    the search used every cold start, or a sensor measures the force. unchecked: the fit whose
+    alternatives have not been searched yet, None if there is none. fit: the fit itself, even if
+    the frame was not used.
     """
 
     belief: Belief | None
@@ -127,15 +127,15 @@ def follow(problem: FrameProblem) -> Fit | None:
 
 
 def evidence_cost(fit: Fit, seen: int) -> float:
-    """Return minus twice the log of the evidence, where a target left out costs its gate.
+    """Return minus twice the log evidence, in which a left-out target costs its gate.
 
-    seen: how many targets were.
+    seen: number of targets seen.
     """
     return fit[1].log_evidence_cost + left_out_cost(fit, seen)
 
 
 def left_out_cost(fit: Fit, seen: int) -> float:
-    """Return the cost (chi squared) of the targets left out: the gate of each."""
+    """Return the cost (chi squared) of the left-out targets: the gate of each."""
     problem = fit[0]
     return problem.settings.target_gate * (seen - int(np.count_nonzero(problem.used)))
 
@@ -143,7 +143,7 @@ def left_out_cost(fit: Fit, seen: int) -> float:
 def search_everywhere(problem: FrameProblem, tracked: Fit | None) -> tuple[Fit | None, bool]:
     """Return the best of all solutions, and whether another one explains the frame as well.
 
-    tracked: the one from where the force was believed, if there is one.
+    tracked: the solution tracked from the previous belief, if there is one.
     """
     starts, most = cold_starts(problem), problem.settings.starts_followed
     found = solutions(problem, starts[:most])
@@ -162,14 +162,14 @@ def search_everywhere(problem: FrameProblem, tracked: Fit | None) -> tuple[Fit |
 
 
 def with_belief(problem: FrameProblem, found: FrameUpdate) -> FrameUpdate:
-    """Return the result of a search with the belief after it; problem: of all targets seen."""
+    """Return the result of a search, with the posterior belief; problem: of all targets seen."""
     if found.fit is None:
         return found
     return with_fit(found, found.fit, hold_force(found.fit), int(np.count_nonzero(problem.used)))
 
 
 def with_fit(update: FrameUpdate, best: Fit, used: Fit, seen: int) -> FrameUpdate:
-    """Return an update: the best fit decides on consistency, and the used one gives the belief.
+    """Return an update: the best fit decides on consistency, the used one gives the belief.
 
     seen: number of targets seen.
     """
@@ -187,7 +187,7 @@ def with_fit(update: FrameUpdate, best: Fit, used: Fit, seen: int) -> FrameUpdat
 
 
 def is_inconsistent(fit: Fit) -> bool:
-    """Whether a fit is so far from the frame that the frame is not used."""
+    """Whether a fit deviates so much from the frame that the frame is not used."""
     return excess(fit) > fit[0].settings.frame_gate
 
 
@@ -228,7 +228,7 @@ def leave_out(problem: FrameProblem, fit: FrameLinearization) -> Fit:
 
 
 def hold_force(found: Fit) -> Fit:
-    """Return the fit with the force held at its prior in the direction that is not determined.
+    """Return the fit with the undetermined direction of the force held at its prior.
 
     In this direction the cost is flat until the arm buckles. Noise alone pulls the fit towards
     buckling, where all lateral loads would seem to be known exactly. For a swinging arm under an
@@ -262,8 +262,8 @@ def hold_force(found: Fit) -> Fit:
 def consider_force(found: Fit) -> Fit:
     """Return the fit that uses only the observable part of the force along a swinging arm.
 
-    The undetermined part of that force is linearized at its prior: noise is fitted best where the
-    arm is about to buckle. Not where the frame contradicts that force.
+    The undetermined part of that force is linearized at its prior, because the best fit to noise
+    is near buckling. This is not done if the frame contradicts that force.
     """
     problem, fit = found
     bending = known_bending(problem)
@@ -285,12 +285,12 @@ def consider_force(found: Fit) -> Fit:
 
 
 def known_bending(problem: FrameProblem) -> tuple[Array, float] | None:
-    """Return the direction (2, 1) of force that bends an arm least, and how well that is known.
+    """Return the direction (2, 1) of force that bends an arm least, and its reliability.
 
-    How links turn per newton along it is a derivative at the arm as it was believed before, which
-    is not known exactly: the share is what its own error leaves of its square. Of a straight arm
-    nothing is left, and filters that take the error for a derivative see what cannot be seen.
-    None if the force is known exactly, or nobody saw how the arm swings.
+    The rotation of links per newton along it is a derivative at the believed arm, which is not
+    known exactly: the reliability is the share of its square that exceeds its error. For a
+    straight arm it is zero; filters that treat the error as a derivative would observe the
+    unobservable. None if the force is known exactly, or the swing of the arm is unknown.
 
     Source: Huang, Mourikis & Roumeliotis, Int. J. Robotics Research 29 (2010).
     """
@@ -318,20 +318,20 @@ def known_bending(problem: FrameProblem) -> tuple[Array, float] | None:
 
 
 def turning_at(problem: FrameProblem, xi: Array) -> Array | None:
-    """Return how each cause turns the links of an arm that swings, (links, causes), at a trial."""
+    """Return the rotation of swinging links by each cause at a trial, (links, causes)."""
     trial = problem.try_at(xi, problem.prior.solution)
     there = None if trial is None else problem.linearize(trial)
     return None if there is None or there.turning is None else there.turning.T
 
 
 def apart_by(first: Trial, second: Trial) -> float:
-    """Return how far (m) the arms of two trials are apart, at any target, also a hidden one."""
+    """Return the largest distance (m) between the targets of two trials, even hidden ones."""
     one, other = first.bent.shape, second.bent.shape
     return float(np.hypot(one.x - other.x, one.y - other.y).max())
 
 
 def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial]:
-    """Return trials at forces all over the scale, or at some of them, best first."""
+    """Return trials at forces over the whole scale, or at some of them, best first."""
     scale = problem.unknowns.block(TipForce).scale
     angles = 2.0 * np.pi * np.arange(START_DIRECTIONS) / START_DIRECTIONS
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -343,7 +343,7 @@ def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial
 
 
 def compared(problem: FrameProblem, trials: list[Trial]) -> list[Trial]:
-    """Return the trials re-evaluated with the targets that a problem uses, best first."""
+    """Return the trials re-evaluated with the targets used by a problem, best first."""
     known = [problem.trial_of(trial.xi, trial.bent) for trial in trials]
     return sorted((one for one in known if one is not None), key=lambda trial: trial.cost)
 
@@ -356,14 +356,14 @@ def solutions(problem: FrameProblem, starts: list[Trial]) -> list[Fit]:
 
 
 def laplace_cost(fit: Fit) -> float:
-    """Return minus twice the log of the evidence of a fit, but for a constant."""
+    """Return minus twice the log evidence of a fit, up to a constant."""
     return fit[1].log_evidence_cost
 
 
 def look_elsewhere(fit: Fit, round_: ColdRound) -> tuple[float, ColdRound]:
     """Return the advantage of the best other solution over a fit, and the round.
 
-    -inf where none is found. Of a round of cold starts it takes as much as is due in one frame.
+    -inf if none is found. It processes one frame's share of a round of cold starts.
     """
     round_, starts = next_of_round(fit[0], round_)
     rival = best_rival(fit, solutions(fit[0], starts))
@@ -371,7 +371,7 @@ def look_elsewhere(fit: Fit, round_: ColdRound) -> tuple[float, ColdRound]:
 
 
 def next_of_round(problem: FrameProblem, round_: ColdRound) -> tuple[ColdRound, list[Trial]]:
-    """Return the round after this frame, and the cold starts to follow in it: none or one."""
+    """Return the round after this frame, and its cold starts to follow now: none or one."""
     settings = problem.settings
     if round_.frame < settings.restart_frames:
         tried = cold_starts(problem, slice(round_.frame, None, settings.restart_frames))
@@ -393,12 +393,12 @@ def search_from(problem: FrameProblem, trial: Trial) -> FrameLinearization | Non
 
 
 def best_rival(best: Fit, fits: list[Fit]) -> Fit | None:
-    """Return the first of some fits, best first, that is another solution."""
+    """Return the best of some fits (best first) that is a different solution."""
     return next((fit for fit in fits if are_apart(best, fit)), None)
 
 
 def gain_over(fit: Fit, rival: Fit) -> float:
-    """Return the advantage (chi squared) of a rival over a fit for a frame."""
+    """Return the advantage (chi squared) of an alternative over a fit for a frame."""
     return laplace_cost(fit) - laplace_cost(rival)
 
 
@@ -409,7 +409,7 @@ def force_at(problem: FrameProblem, trial: Trial) -> Array:
 
 
 def are_apart(first: Fit, second: Fit) -> bool:
-    """Whether two fits are two solutions, and not two ends of one search."""
+    """Whether two fits are different solutions rather than two ends of one search."""
     problem, fit = first
     between = force_at(problem, fit.trial) - force_at(second[0], second[1].trial)
     variances, axes = np.linalg.eigh(fit.force)

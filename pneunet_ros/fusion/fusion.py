@@ -1,8 +1,8 @@
-"""From readings and targets to one estimate of shape and tip force: one pure step.
+"""Fusion of readings and targets into one estimate of shape and tip force, as a pure step.
 
-`Fusion.step(state, event) -> state, outcome` knows no clock, no topic and no file, as
-`Estimator.step`. The belief lives at the stamps of frames, which come late; every pressure reading
-gives a `FusedEstimate`, which is the belief moved to its stamp with the pressure read since.
+`Fusion.step(state, event) -> state, outcome` uses no clock, topic or file, like `Estimator.step`.
+The belief refers to the stamps of frames, which arrive late; every pressure reading gives a
+`FusedEstimate`, the belief propagated to its stamp with the pressures read since.
 """
 
 from __future__ import annotations
@@ -82,9 +82,9 @@ class Fusion:
     """Fusion of pressure, end wrench and targets into one estimate of a calibrated arm.
 
     arm: with the noise of its sensors and the covariance of its model; sensors: meaning and
-    timeouts of the readings (a fresh wrench is used, whatever `wrench_required`); settings: of the
-    filter; unknowns: the errors to estimate, None for `unknowns_of` the arm. Raises ModelError if
-    the arm has no targets.
+    timeouts of the readings (a fresh wrench is used regardless of `wrench_required`); settings: of
+    the filter; unknowns: the errors to estimate, None for `unknowns_of` the arm. Raises ModelError
+    if the arm has no targets.
     """
 
     arm: Arm
@@ -106,10 +106,9 @@ class Fusion:
     def step(self, state: FusionState, event: Event) -> tuple[FusionState, FusionOutcome]:
         """Take one reading or one frame of targets.
 
-        Args:
-            state: the state after all earlier events; it is not changed.
-            event: a pressure (Pa), an end wrench (N, N m) or the targets seen in a frame (m, base
-                frame), stamped by its message's header; or a reading of the gravity direction.
+        Args: state: the state after all earlier events; unchanged. event: a pressure (Pa), an end
+        wrench (N, N m) or the targets seen in a frame (m, base frame), with the stamp of its
+        message header; or a reading of the gravity direction.
 
         Returns:
             The next state, and the result. A pressure gives a FusedEstimate or a Refusal. A frame
@@ -137,7 +136,7 @@ class Fusion:
         return self.take_pressure(state, event, [note] if note else [])
 
     def settle(self, state: FusionState) -> FusionState:
-        """Compare the hypotheses for the last frame, which no estimate has to wait for.
+        """Compare the hypotheses for the last frame, after its estimate was published.
 
         A node calls this after publishing an estimate; otherwise the next step does it, with the
         same results.
@@ -148,7 +147,7 @@ class Fusion:
     def take_wrench(
         self, state: FusionState, reading: WrenchReading
     ) -> tuple[FusionState, Refusal | None]:
-        """Remember an end wrench in the base frame."""
+        """Store an end wrench in the base frame."""
         sentence = wrong_frame(self.sensors, reading)
         if sentence:
             refusal = Refusal(
@@ -168,7 +167,7 @@ class Fusion:
     def take_pressure(
         self, state: FusionState, reading: PressureReading, notes: list[str]
     ) -> tuple[FusionState, FusedEstimate | Refusal]:
-        """Take the frames that have waited for a pressure reading, and estimate at its stamp."""
+        """Process the frames waiting for a pressure reading, and estimate at its stamp."""
         if PRESSURE in state.causes:
             return self.refuse_pressure(state, reading)
         readings = state.readings.watch_pressure(reading, self.arm, self.sensors)
@@ -213,7 +212,7 @@ class Fusion:
     def refuse_pressure(
         self, state: FusionState, reading: PressureReading
     ) -> tuple[FusionState, Refusal]:
-        """Do not use the reading of a sensor that is off."""
+        """Reject the reading of a faulty sensor."""
         refusal = Refusal(
             stamp_ns=reading.stamp_ns,
             reason='pressure_off',
@@ -271,12 +270,12 @@ class Fusion:
     def take_targets(
         self, state: FusionState, sightings: TargetSightings
     ) -> tuple[FusionState, FusionOutcome]:
-        """Take a frame, or let it wait for its pressure; alone it gives an estimate itself."""
+        """Process a frame, or keep it until its pressure arrives, or estimate from it alone."""
         stamp_ns, targets = sightings.stamp_ns, self.arm.target_arclength.size
         reason, sentence = state.frame_stamps.fault('frame of targets', stamp_ns)
         if len(sightings.x) != targets:
             reason = 'wrong_targets'
-            sentence = f'the frame has {len(sightings.x)} targets, and the model {targets}'
+            sentence = f'the frame has {len(sightings.x)} targets, but the model has {targets}'
         if reason == STARTS_ANEW:
             state = state.without_frames()
         elif reason == AHEAD:
@@ -303,7 +302,7 @@ class Fusion:
     def see_alone(
         self, state: FusionState, sightings: TargetSightings
     ) -> tuple[FusionState, FusionOutcome]:
-        """Take a frame without a pressure reading, and estimate at its stamp."""
+        """Process a frame without a pressure reading, and estimate at its stamp."""
         waiting, state = state.waiting, replace(state, waiting=())
         for earlier in (*waiting, sightings):
             state = self.use_frame(state, earlier)
@@ -318,9 +317,9 @@ class Fusion:
         return seconds_between(last_ns, stamp_ns) > self.sensors.input_timeout
 
     def pressure_at(self, state: FusionState, stamp_ns: int) -> PressureInstant:
-        """Return the pressure at a stamp: on the line between readings, else the nearest one.
+        """Return the pressure at a stamp, interpolated or from the nearest reading.
 
-        Before any reading it is in the middle of the range.
+        Before any reading it is the middle of the range.
         """
         known = state.pressures
         if not known:
@@ -352,7 +351,8 @@ class Fusion:
     ) -> NearWrench | None:
         """Return the wrench nearest to a stamp; None if none is near.
 
-        With targets, which suffice, also None until the noise of the readings is known.
+        If there are targets, which suffice, it is also None until the noise of the readings is
+        known.
         """
         if self.settings.free_tip:
             nothing = WrenchReading(
@@ -372,26 +372,26 @@ class Fusion:
         return NearWrench(reading=wrench, age=age, std=self.force_std(state))
 
     def reads_force_often(self, state: FusionState) -> bool:
-        """Whether the force is read so often that what changes between readings is noise."""
+        """Whether the force is read so often that changes between readings are noise."""
         stamps = [one.stamp_ns for one in state.force.kept[-self.settings.noise_readings :]]
         period = median(np.diff(stamps).astype(np.float64)) if len(stamps) > 1 else 0.0
         return period <= self.settings.noise_period * NANOSECONDS_PER_SECOND
 
     def knows_force_noise(self, state: FusionState) -> bool:
-        """Whether the noise of the force readings is known, or they are too rare to show it."""
+        """Whether the force noise is known, or the readings are too rare to estimate it."""
         enough = len(state.force.kept) >= self.settings.fewest_readings
         return enough or not self.reads_force_often(state)
 
     def force_std(self, state: FusionState) -> float:
-        """Return one sigma (N) of the force sensor: of the model, or of a sensor that is worse."""
+        """Return one sigma (N) of the force sensor: that of the model, or a larger estimate."""
         known, rounding = self.arm.sensors.force_std, self.bench.force_rounding(state.force.step)
         return with_rounding(state.force.noise or known, rounding)
 
     def estimate_force_noise(self, state: FusionState) -> float:
-        """Return the noise (N) of the last force readings; 0 if that of the model is used.
+        """Return the noise (N) of the last force readings; 0 if the noise of the model is used.
 
-        What was more than the model's goes on being used until it is clearly less. Between rare
-        readings the load itself moves.
+        An estimate above that of the model stays in use until it is clearly smaller. Between rare
+        readings, the load itself changes.
         """
         if not self.reads_force_often(state):
             return 0.0
@@ -401,9 +401,9 @@ class Fusion:
         return noise if noise > (0.5 * most if state.force.noise else most) else 0.0
 
     def with_force_noise(self, before: Belief, state: FusionState) -> tuple[Belief, FusionState]:
-        """Return the predicted belief and the state, with the noise of the force.
+        """Return the predicted belief and the state with the estimated force noise.
 
-        Forgets what frames estimated while the noise was assumed much smaller.
+        It discards estimates from frames made while the assumed noise was much smaller.
         """
         noise, force = self.estimate_force_noise(state), state.force
         known = max(force.largest_noise, self.arm.sensors.force_std)
@@ -418,15 +418,15 @@ class Fusion:
         sentences = self.coarse_sensors(state)
         if state.force.noise:
             sentences['force'] = Note(
-                f'the force readings have {state.force.noise:.3g} N of noise, and the model '
-                f'states {self.arm.sensors.force_std:.3g} N: using the measured noise. '
-                'Calibrate with this sensor',
+                f'the force readings have {state.force.noise:.3g} N of noise, but the model '
+                f'states {self.arm.sensors.force_std:.3g} N: using the measured noise. Calibrate '
+                'with this sensor',
                 reason='other_noise',
             )
         return sentences
 
     def coarse_sensors(self, state: FusionState) -> dict[str, Note]:
-        """Return a sentence by sensor that reads in steps beyond the noise of the model."""
+        """Return a sentence per sensor whose steps are coarser than the noise of the model."""
         noise, bench, sentences = self.arm.sensors, self.bench, {}
         pressure_step = state.pressures[-1].step if state.pressures else math.inf
         for name, unit, step, std, rounding_of in (
@@ -436,9 +436,9 @@ class Fusion:
             rounding = rounding_of(step)
             if rounding > std:
                 sentences[name] = Note(
-                    f'the {name} readings have steps of {step:.4g} {unit}, and the model states '
+                    f'the {name} readings have steps of {step:.4g} {unit}, but the model states '
                     f'{std:.3g} {unit} of noise: using {with_rounding(std, rounding):.3g} {unit} '
-                    'where a message has no variance. Calibrate with this sensor',
+                    'if a message has no variance. Calibrate with this sensor',
                     reason='coarse_steps',
                 )
         return sentences
@@ -455,7 +455,7 @@ class Fusion:
         return estimate_at(self.bench, state, instant, wrench, mode, notes)
 
     def with_pressure(self, state: FusionState) -> FusionState:
-        """Return the state where the pressure is read again."""
+        """Return the state after the pressure is available again."""
         if state.belief is None or not state.belief.unpressed:
             return state
         state = self.weigh_pending(state)  # of a frame whose pressure nobody had read
@@ -465,7 +465,7 @@ class Fusion:
         return replace(state, bank=bank)
 
     def with_pressure_read(self, state: FusionState, belief: Belief) -> Belief:
-        """Update the belief of a frame that was taken without a pressure, now that it was read."""
+        """Update the belief of a frame without pressure, now that a reading has arrived."""
         belief = self.condition_on_pressure(state, belief)
         belief = self.bench.without(belief, self.bench.unknowns.at(PressureError))
         return replace(belief, chamber=self.pressure_at(state, belief.stamp_ns).chamber)
@@ -473,9 +473,9 @@ class Fusion:
     def condition_on_pressure(self, state: FusionState, belief: Belief) -> Belief:
         """Condition the belief of a frame on its pressure, interpolated between both readings.
 
-        Its bias stands for what the pressure was beyond the last reading before. A force that is
-        not determined stays as it was: along a straight arm it would go to where that buckles.
-        After a gap between readings that is no usual one nobody knows how the pressure went.
+        Its bias contains the change of the pressure since the last reading before. An undetermined
+        force is kept: along a straight arm it would move to buckling. After an unusually long gap
+        between readings, the pressure in between is unknown.
         """
         known = state.pressures
         after = bisect_left(known, belief.stamp_ns, key=stamp_of)
@@ -503,7 +503,7 @@ class Fusion:
         return conditioned if determined else belief
 
     def use_frame(self, state: FusionState, sightings: TargetSightings) -> FusionState:
-        """Take a frame into the bank of hypotheses."""
+        """Update the bank of hypotheses by a frame."""
         state = self.weigh_pending(state)
         if not sightings.seen:
             return state.count_unused('not_seen')
@@ -550,7 +550,7 @@ class Fusion:
         )
 
     def is_still(self, state: FusionState) -> bool:
-        """Whether the last readings of the pressure are identical to the last bit.
+        """Whether the last pressure readings are bit-identical.
 
         False for a coarsely quantized sensor, whose readings repeat anyway.
         """
@@ -575,7 +575,7 @@ class Fusion:
     def after_frame(
         self, state: FusionState, taken: TakenFrame, pending: TakenFrame | None = None
     ) -> FusionState:
-        """Count a frame that was used; pending: where it is still to be weighed."""
+        """Count a used frame; pending: it has still to be weighed."""
         frame, update = taken.frame, taken.update
         wrench_ns = None if frame.wrench is None else frame.wrench.reading.stamp_ns
         return replace(
@@ -601,7 +601,7 @@ class Fusion:
     def with_learned(
         self, state: FusionState, bank: tuple[Hypothesis[Belief], ...], best: TakenFrame
     ) -> FusionState:
-        """Return the state with hypotheses that have taken a frame, the best of them as taken."""
+        """Return the state with hypotheses updated by a frame, the best one first."""
         first = replace(bank[0], belief=self.learned(best))
         return state.with_bank((first, *bank[1:]))
 

@@ -1,12 +1,12 @@
 """Grasp of several arms: one estimate from the fused estimates of all.
 
-Each arm stands in the frame of the gripper, with the side it bends to (y of its base) towards the
-object. Seen along the mean direction of the arms, its bending plane is a line, and the surface
-that touches the object stands across that line: a circle through such surfaces has a radius R and
-a center c with q_i + R m_i = c for every arm, q_i the place of its surface and m_i the direction
-of its line. Two opposite arms give the distance between two parallel faces, three or more the
-diameter of a round object. Where fewer than two touch anything, the same of all arms is the
-opening.
+Each arm is mounted in the frame of the gripper, with the side to which it bends (y of its base)
+towards the object. Seen along the mean direction of the arms, its bending plane is a line, and its
+contact surface is perpendicular to that line: a circle tangent to all surfaces has a radius R and
+a center c with q_i + R m_i = c for every arm, with q_i the position of its surface and m_i the
+direction of its line. Two opposite arms give the distance between two parallel faces, three or
+more the diameter of a round object. If fewer than two arms touch anything, the same quantity for
+all arms is the opening.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ FEWEST = 2  # arms that hold something between them
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mount:
-    """Where an arm is in the frame of the gripper: origin (3,) m and axes (3, 3) of its base.
+    """Pose of an arm in the frame of the gripper: origin (3,) m and axes (3, 3) of its base.
 
-    thickness: m, from its centerline to the surface that touches.
+    thickness: m, from its centerline to its contact surface.
     """
 
     origin: Array
@@ -40,7 +40,7 @@ class Mount:
 
     @property
     def quaternion(self) -> tuple[float, float, float, float]:
-        """Return how the base is turned: x, y, z, w."""
+        """Return the orientation of the base: x, y, z, w."""
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self.axes.tolist()
         twice = np.array(  # its eigenvector of the largest value, Bar-Itzhack 2000
             [
@@ -55,9 +55,9 @@ class Mount:
 
 
 def mount_of(place: Sequence[float], thickness: float) -> Mount:
-    """Return the mount at x, y, z (m) and roll, pitch, yaw (rad), as in the origin of a URDF.
+    """Return the mount at x, y, z (m) and roll, pitch, yaw (rad), as in a URDF origin.
 
-    Raises RequestError where these are not six finite numbers.
+    Raises RequestError if these are not six finite numbers.
     """
     try:
         numbers = np.array(place, dtype=np.float64)
@@ -82,7 +82,7 @@ def mount_of(place: Sequence[float], thickness: float) -> Mount:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Touch:
-    """The surface of an arm that touches something, or would.
+    """Contact surface of an arm, touching something or not.
 
     point (2,) m and its covariance (2, 2), in the bending plane; force (2,) N on the arm and its
     covariance (2, 2), 0 if nothing touches.
@@ -99,9 +99,9 @@ class Touch:
 class SeenArm:
     """An arm at its last frame.
 
-    fused: its estimate there, where a force is known many times better than a moment later, when
-    the load may have changed. least (N), score (chi squared): limits above the model
-    error and above noise, which the force of a contact exceeds.
+    fused: its estimate at that frame, where a force is much better known than a moment later, when
+    the load may have changed. least (N), score (chi squared): thresholds for a contact force,
+    above model error and noise.
     """
 
     fused: FusedEstimate
@@ -109,7 +109,7 @@ class SeenArm:
     score: float
 
     def is_pushed(self, side: Array) -> bool:
-        """Whether something pushes at the tip, against a unit vector (2,)."""
+        """Whether something pushes the tip against a unit vector (2,)."""
         known = side != 0.0
         force, covariance = self.fused.force[known], self.fused.force_covariance
         push = -float(side[known] @ force)
@@ -133,7 +133,7 @@ def seen_arm(fusion: Fusion, state: FusionState) -> SeenArm | None:
 
 
 def touch_of(seen: SeenArm, mount: Mount, inward: Array) -> Touch:
-    """Return where an arm touches: at its contact, else where it reaches furthest inward.
+    """Return the touch of an arm: at its contact, or at its innermost point.
 
     inward (3,): unit vector to the object, across the direction of the gripper.
     """
@@ -193,10 +193,10 @@ def normal_at(fused: FusedEstimate, arclength: float) -> Array:
 class Grasp:
     """A grasp, in the frame of the gripper; SI.
 
-    touching: how many arms touch something; where two do, width is that of the object, else that
-    of the opening between the tips (m), negative where they overlap. center (3,) m. force: the sum
-    of the sizes (N) of the forces of all arms; balance (3,) N: their vector sum, on the object;
-    each with its std.
+    touching: number of arms that touch something; with two or more, width is that of the object,
+    otherwise that of the opening between the tips (m), negative if they overlap. center (3,) m.
+    force: sum of the magnitudes (N) of the forces of all arms; balance (3,) N: their vector sum on
+    the object; each with its std.
     """
 
     stamp_ns: int
@@ -214,13 +214,13 @@ class Grasp:
 class Gripper:
     """The mounts of the arms of a gripper, by name.
 
-    Raises RequestError where there are fewer than two, or where they have no direction in common.
+    Raises RequestError if there are fewer than two, or if they have no common direction.
     """
 
     mounts: Mapping[str, Mount]
 
     def __post_init__(self) -> None:
-        """Refuse what is no gripper."""
+        """Reject invalid grippers."""
         if len(self.mounts) < FEWEST:
             raise RequestError('a gripper needs at least two arms', reason='too_few')
         mean = np.mean([mount.axes[:, 0] for mount in self.mounts.values()], axis=0)
@@ -232,8 +232,8 @@ class Gripper:
             )
         if any(abs(mount.axes[:, 1] @ self.direction) > 0.5 for mount in self.mounts.values()):
             raise RequestError(
-                'an arm of the gripper bends along the gripper: check the mount of each arm '
-                '(its y axis points towards the object)',
+                'an arm bends along the gripper instead of closing it: check the mount of each '
+                'arm (its y axis points towards the object)',
                 reason='no_direction',
             )
 
@@ -244,7 +244,7 @@ class Gripper:
         return np.asarray(mean / np.linalg.norm(mean))
 
     def inward(self, name: str) -> Array:
-        """Return the unit vector (3,) to the side an arm bends to, across the direction."""
+        """Return the unit vector (3,) to the side to which an arm bends, across the direction."""
         side, direction = self.mounts[name].axes[:, 1], self.direction
         across = side - (side @ direction) * direction
         return np.asarray(across / np.linalg.norm(across))
@@ -267,7 +267,7 @@ class Gripper:
         return center
 
     def touches(self, seen: Mapping[str, SeenArm]) -> dict[str, Touch]:
-        """Return where each arm touches."""
+        """Return the touch of each arm."""
         return {
             name: touch_of(seen[name], mount, self.inward(name))
             for name, mount in self.mounts.items()
@@ -314,7 +314,7 @@ class Gripper:
         return freeze(middle), 2.0 * float(radius), 2.0 * math.sqrt(variance)
 
     def forces(self, touches: Mapping[str, Touch]) -> tuple[float, float, Array, Array]:
-        """Return the sum of the sizes of forces and its std, their vector sum and its std, N."""
+        """Return the sum of the force magnitudes and its std, the vector sum and its std, N."""
         total, variance = 0.0, 0.0
         balance, covariance = np.zeros(3), np.zeros((3, 3))
         for name, touch in touches.items():

@@ -1,4 +1,4 @@
-"""Health of the fusion: inputs, estimates and refusals, summed up once a second."""
+"""Health of the fusion: inputs, estimates and refusals, summarized once a second."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState, RunningNis
 
-AMBIGUOUS = 'two loads explain the targets: no force is published'
+AMBIGUOUS = 'two different loads explain the targets: no force is published'
 
 
 class FusionHealth(InputHealth):
     """Collects what happens to readings and frames.
 
     The level of a report is the worst since the last one: ERROR while there are no estimates, WARN
-    where readings were dropped or estimates are limited.
+    if readings were dropped or estimates are limited.
     """
 
     def __init__(self, pressure_topic: str, targets_topic: str, now: float) -> None:
@@ -56,9 +56,9 @@ class FusionHealth(InputHealth):
     def report(
         self, state: FusionState, fusion: Fusion, now: float, *, left_out: str = ''
     ) -> Report:
-        """Sum up the time since the last report, and begin the next one.
+        """Summarize the time since the last report, and begin the next one.
 
-        left_out: which error of the model its standard deviations leave out.
+        left_out: description of the model error that its standard deviations omit.
         """
         silent = self.silent(fusion, now)
         nis = state.nis if state.nis is not self._nis else None
@@ -94,7 +94,7 @@ class FusionHealth(InputHealth):
         return Level.OK, f'estimating at {self.rate(now):.3g} Hz: {self._estimate.mode.sentence}'
 
     def _values(self, state: FusionState, now: float, *, silent: bool) -> dict[str, str]:
-        """Return numbers by name; those of an estimate only while there are estimates."""
+        """Return numbers by name, those of an estimate only while there are estimates."""
         last, nis = None if silent else self._estimate, state.nis
         wrench_age = None if last is None else last.estimate.wrench_age
         sensor = None if last is None else last.force_sensor

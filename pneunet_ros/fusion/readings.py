@@ -20,7 +20,7 @@ class PressureInstant:
 
     memory: internal pressures (Pa) of lags and of a play; step (Pa): smallest change between
     successive readings so far, see `rounding_error`; missed (Pa): interpolation error between two
-    readings, included in std. gravity: along x and y, in g; None: that of the model.
+    readings, included in std. gravity: along x and y, in g; None: as in the model.
     """
 
     stamp_ns: int
@@ -43,7 +43,7 @@ class SeenFrame:
     chamber: float
 
     def is_same(self, sightings: TargetSightings) -> bool:
-        """Whether a frame repeats this one bit for bit, which measurement noise rules out."""
+        """Whether a frame is bit-identical to this one, which measurement noise rules out."""
         pairs = ((self.x, sightings.x), (self.y, sightings.y))
         return all(one.tobytes() == other.tobytes() for one, other in pairs)
 
@@ -62,11 +62,11 @@ class NearWrench:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReadFrame:
-    """A frame with what was read at the stamp of what it shows.
+    """A frame with the readings at the time that it shows.
 
-    alone: no pressure is known there; pressure_still: the last readings of it are the same to the
-    last bit, and it is this frame's turn to be asked; wrench: None if none is near. before,
-    pulls: readings of pressure and force around it, of an arm that swings.
+    alone: no pressure is known there; pressure_still: the last pressure readings are
+    bit-identical, and this frame is due for a test; wrench: None if none is near. before, pulls:
+    readings of pressure and force around it, for a swinging arm.
     """
 
     stamp_ns: int
@@ -79,19 +79,19 @@ class ReadFrame:
     pulls: tuple[WrenchReading, ...] = ()
 
     def without_wrench(self) -> ReadFrame:
-        """Return it without the force reading."""
+        """Return the frame without the force reading."""
         return replace(self, wrench=None, pulls=())
 
     def with_pressure_std(self, std: float) -> ReadFrame:
-        """Return it with this pressure noise (Pa)."""
+        """Return the frame with this pressure noise (Pa)."""
         return replace(self, instant=replace(self.instant, std=std))
 
     def mirrored(self) -> ReadFrame:
-        """Return it with its targets on the other side of the clamp's tangent."""
+        """Return the frame with its targets on the other side of the clamp's tangent."""
         return replace(self, sightings=replace(self.sightings, y=-self.sightings.y))
 
     def without_pressure(self, instant: PressureInstant) -> ReadFrame:
-        """Return it without the pressure reading; instant: its substitute."""
+        """Return the frame without the pressure reading; instant: its substitute."""
         return replace(self, instant=instant, alone=True)
 
 
@@ -104,7 +104,7 @@ def stamp_of(reading: Stamped) -> int:
 
 
 def followed_by(known: tuple[Stamped, ...], reading: Stamped, most: int) -> tuple[Stamped, ...]:
-    """Return readings in the order of their stamps and one that makes later ones void."""
+    """Return readings in the order of their stamps, with one that invalidates later ones."""
     earlier = bisect_left(known, reading.stamp_ns, key=stamp_of)
     return (*known[max(earlier + 1 - most, 0) : earlier], reading)
 
@@ -116,10 +116,10 @@ def path_of(
     chamber: float,
     instant: PressureInstant,
 ) -> list[Passed]:
-    """Return how pressure and force went between two stamps.
+    """Return the course of pressure and force between two stamps.
 
-    known, pulls: readings of pressure and force; since_ns, chamber (Pa): from where; instant: to
-    where. Nothing where the pressure is there again, and nobody reads the force.
+    known, pulls: readings of pressure and force; since_ns, chamber (Pa): start; instant: end.
+    Empty if the pressure is unchanged and the force is not read.
     """
     between = [one for one in known if since_ns < one.stamp_ns < instant.stamp_ns]
     if not between:
@@ -142,7 +142,7 @@ def path_of(
 
 
 def forces_at(pulls: tuple[WrenchReading, ...], stamps: list[int]) -> Array:
-    """Return the tip force (stamps, 2) N at stamps, on the lines between its readings."""
+    """Return the tip force (stamps, 2) N at stamps, interpolated linearly."""
     at = [one.stamp_ns - stamps[0] for one in pulls]
     times = [stamp_ns - stamps[0] for stamp_ns in stamps]
     force_x = np.interp(times, at, [one.force_x for one in pulls])
@@ -150,7 +150,7 @@ def forces_at(pulls: tuple[WrenchReading, ...], stamps: list[int]) -> Array:
 
 
 def nearest_to(known: tuple[Stamped, ...], stamp_ns: int) -> Stamped:
-    """Return the reading nearest to a stamp, of two the earlier one."""
+    """Return the reading nearest to a stamp; of two equally near, the earlier one."""
     after = bisect_left(known, stamp_ns, key=stamp_of)
     beside = known[max(after - 1, 0) : after + 1]
     return min(beside, key=lambda one: abs(one.stamp_ns - stamp_ns))

@@ -1,4 +1,4 @@
-"""The numbers by which readings and targets are fused."""
+"""Tuning constants of the fusion of readings and targets."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pneunet_ros.core.settings import tuning
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionSettings:
-    """Settings of the random walks, of gating, and of what is published."""
+    """Settings of random walks, gating and publishing."""
 
     force_gate: float = tuning(
         6.0, 'innovation of a wrench that resets the force of the belief', unit='chi squared'

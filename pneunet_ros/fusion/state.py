@@ -22,9 +22,9 @@ from pneunet_ros.solver.solution import SolverNodes
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunningNis:
-    """Mean NIS per coordinate of the frames of the last while, and what noise rarely exceeds.
+    """Running mean of the NIS per coordinate of frames, and the limit for noise.
 
-    last: that of the last frame alone.
+    last: NIS of the last frame alone.
     """
 
     stamp_ns: int
@@ -41,21 +41,21 @@ class RunningNis:
     def birge_ratio(self, most: float) -> float:
         """Return the factor by which errors exceed the stated ones; 1 if the frames fit.
 
-        The root of chi squared per coordinate (Birge, Physical Review 40 (1932)), whatever the
-        cause. most: limits of the NIS of a frame that is used; one that is not counts as that.
+        It is the root of chi squared per coordinate (Birge, Physical Review 40 (1932)), whatever
+        the cause. most: limit of the NIS of used frames; an unused frame counts as this limit.
         """
         return math.sqrt(min(self.mean, most * self.limit)) if self.beyond else 1.0
 
     @property
     def sentence(self) -> str:
-        """Warning to a user: the deviation and its limit."""
+        """Warning for users: the deviation and its limit."""
         return (
             'targets deviate from the fused shape by more than noise (running NIS '
             f'{self.mean:.3g}, limit {self.limit:.3g}): run pneunet diagnose'
         )
 
     def followed_by(self, stamp_ns: int, nis: float, limit: float, time: float) -> RunningNis:
-        """Return the mean with one more frame; older ones count less and less."""
+        """Return the mean with one more frame; older frames are forgotten exponentially."""
         since = seconds_between(self.stamp_ns, stamp_ns)
         weight = self.weight * math.exp(-since / time) + 1.0
         return RunningNis(
@@ -167,17 +167,17 @@ class FusionState:
         return seconds_between(self.belief.stamp_ns, stamp_ns)
 
     def fresh(self) -> FusionState:
-        """Forget all readings and frames; only the counts go on."""
+        """Forget all readings and frames, but keep the counts."""
         return FusionState(
             readings=self.readings, counts=replace(self.counts, lost=0, contradicted=False)
         )
 
     def restarted(self) -> FusionState:
-        """Forget also that there were readings, and with them the history of the arm."""
+        """Forget all readings, including the history of the arm."""
         return replace(self.fresh(), readings=self.readings.fresh())
 
     def without_frames(self) -> FusionState:
-        """Forget the frames; readings, sensors that are off and counts go on."""
+        """Forget the frames, but keep readings, faulty sensors and counts."""
         return replace(
             self.fresh(),
             pressures=self.pressures,
@@ -187,7 +187,7 @@ class FusionState:
         )
 
     def without_frames_after(self, stamp_ns: int) -> FusionState:
-        """Forget the frame whose stamp was ahead of its time, or that stamp where it was used."""
+        """Forget a frame stamped ahead of its time, or its stamp if it was used."""
         waiting = tuple(one for one in self.waiting if one.stamp_ns <= stamp_ns)
         bank = tuple(
             replace(one, belief=replace(one.belief, stamp_ns=min(one.belief.stamp_ns, stamp_ns)))
@@ -207,7 +207,7 @@ class FusionState:
         return replace(self, bank=bank)
 
     def answered(self) -> FusionState:
-        """Return it after publication: pending work can be done."""
+        """Return the state after publication: pending work can be done."""
         if self.pending is None:
             return self
         return replace(self, pending=replace(self.pending, answered=True))

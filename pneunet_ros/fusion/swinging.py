@@ -55,10 +55,10 @@ def swung_on(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SwingingEstimate:
-    """An arm that swings, at the stations of an estimate.
+    """A swinging arm at the stations of an estimate.
 
-    belief: there; bent: the equilibrium; reference: of the swing; swung: the arm beside it; moved:
-    how it moves, None at the stamp of a frame.
+    belief: at the stamp; bent: the equilibrium; reference: of the swing; swung: deviation from the
+    equilibrium; moved: the motion, None at the stamp of a frame.
     """
 
     arm: SwingingArm
@@ -73,8 +73,8 @@ class SwingingEstimate:
     ) -> PropagatedErrors:
         """Return the errors of the arm; still: of its equilibrium.
 
-        What is not known of the loads hardly moves the arm itself. causes (causes, unknowns): what
-        one of each unknown changes.
+        The uncertainty of the loads hardly moves the arm itself. causes (causes, unknowns):
+        derivatives by the unknowns.
         """
         root, swung = self.belief.root, self.swung
         by_cause = sensitivity.stations(self.bent.shape.arclength)[:, :4]
@@ -89,9 +89,10 @@ class SwingingEstimate:
         return replace(still, tip_covariance=freeze(tip.T @ tip), std=freeze(std[[0, 1, 3]]))
 
     def curved(self, tips: Array) -> Array:
-        """Return the second-order effect of the error that moves the tip furthest, (4, stations).
+        """Return the second-order effect of the leading tip error, (4, stations).
 
-        tips (errors, 2) m: what each error moves of it. See `measurement.errors.second_order`.
+        tips (errors, 2) m: displacement of the tip by each error. See
+        `measurement.errors.second_order`.
         """
         variances, axes = np.linalg.eigh(tips.T @ tips)
         leading = tips @ axes[:, -1] / math.sqrt(max(variances[-1], SMALLEST))

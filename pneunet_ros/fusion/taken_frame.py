@@ -47,7 +47,7 @@ class TakenFrame:
 
     @property
     def after(self) -> Belief:
-        """The belief after it; unchanged if it was not used."""
+        """The belief after the frame; unchanged if the frame was not used."""
         return self.before if self.update.belief is None else self.update.belief
 
     @property
@@ -65,19 +65,19 @@ class TakenFrame:
 
     @property
     def log_evidence(self) -> float:
-        """Log of the likelihood of the frame, but for a constant; -inf where nothing fits."""
+        """Log likelihood of the frame, up to a constant; -inf if nothing fits."""
         fit, seen = self.update.fit, int(np.count_nonzero(self.problem.used))
         return -math.inf if fit is None else -0.5 * evidence_cost(fit, seen)
 
     @property
     def cost(self) -> float:
-        """Its least cost, in chi squared, where a target left out costs its gate."""
+        """The lowest cost of the frame, in chi squared; a left-out target costs its gate."""
         fit, seen = self.update.fit, int(np.count_nonzero(self.problem.used))
         return math.inf if fit is None else fit[1].cost + left_out_cost(fit, seen)
 
     @property
     def cost_per_coordinate(self) -> float:
-        """Residual chi squared per coordinate of its targets; infinite without a fit."""
+        """Residual chi squared per target coordinate; infinite without a fit."""
         fit = self.update.fit
         return math.inf if fit is None else fit[1].cost / fit[1].trial.residual.size
 
@@ -94,8 +94,8 @@ def taken_by(
 
     On a swinging arm an unmeasured load may change faster or slower than it did recently. If the
     recent random walk does not fit the frame, or the frame alone indicates another, the most
-    likely of the candidate walks is used. The fastest walk fits whatever a slower one fits: if it
-    has no consistent fit, or no wide search is due, the slower ones are not tried.
+    likely of the candidate walks is used. The fastest walk fits everything that a slower one fits:
+    if it has no consistent fit, or no wide search is due, the slower ones are not tried.
     """
     once = partial(taken_once, bench, frame, before, found_better=found_better, widely=widely)
     taken = once()
@@ -118,7 +118,7 @@ def taken_by(
 
 
 def tells_another_walk(taken: TakenFrame) -> bool:
-    """Whether a frame alone makes another walk of the load more likely than the recent one."""
+    """Whether a frame alone makes another random walk more likely than the recent one."""
     fit = taken.update.fit
     told = None if fit is None else fit[0].walk_information(fit[1])
     if told is None or not taken.before.frames:
@@ -162,10 +162,10 @@ def problem_of(
 ) -> FrameProblem:
     """Return the estimation problem of a frame: its measurements and the propagated prior.
 
-    The force is free from frame to frame, so that a frame does not inherit the last one's error.
-    Nor is it pulled to zero at every frame: the constant unknowns would take that for evidence.
-    A single frame does not determine the force on a swinging arm. There the force is a random walk
-    of strength `walk` (N/sqrt(s)); None: the strength of its recent motion.
+    The force is free from frame to frame, so that a frame does not inherit the error of the last
+    one. It is not pulled to zero in every frame either, because the constant unknowns would take
+    that as evidence. A single frame does not determine the force on a swinging arm. There the
+    force is a random walk of strength `walk` (N/sqrt(s)); None: the strength of its recent motion.
     """
     bench = bench.of(belief.causes)
     frame = bench.used(frame, belief.causes)
@@ -224,7 +224,7 @@ def problem_of(
 def swung_to(
     bench: Bench, before: Belief, moved: Belief, frame: ReadFrame, inputs: FrameInputs
 ) -> Belief:
-    """Return a belief that has moved to a frame with the swing of the arm there."""
+    """Return a belief propagated to a frame, with the swing of the arm."""
     causes = bench.unknowns.causes_at(inputs)
     contact = bench.held_contact(moved)
     bent = bend_arm(

@@ -26,7 +26,7 @@ FREE = 2.0  # chi squared by which a frame fits better, on average, with a force
 
 
 def is_copy(bench: Bench, seen: SeenFrame, frame: ReadFrame) -> bool:
-    """Whether a bit-identical frame is a copy: since the earlier one the pressure has changed."""
+    """Whether a bit-identical frame is a copy, because the pressure has changed meanwhile."""
     pressed = abs(frame.instant.chamber - seen.chamber)
     return not frame.alone and pressed > bench.settings.frozen * frame.instant.std
 
@@ -62,7 +62,7 @@ def with_walk_told(bench: Bench, taken: TakenFrame) -> Belief:
 
 
 def is_due(state: FusionState) -> bool:
-    """Whether a lost frame gets the full search: the 1st, 2nd, 4th, 8th .. of consecutive ones.
+    """Whether a lost frame gets the full search: the 1st, 2nd, 4th, 8th... in a row.
 
     Frames that no hypothesis fits must not delay the frames that follow.
     """
@@ -72,9 +72,9 @@ def is_due(state: FusionState) -> bool:
 def weigh(
     bench: Bench, state: FusionState, taken: TakenFrame
 ) -> tuple[tuple[Hypothesis[Belief], ...], TakenFrame]:
-    """Return the hypotheses that are likely after a frame, and the frame as the best takes it.
+    """Return the likely hypotheses after a frame, and its update by the best one.
 
-    taken: the frame as the hypothesis that led has taken it.
+    taken: the update by the hypothesis that was leading.
     """
     leading, *others = state.bank or (Hypothesis(belief=taken.before),)
     weighed = [(taken, leading.log_weight)]
@@ -108,9 +108,10 @@ def weigh(
 
 
 def with_pressure_first(bank: tuple[Hypothesis[Belief], ...]) -> tuple[Hypothesis[Belief], ...]:
-    """Return the hypotheses with one first that uses the pressure, while one is as likely.
+    """Return the hypotheses, first one that uses the pressure, if it is about as likely.
 
-    Without its readings no other can go on: they are given up once they are clearly less likely.
+    Dropping the pressure also stops its use in all others, so this waits until those are clearly
+    less likely.
     """
     if PRESSURE not in bank[0].belief.causes:
         return bank
@@ -120,7 +121,7 @@ def with_pressure_first(bank: tuple[Hypothesis[Belief], ...]) -> tuple[Hypothesi
 
 
 def best_of(weighed: list[Alternative]) -> Alternative:
-    """Return the most likely hypothesis after a frame; one that uses it, if there is one."""
+    """Return the most likely hypothesis after a frame, preferably one that used the frame."""
     used = [one for one in weighed if one[0].update.belief is not None]
     return max(used or weighed, key=lambda one: one[1] + one[0].log_evidence)
 
@@ -157,8 +158,8 @@ def log_weights(bench: Bench, weighed: list[Alternative], temper: float) -> list
 def evidence_beside_swing(bench: Bench, taken: TakenFrame) -> float:
     """Return the log evidence of a frame, comparable with that of a swinging arm.
 
-    Without a swing the force is free from frame to frame, and the evidence is penalized for that
-    even under a steady load. So the recent random walk of the force is tried here as well.
+    Without a swing, the force is free from frame to frame, which reduces the evidence even under a
+    steady load. Therefore the recent random walk of the force is tried here as well.
     """
     before = taken.before
     if MOTION in before.causes or not before.frames:
@@ -168,7 +169,7 @@ def evidence_beside_swing(bench: Bench, taken: TakenFrame) -> float:
 
 
 def is_open(bench: Bench, taken: TakenFrame) -> bool:
-    """Whether a contact rests on a force sensor that no frame has confirmed.
+    """Whether a contact relies on a force sensor that no frame has confirmed.
 
     The error of such a sensor may follow any law, so its reading is no evidence for a contact. A
     hypothesis without the sensor is not penalized for predicting less: it stays as likely as the
@@ -187,7 +188,7 @@ def is_open(bench: Bench, taken: TakenFrame) -> bool:
 def contacts_beside(
     bench: Bench, weighed: list[Alternative], best: Alternative
 ) -> list[Alternative]:
-    """Return the frame with a contact, and without one that may have gone."""
+    """Return updates with a contact, and without one that may have ended."""
     taken = best[0]
     if not CONTACTS.is_possible(bench, taken):
         return []
@@ -202,7 +203,7 @@ def contacts_beside(
 
 
 def beside(bench: Bench, cause: Cause, base: Alternative) -> list[Alternative]:
-    """Return the alternatives in which a cause is added to those of a hypothesis."""
+    """Return alternatives in which one cause is added to a hypothesis."""
     taken, weight = base
     against = weight - cause.rarity * bench.settings.odds_against
     return [(one, against + told) for one, told in cause.alternatives(bench, taken)]
@@ -236,7 +237,7 @@ def is_told(bench: Bench, cause: Cause, belief: Belief) -> bool:
 def causes_beside(
     bench: Bench, state: FusionState, weighed: list[Alternative], best: Alternative
 ) -> list[Alternative]:
-    """Return the frame with each possible cause, and with a reset belief if frames are lost."""
+    """Return updates with each possible cause, and with a reset belief if frames are lost."""
     base = without_touch(weighed, best)
     found = all_beside(bench, base)
     if state.counts.lost >= bench.settings.frames_lost and best_of([*weighed, *found])[0].misfits:
@@ -249,7 +250,7 @@ def causes_beside(
 
 
 def all_beside(bench: Bench, base: Alternative) -> list[Alternative]:
-    """Return the alternatives in which any one possible cause is added to a hypothesis."""
+    """Return alternatives in which any one possible cause is added to a hypothesis."""
     taken = base[0]
     return [
         one
@@ -269,7 +270,7 @@ def without_touch(weighed: list[Alternative], best: Alternative) -> Alternative:
 
 
 def is_same(bench: Bench, one: Belief, other: Belief) -> bool:
-    """Whether two hypotheses are one: the same causes, and a contact at the same place."""
+    """Whether two hypotheses are the same: equal causes, and a contact at the same place."""
     if one.causes != other.causes:
         return False
     place = bench.unknowns.at(Push).stop - 1

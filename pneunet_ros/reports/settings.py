@@ -21,8 +21,8 @@ class ReportSettings:
     )
     hidden_under_load: float = tuning(
         6.0,
-        'beyond it what loaded recordings leave, over unloaded ones, is not agreement, whatever '
-        'the noise of their readings allows; 1.5 to 4 of arms of the virtual lab',
+        'largest ratio of the residuals of loaded recordings to those of unloaded ones that '
+        'counts as agreement; 1.5 to 4 for arms of the virtual lab',
         source='invented',
     )
     tracked_share: float = tuning(

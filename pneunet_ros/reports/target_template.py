@@ -24,7 +24,7 @@ LABEL, CHARACTER = 5.0, 1.05  # points, and about the width of a character of it
 STRIPS = (
     ('black dots, for a pale arm', 'white', 'black', True),
     ('white dots, for a dark arm', 'black', 'white', True),
-    ('outlines, to punch and paint through', 'white', 'none', False),
+    ('outlines, to punch out and paint through', 'white', 'none', False),
 )
 
 
@@ -45,8 +45,8 @@ def template_page(paper: str, name: str, places: Array, diameter: float) -> Figu
     length = float(shown[-1] - shown[0]) + 2.0 * dot
     if length > height - 2.0 * MARGIN:
         raise RequestError(
-            f'a row of targets of {length:.0f} mm is longer than a page of {paper}: put the dots '
-            'on by a ruler (--no-template)',
+            f'a row of targets of {length:.0f} mm is longer than a page of {paper}: place the '
+            'dots with a ruler (--no-template)',
             reason='too_large',
         )
     figure = Figure(figsize=(width / MILLIMETERS_PER_INCH, height / MILLIMETERS_PER_INCH))
@@ -79,9 +79,9 @@ def template_page(paper: str, name: str, places: Array, diameter: float) -> Figu
     axes.text(
         0.5 * width + 20.0,
         height - MARGIN,
-        f'Targets of {name}\n\n{shown.size} dots of {dot:g} mm, {gaps} mm apart\n'
-        f'{paper}: print at 100 %, never "fit to page";\nthen lay a ruler on the scale: it must '
-        f'be {RULER:g} mm.\n\nThe dot at the bottom (0) goes to the clamp.',
+        f'Targets of {name}\n\n{shown.size} dots of {dot:g} mm, {gaps} mm apart\n{paper}: print '
+        'at 100 %, never "fit to page";\nthen check the scale with a ruler: it must be '
+        f'{RULER:g} mm.\n\nThe dot at the bottom (0) goes to the clamp.',
         fontsize=9,
         va='top',
         ha='center',

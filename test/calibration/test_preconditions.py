@@ -102,9 +102,9 @@ def test_a_gauge_pressure_above_that_of_the_air_is_one_of_a_model_known_there():
             [],
             'up: the row of targets is never longer than 0.1 tim',
         ),
-        ([hanging(FREE[0])], [], 'up: the pressure stands at 20 kPa, and yet the arm, without a'),
-        ([FREE[0], hanging(FREE[1])], [], 'down: the pressure stands at 20 kPa'),
-        ([hanging(FREE[0])], [hanging(LOADED[0])], 'up: the pressure stands at 20 kPa'),
+        ([hanging(FREE[0])], [], 'up: the pressure stays at 20 kPa, but the unloaded arm'),
+        ([FREE[0], hanging(FREE[1])], [], 'down: the pressure stays at 20 kPa'),
+        ([hanging(FREE[0])], [hanging(LOADED[0])], 'up: the pressure stays at 20 kPa'),
         ([scaled(FREE[0], pressure=1e3)], [], 'up: a pressure of .* gauge, in Pa'),
         ([scaled(FREE[0], pressure=1e-3)], [], 'up: .*most likely gauge kPa.*--pressure-unit kPa'),
         (

@@ -335,7 +335,7 @@ def test_a_name_that_is_not_confirmed_is_said_to_explain():
     trial = SimpleNamespace(names=())
     found = Verdict(answer='unknown', trial=trial, unconfirmed=('creep',), notes=('why',))
     assert describe_verdict(found, same, same, (1e-3, 1e-5)) == (
-        'The model lacks something. creep would explain it, but the name is not confirmed: '
+        'The model lacks an effect. creep would explain it, but is not confirmed; '
         'the notes say why.'
     )
 

@@ -31,7 +31,7 @@ def test_a_model_that_misses_something_is_to_be_diagnosed():
     found = calibration()
     poor = replace(found, joint=replace(found.joint, chi_squared=9.0 * found.joint.dof))
     verdict = verdict_of(poor)
-    assert (verdict.fit.reason, ' 3 times' in verdict.fit) == ('misfit', True)
+    assert (verdict.fit.reason, '(3 times' in verdict.fit) == ('misfit', True)
     assert verdict.command.split()[1] == 'diagnose'
     assert '--model m.yaml' in verdict_of(poor, files=Files(model='m.yaml')).command
 
@@ -41,7 +41,7 @@ def test_a_model_better_than_its_noise_says_that_the_noise_is_too_large():
     good = replace(found, joint=replace(found.joint, chi_squared=0.16 * found.joint.dof))
     verdict = verdict_of(good)
     assert verdict.fits
-    assert (verdict.fit.reason, ' 0.4 times' in verdict.fit) == ('better_than_noise', True)
+    assert (verdict.fit.reason, '(0.4 times' in verdict.fit) == ('better_than_noise', True)
 
 
 def test_a_load_that_only_its_noise_explains_is_not_sure():

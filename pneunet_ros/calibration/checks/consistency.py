@@ -1,4 +1,4 @@
-"""Consistency of recordings: unloaded and at one pressure, an arm has one shape."""
+"""Consistency of recordings: an unloaded arm has one shape at each pressure."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ def check_same_arm(
     length: float,
     settings: SameArmSettings = CONSISTENCY,
 ) -> None:
-    """Raise RecordingError, naming the two, where unloaded recordings are of different arms.
+    """Raise RecordingError, with both names, if unloaded recordings show different arms.
 
-    length (m) of the arm. Hysteresis and creep make one arm differ, too: how much is seen where a
-    recording comes back to a pressure. What moves lags behind its sensor by as much as the line is
-    long, so that frames after a rest are compared where there are enough.
+    length (m) of the arm. Hysteresis and creep also make one arm differ from itself: their size is
+    seen when a recording returns to a pressure. A moving arm lags behind its sensor because of the
+    line, so frames after a rest are compared if there are enough.
     """
     top = max((float(np.max(np.abs(run.frame_pressure))) for run in unloaded), default=0.0)
     past = [tip_distance(run, run, top, settings) for run in unloaded]
@@ -39,9 +39,8 @@ def check_same_arm(
         if distance is not None and distance > limit:
             raise RecordingError(
                 f'{one.name} and {other.name} contradict each other: at the same pressure and '
-                f'without a load the ends of the arm are {millimeters(distance):.2g} mm apart; '
-                'recordings of different arms, or of another pressure sensor, cannot be '
-                'calibrated together',
+                f'without a load, the ends of the arm are {millimeters(distance):.2g} mm apart. '
+                'Recordings of different arms or pressure sensors cannot be calibrated together',
                 reason='inconsistent',
             )
 
@@ -49,10 +48,11 @@ def check_same_arm(
 def tip_distance(
     one: RecordingData, other: RecordingData, top: float, settings: SameArmSettings
 ) -> float | None:
-    """Return the distance (m) of the last target between equal pressures; None: no equal ones.
+    """Return the distance (m) of the last target at equal pressures; None: no equal ones.
 
-    Relative to the first target, so that the camera's place does not matter. Of a run with itself
-    only frames at different times count. top: the largest pressure (Pa).
+    It is relative to the first target, so that the position of the camera does not matter. If a
+    run is compared with itself, only frames at different times count. top: the largest pressure
+    (Pa).
     """
     first, second = chord(one), chord(other)
     rested = [has_rested(run, top, settings) for run in (one, other)]
@@ -74,8 +74,8 @@ def tip_distance(
 def has_rested(run: RecordingData, top: float, settings: SameArmSettings) -> npt.NDArray[np.bool_]:
     """Return the frames (frames,) that follow a long enough rest of the pressure.
 
-    It rests for a while after them, too: film stamps may be early, so that frames show a later
-    time. top: the largest pressure (Pa).
+    The pressure must also rest for a while after them, because film stamps may be early, so that
+    frames show a later time. top: the largest pressure (Pa).
     """
     if run.static:
         return np.ones(len(run.stamp_ns), np.bool_)
@@ -102,7 +102,7 @@ def chord(run: RecordingData) -> Array:
 
 
 def describe_misfit(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[Note]:
-    """Return a sentence where the model misses the targets by much more than noise can explain."""
+    """Return a sentence if the model misses the targets by much more than noise can explain."""
     chi_squared = fit.chi_squared / max(fit.dof, 1)
     if chi_squared < settings.misfit:
         return []
@@ -126,7 +126,7 @@ def describe_misfit(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[N
 
 
 def misfit_of_few(fit: Fit, settings: SameArmSettings) -> Note | None:
-    """Return the note that only a few frames misfit; None if more do, or none."""
+    """Return a note if only a few frames misfit; None if more do, or none."""
     counts = [run.dof > 0 for run in fit.runs]
     whitened, dof = (
         np.concatenate([values[here] for values, here in zip(parts, counts, strict=True)])
@@ -142,12 +142,11 @@ def misfit_of_few(fit: Fit, settings: SameArmSettings) -> Note | None:
         f'{count} of {fit.runs[which].run.name}'
         for which, count in zip(*np.unique(run_of[missed], return_counts=True), strict=True)
     )
-    cause = 'look at the targets there'
+    cause = 'check the targets there'
     if any(run.run.loaded for run in fit.runs):
         cause = (
-            'near a load at which the arm snaps the noise of a force sensor decides between two '
-            'shapes; read the force with less noise, keep away from such loads, or look at the '
-            'targets there'
+            'near a load at which the arm snaps, the noise of the force sensor decides between '
+            'two shapes. Reduce that noise, keep away from such loads, or check the targets there'
         )
     return Note(
         f'{missed.size} of {dof.size} frames deviate by far more than noise ({where}), unlike the '
@@ -159,9 +158,9 @@ def misfit_of_few(fit: Fit, settings: SameArmSettings) -> Note | None:
 def describe_pressure_noise(
     pressure_std: float, span: float, settings: SameArmSettings = CONSISTENCY
 ) -> list[Note]:
-    """Return a sentence where the pressure (Pa) is read with so much noise that errors are biased.
+    """Return a sentence if the noise of the pressure (Pa) is so large that it biases the errors.
 
-    span (Pa): of the pressures. What is proportional to pressure, on average, is taken for less:
+    span (Pa): of the pressures. Quantities proportional to pressure are underestimated on average:
     errors in variables.
     """
     if not pressure_std > settings.noisy_pressure * span > 0.0:
@@ -170,8 +169,7 @@ def describe_pressure_noise(
         Note(
             f'the noise of the pressure is {100.0 * pressure_std / span:.2g} % of its range: the '
             'standard errors are too small (in the virtual lab by a factor of 2.2 at 2.3 %, and '
-            'of 3.6 at 3 %); average its readings before they are recorded, or take a better '
-            'sensor',
+            'of 3.6 at 3 %). Average its readings before recording them, or use a better sensor',
             reason='noisy_pressure',
         )
     ]
@@ -180,7 +178,7 @@ def describe_pressure_noise(
 def outlier_recordings(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[Note]:
     """Return a note on each recording with a much larger misfit than the others.
 
-    A few frames of a recording, which it says worst, do not count.
+    A few frames of each recording, those with the worst fit, do not count.
     """
     chi = np.array([typical_chi_squared(item, settings) for item in fit.runs])
     notes = []
@@ -191,9 +189,9 @@ def outlier_recordings(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> lis
         ):
             notes.append(
                 Note(
-                    f'{item.run.name} does not fit the others: chi squared per coordinate is '
-                    f'{chi[which]:.3g}, theirs {np.median(others):.3g}; is it of the same arm, '
-                    'with the same sensors?',
+                    f'{item.run.name} does not fit the others: its chi squared per coordinate is '
+                    f'{chi[which]:.3g}, that of the others is {np.median(others):.3g}. Is it of '
+                    'the same arm, with the same sensors?',
                     reason='outlier',
                 )
             )
@@ -201,7 +199,7 @@ def outlier_recordings(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> lis
 
 
 def typical_chi_squared(run: FittedRun, settings: SameArmSettings) -> float:
-    """Return the chi squared per coordinate of a run without a few frames, the worst."""
+    """Return the chi squared per coordinate of a run, without its few worst frames."""
     order = np.argsort(run.whitened / np.maximum(run.dof, 1))
     kept = order[: order.size - round(settings.few_frames * order.size)]
     return float(run.whitened[kept].sum()) / max(int(run.dof[kept].sum()), 1)

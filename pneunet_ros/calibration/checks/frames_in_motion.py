@@ -1,9 +1,9 @@
 """Detect frames in which the arm swings, from targets alone, without a model of the arm.
 
-After a quick change an arm swings: its targets follow a damped vibration about a straight line in
-time. If this fits the frames better than a smooth motion with as many parameters, or an undamped
-vibration, its frequency and decay are used: the deviation and velocity in every frame then give
-the amplitude about equilibrium, as in `measurement.moving_arm.is_settled`, but without a model.
+After a quick change an arm swings: its targets follow a damped vibration about a line in time. If
+this fits the frames better than a smooth motion with as many parameters, or an undamped vibration,
+its frequency and decay are used: the deviation and velocity in every frame then give the amplitude
+about equilibrium, as in `measurement.moving_arm.is_settled`, but without a model.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Vibration:
     rate: float
 
     def columns(self, time: Array) -> Array:
-        """Return a line, and both phases of the vibration."""
+        """Return the columns of a line and of both phases of the vibration."""
         decay, turn = np.exp(-self.rate * time), self.frequency * time
         return np.stack([np.ones_like(time), turn, decay * np.cos(turn), decay * np.sin(turn)], -1)
 
@@ -117,20 +117,20 @@ class FramesInMotion:
     def left_out(self) -> Note:
         """Describe the frames left out of a static fit, and the remedy."""
         return Note(
-            f'{self.sentence}, and were left out, because the fit is static. Change pressure and '
-            'load slowly, or wait for the arm to settle; calibrate --motion fits mass and damping '
-            'to such frames',
+            f'{self.sentence}and were left out, because the fit is static. Change pressure and '
+            'load slowly, or wait for the arm to settle; calibrate --motion fits mass and '
+            'damping to such frames',
             reason='in_motion',
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Course:
-    """How the targets of a recording move.
+    """Motion of the targets of a recording.
 
-    frame, time (s) and way (m), (n,), (n,) and (n, WAYS): in each way the targets move by a unit
-    vector, of which tip (WAYS, 2) is the part of the last one. drives (n, any): pressure and load,
-    over the noise of each: what moves the arm.
+    frame, time (s) and way (m), (n,), (n,) and (n, WAYS): each way is a unit vector of target
+    motion, with tip (WAYS, 2) its part for the last target. drives (n, any): pressure and load,
+    which move the arm, each over its noise.
     """
 
     frame: npt.NDArray[np.int64]
@@ -177,7 +177,7 @@ def frames_in_motion(runs: Sequence[RecordingData], arm: Arm) -> FramesInMotion 
 def without_motion(
     arm: Arm, *groups: Sequence[RecordingData]
 ) -> tuple[list[list[RecordingData]], FramesInMotion | None]:
-    """Return groups of recordings less the frames that show the arm in motion, and these.
+    """Return recordings without the frames that show the arm in motion, and these frames.
 
     A recording in which the arm never rests is left out.
     """
@@ -197,10 +197,10 @@ def checked_at_rest(
     first: bool = True,
     settings: CalibrationSettings = CALIBRATION,
 ) -> tuple[list[RecordingData], list[RecordingData], FramesInMotion | None]:
-    """Return recordings less the frames in motion, checked as by `check_runs`.
+    """Return recordings without the frames in motion, checked by `check_runs`.
 
-    Results of static checks do not apply to a moving arm. A loaded recording that rests without
-    its load alone is left out as well.
+    Results of static checks do not apply to a moving arm. A loaded recording that is at rest only
+    without its load is left out as well.
     """
 
     def check(free: Sequence[RecordingData], pulled: Sequence[RecordingData]) -> None:
@@ -218,7 +218,7 @@ def checked_at_rest(
             raise
         check(unloaded, loaded)
         raise RecordingError(
-            f'{motion.left_out}. What is left is too little for a calibration', reason='in_motion'
+            f'{motion.left_out}. Too few frames are left for a calibration', reason='in_motion'
         ) from error
     return kept[0], kept[1], motion
 
@@ -319,7 +319,7 @@ def gains_of(
     """Return the advantage of each vibration over all other explanations of the courses.
 
     vibrations: of one frequency. The gain is in log likelihood over all windows of this length in
-    seconds, each with its own noise, in which pressure and load are linear; beside it is their
+    seconds in which pressure and load are linear, each with its own noise; also returns their
     number.
     """
     driven = replace(vibrations[0], rate=0.0)  # what goes on as long as it likes is driven
@@ -348,7 +348,7 @@ def gains_of(
 
 
 def smooth_ways(seconds: float) -> list[Columns]:
-    """Return smooth motions with this many coefficients: a cubic, and pairs of exponentials."""
+    """Return smooth motions with this many coefficients: a cubic and pairs of exponentials."""
 
     def cubic(time: Array) -> Array:
         return np.asarray((time / seconds)[..., None] ** np.arange(NUMBERS))
@@ -371,7 +371,7 @@ def left_of(columns: Array, values: Array) -> Array:
 def at_rest(course: Course, vibration: Vibration, noise: float) -> Flags:
     """Return the frames (n,) in which the arm is in equilibrium and stays there.
 
-    One window of a period, before, about or after a frame, must say so: its vibration is small
+    One window of a period, before, around or after a frame, must show this: its vibration is small
     relative to the noise (m) of a target, the rest is noise, and pressure and load have not just
     begun to change.
     """

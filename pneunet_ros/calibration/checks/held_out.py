@@ -1,4 +1,4 @@
-"""How well a model predicts a held-out recording, with registration removed."""
+"""Prediction error of a model on a held-out recording, with registration removed."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from pneunet_ros.solver.columns import CURVATURE, THETA
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Score:
-    """Measured minus predicted targets of one run, less their mean, a possible registration error.
+    """Measured minus predicted targets of one run, minus their mean (registration error).
 
-    Predicted where they are painted.
+    Predictions are at the painted positions.
 
-    rms (m) is per coordinate; p95 (m) of the distance; error (frames, 2, targets) m, NaN where
-    not seen or without equilibrium, and rms and p95 NaN where that is all; missing is the share of
+    rms (m) is per coordinate; p95 (m) of the distance; error (frames, 2, targets) m, NaN where not
+    seen or without equilibrium; rms and p95 are NaN if nothing is left; missing is the share of
     frames without equilibrium.
     """
 
@@ -41,7 +41,7 @@ def score(
 ) -> Score:
     """Predict a run from its readings and compare.
 
-    inputs: of the run, if its history continues earlier runs; None: of the run alone. placement
+    inputs: of the run, if its history continues earlier runs; None: from the run alone. placement
     (2, targets) m: of the targets along and across the arm; None: from the covariance of the arm.
     """
     model = ForwardModel(arm.target_arclength, run.points)

@@ -42,7 +42,7 @@ def undetermined_quantities(
     ]
     if pairs:
         one, other, value = max(pairs, key=lambda pair: abs(pair[2]))
-        others = f'; nor can {len(pairs) - 1} other pairs of them' if len(pairs) > 1 else ''
+        others = f'; nor can {len(pairs) - 1} other pairs' if len(pairs) > 1 else ''
         notes.append(
             Note(
                 f'{one} and {other} cannot be distinguished with these data (correlation '
@@ -64,6 +64,6 @@ def undetermined_quantities(
 
 
 def same_quantity(one: str, other: str) -> bool:
-    """Whether two names are one quantity at two pressures."""
+    """Whether two names are the same quantity at two pressures."""
     first, second = one.split('.'), other.split('.')
     return first[:2] == second[:2] and first[3:] == second[3:]

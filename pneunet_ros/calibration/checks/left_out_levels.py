@@ -1,8 +1,8 @@
-"""Leave-one-out test of a calibration with few numbers, against two baselines.
+"""Cross-validation over pressures of a calibration with few numbers, against two baselines.
 
-The baselines know nothing of rods: an arc of the length of the arm, whose curvature is
-interpolated over the pressure, and the tip itself, interpolated. Where these do as well, it is
-said. By how much the fit changes without a pressure is in its error bars (jackknife).
+The baselines use no rod model: an arc of the length of the arm whose curvature is interpolated
+over the pressure, and plain interpolation of the tip. It is reported if these do as well. The
+error bars include the change of the fit without a pressure (jackknife).
 
 Source: Efron and Stein, Ann. Statist. 9 (1981).
 """
@@ -38,7 +38,7 @@ Refit = Callable[[Sequence[RecordingData]], Fit]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeftOutSettings:
-    """The numbers of the cross-validation over pressures, and when a baseline is as good."""
+    """Settings of the cross-validation over pressures, and of the comparison with baselines."""
 
     levels: int = tuning(
         10, 'most groups of pressures', source='convention: tenfold cross-validation'
@@ -62,8 +62,8 @@ class LeftOutLevels:
     """Prediction errors at left-out pressures: of the tip (m), or its heading (rad).
 
     levels: number of pressures; model, arc, interpolation: rms errors of these predictions;
-    changed: change of the prediction by leaving one out, over its standard error; excess
-    (parameters, levels): columns that are added to the covariance of the fit if that is too small.
+    changed: change of the prediction by leaving one out, relative to its standard error; excess
+    (parameters, levels): columns added to the covariance of the fit if it is too small.
     """
 
     levels: int
@@ -88,9 +88,9 @@ class LeftOutLevels:
         """Describe it for users."""
         what = 'heading of the tip' if self.is_angle else 'tip'
         text = (
-            f'{self.levels} pressures, each left out of the fit: the model misses the {what} by '
-            f'{self.shown(self.model)} rms, a constant curvature interpolated over the pressure '
-            f'by {self.shown(self.arc)}, plain interpolation of the {what} by '
+            f'{self.levels} pressures were left out of the fit in turn. There the model misses '
+            f'the {what} by {self.shown(self.model)} rms, a constant curvature interpolated over '
+            f'the pressure by {self.shown(self.arc)}, and plain interpolation of the {what} by '
             f'{self.shown(self.interpolation)}'
         )
         if not self.better:
@@ -117,10 +117,10 @@ def leave_levels_out(
     refit: Refit,
     settings: LeftOutSettings = LEFT_OUT,
 ) -> LeftOutLevels | None:
-    """Refit without each inner part of the pressures, and predict it.
+    """Refit without each inner part of the pressures, and predict that part.
 
-    runs: unloaded; full: the fit to all of them; refit: does that with other runs. None if the
-    pressures are too few, or the tip is not seen.
+    runs: unloaded; full: the fit to all of them; refit: fits other runs. None if there are too few
+    pressures, or if the tip is not seen.
     """
     share = max(settings.frames // len(runs), 1)
     runs = [run.thin(share) for run in runs]
@@ -177,9 +177,9 @@ def leave_levels_out(
 
 
 def parts_of(pressure: Array, most: int) -> Array:
-    """Return to which part of the pressures every frame belongs, (frames,), from 0 up.
+    """Return the index of the pressure part of every frame, (frames,).
 
-    Levels that stand apart are parts; where they are more than `most`, equal spans are.
+    The parts are distinct levels, or equal spans if there are more than `most` levels.
     """
     low, span = float(pressure.min()), float(np.ptp(pressure)) or 1.0
     order = np.sort(pressure)
@@ -201,7 +201,7 @@ def without(runs: Sequence[RecordingData], left_out: Array) -> list[RecordingDat
 
 
 def interpolated(pressure: Array, values: Array, at: Array) -> Array:
-    """Return values between pressures by a monotone cubic through the mean at each."""
+    """Interpolate values between pressures by a monotone cubic through the means."""
     step = SAME_LEVEL * float(np.ptp(pressure)) or 1.0
     levels, which = np.unique(np.round(pressure / step), return_inverse=True)
     mean = np.bincount(which, values) / np.bincount(which)
@@ -224,7 +224,8 @@ def arc_tip(arm: Arm, curvature: Array) -> Places:
 def tip_of(fit: Fit, pressure: Array) -> tuple[Places, Array]:
     """Return the position of the last target, x + i y (m), and the heading there (rad).
 
-    Of the arm without a load, NaN without an equilibrium; the target as the fit has placed it.
+    It is for the unloaded arm, NaN without an equilibrium; the target placement is that of the
+    fit.
     """
     model = ForwardModel(fit.arm.target_arclength[[0, -1]])
     inputs = Inputs(pressure=pressure, loads=np.zeros((pressure.size, 3)))
@@ -236,7 +237,7 @@ def tip_of(fit: Fit, pressure: Array) -> tuple[Places, Array]:
 
 
 def painted_tip(fit: Fit, model: ForwardModel) -> PaintedTargets:
-    """Return where the last target is painted, in the frames that a model has solved."""
+    """Return the painted position of the last target in the frames solved by a model."""
     last = model.fields[:, :, -1:]
     return paint(last[:, THETA], last[:, CURVATURE], fit.placement[:, -1:])
 

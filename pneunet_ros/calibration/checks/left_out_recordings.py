@@ -27,7 +27,7 @@ class LeftOutRecordings:
     """Changes of a fit when each of some recordings is left out.
 
     changed: tip displacement in the recording left out, relative to its standard error; excess
-    (parameters, recordings): columns of the covariance that this adds, where it is more.
+    (parameters, recordings): columns added to the covariance if that is larger than 1.
     """
 
     recordings: int
@@ -41,10 +41,10 @@ class LeftOutRecordings:
             return []
         return [
             Note(
-                f'{self.recordings} loaded recordings, each left out of the fit in turn: the tip '
-                f'moves there by {self.changed:.2g} times its standard error, so the errors were '
-                'widened. Check the loads (--end-load, --wrench-sign), then run pneunet diagnose '
-                'to find a model error',
+                f'{self.recordings} loaded recordings were left out of the fit in turn. This '
+                f'moves the tip by {self.changed:.2g} times its standard error, so the standard '
+                'errors were widened. Check the loads (--end-load, --wrench-sign), then run '
+                'pneunet diagnose to find a model error',
                 reason='left_out_recordings',
             )
         ]
@@ -53,7 +53,7 @@ class LeftOutRecordings:
 def leave_recordings_out(
     full: Fit, without: Sequence[Fit], settings: ExperimentSettings = EXPERIMENTS
 ) -> LeftOutRecordings | None:
-    """Compare a fit with fits that leave out one recording each; None if that is impossible."""
+    """Compare a fit with fits that leave out one recording each; None if impossible."""
     moved, expected, changes = 0.0, 0.0, list[Array]()
     tip = np.array([0.0, full.arm.reach])
     for left_out, fitted in zip(full.runs[-len(without) :], without, strict=True):

@@ -1,13 +1,12 @@
-"""Uneven bending that no target shows, added to the covariance of a fit.
+"""Adds uneven bending between targets to the covariance of a fit.
 
-A curvature that is constant between the clamp and the tip, or a curve through a few numbers, is an
-estimate and no knowledge. What such a curve leaves out is not a parameter of the fit; it is
-considered: a departure d with a known prior S changes what the fit finds by C I d, where C is the
-covariance of the fit and I the information of the data, so that the error is E d with E = C I - 1,
-and the covariance in all C + E S E^T (Schmidt's consider covariance: S. F. Schmidt, Advances in
-Control Systems 3, 1966). What the targets determine stays as sure as they make it. Where the fit
-is wrong by E d, the painted places of the targets, found from the same pictures, are wrong by G E
-d: G is the gain of the posterior from them.
+A constant curvature between the clamp and the tip, or a curve through a few numbers, is only an
+estimate. The departure from such a curve is not fitted but considered: a departure d with a known
+prior S changes the fit by C I d, where C is the covariance of the fit and I the information of the
+data, so that the error is E d with E = C I - 1, and the total covariance C + E S E^T (Schmidt's
+consider covariance: S. F. Schmidt, Advances in Control Systems 3, 1966). Quantities determined by
+the targets keep their accuracy. If the fit is wrong by E d, the painted positions of the targets,
+estimated from the same images, are wrong by G E d, with G the gain of the posterior from them.
 """
 
 from __future__ import annotations
@@ -40,10 +39,10 @@ def consider_nonuniformity(
 ) -> Fit:
     """Return the fit with the covariance of nonuniform curvature between targets.
 
-    shown: how many numbers along the arm the targets show; where the curve has fewer, they show
-    how evenly the arm bends.
-    Where the model misses the targets by much more than noise, what the fit itself is uncertain by
-    is as much more (the scale factor of the Particle Data Group): few targets cannot show where.
+    shown: the number of values along the arm that the targets resolve; if the curve has fewer, the
+    targets show how evenly the arm bends. If the model misses the targets by much more than noise,
+    the uncertainty of the fit is scaled by the same factor (as by the Particle Data Group),
+    because few targets cannot show where.
     """
     parameters = fit.parameters
     if parameters.shapes is None:
@@ -69,12 +68,12 @@ def consider_nonuniformity(
 
 
 def known_departure(prior: Array, information: Array, covariance: Array, missed: Array) -> Array:
-    """Return the posterior over the prior mean square of departures (cells, cells).
+    """Return the ratio of posterior to prior mean square of departures (cells, cells).
 
-    information, covariance (n, n): of the data, and of the fit; what the fit takes up of a
-    departure has no information on it: I - I C I is left. missed (n,): what of the data's linear
-    term the fit has left; the departure that it shows is not a parameter of the fit, and an error
-    of it.
+    information, covariance (n, n): of the data, and of the fit; the part of a departure absorbed
+    by the fit gives no information on it, which leaves I - I C I. missed (n,): remaining linear
+    term of the data after the fit; the departure that it shows is not a parameter of the fit, but
+    an error of it.
     """
     cells = len(prior)
     left = (information - information @ covariance @ information)[:cells, :cells]
@@ -112,7 +111,7 @@ def describe_nonuniformity(fit: Fit, settings: CalibrationSettings) -> list[Note
 def departure_prior(parameters: Parameters, values: Array, settings: ResolutionSettings) -> Array:
     """Return the covariance (cells, cells) of departures from the curve, 1/m^2.
 
-    The same shape at all pressures in proportion to the mean curvature, and one of the arm at
+    It has one shape for all pressures, in proportion to the mean curvature, and one for the arm at
     rest.
     """
     mean = values[: parameters.cells].reshape(parameters.pressure.size, -1).mean(axis=1)

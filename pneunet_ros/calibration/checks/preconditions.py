@@ -1,4 +1,4 @@
-"""Preconditions of a calibration; each message says how to meet the one that fails."""
+"""Preconditions of a calibration; each message says how to fulfill the one that fails."""
 
 from __future__ import annotations
 
@@ -45,15 +45,15 @@ def check_runs(
 ) -> None:
     """Raise RequestError or RecordingError if the recordings cannot give a calibration.
 
-    first: nothing is known of the arm yet.
+    first: nothing is known about the arm yet.
     """
     limits = settings.preconditions
     runs = [*unloaded, *loaded]
     constant = bool(loaded) and has_one_pressure(runs, arm, settings.resolution)
     if not unloaded and ((first and not constant) or not loaded):
         raise RequestError(
-            'no unloaded recording: the curvature kappa_p0 comes from an arm without end load; '
-            'name such recordings after --unloaded',
+            'no unloaded recording: the curvature kappa_p0 is determined by an arm without end '
+            'load; list such recordings after --unloaded',
             reason='no_unloaded',
         )
     without = [run for run in runs if not run.pressurized]
@@ -66,14 +66,14 @@ def check_runs(
     if without and not loaded:
         raise RecordingError(
             f'{names_of(without)}: no pressure topic (see --topic). For an arm without pressure, '
-            'name recordings under load after --loaded',
+            'list recordings under load after --loaded',
             reason='no_pressure',
         )
     frames = sum(len(run.stamp_ns) for run in runs)
     if first and frames < limits.fewest_frames:
         raise RecordingError(
-            f'{names_of(runs)}: {frames} frames with targets and a pressure; at least '
-            f'{limits.fewest_frames} are needed, of all recordings together',
+            f'{names_of(runs)}: {frames} frames with targets and a pressure; all recordings '
+            f'together need at least {limits.fewest_frames}',
             reason='too_few_frames',
         )
     for run in runs:
@@ -102,18 +102,18 @@ def has_one_pressure(
 
 
 def same_pressure(arm: Arm, settings: ResolutionSettings) -> float:
-    """Return the spread (Pa) that sensor noise gives to readings of one pressure."""
+    """Return the spread (Pa) of readings of one pressure due to sensor noise."""
     return settings.noise_span * arm.sensors.pressure_std
 
 
 def check_loads(
     run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
 ) -> None:
-    """Raise RecordingError if a loaded recording has no load, or one that no arm carries."""
+    """Raise RecordingError if a loaded recording has no load, or an implausible one."""
     if not (run.loaded and run.load.any()) or run.is_idle(arm.sensors):
         raise RecordingError(
             f'{run.name} was given as loaded, but its end force never exceeds the noise of the '
-            f'force sensor, {arm.sensors.force_std:.3g} N (sensors.force_std of --arm); name it '
+            f'force sensor, {arm.sensors.force_std:.3g} N (sensors.force_std of --arm); list it '
             'after --unloaded',
             reason='not_loaded',
         )
@@ -129,8 +129,8 @@ def check_bending(runs: Sequence[RecordingData], arm: Arm, settings: Preconditio
     """Raise RecordingError if the targets stay in one place under all loads."""
     if motion(runs, arm.reach) < settings.smallest_motion * arm.length:
         raise RecordingError(
-            f'{names_of(runs)}: the targets hardly move, so they say nothing of the moment law; '
-            'change the pressure or the load, within a recording or between them',
+            f'{names_of(runs)}: the targets hardly move, so they cannot determine the moment '
+            'law; change the pressure or the load, within a recording or from one to the next',
             reason='targets_still',
         )
 
@@ -143,9 +143,8 @@ def check_different_loads(
     reach = float(np.max(np.ptp(force, axis=0)))
     if reach < settings.noise_span * arm.sensors.force_std:
         raise RecordingError(
-            f'{names_of(loaded)}: one load at one pressure; how the arm bends at rest and how '
-            'stiff it is cannot be distinguished: record another load, or the arm without one '
-            '(--unloaded)',
+            f'{names_of(loaded)}: only one load at one pressure: rest curvature and stiffness '
+            'cannot be distinguished. Record another load, or the arm without a load (--unloaded)',
             reason='one_load',
         )
 
@@ -169,9 +168,9 @@ def check_pressures(
         still = np.ptp(run.frame_pressure) < same
         if still and moves > limits.hanging_motion * arm.length:
             raise RecordingError(
-                f'{run.name}: the pressure stands at {kilopascals(run.frame_pressure[0]):.3g} '
-                f'kPa, and yet the arm, without a load, moves by {millimeters(moves):.3g} mm; '
-                'is it the pressure of this arm (--topic pressure=...), and does the sensor work?',
+                f'{run.name}: the pressure stays at {kilopascals(run.frame_pressure[0]):.3g} '
+                f'kPa, but the unloaded arm moves by {millimeters(moves):.3g} mm. Is it the '
+                'pressure of this arm (--topic pressure=...), and does the sensor work?',
                 reason='pressure_still',
             )
     if constant:
@@ -185,8 +184,8 @@ def check_pressures(
     least = limits.smallest_motion * arm.length
     if moved < least and motion(unloaded, arm.reach) < least:
         raise RecordingError(
-            f'{names}: the targets hardly move although the '
-            'pressure changes; do the target topic and the pressure belong together?',
+            f'{names}: the targets hardly move although the pressure changes; do the target '
+            'topic and the pressure topic belong to the same arm?',
             reason='targets_still',
         )
 
@@ -194,17 +193,17 @@ def check_pressures(
 def check_meaning(
     pressures: Array, declared: PressureConvention, names: str, arm: Arm, *, moves: bool
 ) -> None:
-    """Raise RecordingError where pressures (frames,) Pa almost surely have another unit.
+    """Raise RecordingError if pressures (frames,) Pa almost surely have another unit.
 
-    Where a calibration begins the range of `arm` is a guess: they may as well be of any soft
-    actuator. declared: what their readings were taken to mean; moves: the arm bends.
+    At the start of a calibration, the range of `arm` is a guess, so the readings may be from any
+    soft actuator. declared: their declared meaning; moves: the arm bends.
     """
     record = record_of(range(pressures.size), map(declared.reading, pressures.tolist()))
     verdict = judge_pressure(record, declared, [*ANY_ACTUATOR, expected_of(arm)], moves=moves)
     if verdict is not None and verdict.doubted:
         raise RecordingError(
-            f'{names}: the pressure is {verdict.finding}: type {verdict.options} '
-            '(--no-judge-readings if the readings are right)',
+            f'{names}: the pressure is {verdict.finding}: add {verdict.options} (or '
+            '--no-judge-readings if the readings are right)',
             reason='other_pressure',
         )
 
@@ -221,8 +220,8 @@ def check_unloaded(
     if run.loaded and largest_force(run) > settings.unloaded_force * arm.weight:
         raise RecordingError(
             f'{run.name} was given as unloaded, but its end force reaches '
-            f'{largest_force(run):.3g} N; take it from --unloaded (calibrate: name it '
-            'after --loaded)',
+            f'{largest_force(run):.3g} N; remove it from --unloaded (calibrate: list it after '
+            '--loaded)',
             reason='loaded',
         )
 
@@ -233,8 +232,9 @@ def check_targets(
     """Raise RecordingError if a recording has too few or unexpected targets."""
     if run.x.shape[1] != arm.target_arclength.size:
         raise RecordingError(
-            f'{run.name} has {run.x.shape[1]} targets and the arm {arm.target_arclength.size}; '
-            'recordings of different arms cannot be calibrated together (see --arm)',
+            f'{run.name} has {run.x.shape[1]} targets, but the arm has '
+            f'{arm.target_arclength.size}; recordings of different arms cannot be calibrated '
+            'together (see --arm)',
             reason='wrong_targets',
         )
     seen = np.count_nonzero(run.seen, axis=0) > 0
@@ -242,7 +242,8 @@ def check_targets(
         return  # that of the tip shows how far the arm bends
     if np.count_nonzero(seen) < settings.fewest_targets and not seen[-1]:
         raise RecordingError(
-            f'{run.name} shows fewer than {settings.fewest_targets} targets, and never the last',
+            f'{run.name} shows fewer than {settings.fewest_targets} targets, and never the last '
+            'one',
             reason='too_few_targets',
         )
 
@@ -262,23 +263,25 @@ def check_units(
     reach = float(np.nanmax(np.hypot(run.x, run.y)))
     if reach > settings.longest * arm.reach:
         raise RecordingError(
-            f'{run.name}: a target {reach:.3g} m from the clamp, and the arm is '
-            f'{arm.reach:.3g} m long; targets must be in m, in the base frame at the clamp, and '
-            'of this arm (see --arm)',
+            f'{run.name}: a target {reach:.3g} m from the clamp, but the arm is {arm.reach:.3g} '
+            'm long; targets must be in m, in the base frame at the clamp, and belong to this '
+            'arm (see --arm)',
             reason='other_length',
         )
     middle = np.nanmedian(np.hypot(run.x[:, -1], run.y[:, -1])) if run.seen[:, -1].any() else reach
     if middle < settings.nearest * arm.length:
         raise RecordingError(
-            f'{run.name}: the last target lies {middle:.3g} m from the clamp, and the arm is '
-            f'{arm.length:.3g} m long; is the unit right, and the first target that at the clamp?',
+            f'{run.name}: the last target lies {middle:.3g} m from the clamp, but the arm is '
+            f'{arm.length:.3g} m long. Is the unit right, and is the first target the one at the '
+            'clamp?',
             reason='other_length',
         )
     share = row_share(run, arm, settings)
     if share < settings.shortest_row:
         raise RecordingError(
-            f'{run.name}: the row of targets is never longer than {share:.2g} times that of the '
-            'arm file; is the unit of the targets right, and are they of this arm (see --arm)?',
+            f'{run.name}: the row of targets is never longer than {share:.2g} times the row in '
+            'the arm file. Is the unit of the targets right, and do they belong to this arm (see '
+            '--arm)?',
             reason='other_length',
         )
 
@@ -295,15 +298,15 @@ def row_share(run: RecordingData, arm: Arm, settings: PreconditionSettings) -> f
 
 
 def check_clamp(run: RecordingData, arm: Arm, settings: RowOrderSettings = ROW_ORDER) -> None:
-    """Raise RecordingError if the first target is that at the free end, or the clamp moves."""
+    """Raise RecordingError if the first target is at the free end, or if the clamp moves."""
     places = arm.target_arclength
     if numbered_from_tip(run.points, places, settings):
         first, last = np.degrees(end_turns(run.points, places, settings) or (0.0, 0.0))
         raise RecordingError(
-            f'{run.name}: the targets are numbered from the free end: the arm turns by '
+            f'{run.name}: the targets are numbered from the free end, because the arm turns by '
             f'{first:.3g} degrees at target 0 and by {last:.3g} at target {places.size - 1}, but '
-            'the clamp cannot turn. Track it again with --clamp-pixel U V (clamp_pixel in the '
-            'camera file), or reverse the ids',
+            'the clamp cannot turn. Track the film again with --clamp-pixel U V (clamp_pixel in '
+            'the camera file), or reverse the ids',
             reason='wrong_end',
         )
     moved = clamp_motion(run.points, run.frame_pressure, places, arm.length, settings)
@@ -319,7 +322,7 @@ def check_clamp(run: RecordingData, arm: Arm, settings: RowOrderSettings = ROW_O
 def describe_clamp(
     runs: Sequence[RecordingData], arm: Arm, settings: RowOrderSettings = ROW_ORDER
 ) -> tuple[Note, ...]:
-    """Report where the clamp moves a little with the pressure."""
+    """Report recordings in which the clamp moves slightly with the pressure."""
     places = arm.target_arclength
     least = max(settings.clamp_moves * arm.length, settings.clamp_noise * arm.sensors.target_std)
     moved = {
@@ -333,8 +336,9 @@ def describe_clamp(
         return ()
     return (
         Note(
-            f'the first target moves as the pressure changes: {", ".join(loose)}. The clamp '
-            'gives, or the camera moved. The model has neither, and treats this motion as noise',
+            f'the first target moves as the pressure changes: {", ".join(loose)}. Either the '
+            'clamp gives way or the camera moved. The model includes neither and treats this '
+            'motion as noise',
             reason='clamp_moves',
         ),
     )
@@ -343,7 +347,8 @@ def describe_clamp(
 def motion(runs: Sequence[RecordingData], reach: float) -> float:
     """Return the travel (m) of the last target ever seen, over all recordings.
 
-    reach (m): of the arm; where only the heading of the tip is known it moves by half an arc.
+    reach (m): of the arm; if only the heading of the tip is known, the travel is that of half an
+    arc.
     """
     if not any(run.seen.any() for run in runs):
         turns = np.concatenate([run.heading for run in runs if run.heading is not None])

@@ -1,8 +1,8 @@
 """Resolution of targets and pressures: the number of parameters of kappa_p0 and the moment law.
 
-What the recordings cannot show is not fitted. Along the arm the rule is plain: one number for
-every target beyond the clamp that stands apart from the one before. What such a curve leaves out
-is in the covariance (`nonuniformity`).
+Quantities that the recordings cannot show are not fitted. Along the arm there is one number for
+every target beyond the clamp that is distinct from the previous one. The covariance includes
+departures from such a curve (`nonuniformity`).
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ class Resolution:
     """How finely recordings resolve an arm.
 
     shapes: numbers of kappa_p0 along the arm, at most its knots. pressures: distinct ones, without
-    load or with. constant_pressure: it never changes, so nothing is said of another. law: the kind
-    of moment law whose constants the loaded frames determine. notes say so in sentences,
-    law_notes of the law, where no other is asked for.
+    load or with. constant_pressure: it never changes, so the model is not valid at others. law:
+    the kind of moment law whose constants the loaded frames determine. notes: these findings as
+    sentences; law_notes: those on the law, if none was requested.
     """
 
     shapes: int
@@ -65,7 +65,7 @@ def resolve(
         shown = f'{count_of(targets, "target")}, {places(targets)}' if targets else 'one heading'
         notes.append(
             Note(
-                f'assuming constant curvature along the arm: the frames show only {shown}',
+                f'assuming constant curvature along the arm, because the frames show only {shown}',
                 reason='constant_curvature',
             )
         )
@@ -73,8 +73,8 @@ def resolve(
         heading = ' and a heading of the tip' if with_heading else ''
         notes.append(
             Note(
-                f'the curvature along the arm is described by {shapes} numbers, as many as there '
-                f'are targets beyond the clamp that stand apart{heading} '
+                f'the curvature along the arm is described by {shapes} numbers, the number of '
+                f'well-separated targets beyond the clamp{heading} '
                 f'({count_of(targets, "target")} seen)',
                 reason='few_shapes',
             )
@@ -83,15 +83,15 @@ def resolve(
         notes.append(
             Note(
                 f'the pressure is {kilopascals(float(np.median(pressure))):.3g} kPa throughout: '
-                'the model has one row of curvature and says nothing of any other pressure',
+                'the model has one row of curvature and is not valid at other pressures',
                 reason='one_pressure',
             )
         )
     elif pressures < settings.few_pressures:
         notes.append(
             Note(
-                f'only {pressures} pressures were recorded: between them, the curvature is a '
-                'smooth interpolation',
+                f'only {pressures} pressures were recorded: between them, the curvature is '
+                'smoothly interpolated',
                 reason='few_pressures',
             )
         )
@@ -102,7 +102,7 @@ def resolve(
         other = '' if constant else f' (if it does not fit: --law {PiecewiseLinearLaw.kind})'
         law_notes.append(
             Note(
-                'the moment law is a single stiffness EI: there is only data of '
+                'the moment law is a single stiffness EI, because there are only data of '
                 f'{count_of(range(frames), "loaded frame")} of {count_of(targets, "target")} at '
                 f'{count_of(range(pressures), "pressure")}{other}',
                 reason='one_stiffness',
@@ -120,7 +120,7 @@ def resolve(
 
 
 def count_apart(values: Sequence[float], distance: float) -> int:
-    """Return how many increasing values are separated by more than a distance."""
+    """Return the number of increasing values that are more than a distance apart."""
     last, count = values[0], 1
     for value in values:
         if value - last > distance:

@@ -1,11 +1,11 @@
 """Score test of a stiffness that varies along the arm beyond the moment law.
 
-EI larger by a share m(s) bends an arm by -m (kappa - kappa0) more, whatever its load: to first
-order as much curvature of its own. So a departure of ln EI, a few Legendre polynomials along the
-arm, moves the targets by what the fit knows of the curvature's table. Its score is that of the
-linearized fit, in which all that is fitted has been fitted again.
+If EI is larger by a share m(s), the curvature changes by -m (kappa - kappa0) under any load: to
+first order this equals a change of the intrinsic curvature. The effect of a departure of ln EI, a
+few Legendre polynomials along the arm, on the targets thus follows from the Jacobian of the
+curvature table. Its score is that of the linearized fit, with all fitted parameters refitted.
 
-chi squared over all coordinates does not ask this. A departure that leaves the tip outside of
+Chi squared over all coordinates is not sensitive to this. A departure that moves the tip out of
 its ellipse may be smaller than the noise of a single target: two percent of chi squared.
 """
 
@@ -33,8 +33,8 @@ HALVINGS = 30  # of an interval: 30 leave the ninth digit
 class TipErrors:
     """Displacement of the last target in loaded frames by a departure, and the stated error.
 
-    moved (frames, 2) m, all else fitted again; jacobian (frames, 2, parameters); covariance
-    (frames, 2, 2) m^2 as the model states it, readings (frames, 2, 2) m^2 of their noise.
+    moved (frames, 2) m, with all parameters refitted; jacobian (frames, 2, parameters); covariance
+    (frames, 2, 2) m^2 of the model, readings (frames, 2, 2) m^2 due to their noise.
     """
 
     moved: Array
@@ -169,10 +169,10 @@ def tip_errors(
 def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
     """Return error columns (parameters, errors) that cover the tip error of a varying stiffness.
 
-    No parameter of the law can imitate such an arm. So the stiffness of each section gets its own
-    error: large enough that the tips of the loaded frames lie in their ellipses, and balanced so
-    that the sections together move the tip equally in all directions that they can. No columns if
-    the variation does not matter.
+    No parameter of the law can imitate such an arm. Therefore the stiffness of each section gets
+    its own error, large enough that the tips of the loaded frames lie in their ellipses, and
+    balanced so that the sections together move the tip equally in all possible directions. There
+    are no columns if the variation does not matter.
     """
     if variation is None or not variation.matters:
         return np.zeros((fit.values.size, 0))
@@ -217,7 +217,7 @@ def describe_variation(
 ) -> list[Note]:
     """Describe a stiffness that varies along the arm; empty if its effect is negligible.
 
-    law_given: whether the law was asked for, and no other one is to be tried.
+    law_given: whether the law was requested, so that no other one is suggested.
     """
     if variation is None or not variation.matters:
         return []
@@ -225,20 +225,19 @@ def describe_variation(
     assert law is not None
     ends = sorted((int(np.argmin(factors)), int(np.argmax(factors))))
     here, there = (
-        f'{factors[place]:.2f} times what was fitted at s / l = {place / (STATIONS - 1):.2g}'
+        f'{factors[place]:.2f} times the fitted value at s / l = {place / (STATIONS - 1):.2g}'
         for place in ends
     )
     other = ' Try --law piecewise_linear.' if law.sections == 1 and not law_given else ''
     return [
         Note(
-            f'the stiffness seems to vary along the arm in another way than the law {law.kind} '
-            f'says: as if EI were {here} and {there}. That lowers chi squared by '
+            f'the stiffness seems to vary along the arm in a way that the law {law.kind} does '
+            f'not allow: as if EI were {here} and {there}. This would lower chi squared by '
             f'{variation.statistic:.0f} (noise alone: by less than '
-            f'{variation.settings.significant:.0f}) and moves the tip of loaded frames by '
-            f'{millimeters(variation.tips.rms):.2g} mm rms. A missing cause may look '
-            f'like it: see `pneunet diagnose`.{other} The standard errors of the stiffness are '
-            'widened until the tips of these loads are within them; for other loads that is a '
-            'guess',
+            f'{variation.settings.significant:.0f}) and move the tip of loaded frames by '
+            f'{millimeters(variation.tips.rms):.2g} mm rms. A missing effect may look the same: '
+            f'see `pneunet diagnose`.{other} The standard errors of the stiffness were widened '
+            'to cover the tips under these loads; for other loads this is a guess',
             reason='uneven_stiffness',
         )
     ]

@@ -72,7 +72,7 @@ def end_forces(data: FigureData) -> Picture | None:
         label = f'F{component + 1}'
         axes[component].set(
             title=f'({"ac"[component]}) {label} along {"xy"[component]}',
-            xlabel=f'{label} read (mN)',
+            xlabel=f'{label} measured (mN)',
             ylabel=f'{label} found (mN)',
             xlim=ends,
             ylim=ends + np.array([-0.25, 0.25]) * np.ptp(ends),
@@ -81,7 +81,7 @@ def end_forces(data: FigureData) -> Picture | None:
         axes[2 + component].set(
             title=f'({"bd"[component]}) error of {label}',
             xlabel='pressure (kPa)',
-            ylabel=f'{label} found - read (mN)',
+            ylabel=f'{label} found - measured (mN)',
         )
         limit = limit_of(found, component)
         axes[2 + component].set_ylim(-limit, limit)
@@ -89,12 +89,12 @@ def end_forces(data: FigureData) -> Picture | None:
     return Picture(
         '09c_end_forces',
         'End force found from targets',
-        f'Pressure known, force not: {" ".join(sentences(found))} Bars are 2 sigma; they should '
-        'reach the line in 19 of 20 cases. Bars of the tip alone are long where the arm is '
-        'nearly straight: one point hardly determines the pull (some bars are cut '
-        'off). Errors of the tip alone go together, since all rest on where that one target was '
-        'painted. Errors from all targets that keep their sign over a range of pressure, beyond '
-        'the bars, would mean that something is missing in the model.',
+        f'The pressure is known, the force is not: {" ".join(sentences(found))} Bars are 2 '
+        'sigma; they should reach the line in 19 of 20 cases. Bars from the tip alone are long '
+        'where the arm is nearly straight, because one point hardly determines the pull (some '
+        'bars are cut off). Errors from the tip alone are correlated, because all depend on the '
+        'position of that one target. If errors from all targets exceed the bars and keep their '
+        'sign over a range of pressure, the model lacks an effect.',
         figure,
         number='9 (c)',
     )
@@ -153,16 +153,15 @@ def sentences(found: EstimatedForces) -> list[str]:
     for (name, _, _), way in zip(WAYS, found.ways, strict=True):
         known = np.isfinite(way.force[:, 0])
         if not known.any():
-            lines.append(f'From {name} no force was found in any of {known.size} frames.')
+            lines.append(f'From {name}, no force was found in any of {known.size} frames.')
             continue
         error = way.force[known] - found.read[known]
         std = np.hypot(way.sigma[known], found.read_std)
         inside = np.mean(np.abs(error) < 1.96 * std, axis=0)
         median = MILLI * np.median(way.sigma[known], axis=0)
         lines.append(
-            f'From {name}, found in {np.count_nonzero(known)} of {known.size} frames: '
-            f'median sigma {median[0]:.2g} and {median[1]:.2g} mN of F1 and F2; '
-            f'{100 * inside[0]:.0f} % and {100 * inside[1]:.0f} % of the 95 % intervals hold '
-            'the force read.'
+            f'From {name}, found in {np.count_nonzero(known)} of {known.size} frames: median '
+            f'sigma {median[0]:.2g} and {median[1]:.2g} mN of F1 and F2; {100 * inside[0]:.0f} % '
+            f'and {100 * inside[1]:.0f} % of the 95 % intervals contain the measured force.'
         )
     return lines

@@ -60,10 +60,10 @@ def moments(data: FigureData) -> Picture | None:
     return Picture(
         '07_moments',
         'Moment from measured shape and load',
-        f'{run_label(data)}. M_est is Eq 9: from measured targets and the end force, without any '
-        'model. If M = EI (kappa - kappa0) held, all curves of (b) would be one straight line '
-        'through zero; a bend near the clamp (square) is the second section of Eq 10. The '
-        'curvature is that of a smoothed curve, least certain at both ends of the arm.',
+        f'{run_label(data)}. M_est is Eq 9, computed from the measured targets and the end '
+        'force, without a model. If M = EI (kappa - kappa0) held, all curves in (b) would be one '
+        'straight line through zero; a bend near the clamp (square) is the second section of Eq '
+        '10. The curvature is that of a smoothed curve, least certain at both ends of the arm.',
         figure,
         number='7',
     )
@@ -146,10 +146,10 @@ def one_moment(data: FigureData) -> Picture | None:
     return Picture(
         '08a_moment_law',
         'The moment law at one pressure (Eq 10)',
-        f'Recording {view.steady_state.run}. {line_sentence(view, data)} Points scatter about the '
-        "lines of the fitted law by their bars. The dashed lines are the paper's way, straight "
-        'lines through measured points with an intercept of their own; they are a view: M_O '
-        'cannot be distinguished from kappa0, and smoothing rounds off the step at l1.',
+        f'Recording {view.steady_state.run}. {line_sentence(view, data)} Points scatter about '
+        'the lines of the fitted law by their bars. The dashed lines follow the paper: straight '
+        'lines through measured points, each with its own intercept. They are only for viewing: '
+        'M_O cannot be distinguished from kappa0, and smoothing rounds off the step at l1.',
         figure,
         number='8 (a)',
     )
@@ -233,10 +233,10 @@ def law(data: FigureData) -> Picture | None:
         'Moment law over pressure',
         "Bands: the fitted law, with rigidities linear in pressure. Hollow points: the paper's "
         'method, slopes of the lines of Figure 8 (a), one per load, with two standard errors; '
-        'dashed: their regression. alpha2 should follow the band. alpha1 from slopes scatters and '
-        'tends to be too small, because the first section has few targets and the smoothed '
+        'dashed: their regression. alpha2 should follow the band. alpha1 from slopes scatters '
+        'and tends to be too small, because the first section has few targets and the smoothed '
         'curvature rounds off the step at l1. The fit needs no curvature and has no such bias. '
-        f'Slopes less certain than {100 * worst:.0f} % are left out.',
+        f'Slopes with an error above {100 * worst:.0f} % are omitted.',
         figure,
         number='8 (b)',
     )

@@ -93,7 +93,7 @@ def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, 
     summary_rows = [
         ('Recordings', f'{len(runs) - loaded} unloaded, {loaded} loaded; {frames} frames'),
         ('Pressures', f'{low:z.1f} to {high:z.1f} kPa'),
-        *([] if arm.domain is None else [('The model is known for', arm.domain.words)]),
+        *([] if arm.domain is None else [('The model is calibrated for', arm.domain.words)]),
         ('Moment law', f'{arm.moment_law.kind}'),
         ('Fit', f'{fit.status} after {fit.steps} steps'),
         ('Chi squared per coordinate', f'{fit.chi_squared / fit.dof:.3f}; 1 is expected'),
@@ -114,6 +114,6 @@ def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, 
     if calibration.laws:
         best = min(calibration.laws, key=lambda item: item.rms)
         summary_rows.append(
-            ('Best on recordings left out', f'{best.kind}, {millimeters(best.rms):.3f} mm rms')
+            ('Best on left-out recordings', f'{best.kind}, {millimeters(best.rms):.3f} mm rms')
         )
     return summary_rows

@@ -59,11 +59,11 @@ def draw_residuals_by_frame(data: FigureData) -> Picture:
     return Picture(
         '12_residuals_over_frames',
         'Residuals over frames',
-        'Root mean square residual of every frame beside what noise, placement, camera and '
-        'readings explain (dots; line: running mean). It should scatter about 1 without a trend: '
-        'a hump means that something in the arm is missing in the model, a constant level '
-        'other than 1 that the stated noise is wrong, and one recording above the others that it '
-        'is odd, or has another role. Over all frames chi squared per coordinate is '
+        'Root mean square residual of every frame, relative to the expectation from noise, '
+        'placement, camera and readings (dots; line: running mean). It should scatter about 1 '
+        'without a trend. A hump means that the model lacks an effect, a constant level other '
+        'than 1 that the stated noise is wrong, and one recording above the others that it is '
+        'odd or was given the wrong role. Over all frames chi squared per coordinate is '
         f'{fit.chi_squared / fit.dof:.3f}.',
         figure,
     )
@@ -116,10 +116,10 @@ def draw_residuals_by_target(data: FigureData) -> Picture:
     return Picture(
         '13_residuals_over_targets',
         'Residuals over targets',
-        'How far each target was found beside the place that the arm file gives it, in the '
-        "arm's own directions, and what is left on average after that. Placement should stay "
-        'within the band without a pattern. What is left should be much smaller; errors of the '
-        'readings move the whole arm and leave a little that grows towards the tip.',
+        'Distance of each target from its position in the arm file, along and across the arm, '
+        'and the mean residual that remains. Placement should stay within the band without a '
+        'pattern. The remaining residual should be much smaller; errors of the readings move the '
+        'whole arm and leave a small residual that grows towards the tip.',
         figure,
     )
 
@@ -163,8 +163,8 @@ def law_comparison(data: FigureData) -> Picture | None:
     return Picture(
         '14_laws',
         'Moment laws on recordings left out',
-        f'Each law was fitted without one loaded recording and then predicted it: rms per '
-        f'coordinate, registration removed. {best_sentence(laws)}',
+        'Each law was fitted without one loaded recording and then predicted that recording: rms '
+        f'per coordinate, registration removed. {best_sentence(laws)}',
         figure,
     )
 
@@ -174,6 +174,6 @@ def best_sentence(laws: tuple[LawScore, ...]) -> str:
     ranked = sorted(laws, key=lambda item: item.rms)
     first, second = ranked[0], ranked[1] if len(ranked) > 1 else ranked[0]
     return (
-        f'The smaller the better: {first.kind} is best, the next one ({second.kind}) is '
+        f'Smaller is better: {first.kind} is best, the next one ({second.kind}) is '
         f'{second.rms / first.rms:.2f} times as far off.'
     )

@@ -57,11 +57,11 @@ def free_shapes(data: FigureData) -> Picture:
     return Picture(
         '05_unloaded',
         'Unloaded arm: shapes and intrinsic curvature',
-        'Dots are measured: mean targets of stretches of constant pressure, and the curvature of '
-        'a smooth curve through them. Lines are the fitted model. Lines should pass through the '
-        'dots in (a); in (b) the model is fitted to the points of (a), not to the dots of (b), '
-        'which are smoothed and uncertain near both ends. A wide band says where the recordings '
-        'leave kappa_p0 open.',
+        'Dots are measured: mean target positions over intervals of constant pressure, and the '
+        'curvature of a smooth curve through them. Lines are the fitted model. They should pass '
+        'through the dots in (a); in (b) they need not, because the model is fitted to the '
+        'points of (a), and the dots of (b) are smoothed and uncertain near both ends. A wide '
+        'band shows where the recordings do not determine kappa_p0.',
         figure,
         number='5',
     )
@@ -101,8 +101,8 @@ def loaded_shapes(data: FigureData) -> Picture | None:
         'Loaded arm: shapes and curvature',
         f'{run_label(data)}: the same under an end force (arrows, {FORCE_SCALE:g} mm per N). '
         'Lines are predicted from pressure and end force alone; they should pass through the '
-        'measured dots, and in (b) stay within the band, except right at the step at l1, which '
-        'the smoothing of the measured curve rounds off.',
+        'measured dots, and in (b) stay within the band, except at the step at l1, which is '
+        'rounded off by the smoothing of the measured curve.',
         figure,
         number='6 and 9 (a), (b)',
     )

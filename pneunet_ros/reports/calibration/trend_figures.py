@@ -60,9 +60,9 @@ def sensitivity(data: FigureData) -> Picture | None:
         '10_sensitivity',
         'Sensitivity of the shape',
         f'Predicted shapes at {load_label(steady_state)}, with one quantity changed at a time; '
-        'dots are measured. Below, how far each point of the arm moves from where the fitted '
-        'model has it, to one scale. The larger, the better recordings like this one determine '
-        'that quantity, and the more an error of it costs.',
+        'dots are measured. Below, on one scale: how far each point of the arm moves away from '
+        'the fitted model. The larger this is, the better such recordings determine that '
+        'quantity, and the more an error in it matters.',
         figure,
         number='10',
     )
@@ -123,7 +123,7 @@ def linearity(data: FigureData) -> Picture | None:
     if loaded:
         caption += (
             f' kappa - kappa0 ({run_label(data)}): {verdict(loaded, data.settings)} The load '
-            'changes with pressure as it did in the recording, so this need not be straight.'
+            'changes with pressure as in the recording, so this need not be straight.'
         )
     return Picture('11_linearity', 'Linear in pressure?', caption, figure, number='11')
 
@@ -168,5 +168,5 @@ def verdict(lines: Sequence[Linearity], settings: ReportSettings) -> str:
         f'{worst.sigmas:.1f} standard errors'
     )
     if worst.sigmas > settings.linearity_sigmas:
-        return f'{departed}; it is not exactly linear, and these recordings show it.'
+        return f'{departed}; these recordings show that it is not exactly linear.'
     return f'{departed}; the values are consistent with a straight line.'

@@ -89,7 +89,7 @@ def fit_sentence(calibration: Calibration, settings: ReportSettings) -> Note:
     """Describe the error of the model in mm, relative to the length, and relative to noise."""
     fit = calibration.joint
     if not fit.converged:
-        return Note(f'No model: the fit did not settle ({fit.status}).', reason='not_settled')
+        return Note(f'No model: the fit did not converge ({fit.status}).', reason='not_settled')
     rms = residual_rms(fit)
     share = 100.0 * rms / fit.arm.length
     size = (
@@ -101,30 +101,30 @@ def fit_sentence(calibration: Calibration, settings: ReportSettings) -> Note:
     times = noise_ratio(fit)
     if times <= settings.as_noise and varies(calibration):
         return Note(
-            f'The model does not fit: {size}, no more than the noise of single targets, but they '
-            'are off together: the stiffness seems to vary along the arm as the moment law '
-            'cannot.',
+            f'The model does not fit: {size}, no more than the noise of single targets, but the '
+            'errors of neighboring targets are correlated: the stiffness seems to vary along the '
+            'arm in a way that the moment law does not allow.',
             reason='uneven_stiffness',
         )
     if times <= settings.as_noise:
         larger = larger_under_load(fit)
         if larger <= settings.hidden_under_load and times < settings.below_noise:
             return Note(
-                f'The model fits: {size}, better than the noise that was assumed: {times:.2g} '
-                'times it. Standard errors that rest on that noise are too large.',
+                f'The model fits: {size}, better than the assumed noise ({times:.2g} times it). '
+                'Standard errors that rest on that noise are too large.',
                 reason='better_than_noise',
             )
         if larger <= settings.hidden_under_load:
             return Note(f'The model fits: {size}, as good as the noise.', reason='fits')
         return Note(
-            f'Not sure: {size}. Loaded recordings are left {larger:.2g} times what unloaded ones '
-            'are. The noise of force and pressure would make that of an arm that is so soft; the '
-            'stiffness may be far too small, or its law another one.',
+            f'Not sure: {size}. The residuals of loaded recordings are {larger:.2g} times those '
+            'of unloaded ones. Noise of force and pressure would explain this for such a soft '
+            'arm, but the stiffness may also be far too small, or its law wrong.',
             reason='unsure',
         )
     return Note(
-        f'The model does not fit: {size}, worse than the noise: {times:.2g} times it. '
-        'Something is missing.',
+        f'The model does not fit: {size}, worse than the noise ({times:.2g} times it). An effect '
+        'is missing.',
         reason='misfit',
     )
 
@@ -224,16 +224,17 @@ def next_steps(
     model, arm = shlex.quote(files.model), shlex.quote(files.arm)
     if not joint.converged:
         force = (
-            ' and the force is that on the arm, in the base frame (--wrench-sign, --wrench-yaw)'
+            ' and whether the force is the one on the arm, in the base frame (--wrench-sign, '
+            '--wrench-yaw)'
         )
         return (
-            'Check what these recordings miss, and whether readings and frames share a clock'
-            f'{force if loaded else ""}.',
+            'Check these recordings for gaps, and whether readings and frames share a '
+            f'clock{force if loaded else ""}.',
             f'pneunet check {names} --model {arm}',
         )
     if lacks_something(calibration, settings):
         return (
-            'Ask what is missing; hold one recording out.',
+            'Find the missing effect; hold one recording out.',
             f'pneunet diagnose --model {model} --train {names} --heldout FRESH.mcap --output DIR',
         )
     if not loaded:

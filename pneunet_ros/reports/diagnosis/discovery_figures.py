@@ -39,10 +39,10 @@ def causes(data: FigureData) -> Picture | None:
     return Picture(
         '10_causes',
         'Which kind of cause, and where',
-        'How much of what is left each kind of cause explains with the best law of its amplitude, '
-        'at each place of the arm; kinds without a place are as dark everywhere. This is a map of '
-        'causes: beyond a place that is touched all of the arm moves, but only a push there '
-        'explains it.',
+        'Share of the remaining misfit that each kind of cause explains at each place of the '
+        'arm, with the best law for its amplitude; kinds without a place are equally dark '
+        'everywhere. This is a map of causes, not of motion: when the arm is touched, all of it '
+        'beyond that place moves, but only a push at that place explains the motion.',
         figure,
     )
 
@@ -66,10 +66,10 @@ def amplitude(data: FigureData) -> Picture | None:
     return Picture(
         '11_amplitude',
         'How strong it is over time',
-        'The amplitude of the closest kind of cause in every frame of the training recordings, '
-        'as if each were its own (dots, band: two sigma), and what its law says (line), both as '
-        'seen from the model before, which has bent itself towards the cause. The line should '
-        'run through the dots.',
+        'Amplitude of the closest kind of cause in every frame of the training recordings, '
+        'estimated frame by frame (dots, band: two sigma) and predicted by its law (line). Both '
+        'are relative to the previous model, which has already absorbed a part of the cause. The '
+        'line should run through the dots.',
         figure,
     )
 

@@ -62,10 +62,10 @@ def errors_along_arm(data: FigureData) -> Picture | None:
     return Picture(
         '01_errors',
         'Where the model is off',
-        '(a) From each measured target (dots) to where a model has it, in the frames that noise '
-        'explains least. (b) What all frames come to: the grey band is what noise of targets, '
-        'force and pressure alone leaves. Red: the model as it was given, refitted; above the '
-        'band, and how it runs along the arm, is model error. Blue: with what was added.',
+        '(a) From each measured target (dots) to its predicted position, in the frames that '
+        'noise explains least. (b) All frames together: the grey band is the error that noise of '
+        'targets, force and pressure alone would leave. Red: the given model, refitted; whatever '
+        'lies above the band is model error, shown along the arm. Blue: with the added effect.',
         figure,
     )
 
@@ -142,10 +142,10 @@ def model_error(data: FigureData) -> Picture:
     return Picture(
         '02_model_error',
         'Model error before and after',
-        'How far measured targets are from predicted ones, registration of each recording '
-        f'removed. Dashed: what noise alone would leave. {error_sentence(diagnosis)} Bars well '
-        'above the dashed line mean that model error is left, well below it that the stated noise '
-        'is too large.',
+        'Distance between measured and predicted targets, registration of each recording '
+        f'removed. Dashed: with noise alone. {error_sentence(diagnosis)} Bars well above the '
+        'dashed line mean that model error remains; bars well below it mean that the stated '
+        'noise is too large.',
         figure,
     )
 

@@ -35,9 +35,10 @@ def missing_sentence(diagnosis: Diagnosis) -> str:
         return f'Yes: {values}.'
     seen = any(item.evidence > 0.0 for item in diagnosis.evidence)
     if diagnosis.answer == 'none' or (diagnosis.answer == 'unobservable' and not seen):
-        return f'Nothing that these recordings show: {values}.'
+        return f'Nothing, as far as these recordings show: {values}.'
     return (
-        f'Yes, by the score of single effects; a test of any smooth error is too blunt: {values}.'
+        'Yes, according to the score of single effects; the test for an arbitrary smooth error '
+        f'is less sensitive: {values}.'
     )
 
 
@@ -47,7 +48,7 @@ def evidence_bars(diagnosis: Diagnosis, discovery: Discovery) -> tuple[Bar, ...]
         (
             ' + '.join(item.effects),
             item.evidence,
-            f'only noise left: {passes_text(item, diagnosis)}',
+            f'only noise remains: {passes_text(item, diagnosis)}',
         )
         for item in rank_evidence(diagnosis)
         if item.evidence > 0.0
@@ -111,7 +112,7 @@ def in_chi_squared(diagnosis: Diagnosis, before: Misfit, after: Misfit) -> str:
             f'{after.chi_squared:.4g}'
         )
         same = f'{rms} before, {millimeters(after.rms):.3f} mm after, {floor_text(diagnosis)}'
-    return f'{change} (noise alone: 1). The rms error cannot show what is missing ({same})'
+    return f'{change} (noise alone: 1). The rms error cannot show the missing effect ({same})'
 
 
 def removed_text(diagnosis: Diagnosis) -> str:
@@ -120,7 +121,7 @@ def removed_text(diagnosis: Diagnosis) -> str:
         return ''
     if diagnosis.closed >= 1.0:
         after = millimeters(diagnosis.after.rms)
-        return f', all of what was reducible: {after:.3f} mm, {floor_text(diagnosis)}'
+        return f', all of the reducible error: {after:.3f} mm, {floor_text(diagnosis)}'
     removed = min(100.0 * diagnosis.closed, 99.0)
     return f', which removed {removed:.0f} % of the reducible error'
 

@@ -53,11 +53,11 @@ def maps(data: FigureData) -> Picture | None:
     figure.colorbar(mesh, ax=axes, label='residual / noise', fraction=0.03, pad=0.01)
     return Picture(
         '04_where',
-        'Residuals along the arm, over what acted on it',
-        'Root mean square residual of training recordings in units of the noise, along the arm '
-        '(across) and over what acted on it (up). White is what noise alone leaves, red what the '
-        'model cannot explain, light blue less than noise; grey was never measured. '
-        'After what is missing was added nothing red should be left.',
+        'Residuals along the arm, over pressure, force and time',
+        'Root mean square residual of the training recordings in units of the noise, along the '
+        'arm (horizontal) and over the pressure, force or time (vertical). White: noise alone; '
+        'red: not explained by the model; light blue: less than noise; grey: never measured. '
+        'With the missing effect added, nothing red should remain.',
         figure,
     )
 
@@ -107,12 +107,11 @@ def shares(data: FigureData) -> Picture | None:
     return Picture(
         '05_shares',
         'Which share of the misfit lies where',
-        'What the model before leaves over, split along each axis. Blue bars hold more than '
-        f'noise alone does (p-value below {p_value:g}), grey ones do not '
-        'stand out. Dashed: which share of all that was seen lies there; a bar as high as its '
-        'outline is an even misfit. A cause shows itself by the axis on which the bars differ '
-        'from their outlines: along force what carries the load, along direction or time an '
-        'effect with memory, along pressure alone the inflation.',
+        'Misfit of the previous model, split along each axis. Blue bars exceed noise (p-value '
+        f'below {p_value:g}), grey bars do not. Dashed outlines: the share of all observations '
+        'that lies there; if bars and outlines agree, the misfit is even. The axis on which they '
+        'differ points to the cause: force to the load-bearing properties, direction or time to '
+        'an effect with memory, pressure alone to the inflation.',
         figure,
     )
 
@@ -134,12 +133,12 @@ def draw_shares(axes: Axes, axis: Axis, shares: Sequence[Share], p_value: float)
         signs = {-1: 'falling', 0: 'held', 1: 'rising'}
         names = [signs[int(np.sign(item.start))] for item in shares]
         axes.bar(places, heights, 0.6, color=colors)
-        axes.bar(places, seen, 0.6, label='of what was seen', **outline)
+        axes.bar(places, seen, 0.6, label='of the observations', **outline)
         axes.set_xticks(places, names)
     else:
         left = scale * np.array([item.start for item in shares])
         width = scale * np.array([item.stop for item in shares]) - left
         axes.bar(left, heights, width, align='edge', color=colors, edgecolor='white')
-        axes.bar(left, seen, width, align='edge', label='of what was seen', **outline)
+        axes.bar(left, seen, width, align='edge', label='of the observations', **outline)
     axes.grid(visible=False, axis='x')
     axes.set(xlabel=label)

@@ -77,7 +77,7 @@ def loops(data: FigureData) -> Picture | None:
         )
         axes[wide + column].axhline(0.0, color='0.4', linewidth=0.9, zorder=1)
         axes[wide + column].set(
-            title=f'({"abcd"[wide + column]}) what the model leaves over, {when}',
+            title=f'({"abcd"[wide + column]}) residual of the model, {when}',
             xlabel='pressure (kPa)',
             ylabel='measured - predicted curvature (1/m)',
         )
@@ -87,13 +87,12 @@ def loops(data: FigureData) -> Picture | None:
     return Picture(
         '06_loops',
         'Moment and curvature, by direction of pressure',
-        f'Means over the middle of the arm (s / l from {LOOP_START:g} to '
-        f'{LOOP_STOP:g}) in frames of all training recordings. Above: moment from '
-        'measured shape and end force, against measured curvature less that of the unloaded arm; '
-        'rising and falling pressure should lie on one band. Below: curvature that the model '
-        'does not predict. Red and blue that separate into a loop mean that the past matters '
-        '(hysteresis, lag, creep); a common trend means another cause; where nothing is missing, '
-        'all scatter about zero.',
+        f'Means over the middle of the arm (s / l from {LOOP_START:g} to {LOOP_STOP:g}) in the '
+        'frames of all training recordings. Above: moment from measured shape and end force, '
+        'against measured curvature minus that of the unloaded arm; rising and falling pressure '
+        'should lie on one band. Below: curvature that the model does not predict. If red and '
+        'blue separate into a loop, the past matters (hysteresis, lag, creep); a common trend '
+        'points to another cause; if nothing is missing, all points scatter about zero.',
         figure,
     )
 

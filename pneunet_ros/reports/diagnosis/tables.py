@@ -17,12 +17,12 @@ from pneunet_ros.reports.diagnosis.words import p_value_text, round_value, unit_
 
 ANSWERS = {
     'none': 'none: the residuals are consistent with noise',
-    'named': 'named: it explains what is missing, and nothing that was tested contradicts it',
+    'named': 'named: it explains the misfit, and no test contradicts it',
     'inseparable': 'inseparable: several effects cannot be distinguished with these data',
-    'unknown': 'unknown: something is missing, and no effect of the library can be named',
+    'unknown': 'unknown: an effect is missing, and none of the library can be named',
     'unobservable': 'unobservable: these recordings cannot show whether an effect is there',
 }
-WITHIN_LAW = 'no, but within what its law may miss'
+WITHIN_LAW = 'no, but within the error of its law'
 MOST_SHIFTS = 25  # quantities in the table of the report
 
 
@@ -105,7 +105,7 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
         columns=(
             'effects',
             'delta chi2',
-            'gain on recordings left out',
+            'gain on left-out recordings',
             'consistent with noise',
             'similar to',
         ),
@@ -181,7 +181,7 @@ def consistent_text(test: Adequacy, added: bool) -> str:
 def where_table(diagnosis: Diagnosis) -> Table:
     """Return the table of where the misfit is."""
     return Table(
-        columns=('axis', 'what is seen', 'of the misfit', 'of what was seen', 'p-value'),
+        columns=('axis', 'observation', 'of the misfit', 'of the observations', 'p-value'),
         rows=tuple(
             (
                 item.axis,

@@ -40,17 +40,17 @@ def last_sentence(rounds: Sequence[Round]) -> str:
     if rounds[-1].investigation.diagnosis.answer == 'none' and rounds[-1].undetectable:
         unseen = ', '.join(rounds[-1].undetectable)
         return (
-            f'{sentence} But these recordings could not have shown some effects at any usual '
-            f'size, and each of them may be missing: {unseen}.'
+            f'{sentence} But some effects of usual size could not have been seen in these '
+            f'recordings, so any of them may be missing: {unseen}.'
         )
     if not named_effects(rounds[-1].investigation):
         return sentence
     if name_stayed(rounds):
         return (
-            f'{sentence} The answer stayed when recording {len(rounds)} came, which had no part '
-            'in finding it.'
+            f'{sentence} Recording {len(rounds)}, which was not used to find the answer, '
+            'confirmed it.'
         )
-    return f'{sentence} No recording has come since that could test it.'
+    return f'{sentence} No recording has been made since then that could test it.'
 
 
 def safe_sentence(safe: SafeSet) -> str:
@@ -109,14 +109,14 @@ def gap_picture(rounds: Sequence[Round]) -> Picture:
         values = [item.rivals.get(name, np.nan) for item in rounds]
         label = 'nothing more is missing' if name == NOTHING else name
         chance.plot(number, values, 'o-', color=color, label=label)
-    chance.set(title='(b) what is still possible', xlabel='recording', ylabel='probability')
+    chance.set(title='(b) remaining possibilities', xlabel='recording', ylabel='probability')
     chance.set_ylim(-0.03, 1.03)
     for panel in (gap, chance):
         panel.set_xticks(number)
         legend(panel, loc='best')
     return Picture(
         'gap',
-        'How the model error shrinks, recording by recording',
+        'Model error after each recording',
         '(a) Red: the best fit of the given model; blue: with the effect named so far; diamonds: '
         'the newest recording, predicted by the model of the round before. (b) Probability that '
         'another effect is missing, or that nothing is.',

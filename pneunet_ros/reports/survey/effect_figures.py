@@ -34,7 +34,7 @@ def effects(data: SurveyData) -> Picture | None:
         gap.plot(after, row, 'o', color=FIRST, markersize=4)
     matrix.set_xticks(range(len(names) + 1), [*names, 'no name'], rotation=30, ha='right')
     matrix.set_xlim(-0.6, len(names) + 0.6)
-    matrix.set_title('(a) what was missing')
+    matrix.set_title('(a) missing effects')
     for panel in (matrix, gap):
         panel.set_ylim(-0.8, len(arms) - 0.2)
         panel.tick_params(labelsize=8)
@@ -53,10 +53,10 @@ def effects(data: SurveyData) -> Picture | None:
     where = 'held-out' if all(item.held_out for item in arms) else 'held-out or else training'
     return Picture(
         '02_effects',
-        'What was missing, and what it was worth',
-        '(a) Filled: named. Empty: one of several that the recordings cannot distinguish. A dot: '
-        'nothing is missing that these recordings could show; ?: something is, and it has no name '
-        'in the library; ∅: these recordings cannot show whether one is there. '
-        f'(b) on {where} recordings.',
+        'Missing effects, and the error that they explain',
+        '(a) Filled: named. Empty: one of several effects that the recordings cannot '
+        'distinguish. A dot: no effect is missing that these recordings could show; ?: an effect '
+        'is missing that is not in the library; ∅: these recordings cannot show whether an '
+        f'effect is missing. (b) on {where} recordings.',
         figure,
     )

@@ -59,8 +59,8 @@ def numbers(data: SurveyData) -> Picture | None:
         '01_numbers',
         'The same numbers of every arm',
         'Bars are two standard errors. Line and band: center of the fleet, and two standard '
-        'deviations of how alike arms differ beyond their error bars. Red diamonds: odd arms, by '
-        'all numbers together; an arm may be odd where no single number is.',
+        'deviations of the scatter of alike arms beyond their error bars. Red diamonds: arms '
+        'that are odd by all numbers together; an arm may be odd although no single number is.',
         figure,
     )
 

@@ -53,8 +53,8 @@ def survey_sentences(data: SurveyData) -> list[str]:
         *rare_sentences(data),
         *(f'{item.name} failed: {item.failed}' for item in failed),
         *(
-            f'{name} is left out: no recording in it has a name that says what it is for, and '
-            'begins with unloaded, loaded or heldout.'
+            f'{name} is left out: none of its recordings has a name that begins with unloaded, '
+            'loaded or heldout.'
             for name in data.left_out
         ),
     ]
@@ -69,15 +69,15 @@ def effects_sentence(data: SurveyData) -> str:
     others = ', '.join(f'{name} {count}' for name, count in answers.items())
     said = f'Named as missing, of {done} arms: {named}'
     if not named:
-        said = f'In none of {done} arms an effect was named as missing'
+        said = f'In none of {done} arms was an effect named as missing'
     return f'{said}{f"; other answers: {others}" if others else ""}.'
 
 
 def rare_sentences(data: SurveyData) -> list[str]:
     """Name the arms with an effect that most arms do not have."""
     return [
-        f'{name} is in {", ".join(arms)} only; in {data.could_show(name)} of the other '
-        f'{len(data.done) - len(arms)} it could have been seen.'
+        f'{name} is in {", ".join(arms)} only; {data.could_show(name)} of the other '
+        f'{len(data.done) - len(arms)} could have shown it.'
         for name, arms in data.rare_effects().items()
     ]
 
@@ -86,14 +86,15 @@ def certainty(data: SurveyData) -> str:
     """Describe the basis of the comparison and of the model errors."""
     fleet, done = data.fleet, len(data.done)
     compared = int(np.count_nonzero(np.isfinite(fleet.p_values)))
-    said = f'Too few arms to ask which is odd: that takes {fleet.settings.fewest}.'
+    said = f'Too few arms to find odd ones: at least {fleet.settings.fewest} are needed.'
     if compared:
         said = (
-            f'{compared} of {done} arms are compared, error bars counted; of alike arms one is '
-            f'called odd in {100.0 * fleet.settings.level:g} % of fleets.'
+            f'{compared} of {done} arms are compared, with their error bars; in '
+            f'{100.0 * fleet.settings.level:g} % of fleets of alike arms, one is called odd by '
+            'chance.'
         )
     held_out = sum(item.held_out for item in data.done)
-    return f'{said} Model errors are of recordings held out in {held_out} of {done} arms.'
+    return f'{said} Model errors of {held_out} of {done} arms are from held-out recordings.'
 
 
 def next_steps(data: SurveyData) -> tuple[str, str]:

@@ -54,9 +54,9 @@ def shapes(data: SurveyData) -> Picture | None:
     return Picture(
         '03_shapes',
         'Every arm under the same pressures',
-        'Centerlines without a load, as the models with what was missing predict them, all to the '
-        'same scale; grey: the median of the fleet. Red frames: odd arms. A pressure that an arm '
-        'was not calibrated to is not drawn.',
+        'Unloaded centerlines, predicted by the models with the missing effects, all to the same '
+        'scale; grey: the median of the fleet. Red frames: odd arms. Pressures to which an arm '
+        'was not calibrated are not drawn.',
         figure,
     )
 

@@ -200,21 +200,21 @@ class TrackingPage:
 
     def _verdict(self) -> str:
         if not self._count:
-            return 'There is no frame in it.'
+            return 'It contains no frames.'
         frames = f'{self._explained} of {self._moving} frames tracked'
         if self._reasons[RESTING]:
             frames += f' after {self._reasons[RESTING]} of the arm at rest'
         if not self._explained:
             return f'The arm was not found: {frames}.'
         share = self._seen / (self._explained * self.target_arclength.size)
-        seen = f'{100.0 * share:.1f} % of the targets seen in them'
+        seen = f'{100.0 * share:.1f} % of their targets seen'
         if self._good:
             return f'The tracker follows the arm: {frames}, {seen}.'
         return f'The tracker loses the arm: {frames}, {seen}.'
 
     def _certainty(self) -> str:
         if not self._stds:
-            return 'No target was found, so there is nothing to be sure of.'
+            return 'No target was found, so there is no accuracy to state.'
         text = (
             f'One sigma of a target is {millimeters(float(np.median(self._stds))):.2g} mm '
             'per coordinate, as the tracker estimates it from the image'
@@ -222,7 +222,7 @@ class TrackingPage:
         if self._rms:
             rms = millimeters(float(np.median(self._rms)))
             text += f'; targets are {rms:.2g} mm rms from the smooth curve'
-        return f'{text}. That the row is the right one, you see below.'
+        return f'{text}. Check below that it is the right row.'
 
     def _delay(self) -> str:
         """Describe the delay of the film relative to the table; '' without a table."""
@@ -235,13 +235,13 @@ class TrackingPage:
         track = ['pneunet', 'track', self.source, *self.arm_options, *self.image_options]
         if not self._good:
             return (
-                'Look at the frames that were not tracked, and say in a camera file what the '
-                'targets look like.',
+                'Look at the frames that were not tracked, and describe the targets in a camera '
+                'file.',
                 shlex.join([*track, '--camera', 'CAMERA.yaml', '--preview', 'AGAIN.html']),
             )
         if self.film and not self.film['frames_covered']:
             return (
-                'Say by how much the film is ahead of the table; nothing was written.',
+                'Give the delay by which the film is ahead of the table; nothing was written.',
                 shlex.join(
                     [
                         *track,
@@ -260,7 +260,7 @@ class TrackingPage:
                 shlex.join([*track, '--output', 'TRACKED.mcap']),
             )
         return (
-            'Ask what the recording can be used for.',
+            'Check what the recording can be used for.',
             shlex.join(['pneunet', 'check', output, *self.arm_options]),
         )
 

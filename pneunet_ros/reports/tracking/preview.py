@@ -157,7 +157,7 @@ class Preview:
         for axes in columns:
             axes.set_axis_off()
         if not shown:
-            columns[0].text(0.5, 0.5, 'no frame could be looked at', ha='center', fontsize=14)
+            columns[0].text(0.5, 0.5, 'no frame could be read', ha='center', fontsize=14)
         for axes, seen in zip(columns, shown, strict=False):
             picture = overlay_of(seen.image, seen.tracking, seen.state)
             axes.imshow(picture[:, :, ::-1], interpolation='antialiased')
