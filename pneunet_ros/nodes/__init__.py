@@ -1,1 +1,1 @@
-"""The ROS nodes: message to core to message. Only this room imports ROS."""
+"""The ROS nodes. Only this package imports ROS."""

@@ -1,6 +1,6 @@
 """Internal errors in callbacks: counted, logged once each, and survived.
 
-A robot goes on without one reading, and not without its node.
+A robot can do without one reading, but not without its node.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pneunet_ros.nodes.signals import signal_came
 class CallbackErrors:
     """Counts callback errors by type and line.
 
-    say: is given the first one of each kind, as a key and a sentence with its traceback.
+    say: called with the first error of each kind, as a key and a sentence with its traceback.
     """
 
     def __init__(self, say: Callable[[str, str], None]) -> None:
@@ -29,7 +29,7 @@ class CallbackErrors:
     def guarded(
         self, callback: Callable[..., Any], failed: Callable[..., Any] = lambda *arguments: None
     ) -> Callable[..., Any]:
-        """Wrap a callback so that it raises nothing; failed: gives its result after an error.
+        """Wrap a callback so that it raises nothing; failed: returns its result after an error.
 
         An error after a signal ends the node: ROS raises errors in calls that a signal interrupts.
         """
@@ -57,8 +57,8 @@ class CallbackErrors:
             text = ''.join(traceback.format_exception(error))
             self._say(
                 kind,
-                f'internal error, {kind}: this message or call was skipped and the node goes '
-                f'on. Call ~/reset if it repeats, and report this:\n{text}',
+                f'internal error, {kind}: this message or call was skipped, and the node '
+                f'continues. If it repeats, call ~/reset, and report this:\n{text}',
             )
 
     def sentence(self) -> str:

@@ -33,7 +33,7 @@ from std_srvs.srv import Trigger
 
 
 class Configuration(Protocol):
-    """All that the parameters of a node ask for, ready to be used."""
+    """Everything that the parameters of a node specify, ready for use."""
 
     @property
     def model(self) -> str:
@@ -50,8 +50,8 @@ class ConfiguredNode(Node, ABC, Generic[C]):
     """Parameters, their services, model_info, diagnostics and log of a node.
 
     configured: builds the configuration of all parameter values, reusing unchanged parts of the
-    current one, or raises PneunetError; `~/reload_model` gives no current one, so that all files
-    are read again.
+    current one, or raises PneunetError; for `~/reload_model` there is no current one, so that all
+    files are read again.
     """
 
     INFO_TOPIC: ClassVar[str] = 'model_info'
@@ -83,7 +83,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.open_diagnostics()
 
     def open_diagnostics(self) -> None:
-        """Report that the node is there and gets ready."""
+        """Report that the node is running and preparing."""
         self.diagnostics = publisher(
             self, 'diagnostic_msgs/msg/DiagnosticArray', '/diagnostics', output_qos()
         )
@@ -92,7 +92,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.publish_status('start', Level.OK, 'preparing', {'kernels': kernels})
 
     def open_services(self) -> None:
-        """Open services and outputs that are there whatever the inputs are."""
+        """Open the services and outputs that do not depend on the inputs."""
         self.info = publisher(self, 'std_msgs/msg/String', self.INFO_TOPIC, latched_qos())
         self.create_service(Trigger, '~/reset', self.reset)
         self.create_service(Trigger, '~/reload_model', self.reload_model)
@@ -107,20 +107,20 @@ class ConfiguredNode(Node, ABC, Generic[C]):
     def create_subscription(
         self, kind: Any, topic: str, callback: Callable[..., None], *arguments: Any, **named: Any
     ) -> Any:
-        """Subscribe with a callback that ends no node."""
+        """Subscribe with a callback whose errors do not end the node."""
         guarded = self.errors.guarded(callback)
         return super().create_subscription(kind, topic, guarded, *arguments, **named)
 
     def create_timer(
         self, seconds: float, callback: Callable[..., None], *arguments: Any, **named: Any
     ) -> Any:
-        """Make a timer with a callback that ends no node."""
+        """Make a timer with a callback whose errors do not end the node."""
         return super().create_timer(seconds, self.errors.guarded(callback), *arguments, **named)
 
     def create_service(
         self, kind: Any, name: str, callback: Callable[..., Any], *arguments: Any, **named: Any
     ) -> Any:
-        """Make a service with a callback that ends no node."""
+        """Make a service with a callback whose errors do not end the node."""
         guarded = self.errors.guarded(callback, refuse_call)
         return super().create_service(kind, name, guarded, *arguments, **named)
 
@@ -129,12 +129,12 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.get_logger().error(sentence)
 
     def note_jump(self, sentence: str) -> None:
-        """Log that the time of ROS jumped."""
+        """Log a jump of ROS time."""
         self.log.warn('jump', sentence, time.monotonic())
 
     @abstractmethod
     def forget(self) -> str:
-        """Forget all readings; return a description."""
+        """Forget all readings; return a description of what was done."""
 
     @abstractmethod
     def take_over(self, configuration: C) -> None:
@@ -145,7 +145,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         """Publish the diagnostics of the node."""
 
     def every(self, seconds: float, callback: Callable[[], None]) -> None:
-        """Call back by the steady clock, even if simulated time stands still."""
+        """Call back periodically by the steady clock, even if simulated time stands still."""
         self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def tell_ready(self) -> None:
@@ -209,7 +209,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.tell_model()
 
     def tell_model(self) -> None:
-        """Publish which model is in use, for subscribers of now and of later."""
+        """Publish which model is in use, for present and later subscribers."""
         about = {'node': self.get_fully_qualified_name()} | json.loads(self.configuration.info())
         if self.sensors is not None:
             about['sensors_set_ns'] = self.others.set_ns
@@ -236,7 +236,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.taken_over = {}
         if result.successful:
             names = ', '.join(f'{one.name} {one.value}' for one in changes)
-            self.get_logger().info(f'set as another node of this arm was: {names}')
+            self.get_logger().info(f'copied from another node of this arm: {names}')
 
     def differing_sensors(self) -> str:
         """Describe differences to the sensor settings of other nodes of the arm."""

@@ -35,7 +35,7 @@ def rival_sentences(node: Any, shared: Collection[str]) -> Iterator[str]:
         names = sorted(map(name_of, node.get_publishers_info_by_topic(topic)))
         if len(names) > 1:
             yield (
-                f'{topic} has {len(names)} publishers, and their messages mix: '
+                f'{topic} has {len(names)} publishers, whose messages are mixed: '
                 f'{", ".join(names)}. Stop all but one'
             )
 
@@ -68,19 +68,19 @@ def mismatch_sentences(node: Any) -> Iterator[str]:
 def why_not(published: Any, subscribed: Any) -> str:
     """Return why a publisher and a subscription are incompatible; empty if they match.
 
-    By reliability and durability: for other policies the graph cannot distinguish "unset" from a
-    value.
+    It compares reliability and durability: for other policies the graph cannot distinguish "unset"
+    from a value.
     """
     if (published.reliability, subscribed.reliability) == (
         ReliabilityPolicy.BEST_EFFORT,
         ReliabilityPolicy.RELIABLE,
     ):
-        return 'published as best effort, reliable requested'
+        return 'published as best effort, but reliable is requested'
     if (published.durability, subscribed.durability) == (
         DurabilityPolicy.VOLATILE,
         DurabilityPolicy.TRANSIENT_LOCAL,
     ):
-        return 'published as volatile, transient local requested'
+        return 'published as volatile, but transient local is requested'
     return ''
 
 
@@ -90,6 +90,6 @@ def name_of(endpoint: Any) -> str:
 
 
 def type_name(message_type: Any) -> str:
-    """Return the name of a message's type as ROS writes it."""
+    """Return the ROS name of a message type."""
     package, folder, *_ = message_type.__module__.split('.')
     return f'{package}/{folder}/{message_type.__name__}'

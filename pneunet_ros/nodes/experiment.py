@@ -3,10 +3,10 @@
     python -m pneunet_ros.nodes.experiment RECORDING.mcap < corners.json [--ros-args ...]
 
 The corners are rows of time (s), pressure (Pa), F1 and F2 (N), joined by straight lines. Commands
-go to `pressure_command` and `force_command`, as the virtual arm takes them; recorded are
-`pressure`, `end_wrench` and `targets`. Without a subscriber to `force_command` it asks the user
-to hang a load on the arm, and waits for Enter. At the end, and where it is interrupted, the arm is
-vented and without a load.
+are published on `pressure_command` and `force_command`, as for the virtual arm; `pressure`,
+`end_wrench` and `targets` are recorded. Without a subscriber to `force_command` it asks the user
+to hang a load on the arm, and waits for Enter. At the end or when interrupted, it vents the arm
+and removes the load.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ DONE, WRONG_REQUEST = 0, 2
 
 
 class ExperimentNode(Node):
-    """Leads a live arm along corners (k, 4): time s, pressure Pa, F1 and F2 N."""
+    """Commands a live arm along corners (k, 4): time s, pressure Pa, F1 and F2 N."""
 
     def __init__(self, corners: Array) -> None:
         """Open the topics."""
@@ -75,7 +75,7 @@ class ExperimentNode(Node):
         return keep
 
     def command(self, seconds: float) -> None:
-        """Command the pressure and force of a time."""
+        """Command the pressure and force for a time."""
         time_s, *columns = self.corners.T
         pressure, x, y = (float(np.interp(seconds, time_s, values)) for values in columns)
         self.send(pressure, x, y)
@@ -89,7 +89,7 @@ class ExperimentNode(Node):
         self.pressures.publish(PRESSURE.message(stamp_ns, row, BASE_FRAME, RCLPY_TYPES))
 
     def record_into(self, writer: RecordingWriter | None) -> None:
-        """Keep messages in a recording from now on; None: no more."""
+        """Record messages from now on; None: stop recording."""
         if writer is not None:
             types = {sensor.name: sensor.type for sensor in SENSORS}
             self.topics = {
@@ -100,7 +100,7 @@ class ExperimentNode(Node):
         self.writer = writer
 
     def spin(self, seconds: float, step: Callable[[float], None] = lambda _: None) -> None:
-        """Take messages for a while; step: is called with the time (s) in every period."""
+        """Process messages for a while; step: called with the time (s) in every period."""
         begun = time.monotonic()
         due = begun
         while (now := time.monotonic()) < begun + seconds:
@@ -153,7 +153,7 @@ def run_experiment(node: ExperimentNode, path: Path) -> None:
 
 def ask_for_load(corners: Array, topic: str) -> None:
     """Ask the user to attach the load, and wait."""
-    print(f'No node subscribes to {topic}. Pull at the free end by hand or by weights:')
+    print(f'No node subscribes to {topic}. Pull at the free end by hand or with weights:')
     print('  s      F1 (N)  F2 (N)')
     for seconds, _, x, y in corners.tolist():
         print(f'  {seconds:5.1f}  {x:6.3f}  {y:6.3f}')
@@ -163,7 +163,7 @@ def ask_for_load(corners: Array, topic: str) -> None:
 
 
 def main() -> int:
-    """Run the experiment of stdin; returns the exit code."""
+    """Run the experiment read from stdin; returns the exit code."""
     end_at_signal()
     try:
         corners = np.array(json.load(sys.stdin), dtype=np.float64)

@@ -4,9 +4,9 @@ A reliable subscription receives nothing from a best-effort publisher, and a bes
 subscription loses many images of a reliable one. Latched messages reach only subscriptions that
 request them.
 
-ReliabilityPolicy.BEST_AVAILABLE does not help: it looks at the publishers only once, when the
-subscription is made, and without any it chooses reliable and latched. Later publishers that offer
-less are then never received.
+ReliabilityPolicy.BEST_AVAILABLE does not help: it checks the publishers only once, when the
+subscription is created, and without any it chooses reliable and latched. Later publishers that
+offer less are then never received.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ ANYTHING: Offer = (ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
 
 
 class FollowingSubscription:
-    """Subscribes with the QoS that the publishers offer; `follow` checks and adapts.
+    """A subscription with the QoS offered by the publishers; `follow` checks and adapts it.
 
-    Reliability that is given by a `qos_overrides` parameter stays as it is.
+    Reliability set by a `qos_overrides` parameter is not changed.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class FollowingSubscription:
 
 
 def common_offer(publishers: Sequence[Any]) -> Offer | None:
-    """Return the weakest quality of service that publishers of a topic offer, or None."""
+    """Return the weakest QoS offered by the publishers of a topic, or None."""
     if not publishers:
         return None
     qualities = [publisher.qos_profile for publisher in publishers]

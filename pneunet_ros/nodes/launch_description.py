@@ -1,7 +1,7 @@
 """Common parts of launch files: arguments, and the nodes of this package.
 
-All that a node would refuse is refused before the first process starts: `launch` ends at an error,
-and leaves running what it has started.
+Everything that a node would reject is rejected before the first process starts: `launch` ends at
+an error, but leaves the started processes running.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ def describe_launch(
 ) -> Any:
     """Return the description of a launch.
 
-    arguments: default and meaning by name, with namespace and params_file; nodes: returns what to
-    start, of the values given. Raises RequestError at the start, before any process, for what
-    cannot be started, and where params_file names none of these nodes, which would ignore it
-    without a word, in a namespace that is absolute.
+    arguments: default and meaning by name, including namespace and params_file; nodes: returns the
+    nodes to start for given values. Raises RequestError before any process is started if something
+    cannot be started, or if params_file, in an absolute namespace, names none of these nodes,
+    which would silently ignore it.
     """
 
     def start(context: Any) -> list[Any]:
@@ -82,7 +82,7 @@ def check_installed(started: Iterable[Any]) -> None:
 
 
 def is_true(name: str, given: Given) -> bool:
-    """Return an argument that is true or false, in any case as people write it.
+    """Return an argument that is true or false, in upper or lower case.
 
     Raises RequestError for any other value.
     """
@@ -108,10 +108,10 @@ def number(name: str, given: Given) -> float:
 def node(executable: str, given: Given, **parameters: Any) -> Any:
     """Return a node of this package.
 
-    given: namespace, params_file (empty: none), use_sim_time and log_level. parameters go before
-    those of params_file; those that are empty are not given. Raises RequestError for what the node
-    would refuse, and where params_file is not a file, without which launch_ros would start a node
-    with other parameters than asked for.
+    given: namespace, params_file (empty: none), use_sim_time and log_level. parameters come before
+    those of params_file; empty ones are omitted. Raises RequestError for values that the node
+    would reject, and if params_file is not a file, because launch_ros would then start a node with
+    other parameters than requested.
     """
     wanted = {name: value for name, value in parameters.items() if value}
     check_names(given)
@@ -130,7 +130,7 @@ def node(executable: str, given: Given, **parameters: Any) -> Any:
 
 
 def check_names(given: Given) -> None:
-    """Raise RequestError for a namespace, a level or a file of parameters that cannot be."""
+    """Raise RequestError for an invalid namespace, log level or parameter file."""
     namespace, level, file = given['namespace'], given['log_level'], given['params_file']
     try:
         validate_namespace(namespace if namespace.startswith('/') else f'/{namespace}')
@@ -142,16 +142,16 @@ def check_names(given: Given) -> None:
         )
     if file and not Path(file).is_file():
         raise RequestError(
-            f'params_file:={file} does not exist. Name a YAML file of parameters, such as '
-            'config/estimator.yaml, or leave it out',
+            f'params_file:={file} does not exist. Give a YAML file of parameters, such as '
+            'config/estimator.yaml, or omit the argument',
             reason='not_found',
         )
 
 
 def check_parameters(executable: str, given: Given, wanted: Mapping[str, Any]) -> None:
-    """Raise PneunetError where a node of this package would refuse its parameters or files.
+    """Raise PneunetError if a node of this package would reject its parameters or files.
 
-    Those of params_file are known in a namespace that is absolute.
+    Those of params_file are known only in an absolute namespace.
     """
     answer_first()
     of_node = import_module(f'{PACKAGE}.nodes.{executable}.configuration')
@@ -171,5 +171,5 @@ def check_parameters(executable: str, given: Given, wanted: Mapping[str, Any]) -
 
 
 def full_name(executable: str, given: Given) -> str:
-    """Return the full name of a node in a namespace that is absolute."""
+    """Return the full name of a node in an absolute namespace."""
     return f'{given["namespace"].rstrip("/")}/{executable}'

@@ -11,7 +11,7 @@ NUMBER = 'publication_sequence_number'  # of a message's info; None if the middl
 class Losses:
     """Counts the gaps between the numbers of the messages of each topic.
 
-    They are lost on the way, or pushed out of the queue while the node was busy.
+    These messages were lost in transit, or dropped from the queue while the node was busy.
     """
 
     def __init__(self) -> None:
@@ -25,9 +25,9 @@ class Losses:
     ) -> None:
         """Count a received message.
 
-        info: its message info from rclpy; publishers: counts who publishes on a topic. Each
-        publisher has its own numbering, and a message does not identify its publisher: nothing is
-        counted then.
+        info: its message info from rclpy; publishers: returns the number of publishers of a topic.
+        Each publisher has its own numbering, and a message does not identify its publisher, so
+        with several publishers nothing is counted.
         """
         number = info.get(NUMBER)
         if number is None:

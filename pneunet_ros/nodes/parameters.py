@@ -1,4 +1,4 @@
-"""The parameters of a node: one table, made of the fields of dataclasses of settings.
+"""The parameters of a node: one table from the fields of settings dataclasses.
 
 Names, defaults, units, bounds and meanings are defined only in the fields.
 """
@@ -34,10 +34,10 @@ _KINDS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ParameterTable:
-    """The fields of dataclasses of settings as the parameters of a node.
+    """The fields of settings dataclasses as the parameters of a node.
 
-    read_only: names of those that hold for the life of a node, as topics and the layout of
-    messages hang on them. left_out: fields that mean nothing to the node, and keep their default.
+    read_only: names of parameters fixed for the life of a node, because topics and message layouts
+    depend on them. left_out: fields that the node does not use, which keep their default.
     """
 
     owners: tuple[type, ...]
@@ -51,12 +51,12 @@ class ParameterTable:
         object.__setattr__(self, 'fields', fields)
 
     def used_fields(self, owner: type) -> list[dataclasses.Field[Any]]:
-        """Return the fields of a dataclass of settings that are parameters of the node."""
+        """Return the fields of a settings dataclass that are parameters of the node."""
         fields = dataclasses.fields(owner)
         return [item for item in fields if item.name not in self.left_out]
 
     def describe(self, item: dataclasses.Field[Any]) -> ParameterDescriptor:
-        """Describe a parameter for people, and for rclpy, which holds it to its range."""
+        """Describe a parameter for people, and for rclpy, which enforces its range."""
         meta = item.metadata
         unit = meta.get('unit')
         descriptor = ParameterDescriptor(
@@ -77,7 +77,7 @@ class ParameterTable:
         return descriptor
 
     def declare(self, node: Any) -> dict[str, Any]:
-        """Declare all parameters; returns their values. RequestError names one that is unfit."""
+        """Declare all parameters; returns their values. RequestError names an invalid one."""
         # What rclpy would say of an unfit value is a traceback, and then without the bounds.
         given = {name: parameter.value for name, parameter in overrides(node).items()}
         self.settings(self.completed(given))
@@ -89,7 +89,7 @@ class ParameterTable:
         return self.values(node)
 
     def completed(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the values of all parameters; RequestError names one of a wrong type."""
+        """Return the values of all parameters; RequestError names one with a wrong type."""
         values = {
             item.name: of_declared(given.get(item.name, item.default)) for item in self.fields
         }
@@ -111,9 +111,9 @@ class ParameterTable:
         }
 
     def settings(self, given: Mapping[str, Any]) -> tuple[Any, ...]:
-        """Build the settings, one of each owner; RequestError for a value out of bounds.
+        """Build one settings object per owner; RequestError for a value out of bounds.
 
-        given: the values of all parameters by name; other names are passed over.
+        given: the values of all parameters by name; other names are ignored.
         """
         return tuple(
             owner(**{item.name: given[item.name] for item in self.used_fields(owner)})
@@ -122,36 +122,36 @@ class ParameterTable:
 
 
 def of_declared(value: Any) -> Any:
-    """Return a parameter value in the form of the settings: a list as a tuple."""
+    """Return a parameter value in the form used by the settings: a list as a tuple."""
     return tuple(value) if isinstance(value, list) else value
 
 
 def overrides(node: Any) -> Mapping[str, Any]:
-    """Return the parameters that were given to a node from outside; rclpy has no public way."""
+    """Return the parameter overrides of a node, for which rclpy has no public function."""
     given: Mapping[str, Any] = getattr(node, '_parameter_overrides', {})
     return given
 
 
 def without_effect(node: Any) -> list[str]:
-    """Return the given names that are not parameters of a node; all of them are declared."""
+    """Return the given names that are not parameters of a node, after all were declared."""
     return sorted(name for name in overrides(node) if not node.has_parameter(name))
 
 
 EFFECTS_PATH = (
-    'folder of your own effect files (*.py), which are executed; empty: only the '
-    'effects of the library and of installed packages'
+    'folder with your own effect files (*.py), which are executed; empty: only the effects of '
+    'the library and of installed packages'
 )
 
 
 GRAVITY = (
-    'where gravity points: out_of_plane; x and y of the unit vector that points down, in the base '
-    'frame, as "0, -1"; or imu, by base_imu alone; empty: by base_imu, if it comes, or else as in '
-    'the model file'
+    'direction of gravity: out_of_plane; x and y of the unit vector that points down, in the '
+    'base frame, e.g. "0, -1"; or imu, from base_imu only; empty: from base_imu if it is '
+    'published, otherwise as in the model file'
 )
 
 
 def known_model(model_file: str, effects_path: str, gravity: str = '') -> Arm:
-    """Return the arm of a model file, of effects of the library and of a folder of the user's."""
+    """Return the arm of a model file, with effects of the library and of a user's folder."""
     if effects_path:
         add_effects(effects_path)
     arm = load_model(model_path(model_file))
@@ -161,7 +161,7 @@ def known_model(model_file: str, effects_path: str, gravity: str = '') -> Arm:
 
 
 def check_source(new: GravitySource, old: GravitySource) -> None:
-    """Reject another source of gravity, whose topics the node does not read."""
+    """Reject a source of gravity whose topics the node does not read."""
     if new.frame != old.frame or new.uses_imu > old.uses_imu:
         raise RequestError(
             'this node was started without the topics that give the direction of gravity '

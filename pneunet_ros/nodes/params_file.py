@@ -1,4 +1,4 @@
-"""Nodes that a parameter file names: ROS 2 compares its keys with their full names."""
+"""Nodes in a parameter file: ROS 2 compares its keys with their full names."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def check_names_some(path: str | Path, nodes: Sequence[str]) -> None:
 
 
 def parameters_of(path: str | Path, node: str) -> dict[str, Any]:
-    """Return the parameters of a node (full name) in a file, of later keys before earlier ones.
+    """Return the parameters of a node (full name) in a file; later keys override earlier ones.
 
     RequestError if the file cannot be read.
     """
@@ -42,7 +42,7 @@ def parameters_of(path: str | Path, node: str) -> dict[str, Any]:
 
 
 def missed_node(path: str | Path, node: str) -> str:
-    """Report that a file names a node (full name) only in other namespaces; empty if not so."""
+    """Report that a file names a node (full name) only in other namespaces, or return ''."""
     try:
         names = _names_in_file(path)
     except PneunetError:  # ROS has read the file, and says itself what it does not like
@@ -55,18 +55,21 @@ def missed_node(path: str | Path, node: str) -> str:
 
 
 def params_files(arguments: Sequence[str]) -> list[str]:
-    """Return the files of parameters on a command line."""
+    """Return the parameter files on a command line."""
     return [path for option, path in pairwise(arguments) if option == '--params-file']
 
 
 def _names_none(names: Sequence[str], nodes: Sequence[str]) -> str:
     more = ', ...' if len(names) > _NAMES_SHOWN else ''
-    keys = f'its keys are {", ".join(names[:_NAMES_SHOWN])}{more}' if names else 'it names no node'
+    keys = (
+        f'its keys are {", ".join(names[:_NAMES_SHOWN])}{more}'
+        if names
+        else ('it does not name a node')
+    )
     first = nodes[0]
     return (
-        f'has no parameters for {" or ".join(nodes)}: {keys}. ROS 2 matches full names '
-        f'only: call it {first}, /**/{first.rpartition("/")[2]} for any namespace, or '
-        '/** for all nodes'
+        f'has no parameters for {" or ".join(nodes)}: {keys}. ROS 2 matches only full names: use '
+        f'{first}, /**/{first.rpartition("/")[2]} for any namespace, or /** for all nodes'
     )
 
 
@@ -75,7 +78,7 @@ def _names_in_file(path: str | Path) -> list[str]:
 
 
 def _parameters(content: Any, above: list[str]) -> Iterator[tuple[str, Any]]:
-    """Yield the nodes that a file names, in namespaces that may be nested, with their values."""
+    """Yield the nodes in a file, possibly in nested namespaces, with their values."""
     if not isinstance(content, dict):
         return
     if PARAMETERS in content and above:

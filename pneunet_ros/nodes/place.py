@@ -13,11 +13,11 @@ from rclpy.parameter import Parameter
 class Place:
     """Namespace, parameters and topics of a node in a shared process.
 
-    namespace: full name; empty: that of the command line. parameters: take precedence over those
-    of the command line. topics: the names that topics of the node are remapped to. like: the
-    configuration of another node, whose model is shared where the files are the same. meant: names
-    of parameters on the command line that are those of other nodes. cameras: those of the trackers
-    of this process, by their topics.
+    namespace: full name; empty: that of the command line. parameters: override those of the
+    command line. topics: remapping of the topics of the node. like: the configuration of another
+    node, whose model is shared if the files are the same. meant: names of parameters on the
+    command line that belong to other nodes. cameras: those of the trackers of this process, by
+    their topics.
     """
 
     namespace: str = ''
@@ -28,7 +28,7 @@ class Place:
     cameras: dict[tuple[str, str], Any] = field(default_factory=dict)
 
     def arguments(self, name: str) -> dict[str, Any]:
-        """Return the rclpy arguments for a node of this name here."""
+        """Return the rclpy arguments for a node of this name at this place."""
         if not self.namespace:
             return {}
         rules = {'__ns': self.namespace, '__node': name, **self.topics}

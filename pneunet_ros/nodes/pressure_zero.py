@@ -21,9 +21,9 @@ MOST_READINGS = 1000  # no more than the last so many are kept
 
 
 class PressureZero:
-    """Keeps the last pressure readings of a node, and sets its `pressure_offset` by them.
+    """Keeps the last pressure readings of a node, and sets its `pressure_offset` from them.
 
-    in_use: returns the arm and what is known of its sensors.
+    in_use: returns the arm and its sensor settings in use.
     """
 
     def __init__(self, node: Any, in_use: Callable[[], tuple[Arm, EstimatorSettings]]) -> None:
@@ -33,7 +33,7 @@ class PressureZero:
         node.create_service(Trigger, '~/zero_pressure', self.serve)
 
     def take(self, reading: PressureReading) -> None:
-        """Note a reading."""
+        """Store a reading."""
         self._recent.append(reading)
         self._at = time.monotonic()
 

@@ -22,11 +22,11 @@ DONE, WRONG_REQUEST = 0, 2
 
 
 def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str]) -> int:
-    """Make nodes, one after the other, and let them take turns in one thread until a signal comes.
+    """Make nodes, and run them in one thread until a signal arrives.
 
-    make_nodes: each makes a node, or several one after the other. arguments: the command line with
-    the name of the program; returns the exit code. What a user got wrong (PneunetError) is one
-    sentence on stderr and exit code 2.
+    make_nodes: each makes one node or several. arguments: the command line including the name of
+    the program; returns the exit code. A user error (PneunetError) prints one sentence on stderr
+    and gives exit code 2.
     """
     nodes: list[Any] = []
     end_at_signal()
@@ -70,7 +70,7 @@ def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str
 
 
 def _warn_of_missed_parameters(node: Any, arguments: list[str]) -> None:
-    """Warn of files of parameters that name this node in another namespace alone."""
+    """Warn about parameter files that name this node only in another namespace."""
     for path in params_files(arguments):
         sentence = missed_node(path, node.get_fully_qualified_name())
         if sentence:
@@ -78,7 +78,7 @@ def _warn_of_missed_parameters(node: Any, arguments: list[str]) -> None:
 
 
 def _start_ros(arguments: list[str]) -> None:
-    """Initialize ROS; RequestError for arguments that cannot be used."""
+    """Initialize ROS; RequestError for invalid arguments."""
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:

@@ -1,8 +1,8 @@
-"""An executor that calls back messages at once, in order of arrival.
+"""An executor that runs message callbacks immediately, in order of arrival.
 
-The executor of rclpy takes one message of each topic in a turn, makes a task of each callback, and
-wakes once more after it: more work than an estimate, and another order than that of arrival. Its
-EventsExecutor is an experiment, and in the wheels of rclpy 7.1.5 it never calls anything back.
+The executor of rclpy takes one message of each topic per turn, makes a task of each callback, and
+wakes up again after it: this costs more than an estimate and changes the order of arrival. Its
+EventsExecutor is experimental, and in the wheels of rclpy 7.1.5 it never runs a callback.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class AtOnce(MutuallyExclusiveCallbackGroup):
     """Callback group of one subscription, whose callback takes a message and its info.
 
     order: common processing order of related subscriptions; topic: name within that order; errors:
-    counts invalid messages, which raise without it; patience_ns: how much earlier a message must
-    arrive than those of other nodes to go first; read: deserializes the messages of a raw
-    subscription.
+    counts invalid messages, which raise without it; patience_ns: how much earlier than messages of
+    other nodes a message must arrive to be processed first; read: deserializes the messages of a
+    raw subscription.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class AtOnce(MutuallyExclusiveCallbackGroup):
 
 
 class Queue:
-    """The messages of the subscriptions that share one order, of one node."""
+    """The messages of subscriptions of one node that share one order."""
 
     def __init__(self, node: Any, order: ArrivalOrder[Call], patience_ns: int) -> None:
         self.node, self.order, self.patience_ns = node, order, patience_ns
@@ -112,7 +112,7 @@ class Queue:
 
     @property
     def turn_ns(self) -> int:
-        """Turn of the next message among the messages of other nodes."""
+        """Priority of the next message among the messages of other nodes."""
         first_ns = self.order.first_ns
         return NEVER if first_ns is None else first_ns + self.patience_ns
 
@@ -134,22 +134,23 @@ class AtWork(NamedTuple):
     def yields_to(self, other: Queue, now_ns: int) -> bool:
         """Whether messages of another node take precedence in its pauses.
 
-        Those of a node with less patience; those of one with as much where it takes long.
+        These are messages of a node with less patience, or with equal patience if the work takes
+        long.
         """
         is_long = now_ns - self.begin_ns >= LONG_NS
         return other not in self.queues and self.patience_ns + is_long > other.patience_ns
 
 
 class PromptExecutor(SingleThreadedExecutor):
-    """Calls back timers and AtOnce subscriptions; rclpy's executor does the rest.
+    """Runs timers and AtOnce subscriptions; the executor of rclpy does the rest.
 
-    Of several nodes, the message that arrived first has its turn, after the patience of its node.
-    In the pauses of a callback (`core.pauses`) more urgent messages of other nodes have theirs.
-    For nodes with subscriptions, timers and services: nothing else wakes it. Other entities of a
-    node, such as actions, are polled every `POLL_NS` if its `is_polled` is set. A process of many
-    nodes has over a hundred services, and waiting for all of them takes longer than an estimate:
-    while messages arrive, services are polled every `SERVICE_NS` for each of them.
-    The `settle` of a node that `is_unsettled` is called when no message waits.
+    Of several nodes, the message that arrived first is processed first, allowing for the patience
+    of its node. In the pauses of a callback (`core.pauses`), more urgent messages of other nodes
+    are processed. It is for nodes with subscriptions, timers and services: nothing else wakes it.
+    Other entities of a node, such as actions, are polled every `POLL_NS` if its `is_polled` is
+    set. A process with many nodes has over a hundred services, and waiting for all of them takes
+    longer than an estimate: while messages arrive, services are polled every `SERVICE_NS` each.
+    The `settle` of a node that `is_unsettled` is called when no message is waiting.
     """
 
     def __init__(self, context: Context | None = None) -> None:
@@ -188,7 +189,7 @@ class PromptExecutor(SingleThreadedExecutor):
         raise ExternalShutdownException()
 
     def take_turn(self) -> None:
-        """Wait, then call back everything that is ready."""
+        """Wait, then run all callbacks that are ready."""
         if self._changed:
             self.list_entities()
         begin_ns = time.time_ns()
@@ -218,7 +219,7 @@ class PromptExecutor(SingleThreadedExecutor):
             self.spin_once(timeout_sec=0)
 
     def wait(self, begin_ns: int, *, whole: bool) -> Any:
-        """Wait for messages and timers; whole: for services, too."""
+        """Wait for messages and timers; whole: also for services."""
         waiting = self._sets[whole]
         waiting.clear_entities()
         for item in [*self._prompt, *self._other] if whole else self._prompt:
@@ -242,9 +243,9 @@ class PromptExecutor(SingleThreadedExecutor):
     def call_messages(self, ready: Collection[int], begin_ns: int, *, whole: bool) -> bool:
         """Run callbacks of received messages for a while; return whether there were any.
 
-        begin_ns: when looking for them began. Looking takes long on a busy machine, and must not
-        take most of the time then. whole: services come next, so call back all that has arrived:
-        a request is served after the messages that were sent before it.
+        begin_ns: start of the search for messages. Searching takes long on a busy machine, and
+        must not take most of the time. whole: services come next, so all arrived messages are
+        processed: a request is served after the messages that were sent before it.
         """
         for queue in self._queues:
             if queue.is_ready(ready, begin_ns):
@@ -283,7 +284,7 @@ class PromptExecutor(SingleThreadedExecutor):
         return any_called, bool(turns) and turns[0][0] < NEVER
 
     def call_arrived(self, queues: Collection[Queue]) -> None:
-        """Call back the messages of queues that have arrived by now, and more urgent ones."""
+        """Process the messages that have arrived in queues, and more urgent ones."""
         now_ns, more = time.time_ns(), True
         while more and not self._changed:
             for queue in queues:
@@ -301,7 +302,7 @@ class PromptExecutor(SingleThreadedExecutor):
             self._at_work.pop()
 
     def call_urgent(self) -> None:
-        """Call back messages more urgent than the running callbacks, in a pause of the last."""
+        """Process messages more urgent than the running callbacks, in a pause of the last one."""
         now_ns = time.time_ns()
         if now_ns < self._pause_ns or not self._at_work:
             return
@@ -317,7 +318,7 @@ class PromptExecutor(SingleThreadedExecutor):
     def call_timer(self, timer: Any, node: Any) -> None:
         """Run a timer callback, unless an earlier callback has destroyed the timer.
 
-        All other nodes are more urgent: it is for those who look on.
+        All other nodes are more urgent, because timers serve only observers.
         """
         try:
             with timer.handle:
@@ -332,7 +333,7 @@ class PromptExecutor(SingleThreadedExecutor):
         return AtWork(own, NEVER, time.time_ns())
 
     def unsettled(self) -> Any | None:
-        """Return a node that has left work for when no message waits; None if there is none."""
+        """Return a node with deferred work; None if there is none."""
         return next((node for node in self._settling if node.is_unsettled), None)
 
     def list_entities(self) -> None:
@@ -354,7 +355,7 @@ class PromptExecutor(SingleThreadedExecutor):
         }
 
     def wait_set(self, subscriptions: int, services: int) -> Any:
-        """Return a set for so many entities, all timers and two guards."""
+        """Return a wait set for these entities, all timers and two guards."""
         size = (subscriptions, 2, len(self._timers), 0, services, 0)
         return rclpy_implementation.WaitSet(*size, self.context.handle)
 

@@ -1,4 +1,4 @@
-"""Publishing of estimates: topics for controllers first, and only subscribed ones."""
+"""Publishes estimates, topics for controllers first, and only those with subscribers."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class EstimatePublisher(Generic[Result]):
     """Publishes estimates on all topics that have subscribers.
 
     A message is not even built for a topic without subscribers. `centerline_rate` (Hz) limits the
-    topics for people, as building and reading them is costly; 0 means every estimate.
+    topics for displays, because building and reading them is costly; 0 means every estimate.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The message classes of rclpy, for the encoders that know messages by field names only."""
+"""The message classes of rclpy, for encoders that use only field names."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class RclpyTypes:
         return message_class(type_name)
 
     def sequence(self, values: npt.NDArray[Any], /) -> Any:
-        """Return an array.array, which rclpy takes as a whole, not item by item."""
+        """Return an array.array, which rclpy assigns as a whole instead of item by item."""
         return array.array(values.dtype.char, values.tobytes())
 
 
@@ -37,9 +37,9 @@ def message_class(type_name: str) -> Callable[..., Any]:
         module = import_module(f'{package}.msg')
     except ModuleNotFoundError:
         raise RequestError(
-            f'{type_name} is needed, and this ROS does not have the package {package}. '
-            f'Install it (apt install ros-jazzy-{package.replace("_", "-")}; it is not '
-            'among the wheels on PyPI if pip does not find it), or leave out what needs it',
+            f'{type_name} is needed, and this ROS does not have the package {package}. Install '
+            f'it (apt install ros-jazzy-{package.replace("_", "-")}; on PyPI not every message '
+            'package has a wheel), or omit whatever needs it',
             reason='not_installed',
         ) from None
     found: Callable[..., Any] = getattr(module, name)
@@ -56,7 +56,7 @@ def has_message(type_name: str) -> bool:
 
 
 def deserialize(raw: bytes, type_name: str) -> Any:
-    """Deserialize a message; raises as rclpy does if the bytes are invalid."""
+    """Deserialize a message; raises the errors of rclpy if the bytes are invalid."""
     message = read_message(raw, type_name)
     return deserialize_message(raw, message_class(type_name)) if message is None else message
 

@@ -1,7 +1,7 @@
 """Keeps the sensor settings of all nodes of an arm equal, by comparing their `model_info`.
 
-What is set while a node runs, as by `~/zero_pressure`, the others take over. Other differences,
-as between files of parameters, are reported.
+A setting changed at run time, for example by `~/zero_pressure`, is adopted by the other nodes.
+Other differences, such as between parameter files, are reported.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def all_latched_qos() -> QoSProfile:
 class OtherDescriptions:
     """Sensor settings of the other nodes of an arm, by node name.
 
-    set_ns: when each setting of this node was set, if that was while the nodes ran; a setting that
-    is taken over keeps its time.
+    set_ns: when each setting of this node was changed at run time; an adopted setting keeps its
+    time.
     """
 
     def __init__(self) -> None:
@@ -82,7 +82,8 @@ class OtherDescriptions:
     ) -> Iterator[str]:
         """Describe how the settings of other nodes differ.
 
-        own: its full name; sensors: its description; running: full names of nodes that are there.
+        own: full name of this node; sensors: its description; running: full names of running
+        nodes.
         """
         for node, described in sorted(self._said.items()):
             if node == own or node not in running:

@@ -16,9 +16,9 @@ FEW_WAITING = 1  # pressure: that of a frame comes just after it
 
 
 class FrameShedding:
-    """Drops and counts frames from when the backlog of pressures is too long until one is left.
+    """Drops and counts frames while the backlog of pressures is too long.
 
-    backlog: the number of pressures that wait, and over how long (ns) they arrived.
+    backlog: returns the number of waiting pressures, and the time span (ns) of their arrival.
     """
 
     def __init__(self) -> None:
@@ -30,7 +30,7 @@ class FrameShedding:
     def sheds(self, take: Callable[..., None], note: Callable[[Any], None]) -> Callable[..., None]:
         """Return a frame callback that drops frames while the node is late.
 
-        note: is given what ROS knows of a frame that is left out, which is not lost.
+        note: called with the message info of a dropped frame, which does not count as lost.
         """
 
         @wraps(take)
@@ -45,7 +45,7 @@ class FrameShedding:
         return call
 
     def is_late(self) -> bool:
-        """Whether frames are left out now."""
+        """Whether frames are being dropped."""
         count, span_ns = self.backlog()
         is_long = count >= MOST_WAITING or span_ns >= LONGEST_BACKLOG_NS
         self._late = count > FEW_WAITING if self._late else is_long
@@ -55,6 +55,4 @@ class FrameShedding:
         """Report the number of dropped frames since the last call; empty if there were none."""
         new, self._new = self._new, 0
         frames = f'{new} frame{"s" if new > 1 else ""} of targets'
-        return f'{frames} dropped because readings were waiting: this machine is too slow' * (
-            new > 0
-        )
+        return f'{frames} dropped, because this machine is too slow for all readings' * (new > 0)

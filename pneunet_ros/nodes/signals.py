@@ -1,4 +1,4 @@
-"""Shutdown by signals: the first one stops the process, later ones do not disturb the clean-up."""
+"""Shutdown by signals: the first one stops the process, later ones do not disturb the cleanup."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ def end_at_signal() -> None:
 
 
 def ignore_signals() -> None:
-    """Ignore signals by a handler: rclpy would restore another one over SIG_IGN."""
+    """Ignore signals with a handler, because rclpy would replace SIG_IGN by another one."""
     _handle(_ignore)
 
 
 def refuse_signals() -> None:
     """Ignore all signals during the last moments of the interpreter.
 
-    Python puts the default in the place of every handler of its own when it ends, and a signal
-    would kill it there. Only after ROS has shut down, which puts back the handler it found.
+    When Python ends, it replaces its handlers by the default, and a signal would then kill it.
+    Call this only after ROS has shut down, because ROS restores the previous handler.
     """
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)

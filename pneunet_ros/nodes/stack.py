@@ -1,7 +1,7 @@
-"""Several nodes in one process, taking turns in one thread: less memory, one thing to start.
+"""Several nodes in one process and one thread: less memory, and only one process to start.
 
-A node that works holds up the others: where an estimate must not wait for an image, start the
-nodes in processes of their own.
+A busy node delays the others: if an estimate must not wait for an image, start the nodes in
+separate processes.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ DEFAULT = ('estimator', 'tracker')
 USAGE = """usage: pneunet-stack [virtual_arm] [estimator] [tracker] [fusion] [--ros-args ...]
 
 Runs nodes in one process, by default estimator and tracker. A parameter on the command line goes
-to all of them, and one that does not know it says so; a file of parameters names the nodes:
+to all of them (nodes that do not have it report this); a file of parameters names the nodes:
 
   pneunet-stack --ros-args -p model_file:=/path/to/model.yaml
   pneunet-stack virtual_arm estimator --ros-args --params-file my_stack.yaml
@@ -22,7 +22,7 @@ to all of them, and one that does not know it says so; a file of parameters name
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the nodes that are named until a signal comes; the console script `pneunet-stack`."""
+    """Run the named nodes until a signal arrives; the console script `pneunet-stack`."""
     arguments = sys.argv if arguments is None else arguments
     end = arguments.index('--ros-args') if '--ros-args' in arguments else len(arguments)
     named = [name for name in NODES if name in arguments[1:end]] or DEFAULT

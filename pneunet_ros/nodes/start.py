@@ -1,7 +1,7 @@
 """Start nodes: install signal handlers before the slow imports.
 
-Only signals are imported before they are handled, so that one in the first second ends the process
-as it does later.
+Only the signal module is imported before signals are handled, so that a signal in the first second
+ends the process like a later one.
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ NODES = {
 
 
 def start(*names: str, usage: str = '', arguments: list[str] | None = None) -> int:
-    """Run nodes, in turns in one thread, until a signal comes; returns the exit code.
+    """Run nodes in one thread until a signal arrives; returns the exit code.
 
     names: keys of NODES; usage: text for --help, by default that of the node; arguments: the
-    command line with the name of the program, by default that of this process. Where no kernel is
-    compiled they work by plain Python while another process compiles them. The kernels of the
-    virtual arm alone are compiled as it begins: by plain Python it would be late for its clock.
+    command line including the name of the program, by default that of this process. If the kernels
+    are not compiled, the nodes use plain Python while another process compiles them. Only the
+    virtual arm compiles its kernels at startup, because with plain Python it could not keep up
+    with its clock.
     """
     arguments = sys.argv if arguments is None else arguments
     end_at_signal()
@@ -48,7 +49,7 @@ def _run(names: tuple[str, ...], usage: str, arguments: list[str]) -> int:
 
     use_one_thread()
     if find_spec('rclpy') is None:
-        print(f'{names[0]}: no ROS 2 here: {GET_ROS}', file=sys.stderr)
+        print(f'{names[0]}: ROS 2 is not available: {GET_ROS}', file=sys.stderr)
         return WRONG
     if not {'-h', '--help'} & set(arguments[1:]):
         # A logger of ROS comes with rclpy, and that only after seconds on a slow computer.

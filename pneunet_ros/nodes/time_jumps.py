@@ -1,7 +1,7 @@
-"""Jumps of ROS time: a simulator that restarts, a bag in a loop.
+"""Jumps of ROS time, from a restarted simulator or a looping bag.
 
-Only what a node stamps with the present has this time. Readings are taken by their own stamps and
-timers go by the steady clock, so nothing else changes.
+Only messages stamped with the present use this time. Readings use their own stamps and timers the
+steady clock, so nothing else changes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rclpy.duration import Duration
 def watch_time(node: Any, say: Callable[[str], None]) -> Any:
     """Report when the node's clock jumps back, or forward by more than a report period.
 
-    Returns what must be kept for as long as this is wanted.
+    Returns an object that must be kept as long as the time is to be watched.
     """
     threshold = JumpThreshold(
         min_forward=Duration(seconds=REPORT_PERIOD),
@@ -29,8 +29,8 @@ def watch_time(node: Any, say: Callable[[str], None]) -> Any:
     def report(jump: Any) -> None:
         seconds = 1e-9 * jump.delta.nanoseconds
         say(
-            f'/clock jumped by {seconds:+.3f} s to {1e-09 * clock.now().nanoseconds:.3f} s; '
-            'the node goes on, as readings carry their own stamps'
+            f'/clock jumped by {seconds:+.3f} s to {1e-09 * clock.now().nanoseconds:.3f} s; the '
+            'node continues, because readings have their own stamps'
         )
 
     return clock.create_jump_callback(threshold, post_callback=report)

@@ -1,8 +1,8 @@
 """The topics of a node: their quality of service, and how it can be overridden.
 
-No publisher or subscription here has event callbacks: rclpy looks after each of them in every turn
-of the executor, which doubles the latency. They would only log a QoS mismatch, which the other
-side logs as well.
+No publisher or subscription here has event callbacks: rclpy checks each of them in every turn of
+the executor, which doubles the latency. They would only log a QoS mismatch, which the other side
+logs as well.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ DEPTH_OF: Mapping[Input[Any], int] = dict.fromkeys(
 
 
 def input_qos(depth: int = DEPTH) -> QoSProfile:
-    """Return the quality of service of sensor data; a new one, as overriding changes it."""
+    """Return a new QoS for sensor data (overriding changes it in place)."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT
     )
@@ -65,7 +65,7 @@ def output_qos() -> QoSProfile:
 
 
 def latched_qos(depth: int = 1) -> QoSProfile:
-    """Return the quality of service of a latched topic: late subscribers get the last message."""
+    """Return the QoS of a latched topic: late subscribers get the last message."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
@@ -92,8 +92,8 @@ def subscription(
 ) -> Any:
     """Create a subscription with QoS of which parameters can override `policies`.
 
-    A callback with two parameters (message, info) is called at once. group: in the order of which
-    messages; None: of this topic alone.
+    A callback with two parameters (message, info) is called immediately. group: processing order
+    shared with other subscriptions; None: of this topic alone.
     """
     if group is None and len(inspect.signature(callback).parameters) == 2:
         group = group_of(node, ArrivalOrder([topic]), topic)
@@ -116,8 +116,8 @@ def group_of(
 def subscribe_in_order(node: Any, takes: Mapping[Input[Any], Callable[..., None]]) -> None:
     """Subscribe to sensor topics, and process their messages in one common order.
 
-    takes: callbacks (message, info) by sensor, in the order of ties. Frames are shed while the
-    node is late, and readings never are.
+    takes: callbacks (message, info) by sensor, in the order for ties. While the node is late,
+    frames are dropped, but never readings.
     """
     order = arrival_order(takes)
     node.shedding.backlog = partial(order.backlog, PRESSURE.name)

@@ -1,1 +1,1 @@
-"""Targets in camera images: blobs, which is which, where they are, the smoothed centerline."""
+"""Targets in camera images: detection, identification, measurement, smoothed centerline."""

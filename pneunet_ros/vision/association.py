@@ -1,8 +1,8 @@
-"""The row of targets among blobs of a single image: which blob is which target.
+"""Association: assign the blobs of a single image to the targets of the row.
 
-A row is grown target by target from the clamp: the next one is expected where an arc through the
-last ones leads, at the known spacing. The few best rows so far are kept at each step, so that a
-glint beside the arm does not lead astray, and a target may be missing where nothing fits.
+A row is grown target by target from the clamp: the next one is expected on the arc through the
+last ones, at the known spacing. The few best rows so far are kept at each step, so that a glint
+next to the arm does no harm, and a target may be missing if nothing fits.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from pneunet_ros.vision.row_ends import continues_beyond, truncate_row
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AssociationSettings:
-    """Criteria for blobs that are a row of targets."""
+    """Criteria for a row of targets among blobs."""
 
     least_targets: int = tuning(
         3, 'fewest targets of an arm to distinguish its row from other areas'
@@ -78,8 +78,8 @@ def row_from_clamp(
 ) -> TargetRow:
     """Find the row that starts at the clamp; points (blobs, 2) m in the base frame.
 
-    areas (blobs,) px^2; arclength (targets,) m; shapes (blobs, 3), as `Blobs` has them, None if
-    they are not known. A row that goes on beyond the last target is none.
+    areas (blobs,) px^2; arclength (targets,) m; shapes (blobs, 3), as in `Blobs`, None if unknown.
+    A row that continues beyond the last target is rejected.
     """
     blobs = blob_columns(points, areas, shapes)
     chosen, cost = _grown_from_clamp(blobs, arclength, clamp_angle, search)
@@ -99,7 +99,7 @@ def near_row_from_clamp(
 ) -> Indices:
     """Return the blobs near the row that starts at the clamp, or near its extension.
 
-    Arguments as in `row_from_clamp`; all of them where there is no row.
+    Arguments as in `row_from_clamp`; returns all blobs if there is no row.
     """
     blobs = blob_columns(points, areas, shapes)
     chosen = _grown_from_clamp(blobs, arclength, clamp_angle, search)[0]
@@ -131,12 +131,12 @@ def rows_anywhere(
     costs: Array | None = None,
     limit: float = math.inf,
 ) -> list[TargetRow]:
-    """Find all rows whose place and scale are not known; both ends of a row must be seen.
+    """Find all rows of unknown position and scale; both ends of a row must be seen.
 
-    points (blobs, 2) in any coordinates that are true to shape; shapes: as in `row_from_clamp`;
-    costs (blobs,): of each blob in a row, None if all are as good; limit: what the targets that
-    are seen of a row may cost. A row that goes on beyond its ends with more blobs alike is none.
-    The best reading of each row comes first, and of a crowd of rows the best ones; the same blobs
+    points (blobs, 2) in any coordinates that preserve shapes; shapes: as in `row_from_clamp`;
+    costs (blobs,): of each blob in a row, None if all are equal; limit: largest cost of the seen
+    targets of a row. A row that continues beyond its ends with more similar blobs is rejected. The
+    best reading of each row comes first; of many rows, only the best are returned. The same blobs
     may be read from either end.
     """
     if len(points) < arclength.size:
@@ -174,8 +174,8 @@ def _is_whole(
 def _readings(row: TargetRow, arclength: Array) -> tuple[TargetRow, ...]:
     """Return a row, and its reversal if its spacings are symmetric.
 
-    It is grown by what its last blobs were like, and dots of different sizes may be found from one
-    end alone.
+    A row is grown by similarity to its last blobs, so dots of different sizes may be found from
+    one end only.
     """
     if not _is_symmetric(arclength):
         return (row,)
@@ -183,7 +183,7 @@ def _readings(row: TargetRow, arclength: Array) -> tuple[TargetRow, ...]:
 
 
 def _is_symmetric(arclength: Array) -> bool:
-    """Whether targets are spaced alike from either end."""
+    """Whether the spacing of targets is the same from either end."""
     steps = np.diff(arclength)
     return bool(np.allclose(steps, steps[::-1]))
 
@@ -231,6 +231,6 @@ class Readings:
 
 
 def _ranks(row: TargetRow) -> tuple[Indices, Array]:
-    """Return the blobs of a row in its order, and their ranks from its middle on."""
+    """Return the blobs of a row in order, and their ranks relative to its middle."""
     seen = row.chosen[row.chosen >= 0]
     return seen, np.arange(seen.size, dtype=np.float64) - 0.5 * (seen.size - 1)

@@ -1,10 +1,10 @@
 """The prior of the curvature of an arm: a Gaussian process.
 
-Curvature is smooth along the arm, but for a break at l1 where the model has one and the arm is
-pulled. l1 moves with pressure, which the camera does not see, so the covariance is averaged over
-the places that l1 has in the model. How large and how smooth curvature is, is learnt once, by
-marginal likelihood of shapes that the model predicts; how it runs along the arm is not: the model
-is what measured centerlines are there to test.
+Curvature is smooth along the arm, except for a break at l1 if the model has one and the arm is
+pulled. l1 depends on pressure, which the camera does not see, so the covariance is averaged over
+the positions of l1 in the model. Size and smoothness of the curvature are learnt once, by marginal
+likelihood of shapes predicted by the model; its profile along the arm is not, because measured
+centerlines are meant to test the model.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SPLITS = 5  # places of l1 over which the covariance is averaged
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PriorSettings:
-    """Shapes from which a prior is learned."""
+    """Settings of the shapes from which a prior is learned."""
 
     smoother: float = tuning(
         1.75,
@@ -65,8 +65,9 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 class CurvaturePrior:
     """Gaussian process of curvature: `std` (1/m), correlated over `length_scale` (m), mean zero.
 
-    On the clamp's side of a break it has a part of its own, `break_std` (1/m), correlated over the
-    same length; the break is at one of `splits` (m), each as probable; no splits, no break.
+    On the clamp side of a break there is an additional part, `break_std` (1/m), correlated over
+    the same length; the break is at one of `splits` (m) with equal probability; without splits
+    there is no break.
     """
 
     std: float
@@ -75,11 +76,11 @@ class CurvaturePrior:
     splits: Array
 
     def __post_init__(self) -> None:
-        """Keep the splits as they are now."""
+        """Copy the splits."""
         object.__setattr__(self, 'splits', frozen_array(np.sort(self.splits)))
 
     def covariance(self, first: Array, second: Array) -> Array:
-        """Covariance (1/m^2) of curvature at arclengths (n,) and (m,) in m; (n, m)."""
+        """Return the covariance (1/m^2) of curvature at arclengths (n,) and (m,) in m; (n, m)."""
         alike = np.exp(-0.5 * ((first[:, None] - second) / self.length_scale) ** 2)
         if not self.splits.size:
             return np.asarray(self.std**2 * alike)
@@ -88,7 +89,7 @@ class CurvaturePrior:
         return np.asarray((self.std**2 + before * self.break_std**2) * alike)
 
     def nodes(self, places: Array) -> tuple[Array, Array]:
-        """Nodes (m) and weights (m) that integrate over arclength between all of these places."""
+        """Return nodes (m) and weights (m) for integration over arclength between these places."""
         edges = np.unique(np.concatenate([places, self.splits]))
         half = 0.5 * np.diff(edges)
         middle = 0.5 * (edges[1:] + edges[:-1])
@@ -96,17 +97,17 @@ class CurvaturePrior:
 
 
 def twice_integrated(places: Array, nodes: Array, weights: Array) -> Array:
-    """Weights (places, nodes) of the integral of the integral from the first node's cell on."""
+    """Return weights (places, nodes) of the double integral from the first node's cell on."""
     return np.asarray(np.maximum(places[:, None] - nodes, 0.0) * weights)
 
 
 def once_integrated(places: Array, nodes: Array, weights: Array) -> Array:
-    """Weights (places, nodes) of the integral from the first node's cell on."""
+    """Return weights (places, nodes) of the integral from the first node's cell on."""
     return np.asarray((places[:, None] > nodes) * weights)
 
 
 def without_line(arclength: Array) -> Array:
-    """Orthonormal combinations (targets, targets - 2) that vanish on straight lines."""
+    """Return orthonormal combinations (targets, targets - 2) that vanish on straight lines."""
     line = np.column_stack([np.ones_like(arclength), arclength])
     return np.asarray(np.linalg.qr(line, mode='complete')[0][:, 2:])
 
@@ -114,9 +115,9 @@ def without_line(arclength: Array) -> Array:
 def learn_priors(arm: Arm, settings: PriorSettings = PRIOR) -> tuple[CurvaturePrior, ...]:
     """Learn a prior of curvature at the targets of the arm; deterministic.
 
-    One prior without break, of the free arm, and one with it, of the pulled arm; only one, of
-    both, where the moment law has no break. Each again for shapes that are smoother, so that not
-    every shape is taken for as uneven as the model's worst.
+    There is one prior without a break, for the free arm, and one with it, for the pulled arm; only
+    one for both if the moment law has no break. Each is repeated for smoother shapes, so that not
+    every shape is assumed to be as uneven as the worst one of the model.
     """
     splits = splits_of(arm)
     free, pulled = family(arm, settings)
@@ -136,10 +137,10 @@ def learn_priors(arm: Arm, settings: PriorSettings = PRIOR) -> tuple[CurvaturePr
 def learn_prior(
     arm: Arm, angles: list[Array], splits: Array, settings: PriorSettings
 ) -> CurvaturePrior:
-    """Return the prior under which these shapes, given as in `family`, are most probable.
+    """Return the prior with the largest likelihood for these shapes, given as in `family`.
 
-    The search ends where the last digits of its sums say, and those depend on the number of
-    threads and on whether kernels are compiled: the measured curve shall not.
+    The end of the search depends on the last digits of its sums, and thus on the number of threads
+    and on compiled kernels; the measured curve must not, so the result is rounded.
     """
     targets, length = arm.target_arclength, arm.reach
     line_free = without_line(targets)
@@ -173,7 +174,7 @@ def learn_prior(
 
 
 def splits_of(arm: Arm) -> Array:
-    """Places (m) over which the break of the moment law wanders; none where there is no break."""
+    """Return the positions (m) of the break of the moment law; none if there is no break."""
     law = arm.moment_law
     starts = law.sections(law.table_pressures, arm.length, arm.weight)[:, 1:, 0]
     if not starts.size:
@@ -182,7 +183,7 @@ def splits_of(arm: Arm) -> Array:
 
 
 def family(arm: Arm, settings: PriorSettings) -> tuple[list[Array], list[Array]]:
-    """Angles (rad) at FINE_STATIONS of free and of pulled shapes over the calibrated pressures."""
+    """Return angles (rad) at FINE_STATIONS of free and pulled shapes over calibrated pressures."""
     low, high = arm.pressure_range
     free, pulled = [], []
     for pressure in np.linspace(low, high, settings.pressures + 1)[1:].tolist():
@@ -203,7 +204,7 @@ def family(arm: Arm, settings: PriorSettings) -> tuple[list[Array], list[Array]]
 
 
 def bent_line(theta: Array, length: float, arclength: Array) -> Array:
-    """Integral (m) of the angle along the arm, at arclengths (n,) m."""
+    """Return the integral (m) of the angle along the arm, at arclengths (n,) m."""
     step = length / (theta.size - 1)
     integral = np.concatenate([[0.0], np.cumsum(0.5 * step * (theta[1:] + theta[:-1]))])
     return np.asarray(np.interp(arclength, np.linspace(0.0, length, theta.size), integral))

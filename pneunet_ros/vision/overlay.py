@@ -28,7 +28,7 @@ MOST_IDS = 12  # that are named in the line of text
 def draw(image: Image, tracking: Tracking, curve: Array | None = None) -> Bytes:
     """Return the annotated grey image, (height, width, 3), blue-green-red.
 
-    curve: (n, 2) px, where `tracking.curve` lies in the image, by `curve_in_image`.
+    curve: (n, 2) px: image of `tracking.curve`, from `curve_in_image`.
     """
     picture = cv2.cvtColor(image.grey(), cv2.COLOR_GRAY2BGR)
     size = max(1.0, image.height / REFERENCE_HEIGHT)
@@ -49,7 +49,7 @@ def curve_in_image(curve: MeasuredCurve, plane: Plane, lens: Lens) -> Array:
 
 
 def headline(tracking: Tracking) -> str:
-    """Return one line about a frame: why it has no result, or which targets are missing."""
+    """Return a headline for a frame: why it has no result, or its missing targets."""
     if tracking.reason:
         return f'{tracking.reason}: {tracking.sentence}'
     sightings = tracking.sightings
@@ -86,7 +86,7 @@ def _mark_targets(picture: Any, sightings: TargetSightings, size: float) -> None
 
 
 def _mark_others(picture: Any, tracking: Tracking, size: float) -> None:
-    """Mark the areas of a frame without a row, and the places of targets that are missing."""
+    """Mark the areas in a frame without a row, and the positions of missing targets."""
     radius = round(AREA * size * 2**SUBPIXEL_BITS)
     for u, v in _fixed(tracking.found).tolist():
         cv2.circle(picture, (u, v), radius, BAD, round(size), cv2.LINE_AA, SUBPIXEL_BITS)
@@ -100,7 +100,7 @@ def _mark_others(picture: Any, tracking: Tracking, size: float) -> None:
 
 
 def _write(picture: Any, text: str, color: tuple[int, int, int], size: float) -> None:
-    """Write a text at the top on a darkened band, with line breaks."""
+    """Write a text at the top, on a darkened band, with line breaks."""
     scale, margin, pitch = 0.5 * size, 6.0 * size, 20.0 * size
     # The fonts of OpenCV know no other characters.
     text = text.encode('ascii', 'replace').decode()

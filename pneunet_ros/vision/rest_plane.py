@@ -1,7 +1,7 @@
-"""Scale and base frame from the arm at rest: the paper's way where its row of targets is straight.
+"""Scale and base frame from the arm at rest, as in the paper if it is straight.
 
-Some frames are averaged, in any order and with targets missing. What is looked for has the number
-and spacing of the targets and nothing more, as neither its place nor its scale is known.
+Some frames are averaged, in any order and possibly with missing targets. The search uses only the
+number and spacing of the targets, because position and scale are unknown.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ Counts = npt.NDArray[np.int64]
 class RestAverage:
     """Average of the targets at rest, and its number of frames.
 
-    points (targets, 2) normalized, NaN for a target never seen; seen (targets,): in how many of
-    the frames.
+    points (targets, 2) normalized, NaN for a target never seen; seen (targets,): number of frames
+    that show each.
     """
 
     frames: int
@@ -66,7 +66,7 @@ class RestAverage:
 class RestSearch:
     """Rest positions of the arm, most recently updated first.
 
-    A frame that fits none of them begins another one, and takes nothing from the others.
+    A frame that fits none of them starts a new one, without affecting the others.
     """
 
     places: tuple[RestAverage, ...] = ()
@@ -85,7 +85,7 @@ class RestSearch:
     ) -> RestSearch:
         """Return the search updated by a frame (targets, 2), with its position first.
 
-        spacing: of neighboring targets, in the unit of the points.
+        spacing: distance of neighboring targets, in the unit of the points.
         """
         off = [place.off(points) for place in self.places]
         others = list(self.places)
@@ -101,9 +101,9 @@ class RestSearch:
     def recognize(
         self, points: Array, arclength: Array, vision: VisionSettings = VISION
     ) -> Array | None:
-        """Return the targets (targets, 2) among points (n, 2) where the arm has rested before.
+        """Return the targets (targets, 2) of a known rest position among points (n, 2).
 
-        NaN where a target is not there; None if too few are, in every place.
+        NaN for missing targets; None if every position has too few.
         """
         for place in sorted(self.places, key=lambda place: -place.frames):
             reach = vision.rest_plane.still * spacing_of(place.points, arclength)
@@ -119,8 +119,8 @@ class RestSearch:
 def plane_at_rest(points: Array, arclength: Array, method: PlaneMethod) -> Plane:
     """Return the working plane of an arm at rest: targets (n, 2) normalized, arclength (n,) m.
 
-    The outermost targets that are seen determine the plane of a straight arm; of one that is bent
-    at rest, its length along the arc between them and its heading at the clamp do.
+    For a straight arm, the outermost seen targets determine the plane; for an arm that is bent at
+    rest, the arc length between them and the heading at the clamp.
     """
     seen = np.flatnonzero(np.isfinite(points[:, 0]))
     points, arclength = points[seen], arclength[seen]
@@ -131,8 +131,9 @@ def plane_at_rest(points: Array, arclength: Array, method: PlaneMethod) -> Plane
 def _unrolled(points: Array, arclength: Array) -> Array:
     """Return the last target (2,) of an arm extended straight from the clamp.
 
-    The length is that of the arcs between neighbors. The heading at the first target comes from
-    the headings of the first chords, each that of the arm in its middle, by a parabola.
+    The length is that of the arcs between neighbors. The heading at the first target is
+    extrapolated by a parabola from the headings of the first chords, each equal to that of the arm
+    at its middle.
     """
     steps, places = np.diff(points, axis=0), arclength
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
@@ -147,7 +148,7 @@ def _unrolled(points: Array, arclength: Array) -> Array:
 
 
 def spacing_of(points: Array, arclength: Array) -> float:
-    """Return the least distance of neighbors along the arm, in the unit of points (targets, 2)."""
+    """Return the smallest spacing of neighbors, in the unit of points (targets, 2)."""
     seen = np.flatnonzero(np.isfinite(points[:, 0]))
     steps = np.hypot(*np.diff(points[seen], axis=0).T)
     return float(np.median(steps / np.diff(arclength[seen])) * np.diff(arclength).min())
@@ -155,10 +156,10 @@ def spacing_of(points: Array, arclength: Array) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Failure:
-    """Why a frame does not show the arm: a key for counting, a sentence for a person.
+    """Reason why a frame does not show the arm: a key for counting, a sentence for users.
 
-    seen: how many targets stand in a row all the same; found (areas, 2) px: what was looked at,
-    and blobs: all of it where it was measured.
+    seen: number of targets that form a row nevertheless; found (areas, 2) px: the candidate areas,
+    and blobs: their measurements, if made.
     """
 
     reason: str
@@ -180,14 +181,13 @@ def row_at_rest(
     costs: Array | None = None,
     limits: tuple[float, ...] = (math.inf,),
 ) -> TargetRow | Failure:
-    """Find the row of targets at rest among blobs, first target at the clamp.
+    """Find the row of targets at rest among blobs, starting with the target at the clamp.
 
     points (blobs, 2) normalized; pixels (blobs, 2); areas (blobs,) px^2; arclength (targets,) m;
-    clamp_pixel: (u, v) of the first target, None for the left-most end; straightness: largest
-    distance from the line between the ends, of its length; infinite for an arm that is bent;
-    shapes (blobs, 3), as `Blobs` has them, None if they are not known; costs (blobs,): as of
-    `rows_anywhere`; limits: what a row may cost, from one search to the next, until the rows that
-    are found decide.
+    clamp_pixel: (u, v) of the first target, None for the left end; straightness: largest distance
+    from the line between the ends, relative to its length; infinite for a bent arm; shapes (blobs,
+    3), as in `Blobs`, None if unknown; costs (blobs,): as in `rows_anywhere`; limits: largest cost
+    of a row in successive searches, which end once the rows found are decisive.
     """
     count = arclength.size
     found: TargetRow | Failure = no_row(count, len(points))
@@ -236,8 +236,9 @@ def _best_row(
     if any(share_of_blobs(row, best) < vision.association.alike for row in rows):
         return Failure(
             reason='several_rows',
-            sentence=f'there is more than one row of {count} targets: move the arm, which the '
-            'background does not do, give clamp_pixel, or remove the others from the view',
+            sentence=f'there is more than one row of {count} targets: move the arm, so that it '
+            'differs from the background, give clamp_pixel, or remove the other rows '
+            'from the view',
         )
     if clamp_pixel is None:
         best = min(rows, key=lambda row: float(pixels[row.chosen[0], 0]))
@@ -251,28 +252,29 @@ def _best_row(
         if at[1][0] < at[0][0]:
             return Failure(
                 reason='wrong_clamp',
-                sentence=f'the distances of the {count} targets match target_arclength only from '
-                f'the right end {at[0]}, but the clamp is assumed at the left: set clamp_pixel in '
-                f'the camera file to {at[0]} if the clamp is there',
+                sentence=f'the distances of the {count} targets match target_arclength only if '
+                f'counted from the right end {at[0]}, but the clamp is assumed to be at '
+                f'the left: set clamp_pixel in the camera file to {at[0]} if the clamp '
+                'is there',
             )
     off = bow(points[best.chosen[best.chosen >= 0]])
     if off > straightness:
         return Failure(
             reason='not_straight',
             sentence=f'the arm is not straight: a target is {off:.1%} of the length off the line '
-            f'between the ends, and {straightness:.1%} is allowed (rest_straightness). '
-            'Scale and base frame come from the arm at rest; if it is bent even then, set '
-            f'plane.method: {CurvedRestPlane.method}',
+            f'between the ends, but {straightness:.1%} is allowed (rest_straightness). '
+            'Scale and base frame are measured on the arm at rest; if it is bent even '
+            f'at rest, set plane.method: {CurvedRestPlane.method}',
         )
     return best
 
 
 def no_row(targets: int, areas: int) -> Failure:
-    """Return that no row of this many targets is among this many areas."""
+    """Return the failure that this many areas contain no row of this many targets."""
     return Failure(
         reason='no_row',
         sentence=f'no row of {targets} targets with the distances of target_arclength among '
-        f'{areas} areas: is the whole arm in view, and are target_arclength, '
+        f'{areas} areas. Is the whole arm in view, and are target_arclength, '
         'grey_band and area right?',
     )
 
@@ -301,7 +303,7 @@ def row_points(row: TargetRow, points: Array) -> Array:
 
 
 def _is_regular(points: Array, arclength: Array, vision: VisionSettings) -> bool:
-    """Whether enough targets of a row, both ends among them, lie on a smooth line (targets, 2)."""
+    """Whether enough targets (targets, 2) of a row, including both ends, lie on a smooth line."""
     spacing = spacing_of(points, arclength)
     if not spacing > 0.0:
         return False
@@ -313,11 +315,11 @@ def _is_regular(points: Array, arclength: Array, vision: VisionSettings) -> bool
 
 
 def _rivals(best: TargetRow, rows: list[TargetRow], vision: VisionSettings) -> list[TargetRow]:
-    """Return the rows (best first) that may also be an arm and are not there by chance.
+    """Return the rows (best first) that may also be an arm, without those due to chance.
 
-    Those are there by chance whose targets fit so much worse than the best's; half as much is
-    enough in a crowd of rows, as in printed text, that the best stands out of. How many of a crowd
-    cost less than some cost is a power of that cost, estimated from the crowd.
+    Rows count as chance if their targets fit much worse than those of the best; half of that
+    difference suffices if the best stands out from many rows, as in printed text. The number of
+    such rows below some cost is modeled as a power of that cost, estimated from these rows.
     """
     least, settings = _cost_of_seen(best, vision), vision.rest_plane
     worse = settings.chance
@@ -333,14 +335,14 @@ def _rivals(best: TargetRow, rows: list[TargetRow], vision: VisionSettings) -> l
 
 
 def _cost_of_seen(row: TargetRow, vision: VisionSettings) -> float:
-    """Return the cost of the targets that are seen of a row."""
+    """Return the cost of the seen targets of a row."""
     return row.cost - vision.beam_search.missing * (row.chosen.size - row.seen)
 
 
 def _rows_from(
     clamp_pixel: tuple[float, float], rows: list[TargetRow], pixels: Array, vision: VisionSettings
 ) -> list[TargetRow]:
-    """Return the rows whose first target is nearest to the clamp; none if all are too far."""
+    """Return the rows whose first target is nearest to the clamp; none if all are too far away."""
     there = []
     for row in rows:
         at = row_points(row, pixels)

@@ -1,7 +1,8 @@
 """Appearance of a target from its neighbors: size, shape and blur change little along the row.
 
-A target of which only a part is seen (cut off by the end of the arm, behind a finger, before a
-background of its own grey) is where an outline like those of its neighbors fits that part.
+A partly visible target (cut off by the end of the arm, behind a finger, or in front of a
+background of the same grey) is located by fitting an outline like those of its neighbors to the
+visible part.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from pneunet_ros.vision.gating import GATING, GatingSettings, local_median
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowLookSettings:
-    """When the appearance of neighbors is used for a target, and how reliable it is."""
+    """Settings for predicting the appearance of a target from its neighbors."""
 
     neighbors: int = tuning(
         6,
@@ -151,12 +152,12 @@ def looks_of_neighbors(
 ) -> Array:
     """Return the looks of targets predicted from neighbors, as `outlines` at (targets, 2) px.
 
-    table (targets, COLUMNS), NaN where one is not seen; own (targets,) px^2: how large each is
-    compared with the others, NaN of one that was never seen whole. Shape, smear and plateau are on
-    a line over the nearest neighbors whose edges are whole, and so is the size over their own; the
-    scatter about this line is its uncertainty. The size of one whose own is not known is known as
-    well as those of neighbors are alike. NaN for a target that has too few. A target that
-    is smaller by more than sizes differ, as a finger covers a bit of it, is left out.
+    table (targets, COLUMNS), NaN where one is not seen; own (targets,) px^2: size of each relative
+    to the others, NaN for one never seen whole. Shape, smear, plateau and relative size are from a
+    line through the nearest neighbors with whole edges; the scatter about this line is the
+    uncertainty. The size of a target without a known size is as uncertain as the sizes of
+    neighbors differ. NaN for a target with too few neighbors. A target that is smaller than sizes
+    usually differ, because a finger covers a part of it, is left out.
     """
     whole = has_whole_edge(table, settings)
     first = _looks_of(table, places, own, whole, settings)
@@ -210,8 +211,8 @@ def _looks_of(
 def _lines_at(away: Array, values: Array, known: Mask) -> tuple[Array, Array]:
     """Return values (n, k) of lines over neighbors at targets, and their variances.
 
-    away (n, neighbors): from a target to its neighbors, along the row; values (n, neighbors, k);
-    known (n, neighbors): which neighbors it has. NaN of a target without any.
+    away (n, neighbors): distance from a target to its neighbors along the row; values (n,
+    neighbors, k); known (n, neighbors): mask of existing neighbors. NaN for a target without any.
     """
     count = np.count_nonzero(known, axis=1)[:, None]
     with np.errstate(invalid='ignore', divide='ignore'):
@@ -229,9 +230,9 @@ def _lines_at(away: Array, values: Array, known: Mask) -> tuple[Array, Array]:
 
 
 def whole_targets(table: Array, expected: Array, settings: RowLookSettings = ROW_LOOK) -> Mask:
-    """Whether targets are seen whole (targets,): by their edges, and as large as neighbors say.
+    """Whether targets are seen whole (targets,): with whole edges and the size of neighbors.
 
-    expected: as `looks_of_neighbors`.
+    expected: as from `looks_of_neighbors`.
     """
     large = share_of_area(table, expected) >= _least_share(expected, settings)
     return has_whole_edge(table, settings) & large
@@ -240,8 +241,8 @@ def whole_targets(table: Array, expected: Array, settings: RowLookSettings = ROW
 def has_whole_edge(table: Array, settings: RowLookSettings = ROW_LOOK) -> Mask:
     """Whether the edges of targets (targets, COLUMNS) are completely visible.
 
-    An edge is on an outline as far as that is known: one that is known far worse than others are,
-    and than its motion says, does not tell.
+    Whether an edge is on an outline depends on its uncertainty: an edge that is far more uncertain
+    than others, and than its motion explains, does not count.
     """
     error = table[:, STD]
     known = np.sort(error)[: np.count_nonzero(np.isfinite(error))]
@@ -256,8 +257,8 @@ def shows_own_size(
 ) -> Mask:
     """Whether targets (targets, COLUMNS) are visible enough to measure their own size.
 
-    Those are whole, or larger than their neighbors by most of their edge; of one that moves by
-    more than a radius while the shutter is open, the way may count as its length.
+    They are whole, or larger than their neighbors by most of their edge; for a target that moves
+    by more than a radius during the exposure, the motion may count as length.
     """
     large = is_larger(table[:, AREA], gating) & (table[:, SEEN] >= settings.own_size)
     large &= np.sum(table[:, SMEAR] ** 2, axis=1) <= table[:, AREA] / math.pi
@@ -267,7 +268,7 @@ def shows_own_size(
 def is_larger(area: Array, gating: GatingSettings = GATING) -> Mask:
     """Whether targets of these areas (targets,) are larger than their neighbors.
 
-    What cuts a target off never makes it larger.
+    A target that is cut off is never larger.
     """
     usual = local_median(area, np.full(len(area), math.inf))
     return np.asarray(area > gating.first_growth * usual)
@@ -280,14 +281,14 @@ def _error_along(table: Array, settings: RowLookSettings) -> Array:
 
 
 def _least_share(expected: Array, settings: RowLookSettings) -> Array:
-    """Return the least area of whole targets over that by neighbors, which differ themselves."""
+    """Return the smallest relative area of whole targets, given how neighbors differ."""
     return settings.least_area - settings.differ * 2.0 * expected[:, SIZE_STD]
 
 
 def share_of_area(table: Array, expected: Array) -> Array:
     """Return the areas of targets over those expected from their neighbors (targets,).
 
-    expected: as `looks_of_neighbors`.
+    expected: as from `looks_of_neighbors`.
     """
     size = expected[:, AXIS_XX] * expected[:, AXIS_YY] - expected[:, AXIS_XY] ** 2
     return np.asarray(table[:, AREA] / (math.pi * size))
@@ -302,8 +303,8 @@ def believable_parts(
 ) -> Mask:
     """Whether partly visible targets (targets, COLUMNS) match their neighbors.
 
-    expected: as `looks_of_neighbors`; share: as `share_of_area`. What covers a target is of
-    another grey, and has an edge of its own; it takes from the target, and never adds to it.
+    expected: as from `looks_of_neighbors`; share: as from `share_of_area`. A cover has another
+    grey level and its own edge; it makes a target smaller, never larger.
     """
     off = np.abs(found[:, LEVEL] - expected[:, PLATEAU])
     alike = off <= settings.level * (expected[:, PLATEAU] - expected[:, BEHIND])
@@ -320,11 +321,11 @@ def believable_parts(
 def part_stds(found: Array, expected: Array, settings: RowLookSettings = ROW_LOOK) -> Array:
     """Return the standard errors of the centers of partly visible targets, px.
 
-    found (targets, COLUMNS); expected: as `looks_of_neighbors`. Where a target moves along the
-    edge that covers it while the shutter is open, its own edge and that one look alike, and the
-    outline fits between them. Where the end of the arm cuts one off whose size is not known, a
-    smaller one fits as well. One whose level or blur is further off than neighbors allow for is
-    not what is drawn: the error of the fit is larger by as many times.
+    found (targets, COLUMNS); expected: as from `looks_of_neighbors`. If a target moves along the
+    edge of its cover during the exposure, both edges look similar, and the outline fits between
+    them. If the end of the arm cuts off a target of unknown size, a smaller one fits as well. If
+    level or blur differ from the neighbors by more than expected, the model is wrong, and the
+    error of the fit is increased by the same factor.
     """
     along = _error_along(found, settings)
     size = settings.size_error * expected[:, SIZE_STD] * np.sqrt(found[:, AREA] / math.pi)

@@ -1,4 +1,4 @@
-"""The row of targets in one frame, followed from the last one."""
+"""Tracking of the row of targets from one frame to the next."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] |
 def with_nearest(view: View, table: Array, places: Array, reach: float) -> Array:
     """Return a table with the nearest blob for each target that is not seen.
 
-    places (targets, 2) px; reach: from there, px.
+    places (targets, 2) px; reach: search radius, px.
     """
     table, lost = table.copy(), np.isnan(table[:, U])
     if lost.any():

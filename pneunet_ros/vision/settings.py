@@ -1,4 +1,4 @@
-"""Tuning constants of a tracker, one set per frame."""
+"""Tuning constants of a tracker."""
 
 from __future__ import annotations
 
@@ -86,16 +86,16 @@ class RestPlaneSettings:
 
     @property
     def limits(self) -> tuple[float, ...]:
-        """Costs up to which rows are looked for, one search after the other.
+        """Cost limits of successive searches for rows.
 
-        Whatever they are, all rows that are not there by chance beside the first are found.
+        For any limits, all rows that are not due to chance are found.
         """
         return 0.5 * self.chance, self.chance, 2.0 * self.chance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VisionSettings:
-    """The settings of each step from an image to the measured curve."""
+    """Settings of all steps from an image to the measured curve."""
 
     blobs: BlobSettings = BLOBS
     ellipse: EllipseSettings = ELLIPSE

@@ -1,7 +1,7 @@
 """Several rows of targets in the images of one camera: a tracker for each, no target in two rows.
 
-The trackers share what is made of an image. Where two rows claim one blob, the row that expected
-it nearer keeps it, and the tracker of the other looks at the image again without it.
+The trackers share the processing of an image. If two rows claim one blob, the row with the nearer
+prediction keeps it, and the tracker of the other processes the image again without it.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ def step_rows(
 ) -> list[Step]:
     """Process an image or a lens for all trackers, like `Tracker.step` for one.
 
-    Rows that are followed come first: blobs that they claim are not available to a search. Each
-    tracker that loses blobs to another looks again; that may claim blobs of a third one, so this
-    is repeated as often as there are trackers.
+    Tracked rows come first: their blobs are not available to a search. Each tracker that loses
+    blobs to another one processes the image again; this may claim blobs of a third one, so it is
+    repeated up to the number of trackers.
     """
     if isinstance(reading, Lens):
         return [one.step(state, reading) for one, state in zip(trackers, states, strict=True)]
@@ -56,9 +56,9 @@ def step_rows(
 
 
 def check_rows(trackers: Mapping[str, Tracker]) -> None:
-    """Raise CameraError unless each tracker of a camera has a row of its own.
+    """Raise CameraError unless each tracker of a camera has its own row.
 
-    Its plane or its clamp_pixel identifies a row.
+    A row is identified by its plane or its clamp_pixel.
     """
     if len(trackers) < 2:
         return
@@ -71,8 +71,8 @@ def check_rows(trackers: Mapping[str, Tracker]) -> None:
         if row is None or other != name:
             who = name if row is None else f'{other} and {name}'
             raise CameraError(
-                f'the row of {who} in the images of the shared camera is not known: set a '
-                'clamp_pixel of its own for each arm',
+                f'it is not known which row in the images of the shared camera belongs to {who}: '
+                'set a clamp_pixel for each arm',
                 reason='missing',
             )
 
@@ -93,9 +93,9 @@ def _lost_blobs(
 
 
 def _claims(tracker: Tracker, state: TrackerState, step: Step) -> tuple[Array, Array]:
-    """Return the blobs that a row claims (n, COLUMNS), and how far off it expected them, px.
+    """Return the blobs claimed by a row (n, COLUMNS), and their distance from predictions, px.
 
-    state: before the image. A row that was not followed from the last image expected nothing.
+    state: before the image. A row that was not tracked from the last image has no predictions.
     """
     row = step[0].row
     if row is None or not (isinstance(step[1], Tracking) and not step[1].reason):

@@ -1,6 +1,6 @@
-"""Areas that do not move over frames; those that stay while the arm moves are background.
+"""Areas that do not move; those that stay while the arm moves are background.
 
-Background may look like targets in a single frame, but only the arm rests and then moves.
+Background may look like targets in a single frame, but only the arm rests first and then moves.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ Counts = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StillAreas:
-    """Areas at one position in successive frames: how often, and when last seen.
+    """Areas at constant positions in successive frames, with counts and when last seen.
 
-    centers (areas, 2) px: on average over the frames in which each was seen; std (areas,) px: of
-    a single one; area (areas,) px^2 and shapes (areas, 3): as `Blobs` has them; seen (areas,): in
-    how many frames; unseen (areas,): in how many since.
+    centers (areas, 2) px: averages over the frames in which each was seen; std (areas,) px: of a
+    single frame; area (areas,) px^2 and shapes (areas, 3): as in `Blobs`; seen (areas,): number of
+    frames; unseen (areas,): number of frames since.
     """
 
     centers: Array = field(default_factory=lambda: np.empty((0, 2)))
@@ -37,7 +37,7 @@ class StillAreas:
     unseen: Counts = field(default_factory=lambda: np.empty(0, np.int64))
 
     def with_frame(self, blobs: Blobs, wanted: int) -> StillAreas:
-        """Return the areas after one more frame; drops those that moved before they counted."""
+        """Return the areas after one more frame, without those that moved too early to count."""
         new, seen, unseen, centers = (
             np.ones(len(blobs), np.bool_),
             self.seen,
@@ -62,7 +62,7 @@ class StillAreas:
         return with_new.only((with_new.seen >= wanted) | (with_new.unseen < wanted))
 
     def only(self, which: Mask) -> StillAreas:
-        """Return some of them."""
+        """Return some of the areas."""
         return StillAreas(
             centers=self.centers[which], std=self.std[which], area=self.area[which],
             shapes=self.shapes[which], seen=self.seen[which], unseen=self.unseen[which],
@@ -70,9 +70,10 @@ class StillAreas:
 
 
 def is_moved(gone: Mask, row: Counts, odds: float) -> bool:
-    """Whether a row of areas (indices) disappeared by moving, and not by chance like others.
+    """Whether a row of areas (indices) disappeared because it moved, rather than by chance.
 
-    gone (areas,): which have. Fisher's exact test, of the best of ENOUGH rows; odds: of chance.
+    gone (areas,): mask of areas that disappeared. Fisher's exact test for the best of ENOUGH rows;
+    odds: of chance.
     """
     return (
         ENOUGH * _chance_of_more(len(gone), int(gone.sum()), len(row), int(gone[row].sum())) < odds
@@ -80,7 +81,7 @@ def is_moved(gone: Mask, row: Counts, odds: float) -> bool:
 
 
 def _chance_of_more(areas: int, gone: int, row: int, gone_of_row: int) -> float:
-    """Return the chance that as many of a row or more are among those gone (hypergeometric)."""
+    """Return the chance that at least as many of a row disappeared (hypergeometric)."""
     ways = sum(
         math.comb(gone, many) * math.comb(areas - gone, row - many)
         for many in range(gone_of_row, min(row, gone) + 1)

@@ -1,4 +1,4 @@
-"""Images in, targets and measured curve out: one pure step, without clock and without I/O."""
+"""Tracker: images in, targets and measured curve out, as a pure step without clock or I/O."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ UNKNOWN = Plane(base_from_normalized=np.eye(3))  # one meter from the camera, as
 
 
 class Missing(NamedTuple):
-    """Why a target is not seen (a key of `rows.row.CAUSES`), and where it should be, px."""
+    """A target that is not seen: the cause (a key of `rows.row.CAUSES`) and its expected pixel."""
 
     cause: str
     u: float
@@ -66,12 +66,11 @@ class Missing(NamedTuple):
 class Tracking:
     """The result of a tracked frame: seen targets, and the smooth curve through them.
 
-    sightings: an entry per target; curve: None if fewer than four targets were seen. Where the
-    frame could not be explained `reason` is a key for counting, `sentence` is the message to
-    a user, nothing is seen and there is no curve; both are empty for other frames. missing: the
-    targets that are not seen in a frame that was explained; found (areas, 2) px: what could be
-    targets in a frame that was not, of the polarity that the sentence is about, and row: how many
-    of the targets stand in a row there.
+    sightings: one entry per target; curve: None if fewer than four targets were seen. For a frame
+    that does not show the arm, `reason` is a key for counting, `sentence` the message to the user,
+    and there are no targets and no curve; both are empty for other frames. missing: the targets
+    not seen in a tracked frame; found (areas, 2) px: candidate areas in a frame that was not
+    tracked, for the polarity in the sentence, and row: the number of targets in a row there.
     """
 
     sightings: TargetSightings
@@ -85,7 +84,7 @@ class Tracking:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Polarity:
-    """Whether targets are bright or dark, and why that is known."""
+    """Whether targets are bright or dark, and how this was determined."""
 
     name: str
     evidence: str
@@ -93,14 +92,14 @@ class Polarity:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrackerState:
-    """All that a tracker remembers from one frame to the next.
+    """State of a tracker between frames.
 
-    `frames` were looked at, `explained` of them show the arm; `unexplained` counts the others by
-    reason, `rejected` the images that were not looked at. `trouble` says why there is no working
-    plane for this lens; `still` holds, by polarity, what stays in its place while no frame shows
-    the arm; `polarity` is None until a row of targets has shown it, `leading` the one that alone
-    has shown a row so far. `lost` is the last row that was followed, while there is
-    none, and `searched_ns` the stamp of the frame that was last searched for one everywhere.
+    `frames` were processed, `explained` of them show the arm; `unexplained` counts the others by
+    reason, `rejected` the images that were not processed. `trouble`: why there is no working plane
+    for this lens; `still`: by polarity, areas that do not move while no frame shows the arm;
+    `polarity`: None until a row of targets has shown it; `leading`: the only polarity that has
+    shown a row so far. `lost`: the last tracked row while there is none; `searched_ns`: stamp of
+    the last frame that was searched everywhere.
     """
 
     lens: Lens | None = None
@@ -121,7 +120,7 @@ class TrackerState:
     rejected: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
 
     def fresh(self) -> TrackerState:
-        """Forget camera and arm; only the counts go on."""
+        """Forget camera and arm, but keep the counts."""
         return TrackerState(
             frames=self.frames,
             explained=self.explained,
@@ -149,12 +148,11 @@ class TrackerState:
 class Tracker:
     """Finds the targets of an arm in the images of a camera, and measures its centerline.
 
-    arm: its `target_arclength` (targets,) m says how many targets there are and how they are
-    spaced; settings: the content of camera.yaml; vision: the
-    numbers by which each step decides. Results are in `pneunet_base`: origin at the
-    clamp, x along the straight arm, y in the bending plane; m, rad. Where each target is in
-    the image is measured by `centroid`, who is who by `association`, the curve (Eq 1) by
-    `smoother`.
+    arm: its `target_arclength` (targets,) m gives the number and spacing of the targets; settings:
+    the content of camera.yaml; vision: the tuning constants of each step. Results are in
+    `pneunet_base`: origin at the clamp, x along the straight arm, y in the bending plane; m, rad.
+    `centroid` measures the position of each target in the image, `association` identifies the
+    targets, and `smoother` computes the curve (Eq 1).
 
     Raises ModelError for an arm with fewer than three targets: two of them cannot be distinguished
     from two glints.
@@ -163,12 +161,12 @@ class Tracker:
     def __init__(
         self, arm: Arm, settings: CameraSettings, vision: VisionSettings = VISION
     ) -> None:
-        """Learn what is needed once: how the arm bends, and how its targets are spaced."""
+        """Prepare the prior of the curvature and the spacing of the targets."""
         count, least = arm.target_arclength.size, vision.association.least_targets
         if count < least:
             raise ModelError(
-                f'{arm.name}: tracking needs {least} targets or more in '
-                f'arm.target_arclength, not {count}',
+                f'{arm.name}: tracking needs at least {least} targets in arm.target_arclength, '
+                f'not {count}',
                 reason='too_few_targets',
             )
         if settings.dot_color is not None:
@@ -211,7 +209,7 @@ class Tracker:
     ) -> tuple[TrackerState, Tracking]:
         """Look for bright and for dark targets, until a complete row decides on one polarity.
 
-        A row of either kind in one image is no answer.
+        If both kinds show a row in one image, the polarity stays undecided.
         """
         looks = self._look_for_either(state, image, taken)
         shown = [name for name, (_, it) in looks.items() if it.reason in ('', RESTING)]
@@ -245,10 +243,10 @@ class Tracker:
     ) -> dict[str, tuple[TrackerState, Tracking]]:
         """Look for bright and for dark targets until one of them shows a row.
 
-        The one that has shown a row alone before is looked for first, and the other only where
-        that fails. Rows at rest that cost little are looked for first; where there is one, also
-        those of the other kind that are not there by chance beside it. Areas that hardly stand out
-        are looked at where the others show nothing.
+        The polarity that alone has shown a row before is tried first, the other one only if that
+        fails. Rows at rest with low cost are searched first; if there is one, also rows of the
+        other polarity that are not due to chance. Areas with low contrast are examined only if the
+        others show nothing.
         """
         found = None if state.leading else self._bright_and_dark(image)
         areas = dict(zip((BRIGHT, DARK), found or (None, None), strict=True))
@@ -283,7 +281,7 @@ class Tracker:
         return TELLING.index(tracking.reason), -tracking.row, -len(tracking.found)
 
     def _bright_and_dark(self, image: Image) -> tuple[RoundAreas, RoundAreas] | None:
-        """Return the areas of an image for either polarity, where both are found at once."""
+        """Return the areas of an image for both polarities, if both are found in one pass."""
         appearance = self.vision.appearance(self.settings)
         return image.once(
             ('bright and dark', appearance),
@@ -348,9 +346,9 @@ class Tracker:
     def _search(
         self, state: TrackerState, view: View
     ) -> tuple[TrackerState, ObservedRow | Failure]:
-        """Search a row where it was last, and everywhere as rarely as its motion says where it is.
+        """Search a row near its last position, and everywhere from time to time.
 
-        A node that searched everywhere in each frame would fall behind its camera.
+        A node that searched everywhere in each frame could not keep up with its camera.
         """
         last, stamp_ns = state.row or state.lost, view.image.stamp_ns
         if last is not None:
@@ -362,9 +360,9 @@ class Tracker:
         return replace(state, searched_ns=stamp_ns), search_row(view)
 
     def _is_read_from_tip(self, state: TrackerState, view: View, row: ObservedRow) -> bool:
-        """Whether the last target is where it was at rest, in a frame whose first has moved.
+        """Whether the last target is at its rest position, but the first one has moved.
 
-        That is so where the left end of the row, which is taken for the clamp, is the free end.
+        Then the left end of the row, which was assumed to be the clamp, is the free end.
         """
         if self.settings.clamp_pixel is not None or not state.rest.places:
             return False
@@ -376,11 +374,11 @@ class Tracker:
     def _with_wrong_clamp(
         self, state: TrackerState, image: Image, row: ObservedRow
     ) -> tuple[TrackerState, Tracking]:
-        """Measure nothing any more: the base frame is at the free end of the arm."""
+        """Stop measuring: the base frame is at the free end of the arm."""
         u, v = row.table[-1, :2].tolist()
         sentence = (
-            'the left end of the row moves and the right end does not: the clamp is at the right; '
-            f'set clamp_pixel: [{u:.0f}, {v:.0f}] in the camera file'
+            'the left end of the row moves and the right end does not, so the clamp is at the '
+            f'right: set clamp_pixel: [{u:.0f}, {v:.0f}] in the camera file'
         )
         state = replace(state, plane=None, trouble=sentence)
         return self._unexplained(state, image, Failure(reason='wrong_clamp', sentence=sentence))
@@ -388,7 +386,7 @@ class Tracker:
     def _at_rest(
         self, state: TrackerState, view: View, polarity: str
     ) -> tuple[TrackerState, Failure]:
-        """Add a frame to the rest position; return why there is no plane yet, if so."""
+        """Add a frame to the rest position; return why there is no plane yet, if there is none."""
         wanted, settings = self.settings.rest_frames, self.vision.rest_plane
         found = search_at_rest(view, state.rest)
         if isinstance(found, Failure):
@@ -410,7 +408,7 @@ class Tracker:
     ) -> tuple[TrackerState, Failure]:
         """Identify the arm by its motion from rest, if no single frame shows it.
 
-        The row must be found again where it is now, from its clamp.
+        The row must be found again at its present position, from the clamp.
         """
         wanted = self.settings.rest_frames
         if failure.blobs is None:
@@ -431,7 +429,7 @@ class Tracker:
     def _unexplained(
         self, state: TrackerState, image: Image, failure: Failure
     ) -> tuple[TrackerState, Tracking]:
-        """Count a frame that does not show the arm; the next one is looked at afresh."""
+        """Count a frame that does not show the arm; the next one is searched from scratch."""
         state = replace(
             state,
             row=None,
@@ -450,7 +448,7 @@ class Tracker:
         )
 
     def reset(self, state: TrackerState) -> TrackerState:
-        """Return a state that knows the camera, and nothing of the arm."""
+        """Return a state that keeps the camera and forgets the arm."""
         return self._through(state.fresh(), state.lens)
 
     def _with_lens(self, state: TrackerState, lens: Lens) -> TrackerState:
@@ -460,9 +458,9 @@ class Tracker:
         return state if same_values(state.lens, lens) else self._through(state.fresh(), lens)
 
     def _through(self, state: TrackerState, lens: Lens | None) -> TrackerState:
-        """Return the state with a lens, and the working plane where that is known beforehand.
+        """Return the state with a lens, and with the working plane if it is known in advance.
 
-        A state that begins with a plane, of the same arm at rest before the same camera, keeps it.
+        A state that starts with a plane, from the same arm at rest and the same camera, keeps it.
         """
         method, plane, trouble = self.settings.plane, state.plane, ''
         try:
@@ -498,8 +496,8 @@ class Tracker:
         if not reason and self.settings.dot_color is not None and not image.has_colors:
             reason, error = 'no_colors', True
             sentence = (
-                'dot_color in the camera file needs colors, and an image with the encoding '
-                f'{image.encoding} has none that can be read'
+                'dot_color in the camera file needs colors, but images with the encoding '
+                f'{image.encoding} have none that can be read'
             )
         if not reason:
             return state, None

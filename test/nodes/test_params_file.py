@@ -72,7 +72,7 @@ def test_the_refusal_says_which_keys_would_match(tmp_path):
         check_names_some(path, ['/pneunet/estimator', '/pneunet/tracker'])
     assert str(refusal.value) == (
         f'params_file:={path} has no parameters for /pneunet/estimator or /pneunet/tracker: its '
-        'keys are estimator. ROS 2 matches full names only: call it /pneunet/estimator, '
+        'keys are estimator. ROS 2 matches only full names: use /pneunet/estimator, '
         '/**/estimator for any namespace, or /** for all nodes'
     )
 

@@ -1,4 +1,4 @@
-"""Configuration from the parameters of the estimator, accepted or refused as a whole."""
+"""Configuration from the parameters of the estimator, accepted or rejected as a whole."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class NodeSettings:
     centerline_rate: float = quantity(
         30.0,
         unit='Hz',
-        meaning='largest rate of centerline and of markers; 0: every estimate',
+        meaning='largest rate of centerline and markers; 0: every estimate',
         bounds=(0.0, 1000.0),
     )
     publish_markers: bool = setting(
@@ -54,7 +54,7 @@ class NodeSettings:
     tip_frame: str = setting(TIP_FRAME, 'frame of the free end in /tf')
 
     def __post_init__(self) -> None:
-        """Refuse values outside their declaration."""
+        """Reject values outside their declared range."""
         check_settings(self)
         if not self.tip_frame:
             raise RequestError('tip_frame must not be empty', reason='empty')
@@ -142,7 +142,7 @@ class EstimatorConfiguration:
 
 
 def share_arm_and_settings(new: EstimatorConfiguration, old: EstimatorConfiguration) -> bool:
-    """Whether two configurations give the same estimates of the same readings."""
+    """Whether two configurations give the same estimates for the same readings."""
     return new.estimator.arm is old.estimator.arm and (
         new.estimator.settings == old.estimator.settings
     )
@@ -153,8 +153,8 @@ def configured_estimator(
 ) -> EstimatorConfiguration:
     """Build the configuration of all parameter values.
 
-    The model file is read unless `current` already has the model of it. Raises PneunetError with
-    what is wrong.
+    The model file is read unless `current` already has its model. Raises PneunetError with the
+    problem.
     """
     node, settings = PARAMETERS.settings(values)
     same = current is not None and node.model_file == current.node.model_file

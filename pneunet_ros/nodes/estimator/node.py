@@ -1,7 +1,7 @@
 """The node `estimator`: pressure and end wrench -> shape of the arm, with its uncertainty.
 
-All that is made of a reading is made by `pneunet_ros.estimation.estimator`; here are topics,
-parameters, services, diagnostics and the log.
+`pneunet_ros.estimation.estimator` does all the processing; this module has the topics, parameters,
+services, diagnostics and the log.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
     """Feeds readings to an `Estimator` and publishes the estimate in the same callback."""
 
     def __init__(self, place: Place = ALONE) -> None:
-        """Declare all parameters, get everything warm, and only then open the topics."""
+        """Declare all parameters, warm up, and only then open the topics."""
         super().__init__('estimator', PARAMETERS, configured_estimator, place)
         self.state = EstimatorState()
         self.consistency = ConsistencyState()
@@ -69,7 +69,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         )
         trouble = warm_up(self.configuration.estimator, serializer)
         if trouble:
-            self.get_logger().warning(f'the model has no solution at the start: {trouble}')
+            self.get_logger().warning(f'the model has no solution at startup: {trouble}')
 
         node = self.configuration.node
         markers = node.markers(lambda: self.configuration.estimator.arm)
@@ -188,7 +188,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
             self.log.warn('reset', sentence, time.monotonic())
 
     def diagnose(self) -> None:
-        """Publish how the estimator is doing."""
+        """Publish the diagnostics of the estimator."""
         now = time.monotonic()
         settings = self.configuration.estimator.settings
         left_out = self.configuration.left_out

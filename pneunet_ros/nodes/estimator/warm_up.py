@@ -17,8 +17,8 @@ from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
     """Run every kernel and every encoder once; returns why the model gave no estimate, or ''.
 
-    A kernel that is compiled or loaded at its first use would hold up the readings of a running
-    arm, so the ones for hard cases are run as well.
+    A kernel that is compiled or loaded at its first use would delay the readings of a running arm,
+    so the kernels for hard cases are run as well.
     """
     arm = estimator.arm
     low, high = arm.pressure_range
@@ -53,7 +53,7 @@ def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
 def load_inside(arm: Arm) -> tuple[float, float, float]:
     """Return a load F1, F2 (N), M (N m) inside the domain at mid-range pressure.
 
-    Half of any load that was seen is inside there: the unloaded arm belongs to the convex domain.
+    Half of any calibrated load is inside, because the convex domain includes the unloaded arm.
     """
     if arm.domain is None:
         return 0.0, 0.1 * arm.weight, 0.0

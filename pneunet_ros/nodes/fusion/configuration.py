@@ -1,4 +1,4 @@
-"""Configuration from the parameters of the fusion, accepted or refused as a whole."""
+"""Configuration from the parameters of the fusion, accepted or rejected as a whole."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from pneunet_ros.nodes.sensor_description import sensor_description
 class NodeSettings:
     """Settings of the node, in addition to those of its sensors.
 
-    The settings of the fusion that depend on the setup.
+    These are the settings of the fusion that depend on the setup.
     """
 
     model_file: str = setting('', f'model file of the arm; empty: the shipped {SHIPPED_MODEL}')
@@ -71,12 +71,12 @@ class NodeSettings:
     )
 
     def __post_init__(self) -> None:
-        """Refuse values outside their declaration."""
+        """Reject values outside their declared range."""
         check_settings(self)
 
     @property
     def fusion(self) -> FusionSettings:
-        """The numbers by which readings and targets are fused."""
+        """The settings of the fusion."""
         return replace(
             FUSION,
             free_tip=self.free_tip,
@@ -110,7 +110,7 @@ class FusionConfiguration:
 
     @property
     def left_out(self) -> str:
-        """The model error that its standard deviations leave out; empty if there is none."""
+        """The model error that its standard deviations omit; empty if there is none."""
         return error_left_out(self.fusion.arm.covariance, self.fusion.arm.sources)
 
     @property
@@ -150,8 +150,8 @@ def configured_fusion(
 ) -> FusionConfiguration:
     """Build the configuration from the values of all parameters.
 
-    The model file is read unless `current` already has the model of it. Raises PneunetError with
-    what is wrong.
+    The model file is read unless `current` already has its model. Raises PneunetError with the
+    problem.
     """
     node, sensors = PARAMETERS.settings(values)
     same = current is not None and node.model_file == current.node.model_file

@@ -1,6 +1,6 @@
 """The node `fusion`: pressure, targets and end wrench -> one estimate of shape and tip force.
 
-All that is made of a reading is made by `pneunet_ros.fusion.fusion`; here are topics, parameters,
+`pneunet_ros.fusion.fusion` does all the processing; this module has the topics, parameters,
 services, diagnostics and the log.
 """
 
@@ -37,7 +37,7 @@ from pneunet_ros.nodes.topics import subscribe_in_order
 
 USAGE = """usage: pneunet-fusion [--ros-args ...]
 
-Fuses the topics pressure, targets and, where there is one, end_wrench into one estimate of the
+Fuses the topics pressure, targets and, if there is one, end_wrench into one estimate of the
 shape of a pneu-net arm and of the force at its tip, on the topics fused/*. All settings are ROS
 parameters, as in
 
@@ -47,12 +47,12 @@ parameters, as in
 
 
 class FusionNode(ConfiguredNode[FusionConfiguration]):
-    """Feeds messages to a `Fusion` and publishes what it gives in the same callback."""
+    """Feeds messages to a `Fusion` and publishes its results in the same callback."""
 
     PATIENCE: ClassVar[float] = 0.01  # a frame takes longer than ten estimates of an estimator
 
     def __init__(self, place: Place = ALONE) -> None:
-        """Declare all parameters, get everything warm, and only then open the topics."""
+        """Declare all parameters, warm up, and only then open the topics."""
         super().__init__('fusion', PARAMETERS, configured_fusion, place)
         self.state = FusionState()
         self.is_unsettled = False
@@ -64,7 +64,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         )
         trouble = warm_up(fusion, serializer)
         if trouble:
-            self.get_logger().warning(f'the model has no solution at the start: {trouble}')
+            self.get_logger().warning(f'the model has no solution at startup: {trouble}')
         self.outputs = EstimatePublisher(self, serializer, node.centerline_rate, FUSION_OUTPUTS)
         self.open_services()
         self.zero = PressureZero(self, self.in_use)
@@ -117,7 +117,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
                 self.take_frame()
 
     def diagnose(self) -> None:
-        """Publish how the fusion is doing."""
+        """Publish the diagnostics of the fusion."""
         self.settle()
         now, configuration = time.monotonic(), self.configuration
         report = self.health.report(

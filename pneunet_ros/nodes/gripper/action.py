@@ -1,6 +1,6 @@
 """The action `gripper_cmd` of type control_msgs/action/GripperCommand.
 
-It is there where control_msgs is installed: ROS 2 has it, no package index does.
+It requires control_msgs, which is part of ROS 2 but not of any Python package index.
 """
 
 from __future__ import annotations
@@ -40,17 +40,17 @@ def serve_action(node: Any, goals: GripperGoals) -> Any:
 
 
 class GripperGoals:
-    """Follows goals one at a time: a newer one ends the one before.
+    """Executes goals one at a time: a new goal ends the previous one.
 
-    kind: the type of the action. A goal ends where the width is reached, or where the arms hold
-    something as hard as they may, which is no failure: `stalled` says so.
+    kind: the type of the action. A goal ends when the width is reached, or when the arms hold an
+    object with the largest allowed force, which is not a failure but sets `stalled`.
     """
 
     def __init__(self, grasping: Grasping, kind: Any) -> None:
         self.grasping, self.kind, self.goals = grasping, kind, 0
 
     async def execute(self, handle: Any) -> Any:
-        """Follow a goal; returns its result."""
+        """Execute a goal; returns its result."""
         command = handle.request.command
         self.goals += 1
         number = self.goals
@@ -85,7 +85,7 @@ class GripperGoals:
         return message
 
     async def next_grasp(self, begun: float) -> Grasp | None:
-        """Return the next answer; None if none comes."""
+        """Return the next grasp; None if there is none in time."""
         before = self.grasping.grasp
         while self.grasping.grasp is before or self.grasping.grasp is None:
             if time.monotonic() - begun > SILENCE:

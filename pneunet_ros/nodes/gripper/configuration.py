@@ -37,12 +37,12 @@ class GripperSettings:
     """The arms, and their nodes in addition to the estimator."""
 
     arms: tuple[str, ...] = setting(
-        ('left', 'right'), 'names of the arms: each has a namespace, and may have a block'
+        ('left', 'right'), 'names of the arms: each has its own namespace, and may have a block'
     )
     fusion: bool = setting(True, 'whether every arm has a fusion')
     tracker: bool = setting(False, 'whether every arm has a tracker')
     model_file: str = setting(
-        '', f'model file of arms whose block names none; empty: the shipped {SHIPPED_MODEL}'
+        '', f'model file for arms without one in their block; empty: the shipped {SHIPPED_MODEL}'
     )
     frame_id: str = setting(BASE_FRAME, 'frame of the gripper')
     thickness: float = quantity(
@@ -64,7 +64,7 @@ class GripperSettings:
         3.0,
         unit='1/s',
         meaning=(
-            'share of the remaining error that is corrected per second: less for a slow valve'
+            'share of the remaining error that is corrected per second; reduce it for a slow valve'
         ),
         bounds=(1e-3, 1e3),
     )
@@ -76,12 +76,13 @@ class GripperSettings:
     )
 
     def __post_init__(self) -> None:
-        """Refuse values outside their declaration."""
+        """Reject values outside their declared range."""
         check_settings(self)
         wrong = [name for name in self.arms if not name.isidentifier() or name in TABLES]
         if wrong or len(set(self.arms)) < len(self.arms) or not self.arms:
             raise RequestError(
-                f'arms must be different names of letters, digits and _, not {list(self.arms)}',
+                'arms must be different names made of letters, digits and _, not '
+                f'{list(self.arms)}',
                 reason='wrong_name',
             )
 
@@ -119,7 +120,7 @@ class GripperConfiguration:
 def configured_gripper(
     values: Mapping[str, Any], current: GripperConfiguration | None
 ) -> GripperConfiguration:
-    """Return the configuration of the values of all parameters; RequestError for unfit ones."""
+    """Return the configuration for all parameter values; RequestError for invalid ones."""
     (node,) = PARAMETERS.settings(values)
     return GripperConfiguration(node=node)
 
@@ -134,7 +135,7 @@ class ArmBlock:
 
 
 def parameters_of(settings: GripperSettings, block: ArmBlock, node: str) -> dict[str, Any]:
-    """Return the parameters of a node of an arm that are given, by its block or for all arms."""
+    """Return the given parameters of a node of an arm, from its block or for all arms."""
     given: dict[str, Any] = {'model_file': settings.model_file}
     if node == 'estimator' and settings.fusion:
         given['watch_targets'] = False  # the fusion beside it compares targets
@@ -142,9 +143,9 @@ def parameters_of(settings: GripperSettings, block: ArmBlock, node: str) -> dict
 
 
 def check_blocks(given: Mapping[str, Any]) -> None:
-    """Raise PneunetError where a node of an arm would refuse its parameters or files.
+    """Raise PneunetError if a node of an arm would reject its parameters or files.
 
-    given: parameters of the gripper as a file has them, blocks as mappings.
+    given: parameters of the gripper as in a file, with blocks as mappings.
     """
     values = PARAMETERS.completed(given)
     settings = configured_gripper(values, None).node
@@ -164,9 +165,9 @@ def check_blocks(given: Mapping[str, Any]) -> None:
 
 
 def gripper_of(settings: GripperSettings, blocks: Mapping[str, ArmBlock]) -> Gripper | None:
-    """Return where the arms are; None if no block has a mount, or there is no fusion.
+    """Return the gripper with its mounts; None without mounts or without a fusion.
 
-    RequestError where only some blocks have one, or they are no gripper.
+    RequestError if only some blocks have a mount, or if the mounts are invalid.
     """
     without = [arm for arm, block in blocks.items() if block.mount is None]
     if len(without) == len(blocks) or not settings.fusion:
@@ -185,7 +186,7 @@ def gripper_of(settings: GripperSettings, blocks: Mapping[str, ArmBlock]) -> Gri
 
 
 def flattened(given: Mapping[str, Any], above: str = '') -> Iterator[tuple[str, Any]]:
-    """Yield the values of nested mappings by their keys with dots between them."""
+    """Yield the values of nested mappings with their keys joined by dots."""
     for key, value in given.items():
         if isinstance(value, Mapping):
             yield from flattened(value, f'{above}{key}.')
@@ -196,9 +197,9 @@ def flattened(given: Mapping[str, Any], above: str = '') -> Iterator[tuple[str, 
 def block_of(arm: str, given: Mapping[str, Any]) -> ArmBlock:
     """Return the block of an arm.
 
-    given: parameters given to the gripper, those of a block as NAME.KEY. A key is `topics.`
-    and the name of a topic, a node and one of its parameters (`fusion.use_wrench`), or a parameter
-    of all nodes that have it, or `mount`. RequestError for any other key.
+    given: parameters of the gripper, those of a block as NAME.KEY. A key is `topics.` plus the
+    name of a topic, a node plus one of its parameters (`fusion.use_wrench`), a parameter of all
+    nodes that have it, or `mount`. RequestError for any other key.
     """
     topics: dict[str, str] = {}
     mount: Sequence[float] | None = None
@@ -219,8 +220,8 @@ def block_of(arm: str, given: Mapping[str, Any]) -> ArmBlock:
             shared[key] = value
         else:
             raise RequestError(
-                f'{name} is not a parameter of {", ".join(TABLES)}. A block holds their '
-                f'parameters, {TOPICS} (names of topics) and {MOUNT}',
+                f'{name} is not a parameter of {", ".join(TABLES)}. A block has their '
+                f'parameters, {TOPICS} (topic names) and {MOUNT}',
                 reason='unknown_key',
             )
     return ArmBlock(

@@ -24,10 +24,10 @@ COMMAND_TYPE = 'sensor_msgs/msg/JointState'
 
 
 class Grasping:
-    """Publishes the answer of a gripper, and follows a command.
+    """Publishes the grasp of a gripper, and executes commands.
 
-    The answer is made of the arms' last frames, once all of them have a new one. fusions: the
-    nodes, by the name of their arm. Nothing is worked out while nobody listens or commands.
+    A grasp is computed from the last frames of the arms, once all of them have a new one. fusions:
+    the nodes, by the name of their arm. Nothing is computed without a subscriber or a command.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Grasping:
             fusion.take_frame = partial(self.take_frame, arm)
 
     def tell_mounts(self) -> None:
-        """Publish the poses of arm bases that have a frame each."""
+        """Publish the poses of the arm bases that have their own frame."""
         frames = {
             arm: fusion.configuration.fusion.sensors.frame_id
             for arm, fusion in self.fusions.items()
@@ -92,16 +92,16 @@ class Grasping:
         try:
             if len(message.position) != 1 or len(message.effort) > 1:
                 raise RequestError(
-                    'position must hold one width (m), and effort one force (N) or nothing',
+                    'position must be one width (m), and effort one force (N) or empty',
                     reason='wrong_shape',
                 )
             self.order(message.position[0], message.effort[0] if message.effort else 0.0)
         except RequestError as error:
-            sentence = f'gripper command refused: {error}'
+            sentence = f'gripper command rejected: {error}'
             self.node.log.warn('command', sentence, time.monotonic())
 
     def order(self, width: float, force: float) -> GripCommand:
-        """Follow a command from now on; force: 0 or less for the largest allowed."""
+        """Execute a command from now on; force: 0 or less for the largest allowed."""
         most = self.settings.max_force
         command = GripCommand(width=width, force=min(force, most) if force > 0.0 else most)
         if self.command is None:
@@ -110,7 +110,7 @@ class Grasping:
         return command
 
     def hold(self) -> None:
-        """Follow no command; valves hold the last one."""
+        """Stop executing commands; valves hold the last one."""
         self.command = None
 
     def follow(self, now: float) -> None:
@@ -130,7 +130,7 @@ class Grasping:
             self.commands[arm].publish(kind(header=heading, fluid_pressure=pressure))
 
     def closing(self) -> Closing:
-        """Return how the pressures move, for the models that are in use."""
+        """Return the pressure controller for the models in use."""
         reaches = {}
         for arm, fusion in self.fusions.items():
             model = fusion.configuration.fusion.arm
@@ -147,7 +147,7 @@ class Grasping:
         )
 
     def is_reached(self) -> bool:
-        """Whether the commanded width is there."""
+        """Whether the commanded width is reached."""
         return (
             self.grasp is not None
             and self.command is not None
@@ -162,7 +162,7 @@ class Grasping:
         return self.closing().is_stalled(self.seen, self.pressures, self.command, width)
 
     def forget(self) -> None:
-        """Forget all frames, and follow no command."""
+        """Forget all frames and the command."""
         self.seen.clear()
         self.new.clear()
         self.grasp = self.command = None

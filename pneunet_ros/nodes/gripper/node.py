@@ -1,7 +1,7 @@
-"""The node `gripper`: the nodes of several arms in one process, in turns in one thread.
+"""The node `gripper`: the nodes of several arms in one process and one thread.
 
-Each arm has its estimator and, where asked, its fusion and its tracker, in a namespace of its
-name. They are the nodes of a single arm, with all their topics and services.
+Each arm has its estimator and, if requested, its fusion and tracker, in a namespace with its name.
+They are the same nodes as for a single arm, with all their topics and services.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
     INFO_TOPIC: ClassVar[str] = 'gripper_info'
 
     def __init__(self) -> None:
-        """Declare all parameters; the nodes of the arms come next, by `members_of`."""
+        """Declare all parameters; `members_of` then makes the nodes of the arms."""
         super().__init__('gripper', PARAMETERS, configured_gripper)
         self.members: list[Any] = []
         self.grasping: Grasping | None = None
 
     def open(self, gripper: Gripper | None, fusions: Mapping[str, Any]) -> None:
-        """Open services and topics, now that all arms are there."""
+        """Open services and topics, now that all arms exist."""
         self.open_services()
         if gripper is not None:
             self.grasping = Grasping(self, self.configuration.node, gripper, fusions)
@@ -111,7 +111,7 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
 
 
 def gripper_nodes() -> Iterator[Any]:
-    """Yield the nodes of a gripper: its own, then of all arms the estimators, the fusions ..."""
+    """Yield the nodes of a gripper: its own, then all estimators, all fusions, ..."""
     gripper = GripperNode()
     settings = gripper.configuration.node
     given = {name: parameter.value for name, parameter in overrides(gripper).items()}

@@ -1,4 +1,4 @@
-"""The topics of a camera, and the trackers of this process that look at its images."""
+"""The topics of a camera, shared by the trackers of this process."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COMPRESSED = 'compressed'
 
 
 class Camera:
-    """Subscribes for the first of its trackers, and gives each image to all of them.
+    """Subscribes through the first of its trackers, and passes each image to all of them.
 
     Each image is received, decoded and searched once. nodes: tracker nodes, by their full names.
     """
@@ -45,13 +45,13 @@ class Camera:
         node.every(FOLLOW_PERIOD, self.follow)
 
     def add(self, node: Any) -> None:
-        """Give images to a node from now on; CameraError where its row is that of another one."""
+        """Pass images to a node from now on; CameraError if its row belongs to another one."""
         nodes = self.nodes | {node.get_fully_qualified_name(): node}
         check_rows({name: one.configuration.tracker for name, one in nodes.items()})
         self.nodes = nodes
 
     def take_camera_info(self, message: Any) -> None:
-        """Take a camera_info message, which holds from now on."""
+        """Use a camera_info message from now on."""
         try:
             lens = decode_camera_info(message)
         except (MessageError, CameraError) as error:
@@ -62,7 +62,7 @@ class Camera:
                 node.state, _ = node.configuration.tracker.step(node.state, lens)
 
     def take_image(self, message: Any, info: dict[str, int]) -> None:
-        """Process an image message, and pass their targets to the trackers."""
+        """Process an image message, and pass its targets to the trackers."""
         nodes = list(self.nodes.values())
         for node in nodes:
             node.note_message(self.topic, info)
@@ -77,13 +77,13 @@ class Camera:
             node.take_step(image, state, outcome, info)
 
     def decode_compressed(self, message: Any) -> Image:
-        """Decode a compressed image, with its colors where targets are known by theirs."""
+        """Decode a compressed image, in color if targets are distinguished by color."""
         trackers = [node.configuration.tracker for node in self.nodes.values()]
         colored = any(tracker.settings.dot_color is not None for tracker in trackers)
         return decode_compressed_image(message, colored=colored)
 
     def refuse(self, reason: str, error: Exception) -> None:
-        """Let all trackers count a message that could not be decoded."""
+        """Count a message that could not be decoded, in all trackers."""
         for node in self.nodes.values():
             node.refuse(reason, error)
 
@@ -94,7 +94,7 @@ class Camera:
 
 
 def camera_of(node: Any) -> Camera:
-    """Return the camera of a tracker node: that of other nodes of its process with its topics."""
+    """Return the camera of a tracker node, shared with nodes of its process on the same topics."""
     cameras = node.place.cameras if node.place.namespace else {}
     key = image_topic_of(node)[0], node.resolve_topic_name('camera_info')
     if key in cameras:

@@ -1,4 +1,4 @@
-"""Configuration from the parameters of the tracker, accepted or refused as a whole."""
+"""Configuration from the parameters of the tracker, accepted or rejected as a whole."""
 
 from __future__ import annotations
 
@@ -36,13 +36,12 @@ class TrackerSettings:
     )
     effects_path: str = setting('', EFFECTS_PATH)
     camera_file: str = setting(
-        '', f'file of camera, plane and targets; empty: the shipped {SHIPPED_CAMERA}'
+        '', f'camera file (plane and targets); empty: the shipped {SHIPPED_CAMERA}'
     )
     clamp_pixel: str = setting(
         '',
-        'approximate pixel of the target next to the clamp, as "120, 240": selects the '
-        'row that begins there, if the image shows several; empty: as in the camera '
-        'file',
+        'approximate pixel of the target next to the clamp, as "120, 240": selects the row that '
+        'begins there if the image shows several; empty: as in the camera file',
     )
     frame_id: str = setting(
         BASE_FRAME, 'frame at the clamp, of all outputs except image_annotated'
@@ -54,14 +53,14 @@ class TrackerSettings:
     )
 
     def __post_init__(self) -> None:
-        """Refuse values outside their declaration."""
+        """Reject values outside their declared range."""
         check_settings(self)
         if not self.frame_id:
             raise RequestError('frame_id must not be empty', reason='empty')
 
     @property
     def camera_path(self) -> Path:
-        """Where the camera file is."""
+        """Path of the camera file."""
         return Path(self.camera_file) if self.camera_file else share_path(SHIPPED_CAMERA)
 
 
@@ -100,8 +99,8 @@ def configured_tracker(
 ) -> TrackerConfiguration:
     """Build the configuration of all parameter values.
 
-    Files are read unless `current` already has their content. Raises PneunetError with what is
-    wrong.
+    Files are read unless `current` already has their content. Raises PneunetError with the
+    problem.
     """
     (node,) = PARAMETERS.settings(values)
     if current is not None and node == current.node:

@@ -1,4 +1,4 @@
-"""Health of the tracker: frames seen, missed and refused, summed up once a second."""
+"""Health of the tracker: tracked, missed and rejected frames, summarized once a second."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ IMAGE_TIMEOUT = 2.0  # s; silence of the camera that is an error
 
 
 class TrackerHealth(InputHealth):
-    """Collects what happens to images.
+    """Collects the outcomes of images.
 
-    The level of a report is the worst since the last one: ERROR while no frame is tracked, WARN
-    where some are not, or targets are missing.
+    The level of a report is the worst since the last one: ERROR while no frame is tracked, WARN if
+    some are not, or if targets are missing.
     """
 
     def __init__(self, image_topic: str, now: float) -> None:
@@ -70,7 +70,7 @@ class TrackerHealth(InputHealth):
             return Level.ERROR, '; '.join(warnings)
         if self._missing:
             ids = ', '.join(str(target) for target in sorted(self._missing))
-            warnings.append(f'targets not always seen: {ids}')
+            warnings.append(f'targets not seen in every frame: {ids}')
         if warnings:
             return Level.WARN, '; '.join(warnings)
         if self._last is None:
@@ -105,7 +105,7 @@ class TrackerHealth(InputHealth):
 
 
 def _scale(state: TrackerState) -> float | None:
-    """Return the size of a pixel in the middle of the image, mm; None while it is not known."""
+    """Return the size of a pixel in the middle of the image, mm; None while unknown."""
     lens, plane = state.lens, state.plane
     if lens is None or plane is None:
         return None

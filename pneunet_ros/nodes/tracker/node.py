@@ -1,6 +1,6 @@
 """The node `tracker`: camera images -> targets and centerline of the arm, measured.
 
-All that is made of an image is made by `pneunet_ros.vision.tracker`; here are topics, parameters,
+`pneunet_ros.vision.tracker` does all the processing; this module has the topics, parameters,
 services, diagnostics and the log.
 """
 
@@ -47,7 +47,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
     PATIENCE: ClassVar[float] = 0.02  # an image takes longer than all else
 
     def __init__(self, place: Place = ALONE) -> None:
-        """Declare all parameters, get everything warm, and only then open the topics."""
+        """Declare all parameters, warm up, and only then open the topics."""
         super().__init__('tracker', PARAMETERS, configured_tracker, place)
         self.state = TrackerState()
         self.serializer = MessageSerializer(
@@ -115,7 +115,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         self.log_refusal(refusal)
 
     def diagnose(self) -> None:
-        """Publish how the tracker is doing."""
+        """Publish the diagnostics of the tracker."""
         now = time.monotonic()
         report = self.health.report(self.state, now)
         self.publish_report('targets', report)

@@ -1,4 +1,4 @@
-"""Configuration from the parameters of the virtual arm, accepted or refused as a whole."""
+"""Configuration from the parameters of the virtual arm, accepted or rejected as a whole."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class VirtualArmSettings:
             'separated by spaces'
         ),
     )
-    seed: int = setting(0, 'of the noise', bounds=(0, 2**31 - 1))
+    seed: int = setting(0, 'random seed of the noise', bounds=(0, 2**31 - 1))
     noise: bool = setting(True, 'add sensor noise, and small errors of the painted targets')
     rate: float = quantity(
         100.0, unit='Hz', meaning='rate of pressure and end_wrench', bounds=(1.0, 1000.0)
@@ -55,22 +55,21 @@ class VirtualArmSettings:
         0.0,
         unit='s',
         meaning=(
-            'period in which the arm rests, inflates and deflates until the first command; '
-            '0: it waits at rest'
+            'period of inflating and deflating until the first command; 0: the arm waits at rest'
         ),
         bounds=(0.0, 1e4),
     )
     frame_id: str = setting(BASE_FRAME, 'frame of end_wrench, targets and true_tip, at the clamp')
 
     def __post_init__(self) -> None:
-        """Refuse values outside their declaration."""
+        """Reject values outside their declared range."""
         check_settings(self)
         if not self.frame_id:
             raise RequestError('frame_id must not be empty', reason='empty')
 
     @property
     def path(self) -> Path:
-        """Where the file of the arm or the scenario is."""
+        """Path of the file of the arm or scenario."""
         return Path(self.scenario_file) if self.scenario_file else share_path(SHIPPED_ARM)
 
 

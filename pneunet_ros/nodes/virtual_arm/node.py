@@ -1,6 +1,6 @@
-"""The node `virtual_arm`: commands to sensor readings, by the virtual lab.
+"""The node `virtual_arm`: simulates sensor readings for commands, with the virtual lab.
 
-All that the arm does is done by `pneunet_ros.lab.live`; here are topics, parameters, services,
+`pneunet_ros.lab.live` simulates the arm; this module has the topics, parameters, services,
 diagnostics and the log.
 """
 
@@ -43,8 +43,9 @@ from pneunet_ros.nodes.virtual_arm.configuration import (
 
 USAGE = """usage: pneunet-virtual-arm [--ros-args ...]
 
-Plays a pneu-net arm with its valve, sensors and camera: try the whole stack without hardware. The
-pressure is commanded on the topic pressure_command. All settings are ROS parameters, as in
+Simulates a pneu-net arm with its valve, sensors and camera, to try the whole stack without
+hardware. The pressure is commanded on the topic pressure_command. All settings are ROS
+parameters, as in
 
   pneunet-virtual-arm --ros-args -p camera:=images
   pneunet-virtual-arm --ros-args -p effects:="hysteresis.width=4000 gravity.weight_y=-1.0"
@@ -63,7 +64,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     SHARED_INPUTS: ClassVar[tuple[str, ...]] = ('pressure_command', 'force_command')
 
     def __init__(self, place: Place = ALONE) -> None:
-        """Declare all parameters, get everything warm, and only then open the topics."""
+        """Declare all parameters, warm up, and only then open the topics."""
         super().__init__('virtual_arm', PARAMETERS, configured_virtual_arm, place)
         settings = self.configuration.node
         self.random = np.random.default_rng(settings.seed)
@@ -127,7 +128,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.refuse(UNREADABLE, str(error))
             return
         if not math.isfinite(command):
-            self.refuse(NOT_FINITE, f'refused: a commanded pressure of {command}')
+            self.refuse(NOT_FINITE, f'rejected a commanded pressure of {command}')
             return
         low, high = self.configuration.lab.scenario.arm.pressure_range
         within = min(max(command, low), high)
@@ -161,7 +162,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.log_refusal(Refusal(stamp_ns=0, reason=reason, sentence=sentence, error=False))
 
     def commanded(self) -> float:
-        """Return the target pressure (Pa) of the valve: commanded, or of the automatic swing."""
+        """Return the target pressure (Pa) of the valve: commanded, or of the automatic cycle."""
         if self.command is not None:
             return self.command
         period = self.configuration.node.swing_period
@@ -179,7 +180,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     def measure(self) -> None:
         """Publish the readings of wrench and pressure, and the truth if it has subscribers.
 
-        Of a moment of the time of ROS there is one reading: no more while /clock stands still.
+        There is one reading per instant of ROS time, so none while /clock stands still.
         """
         stamp_ns = self.advance()
         self.still = stamp_ns in (0, self.stamp_ns)
@@ -220,7 +221,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         return tips[0] if tips else None
 
     def tip_compliance(self, along: Array) -> float:
-        """Return how far (m/N) the tip gives along a direction (2,); 0 without a shape."""
+        """Return the compliance (m/N) of the tip along a direction (2,); 0 without a shape."""
         try:
             return max(self.configuration.lab.tip_compliance(self.state, along), 0.0)
         except RequestError:
@@ -240,7 +241,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     def frame_stamp(self) -> int | None:
         """Advance the arm to the present; return the stamp (ns) of its camera.
 
-        None while there is no time, or none since the last frame.
+        None before time starts, or if no time has passed since the last frame.
         """
         now_ns, before_ns = self.advance(), self.frame_ns
         self.frame_ns = now_ns
@@ -249,7 +250,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         return now_ns + round(late * NANOSECONDS_PER_SECOND) if passed else None
 
     def show_targets(self) -> None:
-        """Publish the targets as a tracker measures them."""
+        """Publish the targets as measured by a tracker."""
         stamp_ns = self.frame_stamp()
         if stamp_ns is None:
             return
@@ -263,7 +264,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.with_shape(show)
 
     def show_image(self) -> None:
-        """Publish an image of the arm, the camera first."""
+        """Publish an image of the arm, after its camera_info."""
         stamp_ns = self.frame_stamp()
         if stamp_ns is None:
             return
@@ -293,8 +294,8 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         if self.still:
             level = Level.WARN
             message = (
-                'no readings, because the clock stands still. Start what publishes /clock, or '
-                'set use_sim_time to false'
+                'no readings, because the clock is not running. Start the publisher of /clock, '
+                'or set use_sim_time to false'
             )
             self.log.warn('still', message, now)
         if self.trouble is not None:

@@ -1,4 +1,4 @@
-"""Configuration from the parameters of the virtual gripper and of the gripper it plays."""
+"""Configuration from the parameters of the virtual gripper and of the simulated gripper."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ class VirtualGripperSettings:
     object_stiffness: float = quantity(
         30.0, unit='N/m', meaning='contact stiffness between object and tip', bounds=(0.1, 60.0)
     )
-    rate: float = quantity(100.0, unit='Hz', meaning='of all readings', bounds=(1.0, 1000.0))
+    rate: float = quantity(100.0, unit='Hz', meaning='rate of all readings', bounds=(1.0, 1000.0))
     frame_rate: float = quantity(
         30.0, unit='Hz', meaning='rate of targets of each arm', bounds=(0.1, 100.0)
     )
     frame_id: str = setting(BASE_FRAME, 'frame of the gripper')
 
     def __post_init__(self) -> None:
-        """Refuse values outside their declaration."""
+        """Reject values outside their declared range."""
         check_settings(self)
 
 
@@ -81,8 +81,8 @@ def configured_virtual_gripper(
 def played_gripper(files: Sequence[str], name: str) -> tuple[Gripper, dict[str, str]]:
     """Return the simulated gripper, and the frames of its arms.
 
-    files: of parameters, none for the shipped one; name: full name of the node `gripper`.
-    RequestError where its arms have no mounts.
+    files: parameter files, none for the shipped one; name: full name of the node `gripper`.
+    RequestError if its arms have no mounts.
     """
     given: dict[str, Any] = {}
     for path in files or [str(share_path(SHIPPED))]:
@@ -93,8 +93,8 @@ def played_gripper(files: Sequence[str], name: str) -> tuple[Gripper, dict[str, 
     gripper = gripper_of(settings, blocks)
     if gripper is None:
         raise RequestError(
-            f'{", ".join(settings.arms)} have no {MOUNT}. Give the params_file of the '
-            f'gripper, with a {MOUNT} in the block of each arm, as in {SHIPPED}',
+            f'{", ".join(settings.arms)} have no {MOUNT}. Use the params_file of the gripper, '
+            f'with a {MOUNT} in the block of each arm, as in {SHIPPED}',
             reason='missing',
         )
     frames = {

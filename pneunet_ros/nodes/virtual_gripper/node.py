@@ -1,6 +1,6 @@
 """The node `virtual_gripper`: virtual arms around an object, for the node `gripper`.
 
-It reads the parameters of the gripper, for its arms and where they stand. The object is a soft
+It reads the parameters of the gripper, for its arms and their mounts. The object is a soft
 cylinder along the direction of the gripper, in its middle: it pushes the tips back.
 """
 
@@ -27,8 +27,9 @@ from pneunet_ros.nodes.virtual_gripper.configuration import (
 
 USAGE = """usage: pneunet-virtual-gripper [--ros-args ...]
 
-Plays the arms of a gripper, with their valves, sensors and cameras, and an object between them:
-those of the node gripper in a file of parameters, by default config/gripper.yaml
+Simulates the arms of a gripper, with their valves, sensors and cameras, and an object between
+them. The arms are those of the node gripper in a file of parameters, by default
+config/gripper.yaml
 
   pneunet-virtual-gripper --ros-args -r __ns:=/hand --params-file my_gripper.yaml
   pneunet-virtual-gripper --ros-args -r __ns:=/hand -p object_width:=0.03
@@ -41,7 +42,7 @@ class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
     INFO_TOPIC: ClassVar[str] = 'lab_info'
 
     def __init__(self) -> None:
-        """Declare all parameters; the arms come next, by `virtual_gripper_nodes`."""
+        """Declare all parameters; `virtual_gripper_nodes` then makes the arms."""
         super().__init__('virtual_gripper', PARAMETERS, configured_virtual_gripper)
         played = f'{self.get_namespace().rstrip("/")}/gripper'
         self.gripper: Gripper
@@ -75,7 +76,7 @@ class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
             member.load = Load(force_x=force_x, force_y=force_y)
 
     def forget(self) -> str:
-        """Put unconditioned arms (no prior loading) in their places."""
+        """Replace the arms by unconditioned ones (no prior loading)."""
         for member in self.members.values():
             member.forget()
         return 'unconditioned arms (no prior loading), vented'
@@ -84,7 +85,7 @@ class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
         """Continue with another object."""
 
     def diagnose(self) -> None:
-        """Publish how hard the object is held."""
+        """Publish the grip force on the object."""
         values = {f'force_n/{arm}': f'{force:.6g}' for arm, force in self.forces.items()}
         values |= {'object_width_m': f'{self.configuration.node.object_width:.6g}'}
         values |= {'force_n': f'{sum(self.forces.values()):.6g}'}

@@ -19,7 +19,7 @@ UNIT = 0.01  # a quaternion this near to unit length was rounded and is normaliz
 
 
 def finite_numbers(values: Any, where: str, count: int) -> tuple[float, ...]:
-    """Return this many finite numbers; CameraError names the place if there are not."""
+    """Return this many finite numbers; CameraError with the place if there are not."""
     numbers = table_array(values, where, 1, CameraError)
     if numbers.size != count:
         raise CameraError(
@@ -30,7 +30,7 @@ def finite_numbers(values: Any, where: str, count: int) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RestPlane:
-    """Scale and base frame come from first and last target of the straight arm (the paper's way).
+    """Scale and base frame from the first and last target of the straight arm (as in the paper).
 
     The camera looks along -z of the base frame at the working plane.
     """
@@ -40,7 +40,7 @@ class RestPlane:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurvedRestPlane:
-    """Scale and base frame come from the arm at rest where it is bent even then.
+    """Scale and base frame from the arm at rest, if it is bent even at rest.
 
     The scale is the arclength between the targets, x points along the arm at the clamp. The camera
     looks along -z of the base frame at the working plane.
@@ -53,7 +53,7 @@ class CurvedRestPlane:
 class HomographyPlane:
     """The working plane from known points: pixels (n, 2), points (n, 2) m in base.
 
-    Pixels are those of the image as it came, with the distortion of the lens.
+    Pixels are those of the raw image, with the distortion of the lens.
     """
 
     method: ClassVar[str] = 'homography'
@@ -61,18 +61,18 @@ class HomographyPlane:
     points: Array
 
     def __post_init__(self) -> None:
-        """Check that there are four points or more, as many in the image as in the plane."""
+        """Check that there are at least four points, and equally many in image and plane."""
         pixels = table_array(self.pixels, 'plane.pixels', 2, CameraError)
         points = table_array(self.points, 'plane.points', 2, CameraError)
         if pixels.shape != points.shape or pixels.shape[1:] != (2,):
             raise CameraError(
-                'plane.pixels and plane.points must be lists of as many pairs, '
-                f'not {_size(pixels)} and {_size(points)} numbers',
+                'plane.pixels and plane.points must be lists with the same number of pairs, not '
+                f'{_size(pixels)} and {_size(points)} numbers',
                 reason='wrong_shape',
             )
         if len(pixels) < 4:
             raise CameraError(
-                f'plane.pixels needs four points or more, not {len(pixels)}', reason='too_few'
+                f'plane.pixels needs at least four points, not {len(pixels)}', reason='too_few'
             )
         object.__setattr__(self, 'pixels', pixels)
         object.__setattr__(self, 'points', points)
@@ -95,13 +95,13 @@ class PosePlane:
     quaternion: tuple[float, float, float, float]
 
     def __post_init__(self) -> None:
-        """Check the numbers; a quaternion that was rounded gets its unit length back."""
+        """Check the numbers; normalize a rounded quaternion."""
         position = finite_numbers(self.position, 'plane.position', 3)
         quaternion = finite_numbers(self.quaternion, 'plane.quaternion', 4)
         length = math.hypot(*quaternion)
         if not abs(length - 1.0) <= UNIT:
             raise CameraError(
-                f'plane.quaternion (x, y, z, w) must have the length 1, not {length:.6g}',
+                f'plane.quaternion (x, y, z, w) must have length 1, not {length:.6g}',
                 reason='no_direction',
             )
         quaternion = tuple(value / length for value in quaternion)
@@ -140,7 +140,7 @@ class FixedBand:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AdaptiveBand:
-    """Targets stand out from their surroundings by a contrast, in any light."""
+    """Targets differ from their surroundings by a contrast, in any light."""
 
     method: ClassVar[str] = 'adaptive'
     contrast: float = quantity(
@@ -152,7 +152,7 @@ class AdaptiveBand:
         check_quantities(self, 'grey_band', CameraError)
 
     def inverted(self) -> AdaptiveBand:
-        """Return itself: contrast does not change in an inverted image."""
+        """Return this band: contrast does not change in an inverted image."""
         return self
 
 
@@ -213,22 +213,21 @@ class Shutter:
         return self.readout == 0.0 and self.exposure == 0.0
 
     def seconds_after_stamp(self, v: Array, height: int) -> Array:
-        """Return the mid-exposure times of places at v (n,) px, s after the stamp."""
+        """Return the mid-exposure times of rows v (n,) px, s after the stamp."""
         after: Array = 0.5 * self.exposure + self.readout * v / max(height - 1, 1)
         return after
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraSettings:
-    """Everything in `config/camera.yaml`: the working plane, and how targets look.
+    """Content of `config/camera.yaml`: the working plane, and the appearance of targets.
 
-    plane: how pixels become points of the base frame; polarity: whether targets are bright on a
-    dark arm, dark on a pale one, or either, by what shows a row; dot_color: red, green and blue of
-    targets that stand out by their color, 0 to 255, None: by their brightness; grey_band, area:
-    which pixels can be targets, and which areas of them; shutter: when rows are exposed;
-    clamp_pixel: where the target next to the clamp is in the image, roughly (u, v) px; None: the
-    left-most end of the row of targets is the clamp. Raises CameraError for values outside their
-    bounds.
+    plane: mapping of pixels to the base frame; polarity: whether targets are bright on a dark arm,
+    dark on a pale one, or whichever show a row; dot_color: red, green and blue, 0 to 255, of
+    targets distinguished by color, None: by brightness; grey_band, area: criteria for pixels and
+    areas of targets; shutter: exposure times of rows; clamp_pixel: approximate position (u, v) px
+    of the target next to the clamp; None: the clamp is at the left end of the row of targets.
+    Raises CameraError for values outside their bounds.
     """
 
     plane: PlaneMethod = field(default_factory=RestPlane)
@@ -266,12 +265,13 @@ class CameraSettings:
             color = finite_numbers(self.dot_color, 'dot_color', 3)
             if not all(0.0 <= value <= 255.0 for value in color):
                 raise CameraError(
-                    f'dot_color = {list(color)} must be red, green, blue, 0 to 255',
+                    f'dot_color = {list(color)} must be red, green and blue, each 0 to 255',
                     reason='wrong_shape',
                 )
             if lab_color((color[0], color[1], color[2]))[1] < LEAST_CHROMA:
                 raise CameraError(
-                    f'dot_color = {list(color)} is a grey: leave it out, and set polarity',
+                    f'dot_color = {list(color)} is a shade of grey: remove it, and set polarity '
+                    'instead',
                     reason='not_a_color',
                 )
             object.__setattr__(self, 'dot_color', color)

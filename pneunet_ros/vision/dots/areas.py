@@ -1,8 +1,8 @@
 """Round areas of an image, bright or dark: candidates for dots before their edges are fitted.
 
-Whatever the light, a bright target is brighter than what is just around it, and a dark one darker.
-So the image is cut at many grey levels; what is as round as an ellipse at some of them, and large
-enough, may be a dot.
+In any light, a bright target is brighter than its immediate surroundings, and a dark one darker.
+Therefore the image is thresholded at many grey levels; areas that are elliptical at some of them,
+and large enough, may be dots.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ BLOBS = BlobSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Appearance:
-    """Criteria for blobs: those of the camera file, and their use."""
+    """Criteria for blobs from the camera file, and their use."""
 
     band: GreyBand
     limits: AreaLimits
@@ -116,7 +116,7 @@ class Appearance:
 
     @property
     def levels(self) -> list[int]:
-        """Grey levels at which the image is cut, from the highest down."""
+        """Grey levels of the thresholds, from the highest down."""
         if not isinstance(self.band, AdaptiveBand):
             return [math.ceil(self.band.low)]
         step = max(1, math.floor(self.band.contrast / self.blobs.levels))
@@ -124,9 +124,9 @@ class Appearance:
 
 
 class RoundAreas(NamedTuple):
-    """Areas that are as round as ellipses at some grey levels; at most levels first.
+    """Areas that are elliptical at some grey levels, those at most levels first.
 
-    centers (n, 2) px; moments (n, 3) px^2: uu, uv, vv about them; levels (n,): at how many.
+    centers (n, 2) px; moments (n, 3) px^2: uu, uv, vv about them; levels (n,): number of levels.
     """
 
     centers: Array
@@ -141,7 +141,7 @@ class RoundAreas(NamedTuple):
 
     @property
     def shapes(self) -> Array:
-        """Logarithms of elongation, as `Blobs` has them, (n, 3); 0 of blur, which is not known."""
+        """Logarithms of elongation, as in `Blobs`, (n, 3); 0 for the unknown blur."""
         uu, uv, vv = self.moments.T
         spread = np.hypot(uu - vv, 2.0 * uv)
         longer = 0.5 * np.log((uu + vv + spread) / np.maximum(uu + vv - spread, 1e-9))
@@ -153,7 +153,7 @@ class RoundAreas(NamedTuple):
         return RoundAreas(self.centers[which], self.moments[which], self.levels[which])
 
     def stand_out(self, appearance: Appearance) -> Integers:
-        """Return the areas as salient, in levels, as those with the least contrast, or more."""
+        """Return the areas that exist at enough levels for the least contrast."""
         least = min(appearance.blobs.levels, len(appearance.levels))
         return np.flatnonzero(self.levels >= least)
 
@@ -171,7 +171,7 @@ class RoundAreas(NamedTuple):
 def round_areas(grey: Bytes, appearance: Appearance) -> RoundAreas:
     """Find elliptical areas brighter than their surroundings.
 
-    An area is as it is at the middle one of the grey levels at which it is there.
+    An area is measured at the middle one of the grey levels at which it exists.
     """
     return _joined(_cuts(grey, appearance), appearance)
 
@@ -181,7 +181,7 @@ def bright_and_dark_areas(
 ) -> tuple[RoundAreas, RoundAreas] | None:
     """Find elliptical areas brighter or darker than their surroundings.
 
-    None if the band is not adaptive: only then do both kinds have the same grey levels.
+    None if the band is not adaptive, because then both kinds have different grey levels.
     """
     if not isinstance(appearance.band, AdaptiveBand):
         return None
@@ -192,7 +192,7 @@ def bright_and_dark_areas(
 
 
 def _cuts(grey: Bytes, appearance: Appearance) -> list[Array]:
-    """Cut an image at all levels, from the highest down, as `_cut_at`."""
+    """Threshold an image at all levels, from the highest down, as in `_cut_at`."""
     settings = appearance.blobs
     soft = np.asarray(cv2.blur(grey, (settings.speck, settings.speck)), np.uint8)
     highest, lowest = int(soft.max(initial=0)), int(soft.min(initial=255))
@@ -203,7 +203,7 @@ def _cuts(grey: Bytes, appearance: Appearance) -> list[Array]:
 def _cut_at(grey: Bytes, level: int, appearance: Appearance) -> Array:
     """Return the areas at a level or brighter, (n, 6): area, center u, v, moments uu, uv, vv.
 
-    Areas that may be dots, or hold some; those of holes are negative.
+    These are areas that may be or contain dots; areas of holes are negative.
     """
     settings, limits = appearance.blobs, appearance.limits
     _, white = cv2.threshold(grey, level - 1, 255, cv2.THRESH_BINARY)
@@ -247,7 +247,7 @@ def _joined(cuts: list[Array], appearance: Appearance) -> RoundAreas:
 
 
 def _round_ones(table: Array, appearance: Appearance) -> Array:
-    """Return the areas (n, 6) of a cut that are as round as ellipses and have no large hole."""
+    """Return the areas (n, 6) of a cut that are elliptical and have no large hole."""
     settings, limits = appearance.blobs, appearance.limits
     area, uu, uv, vv = table[:, [0, 3, 4, 5]].T
     with np.errstate(invalid='ignore', divide='ignore'):
@@ -274,8 +274,8 @@ def _round_ones(table: Array, appearance: Appearance) -> Array:
 def _polygon_moments(corners: npt.NDArray[np.int32], sizes: Integers) -> tuple[Array, Array]:
     """Return area, center u, v and moments uu, uv, vv of the pixels within contours, (n, 6).
 
-    corners: of all contours, one after the other, as many of each as `sizes` (n,) says. Areas of
-    holes are negative. The second value is how many pixels each contour leads through, (n,).
+    corners: of all contours, one after the other, `sizes` (n,) of each. Areas of holes are
+    negative. The second value is the number of pixels on each contour, (n,).
     """
     first = np.cumsum(sizes) - sizes
     x, y = np.subtract(corners, np.repeat(corners[first], sizes, axis=0), dtype=np.float64).T

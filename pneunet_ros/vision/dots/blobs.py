@@ -1,7 +1,7 @@
 """Blobs: areas of a camera image that can be targets, before they have an identity.
 
-Where `areas` finds something round, `centroid` fits an ellipse to the edge, from which all numbers
-come. Dark targets are bright ones of the inverted image.
+`areas` finds elliptical areas, and `centroid` fits an ellipse to the edge of each, which gives all
+numbers. Dark targets are bright ones in the inverted image.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def _row(column: int, meaning: str) -> Any:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blobs:
-    """Areas of an image that can be targets; NaN in all quantities where there is none.
+    """Areas of an image that can be targets; NaN in all quantities for a missing one.
 
     `table` (COLUMNS, n) has the quantities below as rows, and those that only `centroid` names.
     """
@@ -46,19 +46,19 @@ class Blobs:
 
     u = _row(U, 'Centers in the image, from left to right, px.')
     v = _row(V, 'Centers in the image, from top to bottom, px.')
-    area = _row(AREA, 'How large they are, px^2.')
-    major = _row(MAJOR, 'Largest axis of the ellipse, px.')
-    minor = _row(MINOR, 'Smallest axis of the ellipse, px.')
-    angle = _row(ANGLE, 'Where the largest axis points, rad from +u towards +v.')
-    std = _row(STD, 'Standard error of the center per axis, the larger of both, px.')
-    contrast = _row(CONTRAST, 'How much brighter they are than the background, grey levels.')
+    area = _row(AREA, 'Areas, px^2.')
+    major = _row(MAJOR, 'Largest axes of the ellipses, px.')
+    minor = _row(MINOR, 'Smallest axes of the ellipses, px.')
+    angle = _row(ANGLE, 'Directions of the largest axes, rad from +u towards +v.')
+    std = _row(STD, 'Standard errors of the centers per axis, the larger of both, px.')
+    contrast = _row(CONTRAST, 'Brightness above the background, grey levels.')
 
     def __len__(self) -> int:
         return int(self.table.shape[1])
 
     @property
     def shapes(self) -> Array:
-        """Logarithms of elongation, along and aslant of u, and of the blur of edges, (n, 3)."""
+        """Logarithms of elongation, along and diagonal to u, and of the blur of edges, (n, 3)."""
         longer, twice = np.log(self.major / self.minor), 2.0 * self.angle
         columns = longer * np.cos(twice), longer * np.sin(twice), np.log(self.table[BLUR])
         return np.column_stack(columns)
@@ -70,7 +70,7 @@ class Blobs:
 
 
 def find_blobs(image: Image, appearance: Appearance) -> Blobs:
-    """Return all blobs of an image that are within the limits, but for those it cuts off."""
+    """Return all blobs of an image within the limits, except those cut off by its border."""
     return measure_areas(image, find_areas(image, appearance), appearance)
 
 
@@ -97,8 +97,7 @@ def nearest_blobs(
 ) -> Array:
     """Return the blob nearest to each place (n, 2) px, rows (n, COLUMNS).
 
-    NaN where no blob that can be a target has its center within `reach` px; across: diameter (px)
-    that it may have.
+    NaN if no possible target has its center within `reach` px; across: its largest diameter (px).
     """
     nearest = np.full((len(places), COLUMNS), np.nan)
     grey = image.grey()
@@ -154,14 +153,14 @@ def _measured(grey: Bytes, starts: Array, appearance: Appearance) -> Array:
 
 
 def _distinct(rows: Array, settings: BlobSettings) -> Array:
-    """Return the rows that are blobs, each once: of two in one place the more exact one."""
+    """Return the distinct blobs: of two at one position, the more accurate one."""
     rows = rows[np.isfinite(rows[:, U])]
     rows = rows[np.argsort(rows[:, STD], kind='stable')]
     return np.asarray(rows[~np.tril(same_blobs(rows, rows, settings), -1).any(axis=1)])
 
 
 def same_blobs(rows: Array, others: Array, settings: BlobSettings) -> Mask:
-    """Whether rows (n, COLUMNS) are at the place of others (m, COLUMNS), (n, m)."""
+    """Whether rows (n, COLUMNS) are at the positions of others (m, COLUMNS), (n, m)."""
     apart = np.hypot(*(rows[:, None, [U, V]] - others[None, :, [U, V]]).transpose(2, 0, 1))
     radius, other = (np.sqrt(table[:, AREA] / math.pi) for table in (rows, others))
     return np.asarray(apart < settings.twice * np.maximum(radius[:, None], other))

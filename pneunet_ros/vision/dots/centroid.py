@@ -1,11 +1,11 @@
 """Center, size and elongation of a blob: an ellipse fitted to its edge.
 
-A pixel is what the blob covers of it, times its grey level there, and what is behind it for the
-rest; the edge is as wide as it is blurred. What is behind may differ all around, as it does where
-a target lies at the edge of the arm, so each sector around has a background of its own. A sector
-whose edge is not the blob's (a glint beside the blob, a finger over it, the end of the arm that
-cuts it off) takes no part. Where neighbors show how a target looks, only its place is searched:
-one that is cut off is then where its center would be if it were whole.
+A pixel is modeled as the share covered by the blob times its grey level there, plus the background
+for the rest; the edge is blurred. The background may differ around a blob, for example at the edge
+of the arm, so each sector has its own background. A sector whose edge does not belong to the blob
+(a glint next to it, a finger over it, the end of the arm that cuts it off) is not used. If
+neighbors show the appearance of a target, only its position is fitted: a target that is cut off
+then gets the center of the whole dot.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ def outlines(
     """Return the initial guesses (n, FITTED) of the fits, for blobs of full brightness.
 
     places (n, 2) px; axes (n, 3) px: xx, xy, yy of the symmetric matrix that maps the unit circle
-    to the ellipse; blur (n,) px; smear (n, 2) px: way while the shutter is open; stds: how well
-    these are known: axes, size and shape alike, (n,) of the radius, blur px, smear (n,) px.
+    to the ellipse; blur (n,) px; smear (n, 2) px: motion during the exposure; stds: their standard
+    deviations: axes (size and shape) relative to the radius (n,), blur px, smear (n,) px.
     """
     starts = np.full((len(places), FITTED), np.nan)
     starts[:, [CENTER_U, CENTER_V]] = places
@@ -84,7 +84,7 @@ def outlines(
 
 
 def axes_of(rows: Array) -> Array:
-    """Return the axes (n, 3) px, as `outlines` takes them, of measured blobs (n, COLUMNS)."""
+    """Return the axes (n, 3) px of measured blobs (n, COLUMNS), as for `outlines`."""
     cosine, sine = np.cos(rows[:, ANGLE]), np.sin(rows[:, ANGLE])
     long, short = 0.5 * rows[:, MAJOR], 0.5 * rows[:, MINOR]
     return np.column_stack([
@@ -100,7 +100,7 @@ def measure_outlines(
     look: Look,
     settings: EllipseSettings = ELLIPSE,
 ) -> Array:
-    """Return rows (n, COLUMNS) of the blobs at these outlines; NaN where none can be a target."""
+    """Return rows (n, COLUMNS) of the blobs at these outlines; NaN if none can be a target."""
     rows = np.full((len(starts), COLUMNS), np.nan)
     known = ~np.isnan(starts).any(axis=1)
     # One kind of array, for which the kernel is compiled once.
@@ -133,7 +133,7 @@ def rows_of(fitted: Array) -> Array:
 
 
 def is_possible(rows: Array, look: Look, size: tuple[int, ...]) -> Mask:
-    """Whether blobs can be targets, whole within an image of this size (height, width)."""
+    """Whether blobs can be targets and lie within an image of this size (height, width)."""
     limits, half = look.limits, 0.5 * rows[:, MAJOR]
     with np.errstate(invalid='ignore'):
         return np.asarray(

@@ -1,11 +1,11 @@
 """Dots with strong motion blur, by their contribution to the image of the arm.
 
-A dot is painted on the skin: wherever it is on its way, it adds to the picture what its paint is
-brighter than the skin. So a picture is contrast times the share of the exposure in which the dot
-is at a pixel, and on top of that the picture of the moving arm without a dot. The latter is smooth
-along the arm, and may be anything across it, where the sides of the arm are smeared into whatever
-is behind. So it is fitted along with the dot, as splines across the arm that change evenly along
-it, and neither the sides of the arm nor what is behind them must be known.
+A dot is painted on the skin: along its path it adds the difference in brightness between paint and
+skin to the image. The image is thus the contrast times the share of the exposure in which the dot
+covers a pixel, plus the image of the moving arm without a dot. The latter is smooth along the arm
+and arbitrary across it, because the sides of the arm are smeared into the background. It is fitted
+together with the dot, as splines across the arm that change linearly along it, so neither the
+sides of the arm nor the background need to be known.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ OF_DOT = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MovingDotSettings:
-    """Fit of a dot that moves far while the shutter is open."""
+    """Settings of the fit of a dot that moves far during the exposure."""
 
     before: float = tuning(
         1.8,
@@ -163,9 +163,9 @@ MOVING_DOTS = MovingDotSettings()
 class MovingDot(NamedTuple):
     """A fitted dot.
 
-    center and way while the shutter is open, px; longer, size: its way and size over what they
-    were thought to be; contrast, grey levels; std of the center per axis, px; left: root mean
-    square of what is not explained, grey levels.
+    center and motion during the exposure, px; longer, size: motion and size relative to the
+    expected ones; contrast, grey levels; std of the center per axis, px; left: rms residual, grey
+    levels.
     """
 
     center: Array
@@ -180,8 +180,8 @@ class MovingDot(NamedTuple):
 class Known(NamedTuple):
     """The prior of a dot: mean and one sigma.
 
-    contrast: grey levels, its std infinite where nothing is known; size, longer: over what is
-    drawn, its way one sigma of either component over its length.
+    contrast: grey levels, with infinite std if nothing is known; size, longer: relative to the
+    drawing; for the motion, one sigma of either component relative to its length.
     """
 
     contrast: float
@@ -202,9 +202,9 @@ def fit_moving_dot(
 ) -> MovingDot | None:
     """Fit a dot from an initial guess; None if there is none.
 
-    outline (FITTED,): its place, and how it looks by its neighbors; along (2,): which way the arm
-    leads, a unit vector; end: how many px from the center that way the arm may end, infinite where
-    it goes on.
+    outline (FITTED,): position, and appearance from its neighbors; along (2,): direction of the
+    arm, a unit vector; end: distance (px) from the center at which the arm may end in that
+    direction, infinite if it continues.
     """
     outline = outline.copy()
     dot = None
@@ -220,15 +220,15 @@ def fit_moving_dot(
 
 
 def _radius(outline: Array) -> float:
-    """Return the radius of a circle as large as an outline."""
+    """Return the radius of a circle with the area of an outline."""
     return math.sqrt(outline[AXIS_XX] * outline[AXIS_YY] - outline[AXIS_XY] ** 2)
 
 
 class Pixels(NamedTuple):
     """Pixels around a dot, (n,) each but `inside`.
 
-    x, y: px from where it is thought to be; levels: how bright; arm (n, splines): of what the
-    picture of the arm without a dot is a sum; inside (height, width): where they are.
+    x, y: px from the expected position; levels: brightness; arm (n, splines): basis of the image
+    of the arm without a dot; inside (height, width): mask of the pixels.
     """
 
     x: Array
@@ -241,7 +241,7 @@ class Pixels(NamedTuple):
 def _cut(
     grey: Bytes, outline: Array, along: Array, end: float, settings: MovingDotSettings
 ) -> Pixels:
-    """Collect the pixels of a dot, and the splines across the arm."""
+    """Collect the pixels around a dot, and the splines across the arm."""
     radius, place = _radius(outline), outline[[CENTER_U, CENTER_V]]
     way, across = outline[[SMEAR_U, SMEAR_V]], np.array([-along[1], along[0]])
     width = (1.0 + settings.beyond) * radius + settings.blur * float(outline[WIDTH])
@@ -268,7 +268,7 @@ def _fit_within(
     known: Known,
     settings: MovingDotSettings,
 ) -> MovingDot | None:
-    """Fit a dot by the pixels around an outline (FITTED,)."""
+    """Fit a dot to the pixels around an outline (FITTED,)."""
     pixels = _cut(grey, outline, along, end, settings)
     many = pixels.arm.shape[1]  # then contrast, center, way and size
     count, spare = len(pixels.x), len(pixels.x) - many - 1 - OF_DOT
@@ -322,7 +322,7 @@ def _fit_within(
 
 
 def _splines(places: Array, half: float) -> Array:
-    """Return the cubic B-splines (n, splines) at places from -half to half, knots 1 apart."""
+    """Return cubic B-splines (n, splines) at positions from -half to half, with knots 1 apart."""
     knots = np.arange(math.floor(-half) - 1, math.ceil(half) + 2)
     away = np.abs(places[:, None] - knots)
     inner = 2.0 / 3.0 - away**2 * (1.0 - 0.5 * away)
@@ -332,7 +332,7 @@ def _splines(places: Array, half: float) -> Array:
 def _draw(x: Array, y: Array, outline: Array, way: Array, size: float) -> tuple[Array, Array]:
     """Return the exposure share of a dot at positions (n,), and its derivatives (n, OF_DOT).
 
-    x, y (n,) px from its center; it changes by center, way and size.
+    x, y (n,) px from its center; derivatives by center, motion and size.
     """
     xx, xy, yy = size * outline[[AXIS_XX, AXIS_XY, AXIS_YY]]
     determinant = xx * yy - xy * xy
@@ -356,9 +356,9 @@ def _draw(x: Array, y: Array, outline: Array, way: Array, size: float) -> tuple[
 def _covariance(by_pixel: Array, inside: Mask, together: int) -> Array:
     """Return the covariance (2, 2) of a center from the influence of each pixel (2, pixels).
 
-    inside (height, width): where these pixels are. What is left of a picture goes together over
-    some pixels, as what is behind the arm is no noise: products of all pairs within `together` px
-    count, less the further they are apart (Bartlett's weights; Newey and West, Conley).
+    inside (height, width): mask of these pixels. Residuals are correlated over some pixels,
+    because the background is not noise: products of all pairs within `together` px count, with
+    weights that fall with distance (Bartlett's weights; Newey and West, Conley).
     """
     maps = np.zeros((2, *inside.shape))
     maps[:, inside] = by_pixel
@@ -409,7 +409,7 @@ def is_dot(dot: MovingDot, known: Known, settings: MovingDotSettings = MOVING_DO
 
 
 def moves_far(outlines: Array) -> Mask:
-    """Whether dots (n, FITTED) move by more than a radius while the shutter is open (n,)."""
+    """Whether dots (n, FITTED) move by more than a radius during the exposure (n,)."""
     way = np.hypot(outlines[:, SMEAR_U], outlines[:, SMEAR_V])
     size = outlines[:, AXIS_XX] * outlines[:, AXIS_YY] - outlines[:, AXIS_XY] ** 2
     return np.asarray(way > np.sqrt(size))

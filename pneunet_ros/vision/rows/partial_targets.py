@@ -1,4 +1,4 @@
-"""Targets that are partly visible or smeared: their neighbors give the rest."""
+"""Targets that are partly visible or smeared, completed from their neighbors."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def with_partial(
 ) -> ObservedRow:
     """Return a row with its partly visible targets, completed from their neighbors.
 
-    sized (targets,): whose usual area is their own; other arguments as in `gate_row`.
+    sized (targets,): mask of targets with their own usual area; other arguments as in `gate_row`.
     """
     settings = view.vision.row_look
     if row.seen <= settings.fewest:
@@ -102,10 +102,10 @@ def _parts_at(
     expected: Array,
     last: TrackedRow | None,
 ) -> Array:
-    """Return the targets that are what their neighbors are, as far as they are seen.
+    """Return the targets whose visible part matches their neighbors.
 
-    partial (targets,): which are looked at; expected: where, and as `looks_of_neighbors`. Rows
-    (targets, columns), NaN where there is none to be believed.
+    partial (targets,): mask of targets to examine; expected: positions, and as from
+    `looks_of_neighbors`. Rows (targets, columns), NaN without a reliable match.
     """
     settings = view.vision.row_look
     found = np.full_like(row.table, np.nan)
@@ -124,10 +124,10 @@ def _parts_at(
 
 
 def _with_ways(view: View, row: ObservedRow, expected: Array, last: TrackedRow) -> Array:
-    """Return outlines (targets, FITTED) that move as the row does while the shutter is open.
+    """Return outlines (targets, FITTED) that move with the row during the exposure.
 
-    A line over the smear of neighbors is too short where most of them are not seen whole: the
-    longer of its way and the way since the last frame counts.
+    The smear predicted from neighbors is too short if most of them are not seen whole: the longer
+    of that and the motion since the last frame is used.
     """
     outlines, both = expected.copy(), np.isfinite(row.table[:, U]) & last.seen
     if both.any():
@@ -148,11 +148,11 @@ def _moving_at(
     starts: tuple[Array, ...],
     last: TrackedRow | None,
 ) -> Array:
-    """Return the targets that move far while the shutter is open, rows (targets, columns).
+    """Return the targets that move far during the exposure, rows (targets, columns).
 
-    moving (targets,): which are looked for, at each of `starts`, and where the others lead, as a
-    smeared blob may be off its start; expected: as `looks_of_neighbors`. NaN where there is
-    none to be believed.
+    moving (targets,): mask of targets to search, at each of `starts` and at positions predicted by
+    the others, because a smeared blob may be off its start; expected: as from
+    `looks_of_neighbors`. NaN without a reliable one.
     """
     without = replace(row, table=row.table.copy(), points=row.points.copy())
     without.table[moving] = without.points[moving] = np.nan
@@ -210,10 +210,11 @@ def _moving_at(
 def _places_by_neighbors(
     view: View, row: ObservedRow, last: TrackedRow | None
 ) -> tuple[Array, ...]:
-    """Return positions of targets, seen or interpolated from neighbors, (targets, 2) px each.
+    """Return seen positions of targets and those interpolated from neighbors, (targets, 2) px.
 
-    One that is not seen is where the row leads, which is vague beyond a gap; or, if it was
-    seen in the last row, where its motion leads and the others are off theirs (NaN of all others).
+    A target that is not seen is placed by the row, which is vague beyond a gap; or, if it was seen
+    in the last row, by its motion plus the deviation of the others from theirs (NaN for all
+    others).
     """
     seen = np.isfinite(row.table[:, U])
     on_row = np.where(seen[:, None], row.table[:, :2], expected_pixels(view, row.points))
@@ -231,10 +232,10 @@ def _places_by_neighbors(
 
 
 def _are_on_row(view: View, row: ObservedRow, found: Array, doubtful: Mask) -> Mask:
-    """Whether doubtful targets are where those on either side of them say (targets,).
+    """Whether doubtful targets lie where their neighbors on both sides predict them (targets,).
 
-    found (targets, columns): where each is; doubtful (targets,): which appear by a part, or fit
-    badly. True of all others, and of those at an end of what is seen.
+    found (targets, columns): of each; doubtful (targets,): those partly visible, or with a bad
+    fit. True for all others, and for those at the end of the seen row.
     """
     others = np.where(doubtful[:, None], np.nan, row.points)
     seen = np.flatnonzero(np.isfinite(others[:, 0]))

@@ -1,6 +1,6 @@
-"""A row of targets as a frame shows it, and as the next frame is expected to.
+"""A row of targets as observed in a frame, and its prediction for the next frame.
 
-Tables of blobs have one line per target with the columns of `centroid`.
+Tables of blobs have one row per target, with the columns of `centroid`.
 """
 
 from __future__ import annotations
@@ -29,29 +29,30 @@ from pneunet_ros.vision.settings import VisionSettings
 
 # Why a target of a row that was found is not seen, as a person reads it after "target N: ".
 CAUSES = {
-    'no_dot': 'nothing at its place looks like a dot: it is covered, out of focus, out of the '
-    'picture, or stands out too little (grey_band, area)',
-    'size': 'the dot at its place is not as large as it was: it is partly covered, or a glint '
+    'no_dot': 'nothing at its position looks like a dot: it is covered, out of focus, outside '
+    'the image, or has too little contrast (grey_band, area)',
+    'size': 'the dot at its position has become smaller: it is partly covered, or a glint '
     'touches it',
-    'motion': 'the area at its place does not move like its neighbors: it is partly covered, '
-    'or a glint is beside it',
-    'place': ('the area near its place is off the row: is its entry in target_arclength right?'),
-    'other': 'the dot at its place is a target of another arm',
+    'motion': 'the area at its position does not move like its neighbors: it is partly covered, '
+    'or there is a glint next to it',
+    'place': (
+        'the area near its position is off the row: is its entry in target_arclength right?'
+    ),
+    'other': 'the dot at its position is a target of another arm',
     'part': 'too little of its edge is visible to locate its center',
 }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrackedRow:
-    """A row of targets as it was in a frame, from which the next one is predicted.
+    """State of the row of targets in a frame, from which the next one is predicted.
 
-    pixels (targets, 2): where each target was, or must have been; velocity (targets, 2) px/s, and
-    velocity_std (targets,): one sigma of it per axis at this frame, infinite if it is unknown;
-    area (targets,): how large each is to be expected, px^2; table (targets, columns): how each
-    looked when it was last seen, NaN of one that never was; seen (targets,): whether it was;
-    sized (targets,): whether its area is its own, as it has shown it;
-    spacing: distance of neighbors, px; exposure: how long the shutter seems to be open, s,
-    0 where nothing is known of it.
+    pixels (targets, 2): observed or predicted positions; velocity (targets, 2) px/s, and
+    velocity_std (targets,): one sigma per axis at this frame, infinite if unknown; area
+    (targets,): expected areas, px^2; table (targets, columns): appearance when last seen, NaN if
+    never; seen (targets,): whether seen in this frame; sized (targets,): whether the area was
+    measured on the target itself; spacing: distance of neighbors, px; exposure: estimated exposure
+    time, s, 0 if unknown.
     """
 
     stamp_ns: int
@@ -68,13 +69,13 @@ class TrackedRow:
     def predict(self, stamp_ns: int, longest: float) -> Array:
         """Return the predicted targets at a stamp, (targets, 2) px.
 
-        longest: how long (s) their velocities tell anything.
+        longest: time (s) for which velocities are extrapolated.
         """
         seconds = seconds_between(self.stamp_ns, stamp_ns)
         return np.asarray(self.pixels + min(seconds, longest) * self.velocity)
 
     def outlines(self, places: Array, vision: VisionSettings) -> Array:
-        """Return the predicted outlines of targets with unchanged looks; places (n, 2) px."""
+        """Return predicted outlines of targets with unchanged appearance; places (n, 2) px."""
         blobs, smear = vision.blobs, self.exposure * self.velocity
         stds = blobs.smear_std + vision.row_tracker.smear_std * np.hypot(*smear.T)
         return outlines(
@@ -90,8 +91,8 @@ class TrackedRow:
 class ObservedRow:
     """The targets in a frame, NaN where one is not seen.
 
-    table (targets, columns): what was measured in the image, in the columns of `centroid`;
-    points (targets, 2) m in base; std (targets,) m; seen: how many are; causes (targets,): why
+    table (targets, columns): measurements in the image, with the columns of `centroid`; points
+    (targets, 2) m in base; std (targets,) m; seen: number of seen targets; causes (targets,): why
     each is not seen, empty if it is.
     """
 

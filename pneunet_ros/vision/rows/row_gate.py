@@ -1,4 +1,4 @@
-"""Gating of blobs as targets of the row, and predicted places of the others."""
+"""Gating of blobs as targets of the row, and predicted positions of the others."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def gate_row(
 ) -> ObservedRow:
     """Return the blobs of a table accepted as targets.
 
-    usual (targets,) px^2: how large they are compared with each other; parts (targets,): which of
-    them were measured by a part, with the size of their neighbors; causes: why some are not in the
-    table. Those that were seen in the last row must have moved as their neighbors; without one the
-    ends of the row must be near the other targets.
+    usual (targets,) px^2: sizes relative to each other; parts (targets,): mask of targets measured
+    from a part, with the size of their neighbors; causes: why some are not in the table. Targets
+    seen in the last row must have moved like their neighbors; without a last row, its ends must be
+    near the other targets.
     """
     table, gating = table.copy(), view.vision.gating
     there, taken = np.isfinite(table[:, U]), view.is_taken(table)
@@ -82,7 +82,7 @@ def expected_pixels(view: View, points: Array) -> Array:
 
 
 def is_at_clamp(view: View, points: Array) -> bool:
-    """Whether the first target that is seen, if it is near the clamp, is where it must be."""
+    """Whether the first seen target, if it is near the clamp, is at a possible position."""
     settings, arclength, clamp_angle = view.vision.row_tracker, view.arclength, view.clamp_angle
     seen = np.flatnonzero(np.isfinite(points[: settings.near_clamp, 0]))
     if not seen.size:

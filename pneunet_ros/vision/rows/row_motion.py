@@ -1,4 +1,4 @@
-"""Motion of a row: from frame to frame, and while the shutter is open."""
+"""Motion of a row: from frame to frame, and during the exposure."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def start_row(view: View, row: ObservedRow) -> TrackedRow:
 def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
     """Return the row from which the next frame starts.
 
-    Targets that are not seen are where the others say, and move as those next to them.
+    Targets that are not seen are placed by the others, and move like their neighbors.
     """
     arclength, seen = view.arclength, np.isfinite(row.table[:, U])
     pixels, area = row.table[:, :2].copy(), last.area.copy()
@@ -84,8 +84,9 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
 def velocity_along_row(moved: Array, arclength: Array, known: Mask, neighbors: int) -> Array:
     """Return the velocities of all targets, (targets, 2) px or px/s, from the known ones.
 
-    moved (known, 2), in the same unit. Between two of them it changes evenly; beyond the last ones
-    it goes on as along so many neighbors: the end of an arm moves faster than what is before it.
+    moved (known, 2), in the same unit. Between two known ones it is interpolated linearly; beyond
+    the last ones it is extrapolated from several neighbors, because the end of an arm moves
+    fastest.
     """
     velocity, places = np.empty((len(arclength), 2)), arclength[known]
     for axis in range(2):
@@ -108,8 +109,8 @@ def exposure_of(
 ) -> float:
     """Return the exposure time (s) estimated from the motion blur of targets.
 
-    velocity (n, 2) px/s; seconds: between frames; before: what it seemed to be in the last frame,
-    0 where nothing is known. A frame in which almost nothing moves does not change it.
+    velocity (n, 2) px/s; seconds: between frames; before: estimate at the last frame, 0 if
+    unknown. A frame in which almost nothing moves does not change it.
     """
     settings = vision.row_tracker
     least = settings.least_exposure * seconds  # and no longer than from frame to frame
@@ -124,10 +125,10 @@ def exposure_of(
 
 
 def at_stamp(view: View, row: ObservedRow, now: TrackedRow) -> ObservedRow:
-    """Return a row as it was at the stamp of its frame, by how it moves.
+    """Return a row moved to the stamp of its frame.
 
-    A rolling shutter sees each target at a time of its own. One whose motion is not known, as in
-    the first frame that shows it, stays where it was seen.
+    A rolling shutter sees each target at a different time. A target of unknown motion, such as in
+    the first frame that shows it, is not moved.
     """
     shutter = view.settings.shutter
     known = np.isfinite(row.points[:, 0]) & np.isfinite(now.velocity_std)

@@ -1,4 +1,4 @@
-"""The row that starts at the clamp, found among all areas of a frame."""
+"""Search for the row that starts at the clamp, among all areas of a frame."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pneunet_ros.vision.rows.view import NO_AREAS, View
 
 
 def search_around(view: View, last: TrackedRow) -> ObservedRow | Failure:
-    """Find the row that starts at the clamp around where it was last."""
+    """Find the row that starts at the clamp near its last position."""
     reach = view.vision.gating.farthest * last.spacing
     places = last.pixels[np.isfinite(last.pixels[:, 0])]
     if not (len(places) and math.isfinite(reach)):
@@ -39,8 +39,8 @@ def search_around(view: View, last: TrackedRow) -> ObservedRow | Failure:
 def search_row(view: View) -> ObservedRow | Failure:
     """Find the row that starts at the clamp among all areas of the frame.
 
-    Areas on a row, as their moments say, are measured first. Where that does not show all of the
-    targets, all areas are.
+    Areas on a row, according to their moments, are measured first; if these do not include all
+    targets, all areas are measured.
     """
     areas = view.round_areas()
     points = view.plane.points(view.lens.undistort(areas.centers))

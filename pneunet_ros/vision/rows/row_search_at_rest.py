@@ -1,4 +1,4 @@
-"""The row of the arm at rest, found while the plane of the arm is not known yet."""
+"""Search for the row of the arm at rest, before the plane of the arm is known."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ from pneunet_ros.vision.still_areas import is_moved, StillAreas
 def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     """Find the targets of the arm at rest, normalized (targets, 2), NaN where one is not seen.
 
-    view: its plane is not known yet, and not used; rest: where the arm has rested so far, which
-    identifies the targets of a frame that does not show a row on its own.
+    view: its plane is not used; rest: earlier rest positions of the arm, which identify the
+    targets in a frame that does not show a row by itself.
     """
     areas = view.round_areas()
     if len(areas.centers) == 0:
@@ -50,7 +50,7 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     if not isinstance(found, Failure):
         return found
     others = np.count_nonzero(np.isfinite(view.taken[:, 0]))
-    more = f'; {others} targets of other arms are left out' if others else ''
+    more = f'; not counting {others} targets of other arms' if others else ''
     found = replace(found, found=blobs.centers, blobs=blobs, sentence=found.sentence + more)
     if found.reason != 'no_row':
         return found
@@ -61,16 +61,16 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
 
 
 def _free_blobs(view: View, areas: RoundAreas) -> Blobs:
-    """Return the blobs among areas of a frame that are no targets of other rows."""
+    """Return the blobs among areas of a frame that do not belong to other rows."""
     blobs = measure_areas(view.image, areas, view.appearance)
     return Blobs(freeze(blobs.table[:, ~view.is_taken(blobs.table.T)]))
 
 
 def _search_what_stands_out(view: View, areas: RoundAreas) -> Array | Failure:
-    """Find the targets of the arm at rest by the areas that stand out, as `search_at_rest`.
+    """Find the targets of the arm at rest among salient areas, as in `search_at_rest`.
 
-    Only those on a row, as their moments say, are measured, and all areas near it or near a row
-    that is not there by chance beside it.
+    Only areas on a row, according to their moments, are measured, and all areas near it or near
+    another row that is not due to chance.
     """
     points = view.lens.undistort(areas.centers)
     clear = areas.stand_out(view.appearance)
@@ -78,7 +78,7 @@ def _search_what_stands_out(view: View, areas: RoundAreas) -> Array | Failure:
     nothing = Failure(
         reason='no_row',
         sentence=f'no row of {view.arclength.size} targets with the distances of '
-        f'target_arclength among {len(clear)} areas that stand out clearly',
+        f'target_arclength among {len(clear)} clearly visible areas',
         found=areas.centers[clear],
     )
     candidates = _candidates(view, points, areas.areas, areas.shapes, clear)
@@ -174,7 +174,7 @@ def _search_within(
 def _search_once(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Failure:
     """Find the targets of the arm at rest, as `_search_anew`; the same blobs are searched once.
 
-    In a crowd what stands out may be all that there is.
+    If there are many areas, the salient ones may be all there are.
     """
     key = (
         'at rest', limits, view.settings, view.vision, view.clamp_angle, view.arclength.tobytes(),
@@ -184,10 +184,10 @@ def _search_once(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array |
 
 
 def _search_anew(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Failure:
-    """Find the targets of the arm at rest by this frame alone, as `search_at_rest` returns them.
+    """Find the targets of the arm at rest from this frame alone, as in `search_at_rest`.
 
-    limits: as of `row_at_rest`. A row that is found must be what is found again from its clamp
-    once the plane is known by it: what a frame says does not depend on what was known before.
+    limits: as in `row_at_rest`. The row must be found again from its clamp once it has determined
+    the plane, so that the result does not depend on earlier frames.
     """
     settings, vision, arclength = view.settings, view.vision, view.arclength
     points = view.lens.undistort(blobs.centers)
@@ -210,10 +210,10 @@ def _search_anew(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array |
             reason='no_row',
             seen=found.seen,
             sentence=f'only {arclength.size - 1} of {arclength.size} targets are visible, and '
-            f'their distances do not show whether target 0 or target {arclength.size - 1} is '
-            'missing: give clamp_pixel (--clamp-pixel U V) to within half of their '
-            'spacing. Is one of them too faint (contrast, focus), or cut by the end of the '
-            'arm?',
+            'their distances do not show whether target 0 or target '
+            f'{arclength.size - 1} is missing: give clamp_pixel (--clamp-pixel U V) to '
+            'within half their spacing. Is one of them too faint (contrast, focus), or '
+            'cut off by the end of the arm?',
         )
     again = view.lens.undistort(found.table[:, :2])
     # One beside a slot or a glint is measured again by its neighbors' look: the same target still.
@@ -223,8 +223,8 @@ def _search_anew(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array |
         return Failure(
             reason='no_row',
             seen=int(same),
-            sentence=f'only {same} of {arclength.size} targets at rest are found again from the '
-            'clamp: does target_arclength match them?',
+            sentence=f'only {same} of {arclength.size} targets at rest were found again when '
+            'counted from the clamp: does target_arclength match them?',
         )
     return again
 
@@ -238,11 +238,11 @@ def _begins_at_clamp_pixel(view: View, row: ObservedRow) -> bool:
 
 
 def search_what_moved(view: View, still: StillAreas, wanted: int) -> RestAverage | None:
-    """Find where the arm rested, among areas that stayed in their places until it moved.
+    """Find the rest position of the arm among areas that were still until it moved.
 
-    wanted: frames in which an area must have been there, and gone since. What stays is as bad in
-    a row as a missing target: near the clamp an arm hardly moves. None if nothing moved, or
-    what moved is no row of all targets.
+    wanted: number of frames in which an area must have existed, and been absent since. An area
+    that is still there costs as much as a missing target, because near the clamp an arm hardly
+    moves. None if nothing moved, or if the moved areas are not a row of all targets.
     """
     known = still.only(still.seen >= wanted)
     gone, search = known.unseen >= wanted, view.vision.beam_search
@@ -272,10 +272,10 @@ def search_what_moved(view: View, still: StillAreas, wanted: int) -> RestAverage
 
 
 def _has_moved(view: View, row: TargetRow, points: Array, gone: Mask) -> bool:
-    """Whether a row among points (areas, 2) moved as an arm does, with all of its targets.
+    """Whether a row among points (areas, 2) moved like an arm, with all of its targets.
 
-    gone (areas,): which are gone. Those of an arm are all of its targets but some at the clamp,
-    and where the next target would be beyond its tip nothing is gone.
+    gone (areas,): mask of areas that disappeared. For an arm these are all targets except some at
+    the clamp, and no area disappeared where the next target beyond its tip would be.
     """
     chosen = row.chosen[row.chosen >= 0]
     if np.any(np.diff(gone[chosen].astype(np.int64)) < 0):
@@ -294,7 +294,7 @@ def _row_at_rest(
 ) -> Array | Failure:
     """Return the targets of a resting arm among blobs, normalized (targets, 2), NaN where missing.
 
-    points (blobs, 2) normalized, NaN where the lens does not see.
+    points (blobs, 2) normalized, NaN outside the view of the lens.
     """
     settings, usable = view.settings, np.isfinite(points[:, 0])
     row = row_at_rest(

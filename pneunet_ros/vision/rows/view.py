@@ -28,10 +28,10 @@ NO_AREAS = Failure(
 class View:
     """A frame with its tracking context.
 
-    areas: candidate areas, if they were found already; shallow: whether to search salient areas
-    only, as another search can follow; limits: what the targets of a row at rest may cost in each
-    search among these, none where they were searched before; taken (n, COLUMNS): blobs that are
-    targets of other rows.
+    areas: candidate areas, if already found; shallow: search only salient areas, because another
+    search can follow; limits: largest cost of the targets of a row at rest for each search among
+    these, empty if they were searched before; taken (n, COLUMNS): blobs that are targets of other
+    rows.
     """
 
     image: Image
@@ -58,7 +58,7 @@ class View:
 
     @property
     def rest_straightness(self) -> float:
-        """Largest distance of an arm at rest from the line between its ends, of its length."""
+        """Largest deviation of an arm at rest from a straight line, relative to its length."""
         bent = isinstance(self.settings.plane, CurvedRestPlane)
         return math.inf if bent else self.settings.rest_straightness
 
