@@ -105,8 +105,8 @@ class Part:
         """Refuse a part that is empty or not on the arm."""
         if not 0.0 <= self.start < self.end <= 1.0:
             raise ModelError(
-                f'a part from {self.start} to {self.end} s / l is not on the arm: '
-                'it must begin and end within 0 and 1, and begin before it ends',
+                f'a part from {self.start} to {self.end} s / l is not on the arm: start and end '
+                'must lie between 0 and 1, and start before end',
                 reason='out_of_bounds',
             )
 
@@ -166,7 +166,7 @@ class Terms:
     def __post_init__(self) -> None:
         """Refuse a push that has no place."""
         if self.push is not NOTHING and self.part is None:
-            raise ModelError('a push needs a part of the arm on which it acts', reason='no_part')
+            raise ModelError('a push needs the part of the arm on which it acts', reason='no_part')
 
     def differs(self, other: Terms) -> bool:
         """Whether any term is another one."""

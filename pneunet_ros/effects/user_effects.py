@@ -50,7 +50,7 @@ def add_effects(directory: str | Path) -> tuple[type[Effect], ...]:
     files = sorted(file for file in folder.glob('*.py') if not file.name.startswith('_'))
     if not files:
         raise ModelError(
-            f'effects path {directory} holds no effect file (*.py)', reason='no_effect'
+            f'effects path {directory} contains no effect file (*.py)', reason='no_effect'
         )
     found: list[type[Effect]] = []
     for file in files:
@@ -61,7 +61,9 @@ def add_effects(directory: str | Path) -> tuple[type[Effect], ...]:
             if issubclass(item, Effect) and item.__module__ == module.__name__
         ]
         if not own:
-            raise ModelError(f'effect file {file} holds no subclass of Effect', reason='no_effect')
+            raise ModelError(
+                f'effect file {file} contains no subclass of Effect', reason='no_effect'
+            )
         found += own
     return add_to_table([(effect, f'effect file {inspect.getfile(effect)}') for effect in found])
 
@@ -122,7 +124,7 @@ def add_to_table(found: Iterable[tuple[Any, str]]) -> tuple[type[Effect], ...]:
         known = added.get(effect.name, EFFECTS.get(effect.name, effect))
         if known is not effect:
             raise ModelError(
-                f'{origin}: there is an effect {effect.name} already, in '
+                f'{origin}: there is already an effect {effect.name}, in '
                 f'{inspect.getfile(known)}; give this one another name',
                 reason='given_twice',
             )
@@ -152,20 +154,20 @@ def breach(effect: Any) -> str:
         return 'must be a dataclass with frozen=True, slots=True and kw_only=True'
     declared = quantities(effect)
     if not declared or len(declared) != len(fields(effect)):
-        return 'must declare at least one parameter, and all of them by quantity(...)'
+        return 'must declare at least one parameter, each with quantity(...)'
     for item in declared:
         (low, high), (first, last) = item.metadata['bounds'], item.metadata['prior']
         where = f'parameter {item.name}'
         if not isinstance(item.default, float):
-            return f'{where} needs a default, its neutral value, as a float'
+            return f'{where} needs a float as default, its neutral value'
         if not low <= item.default <= high:
             return f'{where}: the default {item.default} is not within the bounds [{low}, {high}]'
         if not (low <= first < last <= high and math.isfinite(first) and math.isfinite(last)):
-            return f'{where} needs a prior of two finite numbers within the bounds, increasing'
+            return f'{where} needs a prior of two finite, increasing numbers within the bounds'
     methods = METHODS & set(vars(effect))
     if not methods:
         return f'does nothing: it must have one of {", ".join(sorted(DEFINES[place]))}'
     if not methods <= DEFINES[place]:
         wrong = sorted(methods - DEFINES[place])[0]
-        return f'acts in {place} and must not have {wrong}'
+        return f'acts in {place}, so it must not have {wrong}'
     return ''

@@ -106,12 +106,12 @@ class _Output:
         """Refuse what cannot take its place."""
         if self.final.exists() and not self.overwrite:
             raise RecordingError(
-                f'{self.path} has appeared meanwhile: choose another name or pass --overwrite',
+                f'{self.path} appeared in the meantime: choose another name or pass --overwrite',
                 reason='exists',
             )
         if not self.temporary.exists():
             raise RecordingError(
-                f'{self.path} was not written: its maker produced nothing',
+                f'{self.path} was not written: nothing was produced for it',
                 reason='nothing_written',
             )
 
@@ -170,7 +170,7 @@ def _no_room_said(path: str | Path) -> Iterator[None]:
     except OSError as error:
         if error.errno in NO_ROOM:
             raise RecordingError(
-                f'{path} cannot be written: {error.strerror}; nothing of it was kept',
+                f'{path} cannot be written: {error.strerror}; the incomplete file was removed',
                 reason='unwritable',
             ) from error
         raise
@@ -247,7 +247,7 @@ def _final_place(
             )
         if Path(path).is_symlink() and not final.exists():
             raise RecordingError(
-                f'{path} cannot be written: it is a link to nothing, {final}', reason='unwritable'
+                f'{path} cannot be written: it is a broken link to {final}', reason='unwritable'
             )
         _check_place(path, final, overwrite, inputs, replaceable)
     except (OSError, ValueError) as error:  # a name that no file can have, a closed folder
@@ -283,7 +283,7 @@ def _check_place(
         source = resolved(name, RecordingError)
         if source == final or source in final.parents or final in source.parents:
             raise RecordingError(
-                f'{path} would overwrite the input {name} or lie inside it: choose another place',
+                f'{path} would overwrite the input {name} or be inside it: choose another place',
                 reason='overwrites_input',
             )
     if not final.exists():
@@ -296,7 +296,7 @@ def _check_place(
         ]
         if others:
             raise RecordingError(
-                f'{path} is a folder that holds {others[0]}, not just an earlier output: '
+                f'{path} is a folder that contains {others[0]}, not only an earlier output: '
                 'choose another name',
                 reason='holds_other_files',
             )

@@ -201,9 +201,9 @@ def effects_from_mapping(content: Any) -> tuple[Effect, ...]:
     for name in MODEL_FILE.mapping(content, 'effects'):
         if name not in EFFECTS:
             raise ModelError(
-                f'unknown key effects.{name}; known here: {", ".join(EFFECTS)}. Name the folder '
-                'of an effect of your own: --effects-path DIR, or the parameter effects_path of a '
-                'node',
+                f'unknown key effects.{name}; known effects: {", ".join(EFFECTS)}. For an effect '
+                'of your own, give its folder with --effects-path DIR, or with the parameter '
+                'effects_path of a node',
                 reason='unknown_key',
             )
     named = MODEL_FILE.block(content, 'effects', tuple(EFFECTS), set(EFFECTS))

@@ -72,7 +72,8 @@ def read_arrays(path: Path, declared: Mapping[str, Declared]) -> dict[str, Any]:
             with ZipFile(stream) as archive:
                 if sum(item.file_size for item in archive.infolist()) > LARGEST_ARCHIVE:
                     raise ArchiveError(
-                        f'it holds more than {LARGEST_ARCHIVE // 1_000_000} MB', reason='too_large'
+                        f'it contains more than {LARGEST_ARCHIVE // 1_000_000} MB',
+                        reason='too_large',
                     )
             stream.seek(0)
             with np.load(stream, allow_pickle=False) as content:
@@ -94,7 +95,7 @@ def _as_declared(name: str, array: Any, what: Declared, sizes: dict[str, int]) -
     """Return one array, checked against its declaration; else ArchiveError."""
     if array.dtype.kind not in KINDS[what.kind]:
         raise ArchiveError(
-            f'{name} must be of kind {what.kind}, and is {array.dtype}', reason='wrong_kind'
+            f'{name} must be of kind {what.kind}, but is {array.dtype}', reason='wrong_kind'
         )
     fits = array.ndim == len(what.axes) and all(
         sizes.setdefault(axis, size) == size
@@ -105,19 +106,20 @@ def _as_declared(name: str, array: Any, what: Declared, sizes: dict[str, int]) -
             f'{axis} {sizes[axis]}' if axis in sizes else axis for axis in what.axes
         )
         raise ArchiveError(
-            f'{name} must have the shape ({wanted}), and has {array.shape}', reason='wrong_shape'
+            f'{name} must have the shape ({wanted}), but has {array.shape}', reason='wrong_shape'
         )
     if what.kind == 'text':
         return array.item() if not what.axes else array
     if what.kind == 'integer':
         if array.dtype.kind == 'u' and array.size and array.max() > np.iinfo(np.int64).max:
-            raise ArchiveError(f'{name} holds an integer beyond 64 bits', reason='too_large')
+            raise ArchiveError(f'{name} contains an integer beyond 64 bits', reason='too_large')
         values = array.astype(np.int64)
     else:
         values = frozen_array(array.astype(np.float64))
         if not np.all(np.abs(values) <= LARGEST):
             raise ArchiveError(
-                f'{name} holds NaN, infinity or a number beyond {LARGEST:g}', reason='not_finite'
+                f'{name} contains NaN, infinity or a number beyond {LARGEST:g}',
+                reason='not_finite',
             )
     if what.increasing and not np.all(values[1:] > values[:-1]):
         raise ArchiveError(f'{name} must increase strictly', reason='not_increasing')
@@ -137,7 +139,9 @@ def _check_definite(name: str, matrix: Array, *, strictly: bool) -> None:
         return
     diagonal = np.diag(matrix)
     if np.any(diagonal <= 0.0):
-        raise ArchiveError(f'{name} has a variance that is not positive', reason='not_definite')
+        raise ArchiveError(
+            f'{name} contains a variance that is not positive', reason='not_definite'
+        )
     std = np.sqrt(diagonal)
     try:  # as a correlation: its quantities have different units
         np.linalg.cholesky(matrix / std / std[:, None])

@@ -26,9 +26,9 @@ def open_regular(path: Path) -> BinaryIO:
         mode = path.stat().st_mode
     except ValueError as error:
         raise OSError(
-            errno.EINVAL, 'its name holds a character that no name of a file can have'
+            errno.EINVAL, 'its name contains a character that is not allowed in file names'
         ) from error
     for is_kind, called in _KINDS:
         if is_kind(mode):
-            raise OSError(errno.EINVAL, f'it is {called}, and a file is needed')
+            raise OSError(errno.EINVAL, f'it is {called}, but a file is needed')
     return path.open('rb')

@@ -74,7 +74,7 @@ def scenario_from_mapping(content: Any, folder: Path) -> Scenario:
     if isinstance(arm, str):
         if not arm or Path(arm).name != arm or arm == '..':
             raise RequestError(
-                f'arm must be a block, or the name of a file beside it, not {arm!r}',
+                f'arm must be a block, or the name of a file in the same folder, not {arm!r}',
                 reason='wrong_kind',
             )
         arm = ARM_FILE.load(folder / arm, lambda content: arm_from_mapping(content, ''))
@@ -170,7 +170,7 @@ def changes_of(pairs: Iterable[str]) -> dict[str, dict[str, float]]:
             number = float('nan')
         if not (equals and dot and parameter) or number != number:
             raise RequestError(
-                f'--effect {pair} is not of the form NAME.PARAMETER=VALUE with a number as value',
+                f'--effect {pair} is not of the form NAME.PARAMETER=VALUE with a number as VALUE',
                 reason='wrong_form',
             )
         changes.setdefault(effect, {})[parameter] = number
@@ -188,6 +188,6 @@ def whole_number(value: Any, where: str) -> int:
     """Return a whole number of the file that can be a seed."""
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**63:
         raise RequestError(
-            f'{where} must be a whole number from 0 on, not {value!r}', reason='not_a_number'
+            f'{where} must be a whole number, 0 or more, not {value!r}', reason='not_a_number'
         )
     return value

@@ -33,7 +33,7 @@ class PlainConstructor(SafeConstructor):
         for key, _ in node.value:
             if key.tag == 'tag:yaml.org,2002:merge':
                 raise ConstructorError(
-                    problem='merge keys (<<) are not read here: write the values out',
+                    problem='merge keys (<<) are not supported: write the values out',
                     problem_mark=key.start_mark,
                 )
         super().flatten_mapping(node)
@@ -52,7 +52,8 @@ class PlainConstructor(SafeConstructor):
         text: str = super().construct_yaml_str(node)
         if any(character == '\0' or '\ud800' <= character <= '\udfff' for character in text):
             raise ConstructorError(
-                problem='a text with a zero or half a character', problem_mark=node.start_mark
+                problem=('a text with a null character or an incomplete character'),
+                problem_mark=node.start_mark,
             )
         return text
 
@@ -80,7 +81,8 @@ class YamlFile:
                 data = stream.read(LARGEST_FILE + 1)
             if len(data) > LARGEST_FILE:
                 raise self.error(
-                    f'{path} is larger than {LARGEST_FILE // 1_000_000} MB: no {self.kind}',
+                    f'{path} is larger than {LARGEST_FILE // 1_000_000} MB, so it is not a '
+                    f'{self.kind}',
                     reason='too_large',
                 )
             text = data.decode('utf-8')
@@ -131,13 +133,13 @@ class YamlFile:
         for key in values:
             if key not in known:
                 raise self.error(
-                    f'unknown key {prefix}{key}; known here: {", ".join(known)}',
+                    f'unknown key {prefix}{key}; known keys: {", ".join(known)}',
                     reason='unknown_key',
                 )
         missing = [key for key in known if key not in values and key not in (optional or set())]
         if missing:
             raise self.error(
-                f'{prefix}{missing[0]} is missing; needed here: {", ".join(known)}',
+                f'{prefix}{missing[0]} is missing; the keys are {", ".join(known)}',
                 reason='missing_key',
             )
         return values
@@ -146,7 +148,8 @@ class YamlFile:
         """Refuse a file that was written for another version of its layout."""
         if isinstance(given, bool) or given != known:
             raise self.error(
-                f'schema_version {given!r} is not known; known: {known}', reason='unknown_version'
+                f'schema_version {given!r} is not supported, only {known}',
+                reason='unknown_version',
             )
 
     def numbers_of(
@@ -176,7 +179,7 @@ class YamlFile:
             return float(value)
         except OverflowError:
             raise self.error(
-                f'{where} is too large for {self.number_name}', reason='too_large'
+                f'{where} is too large to be {self.number_name}', reason='too_large'
             ) from None
 
 

@@ -1,1 +1,1 @@
-"""The virtual lab: camera images of an arm with exact truth, by code of its own."""
+"""The virtual lab: simulated recordings with exact ground truth, by independent code."""

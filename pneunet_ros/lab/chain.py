@@ -1,6 +1,6 @@
 """Shapes of the lab arm: its chain of elements, the loads in every frame, and its equilibrium.
 
-Second order in the element length. See `chain_kernels` for the energy.
+The chain is second-order accurate in the element length. See `chain_kernels` for the energy.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MOST_STEPS = 60
 class Peg:
     """A stiff stop at height y (m), which the point `place` (m) along the arm meets from below.
 
-    Without friction it pushes back by stiffness (N/m) times how far it is pushed in.
+    It is frictionless and pushes back with stiffness (N/m) times the penetration.
     """
 
     place: float
@@ -32,9 +32,9 @@ class Peg:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Push:
-    """A push without friction at `place` (m): force (frames,) N along the arm's normal there.
+    """A frictionless push at `place` (m): force (frames,) N along the arm's normal there.
 
-    The normal is that in the shape under the push: it turns with the arm.
+    The normal is that of the deformed shape: it turns with the arm.
     """
 
     place: float
@@ -45,15 +45,15 @@ class Push:
 class Chain:
     """The lab arm as a chain of n elements, in a batch of frames.
 
-    turning (frames, n + 1) rad: of the unloaded arm at every joint, joints standing at the clamp,
+    turning (frames, n + 1) rad: of the unloaded arm at every joint; joints are at the clamp,
     between elements, and at the free end. rigidity (frames, 2) N m^2, before and after split
-    (frames,) m. force (frames, 2) N and moment (frames,) N m at the free end. The rest is what
-    effects bring: stiffer (frames, n + 1), the factor of every joint's rigidity; rest (frames, n)
-    strain; line (n, 2) or (frames, n, 2) N, the force of loads along the arm beyond the middle
-    of every element; axial_compliance 1/N and how it grows with the strain; cubic m^2 and
-    quintic m^4 of the moment; clamp_compliance rad/(N m) and clamp_hardening 1/rad^2; beside and
-    beyond, m, where the end force acts, across and along the free end; the peg it leans against;
-    a push. time (frames,) s, from the beginning of the recording.
+    (frames,) m. force (frames, 2) N and moment (frames,) N m at the free end. The rest is due to
+    effects: stiffer (frames, n + 1), the factor of every joint's rigidity; rest (frames, n)
+    strain; line (n, 2) or (frames, n, 2) N, the force of loads along the arm beyond the middle of
+    every element; axial_compliance 1/N and its growth with the strain; cubic m^2 and quintic m^4
+    of the moment; clamp_compliance rad/(N m) and clamp_hardening 1/rad^2; beside and beyond, m:
+    offsets of the end force across and along the free end; peg; push. time (frames,) s, from the
+    beginning of the recording.
     """
 
     length: float
@@ -109,7 +109,7 @@ class Chain:
 
     @property
     def middles(self) -> Array:
-        """Arclength (m) in the middle of every element, (n,)."""
+        """Arclength (m) of the middle of every element, (n,)."""
         return freeze((np.arange(len(self.rest[0]), dtype=np.float64) + 0.5) * self.element)
 
 
@@ -125,7 +125,7 @@ class ChainShape:
     def points(self, arclength: npt.ArrayLike) -> tuple[Array, Array, Array]:
         """Return x, y (m) and theta (rad) at places along the arm (m), each (frames, places).
 
-        Beyond the free end the arm goes on straight, as its rigid cap.
+        Beyond the free end the arm is straight, like its rigid cap.
         """
         places = np.asarray(arclength, np.float64)
         s = np.minimum(places, self.chain.length)
@@ -167,9 +167,9 @@ def middle_joints(length: float, elements: int) -> Array:
 def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
     """Return the equilibrium of the chain without peg and push, frame by frame.
 
-    A frame starts from the one before, the first one from the angles `start` (n + 2,) where they
-    are given, so that a branch of equilibria is followed as long as it exists. Raises RequestError
-    that names the first frame for which none was found.
+    A frame starts from the previous one, the first one from the angles `start` (n + 2,) if given,
+    so that a branch of equilibria is followed as long as it exists. Raises RequestError with the
+    first frame that has no equilibrium.
     """
     frames, joints = chain.turning.shape
     loads = np.column_stack([chain.rigidity, chain.split, chain.force, chain.moment])
@@ -214,7 +214,7 @@ def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
 def pushed_shape(chain: Chain, start: Array | None = None) -> ChainShape:
     """Return the equilibrium of the chain with a push along its normal, without the peg.
 
-    RequestError if the push turns the arm, and the arm the push, without end.
+    RequestError if arm and push keep turning each other without converging.
     """
     push = chain.push
     shape = free_shape(chain, start)

@@ -1,7 +1,7 @@
-"""The arm of the virtual lab: its own description of the truth, not the model's.
+"""The arm of the virtual lab: its own description of the truth, independent of the model.
 
 Intrinsic curvature is a sum of Legendre polynomials in s, smooth along the whole arm; between rows
-it is linear in p, and so are rigidities and l1, so that the model can represent this arm.
+it is linear in p, like rigidities and l1, so that the model can represent this arm.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ VARIATION = 0.15  # largest share by which a seed changes a parameter of the arm
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LabArm:
-    """Truth about an arm.
+    """Ground truth of an arm.
 
     targets (targets,) m along the arm; curvature_pressure (rows,) Pa and modes (rows, degree + 1)
     1/m: kappa0 = sum of modes[k] P_k(2 s / l - 1); law_pressure (rows,) Pa, split (rows,) l1 / l,
-    rigidity (rows, 2) alpha = B / (mg l^2), positive. `seed` is that of the places where targets
-    were painted; in an arm made by `varied` of its parameters, too.
+    rigidity (rows, 2) alpha = B / (mg l^2), positive. `seed` determines where targets are painted,
+    and also the parameters of an arm made by `vary_arm`.
     """
 
     name: str
@@ -59,12 +59,12 @@ class LabArm:
         for name, size in sizes.items():
             object.__setattr__(self, name, frozen_array(getattr(self, name), size))
             if not np.all(np.isfinite(getattr(self, name))):
-                raise RequestError(f'arm: {name} holds NaN or infinity', reason='not_finite')
+                raise RequestError(f'arm: {name} contains NaN or infinity', reason='not_finite')
         for name in ('curvature_pressure', 'law_pressure', 'targets'):
             values = getattr(self, name)
             if values.size < 2 or not np.all(np.diff(values) > 0.0):
                 raise RequestError(
-                    f'arm: {name} must hold two or more increasing values', reason='not_increasing'
+                    f'arm: {name} must have two or more increasing values', reason='not_increasing'
                 )
         if self.targets[0] < 0.0 or self.targets[-1] > self.reach:
             raise RequestError(
@@ -77,7 +77,7 @@ class LabArm:
             )
         if not np.all(self.rigidity > 0.0):
             raise RequestError(
-                'arm: rigidity must be positive: the lab finds least energy',
+                'arm: rigidity must be positive, because the lab minimizes energy',
                 reason='singular_rigidity',
             )
         if not self.pressure_range[0] < self.pressure_range[1]:
@@ -88,12 +88,12 @@ class LabArm:
 
     @property
     def reach(self) -> float:
-        """Length with the cap (m)."""
+        """Length including the cap (m)."""
         return self.length + self.tip_cap
 
     @property
     def pressure_range(self) -> tuple[float, float]:
-        """Pressures (Pa) for which both tables hold."""
+        """Pressures (Pa) covered by both tables."""
         tables = self.curvature_pressure, self.law_pressure
         return max(float(t[0]) for t in tables), min(float(t[-1]) for t in tables)
 
@@ -115,7 +115,7 @@ class LabArm:
         return freeze(np.where(u > 1.0 + CAP_BEGINS, 0.0, curvature))
 
     def turning_angle(self, arclength: npt.ArrayLike) -> Array:
-        """Return the angle (rad) that the unloaded arm has turned at places (m), for each row."""
+        """Return the angle (rad) of the unloaded arm at places (m), for each row."""
         u = 2.0 * np.asarray(arclength, np.float64) / self.length - 1.0
         integral = legendre.legint(self.modes.T, lbnd=-1.0, axis=0)
         return frozen_array(0.5 * self.length * np.asarray(legendre.legval(u, integral)))

@@ -1,7 +1,7 @@
 """The contract of effects in the virtual lab, independent of the model's effects.
 
-Names and main parameters are the model's, so that truth can be compared. `richness` says how far
-an effect goes beyond the plain law of that name: 0 is the plain law.
+Names and main parameters are those of the model, so that the truth can be compared. `richness` is
+the departure of an effect from the plain law of that name: 0 is the plain law.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ RICHNESS = quantity(
 class Course:
     """Chamber pressure over a fine time grid (n,) s, with the states that depend on it.
 
-    pressure (n,) Pa at the sensor and chamber (n,) Pa behind the line, both true; weights (n,
-    rows) of the arm's rows of intrinsic curvature; rigidity_factor (n,).
+    pressure (n,) Pa at the sensor and chamber (n,) Pa behind the line, both true values; weights
+    (n, rows) of the arm's rows of intrinsic curvature; rigidity_factor (n,).
     """
 
     arm: LabArm
@@ -45,13 +45,13 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabEffect(abc.ABC):
-    """Base class of lab effects; an effect overrides the methods of the places where it acts."""
+    """Base class of lab effects; an effect overrides the methods where it acts."""
 
     name: ClassVar[str]
     richness: float = field(default=0.0, metadata=RICHNESS.metadata)
 
     def __post_init__(self) -> None:
-        """Refuse parameters outside their bounds."""
+        """Reject parameters outside their bounds."""
         check_quantities(self, f'effects.{self.name}', RequestError)
 
     def read(self, arm: LabArm, pressure: Array, force: Array) -> tuple[Array, Array]:
@@ -59,20 +59,20 @@ class LabEffect(abc.ABC):
         return pressure, force
 
     def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
-        """Apply this effect to the course; return its memory, too. past () is rest."""
+        """Apply this effect to the course; also return its memory. past: () means at rest."""
         return course, past
 
     def resume(self, past: Past, rest: Array) -> Array:
         """Return the history in the shape of the state at rest; () means at rest.
 
-        Raises RequestError where another arm remembered it.
+        Raises RequestError if it is the history of another arm.
         """
         if not past:
             return rest
         if len(past) != rest.size:
             raise RequestError(
-                f'the earlier recording holds {len(past)} numbers of the state of {self.name}, '
-                f'and this arm has {rest.size}: continue a recording of the same arm',
+                f'the earlier recording has {len(past)} numbers for the state of {self.name}, '
+                f'but this arm needs {rest.size}: continue a recording of the same arm',
                 reason='other_arm',
             )
         return freeze(np.array(past).reshape(rest.shape))
@@ -86,7 +86,7 @@ class LabEffect(abc.ABC):
         return 0.0 * share
 
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
-        """Return where a camera sees points (frames, n, 2) m; share (frames,) 0 to 1 of time."""
+        """Return points (frames, n, 2) m as seen by a camera; share (frames,) 0 to 1 of time."""
         return points
 
 

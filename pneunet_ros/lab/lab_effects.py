@@ -1,7 +1,8 @@
 """Independent implementations of the effects for the virtual lab, and their table.
 
-Sensing, then history, then material and mechanics. The order of the table is that of application;
-sensors undo it in this order, too: offset before gain, as true pressure = gain x reading + offset.
+The table is in the order of application: sensing, then history, then material and mechanics.
+Sensors invert in this order too: offset before gain, because true pressure = gain x reading +
+offset.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ CLAMP_YIELD = 0.1  # rad, at which a rich clamp is twice as stiff
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabPressureGain(LabEffect):
-    """True pressure = gain x reading; rich: the gain is more wrong at high pressure."""
+    """True pressure = gain x reading; rich: the gain error grows with pressure."""
 
     name: ClassVar[str] = 'pressure_gain'
     gain: float = quantity(1.0, unit='-', bounds=(0.1, 10.0))
@@ -52,7 +53,7 @@ class LabPressureOffset(LabEffect):
     offset: float = quantity(0.0, unit='Pa', bounds=(-2e5, 2e5))
 
     def read(self, arm: LabArm, pressure: Array, force: Array) -> tuple[Array, Array]:
-        """Take the offset away."""
+        """Subtract the offset."""
         grown = self.offset * (1.0 + 0.3 * self.richness * relative_pressure(arm, pressure))
         return freeze(pressure - grown), force
 
@@ -73,13 +74,13 @@ class LabForceMisalignment(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabCameraScale(LabEffect):
-    """Measured = factor x true, about the base; rich: the plane is tilted, too."""
+    """Measured = factor x true, about the base; rich: the plane is also tilted."""
 
     name: ClassVar[str] = 'camera_scale'
     factor: float = quantity(1.0, unit='-', bounds=(0.1, 10.0))
 
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
-        """Scale the picture, and more so at large x."""
+        """Scale the image, more so at large x."""
         tilt = 0.3 * self.richness * (2.0 * points[..., :1] / arm.length - 1.0)
         return freeze(points * (1.0 + (self.factor - 1.0) * (1.0 + tilt)))
 
@@ -92,7 +93,7 @@ class LabCameraRotation(LabEffect):
     angle: float = quantity(0.0, unit='rad', bounds=(-4.0, 4.0))
 
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
-        """Turn, more so at the end of the recording."""
+        """Rotate, more so at the end of the recording."""
         angle = self.angle * (1.0 + 0.3 * self.richness * (2.0 * share - 1.0))
         return turn(points, angle[:, None])
 
@@ -105,12 +106,12 @@ class LabCameraDelay(LabEffect):
     delay: float = quantity(0.0, unit='s', bounds=(-10.0, 10.0))
 
     def late(self, share: Array) -> Array:
-        """Return the delay, more so at the end of the recording."""
+        """Return the delay, which grows during the recording."""
         return freeze(self.delay * (1.0 + 0.3 * self.richness * (2.0 * share - 1.0)))
 
 
 def turn(vectors: Array, angle: Array) -> Array:
-    """Return vectors (..., 2) turned counter-clockwise by angles that broadcast to (...)."""
+    """Return vectors (..., 2) rotated counter-clockwise by angles that broadcast to (...)."""
     cosine, sine = np.cos(angle), np.sin(angle)
     x, y = vectors[..., 0], vectors[..., 1]
     return freeze(np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1))
@@ -150,7 +151,7 @@ class LabHysteresis(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabCreep(LabEffect):
-    """kappa0 follows by 1 - amplitude at once, the rest later; rich: part of the rest sooner."""
+    """A share 1 - amplitude of kappa0 follows at once, the rest later; rich: in two stages."""
 
     name: ClassVar[str] = 'creep'
     amplitude: float = quantity(0.0, unit='-', bounds=(0.0, 1.0))
@@ -174,7 +175,7 @@ class LabCreep(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabSoftening(LabEffect):
-    """Mullins: softer below the largest pressure ever; rich: a part recovers within minutes."""
+    """Mullins effect: softer below the largest past pressure; rich: partly recovers in minutes."""
 
     name: ClassVar[str] = 'softening'
     loss: float = quantity(0.0, unit='-', bounds=(0.0, 0.9))
@@ -197,20 +198,20 @@ class LabSoftening(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabStiffening(LabEffect):
-    """M = B d (1 + c d^2); rich: and a term in d^5."""
+    """M = B d (1 + c d^2); rich: with a term in d^5."""
 
     name: ClassVar[str] = 'stiffening'
     coefficient: float = quantity(0.0, unit='m^2', bounds=(0.0, 1.0))
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
-        """Add to the energy of joints."""
+        """Add the stiffening to the energy of joints."""
         quintic = self.richness * self.coefficient**2
         return replace(chain, cubic=self.coefficient, quintic=quintic)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabExtensibility(LabEffect):
-    """Strain = tension / EA; rich: as rubber (neo-Hookean), softer the more it is stretched."""
+    """Strain = tension / EA; rich: neo-Hookean rubber, softer when stretched."""
 
     name: ClassVar[str] = 'extensibility'
     axial_stiffness: float = quantity(math.inf, unit='N', bounds=(0.1, math.inf))
@@ -226,7 +227,7 @@ class LabExtensibility(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabPressureElongation(LabEffect):
-    """Strain of the unloaded arm, linear and quadratic in p; rich: more of it near the clamp."""
+    """Strain of the unloaded arm, linear and quadratic in p; rich: larger near the clamp."""
 
     name: ClassVar[str] = 'pressure_elongation'
     strain_per_pascal: float = quantity(0.0, unit='1/Pa', bounds=(-1e-5, 1e-5))
@@ -241,7 +242,7 @@ class LabPressureElongation(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabGravity(LabEffect):
-    """Weight per length, its mean along the arm; rich: heavier near the clamp."""
+    """Mean weight per length; rich: heavier near the clamp."""
 
     name: ClassVar[str] = 'gravity'
     weight_x: float = quantity(0.0, unit='N/m', bounds=(-1e3, 1e3))
@@ -260,20 +261,20 @@ class LabGravity(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabClampCompliance(LabEffect):
-    """The clamp turns under the moment it carries; rich: less and less so."""
+    """The clamp turns under its moment; rich: it stiffens."""
 
     name: ClassVar[str] = 'clamp_compliance'
     compliance: float = quantity(0.0, unit='rad/(N m)', bounds=(0.0, 1e4))
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
-        """Put a spring into the clamp."""
+        """Add a spring to the clamp."""
         hardening = self.richness / CLAMP_YIELD**2
         return replace(chain, clamp_compliance=self.compliance, clamp_hardening=hardening)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabLoadOffset(LabEffect):
-    """The end force acts at a lateral offset from the free end; rich: beyond it, too."""
+    """The end force acts at a lateral offset from the free end; rich: also beyond it."""
 
     name: ClassVar[str] = 'load_offset'
     offset: float = quantity(0.0, unit='m', bounds=(-0.1, 0.1))
@@ -293,7 +294,7 @@ class LabContact(LabEffect):
     arclength: float = quantity(0.6, unit='-', meaning='s / l', bounds=(0.02, 1.0))
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
-        """Push."""
+        """Add the push."""
         grown = 1.0 + 0.3 * self.richness * relative_pressure(arm, chamber)
         force = freeze(self.force * grown)
         return replace(chain, push=Push(place=self.arclength * arm.length, force=force))
@@ -301,7 +302,7 @@ class LabContact(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabCameraTilt(LabEffect):
-    """A camera not square to the plane, by similar triangles about the base; rich: it tilts on."""
+    """A camera tilted to the plane, by similar triangles about the base; rich: it tilts more."""
 
     name: ClassVar[str] = 'camera_tilt'
     tilt_x: float = quantity(0.0, unit='1/m', bounds=(-10.0, 10.0))
@@ -316,7 +317,7 @@ class LabCameraTilt(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabLensDistortion(LabEffect):
-    """A lens bends radially about the middle of the picture; rich: with the fourth power, too."""
+    """Radial lens distortion about the middle of the image; rich: with a fourth-power term."""
 
     name: ClassVar[str] = 'lens_distortion'
     radial: float = quantity(0.0, unit='1/m^2', meaning='< 0: barrel', bounds=(-1e4, 1e4))
@@ -324,7 +325,7 @@ class LabLensDistortion(LabEffect):
     middle_y: float = quantity(0.0, unit='m', bounds=(-10.0, 10.0))
 
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
-        """Distort; the fourth power is that of half of the arm's length."""
+        """Distort; the fourth-power term is relative to half the length of the arm."""
         middle = np.array([self.middle_x, self.middle_y])
         moved = [
             self.radial * squared * (1.0 + self.richness * fourth) * away
@@ -337,7 +338,7 @@ class LabLensDistortion(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabInertia(LabEffect):
-    """The arm has mass: MuJoCo moves it, as by the block `motion` of a scenario."""
+    """The arm has mass: MuJoCo simulates it, as with the block `motion` of a scenario."""
 
     name: ClassVar[str] = 'inertia'
     tip_mass: float = quantity(0.0, unit='kg', bounds=(0.0, 1e2))

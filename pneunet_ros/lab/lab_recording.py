@@ -1,4 +1,4 @@
-"""Output of the virtual lab: the simulated sensor readings, and the truth."""
+"""Output of the virtual lab: simulated sensor readings and ground truth."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class LabTruth:
     """The truth behind the frames of a recording, in the base frame, SI.
 
     time (frames,) s since the beginning; pressure at the sensor and in the chamber (frames,);
-    force (frames, 2), moment (frames,); target_x, target_y (frames, targets), where the painted
-    targets are; x, y, theta, curvature, intrinsic_curvature (frames, stations) at arclength
+    force (frames, 2), moment (frames,); target_x, target_y (frames, targets), positions of the
+    painted targets; x, y, theta, curvature, intrinsic_curvature (frames, stations) at arclength
     (stations,): curvatures per unstretched length, the intrinsic one with creep. registration
-    (2,), drift (frames, 2): how far the camera shows everything beside its place; placement
-    (targets, 2): of targets from their places, along and across the arm.
+    (2,), drift (frames, 2): displacement of the whole image; placement (targets, 2): offsets of
+    targets from their nominal positions, along and across the arm.
     """
 
     time: Array
@@ -59,12 +59,12 @@ class LabRecording:
     """A recording of the virtual lab: readings and truth.
 
     reading_stamp_ns, pressure (readings,): all pressure readings; wrench_stamp_ns, wrench_force
-    (wrenches, 2), wrench_moment (wrenches,): all wrench readings, none where nothing hangs on the
-    arm all the time (`loaded` False); stamp_ns (frames,), x, y (frames, targets): frames, NaN
-    where a target was not seen. reading (frames,) is the pressure reading nearest to each frame,
-    force (frames, 2) and moment (frames,) the nearest wrench reading, exactly zero if nothing
-    hangs on the arm. motion: additional truth of an arm with mass. imu_stamp_ns, imu (n, 3) m/s^2:
-    what an accelerometer at the clamp reads, in the base frame.
+    (wrenches, 2), wrench_moment (wrenches,): all wrench readings, none if the arm is never loaded
+    (`loaded` False); stamp_ns (frames,), x, y (frames, targets): frames, NaN where a target was
+    not seen. reading (frames,) is the pressure reading nearest to each frame, force (frames, 2)
+    and moment (frames,) the nearest wrench reading, exactly zero if nothing hangs on the arm.
+    motion: additional truth of an arm with mass. imu_stamp_ns, imu (n, 3) m/s^2: readings of an
+    accelerometer at the clamp, in the base frame.
     """
 
     scenario: Scenario

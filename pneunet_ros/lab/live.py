@@ -1,7 +1,7 @@
 """The virtual lab in steps: commands in, readings out.
 
-The arm, effects and sensors of `simulate`; it reproduces the same recordings under the same
-pressures and loads. There is no clock here: time is given with every step.
+It uses the arm, effects and sensors of `simulate`, and reproduces the same recordings under the
+same pressures and loads. There is no clock here: time is given with every step.
 """
 
 from __future__ import annotations
@@ -60,13 +60,17 @@ MIDDLE = 0.5  # share of the time of a recording at which rich cameras see live
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Valve:
-    """A pressure regulator: of first order, and no faster than its supply.
+    """A first-order pressure regulator, limited by its supply.
 
     p' = (command - p) / time_constant, at most rate_limit; all numbers are invented.
     """
 
     time_constant: float = quantity(
-        0.1, unit='s', meaning='of the valve; 0.0: none', bounds=(0.0, 100.0), source='invented'
+        0.1,
+        unit='s',
+        meaning=('time constant of the valve; 0.0: none'),
+        bounds=(0.0, 100.0),
+        source='invented',
     )
     rate_limit: float = quantity(
         4e4,
@@ -81,7 +85,7 @@ class Valve:
         check_quantities(self, 'valve', RequestError)
 
     def pressure(self, start: float, command: float, seconds: Array) -> Array:
-        """Return the pressures (n,) Pa at times (n,) s after it was `start`, exactly."""
+        """Return the exact pressures (n,) Pa at times (n,) s after the pressure `start`."""
         way = abs(command - start)
         # Limited until what is left is slow enough, and exponential from then on.
         left = min(way, self.rate_limit * self.time_constant)
@@ -103,7 +107,7 @@ class Load:
     def __post_init__(self) -> None:
         """Reject values that are not finite."""
         if not all(map(math.isfinite, (self.force_x, self.force_y, self.moment))):
-            raise RequestError('the load must not hold NaN or infinity', reason='not_finite')
+            raise RequestError('the load must not contain NaN or infinity', reason='not_finite')
 
     @property
     def hangs(self) -> bool:
@@ -113,11 +117,11 @@ class Load:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LiveState:
-    """A moment in the life of an arm: time (s), true pressure (Pa) at the sensor, load.
+    """State of a live arm: time (s), true pressure (Pa) at the sensor, load.
 
-    course: what led there since the moment before; past: what every effect remembers; angles
-    (rad) of the chain when it was last asked for its shape, from which the next one is found.
-    swing: of an arm with mass, which is that many seconds `behind`.
+    course: since the previous state; past: memory of every effect; angles (rad) of the chain at
+    its last computed shape, the start for the next one. swing: of an arm with mass, which is
+    `behind` by this time (s).
     """
 
     time: float
@@ -146,9 +150,9 @@ class LiveReading:
 class LiveLab:
     """The arm of a scenario with valve and sensors in real time; the protocol is unused.
 
-    Of the noise, drift, jitter and occlusions are left out: they belong to whole recordings. With
-    a block `motion` the base repeats what it does in a recording of the scenario for ever, and an
-    arm with mass is moved by MuJoCo.
+    Drift, jitter and occlusions are omitted, because they belong to whole recordings. With a block
+    `motion`, the base repeats its motion from the recording of the scenario forever, and MuJoCo
+    simulates an arm with mass.
     """
 
     scenario: Scenario
@@ -158,7 +162,7 @@ class LiveLab:
     run: Run | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Paint the targets and put up the camera, as for a recording of the same scenario."""
+        """Paint the targets and place the camera, as for a recording of the same scenario."""
         arm, noise = self.scenario.arm, self.scenario.noise
         placement = draw_placement(random_stream('placement', arm.seed), arm.targets, noise)
         beside = random_of(self.scenario, 'registration').standard_normal(2)
@@ -178,7 +182,7 @@ class LiveLab:
 
     @property
     def lowest(self) -> float:
-        """The pressure (Pa) of an arm that is vented."""
+        """The pressure (Pa) of a vented arm."""
         return max(0.0, float(self.scenario.arm.pressure_range[0]))
 
     @property
@@ -207,13 +211,14 @@ class LiveLab:
     ) -> LiveState:
         """Advance the arm to a later time (s) with a valve command (Pa), under a load.
 
-        A command beyond what the arm is described for goes as far as that. RequestError for a time
-        before that of the state, or a non-finite value.
+        The command is limited to the pressure range of the arm. RequestError for a time before
+        that of the state, or for a non-finite value.
         """
         elapsed = time - state.time
         if not (elapsed >= 0.0 and math.isfinite(elapsed) and math.isfinite(command)):
             raise RequestError(
-                f'the arm cannot go from {state.time:.6g} to {time:.6g} s at {command} Pa',
+                f'the arm cannot be advanced from {state.time:.6g} to {time:.6g} s at {command} '
+                'Pa',
                 reason='no_equilibrium',
             )
         low, high = self.scenario.arm.pressure_range
@@ -229,7 +234,7 @@ class LiveLab:
         return later if self.run is None else self.swung(self.run, state, later)
 
     def swung(self, run: Run, state: LiveState, later: LiveState) -> LiveState:
-        """Return a later state with the arm moved there; skips time beyond the decay."""
+        """Return a later state of the swinging arm; skips time beyond the decay of a swing."""
         step, elapsed = run.motion.timestep, later.time - state.time
         count = int((elapsed + state.behind) / step)
         behind = elapsed + state.behind - count * step
@@ -249,9 +254,9 @@ class LiveLab:
         return replace(chain, moment=freeze(np.full(times.size, load.moment)))
 
     def shape(self, state: LiveState) -> tuple[LiveState, ChainShape | MovingShape]:
-        """Return the current shape, quasi-static without mass; RequestError if none is found.
+        """Return the current shape (quasi-static without mass); RequestError if none is found.
 
-        The state that comes back knows the shape, so that the next one is near to it.
+        The returned state keeps the shape as the start for the next one.
         """
         if self.run is not None:
             return state, self.run.shape(state.swing or self.run.resting)
@@ -266,7 +271,7 @@ class LiveLab:
         return equilibrium_shape(chain, state.angles)
 
     def tip_compliance(self, state: LiveState, along: Array) -> float:
-        """Return how far (m/N) the tip gives along a direction (2,), in equilibrium.
+        """Return the compliance (m/N) of the tip along a direction (2,), in equilibrium.
 
         RequestError if none is found.
         """
@@ -324,7 +329,7 @@ class LiveLab:
     def tracked_points(
         self, shape: ChainShape | MovingShape, random: np.random.Generator
     ) -> Array:
-        """Return the targets as a tracker measures them (targets, 2) m, NaN = not seen."""
+        """Return the targets as measured by a tracker, (targets, 2) m, NaN = not seen."""
         noise, points = self.scenario.noise, self.camera_points(shape)
         measured = points + noise.target_std * random.standard_normal(points.shape)
         measured[random.uniform(size=len(points)) < noise.dropout] = np.nan

@@ -1,6 +1,6 @@
 """Motion block of a scenario: mass, damping, gravity, a turning base, a peg.
 
-A scenario with a block `motion` is simulated by MuJoCo; one without is a row of equilibria.
+A scenario with a block `motion` is simulated by MuJoCo, one without as a series of equilibria.
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ class LabMotion:
 
     gravity_x, gravity_y: the unit vector that points down, in the base frame while the base rests;
     zero: out of the plane. The base turns about the clamp through `turn_angle` (rad), and moves by
-    `shift_x` and `shift_y` (m, along axes that do not turn), at `turn_share` of the recording,
-    with minimum jerk between them. A peg without a radius is not there; it is fixed to the base
-    and has friction `peg_friction`. Without inertia the arm is in equilibrium all the time, by the
-    chain.
+    `shift_x` and `shift_y` (m, along fixed axes), at `turn_share` of the recording, with minimum
+    jerk in between. The peg is fixed to the base and has friction `peg_friction`; radius 0: no
+    peg. Without inertia the arm is always in equilibrium, as for the chain.
     """
 
     damping_time: float = quantity(
@@ -60,16 +59,15 @@ class LabMotion:
             )
         if math.hypot(self.gravity_x, self.gravity_y) > 1.0 + 1e-9:
             raise RequestError(
-                'motion.gravity_x and gravity_y are those of a unit vector', reason='no_direction'
+                'motion.gravity_x and gravity_y must be components of a unit vector',
+                reason='no_direction',
             )
         if self.inertia not in (0.0, 1.0):
             raise RequestError(
-                'motion.inertia is 1, or 0 for an arm in equilibrium', reason='out_of_bounds'
+                'motion.inertia must be 1, or 0 for an arm in equilibrium', reason='out_of_bounds'
             )
         if not self.inertia and self.peg_radius > 0.0:
-            raise RequestError(
-                'the peg of MuJoCo needs motion.inertia: 1', reason='not_for_mujoco'
-            )
+            raise RequestError('a peg of MuJoCo needs motion.inertia: 1', reason='not_for_mujoco')
         share = np.array(self.turn_share)
         ends = share.size >= 2 and share[0] == 0.0 and share[-1] == 1.0
         if not ends or np.any(np.diff(share) <= 0.0):
@@ -78,10 +76,10 @@ class LabMotion:
             row = np.array(getattr(self, name))
             if row.size != share.size and row.any():
                 raise RequestError(
-                    f'motion.{name} must hold a number for each turn_share', reason='wrong_shape'
+                    f'motion.{name} must have a number for each turn_share', reason='wrong_shape'
                 )
             if not np.all(np.isfinite(row)):
-                raise RequestError(f'motion.{name} must hold numbers', reason='not_finite')
+                raise RequestError(f'motion.{name} must be finite numbers', reason='not_finite')
 
     @classmethod
     def lists(cls) -> tuple[str, ...]:
@@ -93,7 +91,7 @@ class LabMotion:
         return self.follow(self.turn_angle, share)
 
     def follow(self, row: Row, share: Array) -> tuple[Array, Array, Array]:
-        """Return a row at shares of time (n,), with minimum jerk, and its derivatives by them."""
+        """Interpolate a row at shares of time (n,) with minimum jerk; also returns derivatives."""
         if not any(row):
             nothing = freeze(np.zeros(share.size))
             return nothing, nothing, nothing
@@ -111,7 +109,8 @@ class LabMotion:
     def pull(self, times: Array, duration: float) -> Array:
         """Return the apparent gravity in a base frame that moves but does not turn.
 
-        times (n,) s of a recording so long (s). (n, 3) m/s^2: gravity less its acceleration.
+        times (n,) s of a recording of this duration (s). (n, 3) m/s^2: gravity minus the
+        acceleration of the base.
         """
         down = np.array([self.gravity_x, self.gravity_y])
         beyond = -math.sqrt(max(1.0 - float(down @ down), 0.0))

@@ -1,7 +1,6 @@
-"""The lab arm with its mass, moved by MuJoCo: a chain of hinges with the springs of the chain.
+"""The lab arm with mass, simulated by MuJoCo: a chain of hinges with the springs of the chain.
 
-A hinge represents two elements of a `Chain` of twice as many, so that effects act on hinges as on
-the chain.
+A hinge represents two elements of a `Chain`, so that effects act on hinges as on the chain.
 """
 
 from __future__ import annotations
@@ -38,8 +37,8 @@ class MotionTruth:
 
     tip_velocity (frames, 3): m/s, m/s, rad/s. contact_force (frames, 2) N on the arm and
     contact_place (frames,) m along it, NaN where it does not touch the peg. base_angle (frames,)
-    rad, base_rate (frames,) rad/s, specific_force (frames, 2) m/s^2 as an accelerometer at the
-    clamp reads it.
+    rad, base_rate (frames,) rad/s, specific_force (frames, 2) m/s^2 as read by an accelerometer at
+    the clamp.
     """
 
     tip_velocity: Array
@@ -54,8 +53,8 @@ class MotionTruth:
 class MovingShape:
     """Headings (frames, links + 1) rad of the links of an arm; x, y (frames, links + 1) m.
 
-    The places are those in the middle of the links, at every `link` (m) from the clamp; of the
-    half link at the clamp its beginning, of that at the free end its end.
+    The positions are the link centers, every `link` (m) from the clamp; for the half links at the
+    clamp and at the free end, they are the ends of the arm.
     """
 
     link: float
@@ -65,7 +64,7 @@ class MovingShape:
     y: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Add up the links."""
+        """Compute the positions of the links."""
         before = 0.5 * self.link * np.ones(self.heading.shape[1] - 1)
         for name, part in (('x', np.cos(self.heading)), ('y', np.sin(self.heading))):
             steps = before * (part[:, :-1] + part[:, 1:])
@@ -77,7 +76,8 @@ class MovingShape:
     def points(self, arclength: npt.ArrayLike) -> tuple[Array, Array, Array]:
         """Return x, y (m) and theta (rad) at places along the arm (m), each (frames, places).
 
-        Cubics with the headings at the links; beyond the free end the arm goes on straight.
+        The curve consists of cubics with the headings of the links; beyond the free end the arm is
+        straight.
         """
         places = np.asarray(arclength, np.float64)
         s = np.minimum(places, self.length)
@@ -166,12 +166,12 @@ class Hinges:
     """Springs and loads of the hinges of a chain, at its instants.
 
     stiffness (n, hinges) N m/rad, rest (n, hinges) rad, cubic (hinges,) 1/rad^2: the first hinge
-    is the clamp's where that gives. weight (n, links + 1, 2) N: loads along the arm, a row for
-    each link.
+    is that of a compliant clamp, if any. weight (n, links + 1, 2) N: loads along the arm, one row
+    per link.
     """
 
     def __init__(self, chain: Chain, links: int) -> None:
-        """Add up the two elements of the chain for each hinge."""
+        """Combine the two chain elements of each hinge."""
         frames, joints = chain.turning.shape
         edges = np.clip(chain.element * (np.arange(joints + 1) - 0.5), 0.0, chain.length)
         before = np.clip(chain.split[:, None] - edges[:-1], 0.0, np.diff(edges))
@@ -194,8 +194,8 @@ class Hinges:
 def paired(joints: Array) -> Array:
     """Sum the contributions of joints (n, 2 links + 1) to each hinge, (n, links).
 
-    A hinge stands for its own joint and for half of that on either side; for all of those at the
-    clamp and at the free end.
+    A hinge represents its own joint and half of those on either side; at the clamp and at the free
+    end, all of them.
     """
     shared = joints[:, ::2].copy()
     shared[:, 1:-1] *= 0.5
@@ -216,14 +216,14 @@ def refuse_what_mujoco_cannot(chain: Chain) -> None:
     if names:
         peg = '; motion.peg_radius is the peg of MuJoCo' if 'touching_peg' in names else ''
         raise RequestError(
-            f'MuJoCo cannot carry the effect {", ".join(names)}: its links do not stretch, and '
-            f'its springs are linear or cubic; leave it out{peg}',
+            f'MuJoCo cannot simulate the effect {", ".join(names)}: its links do not stretch, '
+            f'and its springs are linear or cubic. Remove the effect{peg}',
             reason='not_for_mujoco',
         )
 
 
 class Run:
-    """A simulation by MuJoCo, from the rest at the beginning of a recording on."""
+    """A MuJoCo simulation, starting at rest at the beginning of a recording."""
 
     def __init__(self, arm: LabArm, motion: LabMotion, chain_at: ChainAt, duration: float) -> None:
         """Build the model, and find its equilibrium under the first loads."""
@@ -307,7 +307,7 @@ class Run:
         return angle, freeze(rate / self.duration), freeze(acceleration / self.duration**2)
 
     def come_to_rest(self, chain: Chain) -> None:
-        """Put the arm into the equilibrium of its first loads, without the peg."""
+        """Move the arm to the equilibrium under its first loads, without the peg."""
         base = float(self.base_at(np.zeros(1))[0][0])
         self.set_springs(0)
         self.data.qpos[self.dofs] = self.hinges.rest[0]
@@ -329,7 +329,7 @@ class Run:
                 )
 
     def set_springs(self, row: int) -> None:
-        """Set springs and damping to one of the instants of the hinges."""
+        """Set springs and damping to those of one instant."""
         model, hinges, dofs = self.model, self.hinges, self.dofs
         stiffness, rest = hinges.stiffness[row], hinges.rest[row]
         bent = self.data.qpos[dofs] - rest
@@ -394,7 +394,7 @@ class Run:
     def steps(
         self, chain_at: ChainAt, begins: Array, of_base: Array
     ) -> Iterator[tuple[Array, Array]]:
-        """Step at times (n,) s, the base at times of its own; yield the state before each step."""
+        """Step at times (n,) s, with others for the base; yield the state before each step."""
         # Springs and loads of a step are those in its middle.
         chain = chain_at(freeze(begins + 0.5 * self.motion.timestep))
         self.hinges = Hinges(chain, self.links)
@@ -408,7 +408,7 @@ class Run:
     def follow(self, swing: Swing, chain_at: ChainAt, begins: Array, since: float) -> Swing:
         """Return the motion of an arm by steps starting at times (n,) s of a chain.
 
-        since (s): what these count from; the base repeats its motion for ever.
+        since (s): origin of these times; the base repeats its motion forever.
         """
         self.data.qpos[:], self.data.qvel[:] = swing
         self.data.qacc_warmstart[:] = 0.0
@@ -426,14 +426,14 @@ class Run:
         return freeze(self.data.qpos.copy()), freeze(self.data.qvel.copy())
 
     def shape(self, swing: Swing) -> MovingShape:
-        """Return the shape of an arm that swings so."""
+        """Return the shape of the swinging arm."""
         angles = swing[0][self.dofs]
         angles = angles if self.gives else np.append(0.0, angles)
         heading = self.arm.clamp_angle + np.cumsum(angles)[None]
         return MovingShape(link=self.link, length=self.arm.length, heading=freeze(heading))
 
     def step(self, chain: Chain, row: int, base: tuple[Array, Array, Array]) -> None:
-        """Step once."""
+        """Advance by one step."""
         if self.turning:
             self.data.qpos[0], self.data.qvel[0] = base[0][row], base[1][row]
             self.data.qfrc_applied[0] = self.model.dof_armature[0] * base[2][row]
@@ -470,24 +470,24 @@ class Run:
         return rotated(force, np.array([-base]))[0], place / weight if weight else float('nan')
 
     def check(self, time: float) -> None:
-        """Raise RequestError where MuJoCo says that the simulation diverged."""
+        """Raise RequestError if MuJoCo reports that the simulation diverged."""
         warnings = self.mujoco.mjtWarning
         for kind in (warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC):
             if self.data.warning[int(kind)].number:
                 raise RequestError(
-                    f'the arm in MuJoCo diverges before {time:.3g} s: make motion.timestep '
+                    f'the MuJoCo simulation diverges before {time:.3g} s: make motion.timestep '
                     f'({self.motion.timestep:g} s) shorter',
                     reason='diverges',
                 )
 
 
 def along(heading: float, forward: float, left: float) -> Array:
-    """Return the vector (2,) that goes forward and to the left of a heading (rad)."""
+    """Return the vector (2,) forward and to the left of a heading (rad)."""
     cosine, sine = np.cos(heading), np.sin(heading)
     return np.array([forward * cosine - left * sine, forward * sine + left * cosine])
 
 
 def add(force: Array, torque: Array, link: int, pushed: Array, lever: Array) -> None:
-    """Add a force (2,) N that acts at a lever (2,) m from the middle of mass of a link."""
+    """Add a force (2,) N acting at a lever (2,) m from the center of mass of a link."""
     force[link] += pushed
     torque[link] += lever[0] * pushed[1] - lever[1] * pushed[0]

@@ -1,6 +1,6 @@
 """Effects of the virtual lab that the model does not have, and their table.
 
-A diagnosis must not mistake these for a cause that it knows. None has the setting `richness`.
+A diagnosis must not confuse them with a known effect. None has the setting `richness`.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ TIP_RESTS = 1e-7  # of the length: it moves by less
 class LabHarmlessMismatch(LabEffect):
     """A small error of the intrinsic curvature, as every real arm has.
 
-    By up to `size` times cos(2 pi s / l + phase) sin(2 pi p / top) / 2 for every arm, and as much
-    again times sin(pi s / l) and the end load in units of mg, for loads up to that.
+    It is `size` times cos(2 pi s / l + phase) sin(2 pi p / top) / 2 for every arm, plus `size` / 2
+    times sin(pi s / l) and the end load in units of mg, limited to 1.
     """
 
     name: ClassVar[str] = 'harmless_mismatch'
@@ -35,7 +35,7 @@ class LabHarmlessMismatch(LabEffect):
     phase: float = quantity(0.0, unit='rad', meaning='of its course', bounds=(-7.0, 7.0))
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
-        """Turn the joints of the unloaded arm a little more or less."""
+        """Change the rotation of the joints of the unloaded arm slightly."""
         along = places(chain) / arm.length
         top = arm.pressure_range[1]
         pull = np.minimum(np.hypot(chain.force[:, 0], chain.force[:, 1]) / arm.weight, 1.0)
@@ -49,10 +49,10 @@ class LabHarmlessMismatch(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabWeakChamber(LabEffect):
-    """One chamber is weak: softer, and bent less, over a short stretch, with the cube of p.
+    """One weak chamber: softer and less bent over a short part, growing with the cube of p.
 
-    rigidity_loss (share) and curvature_dip (1/m) are those in its middle at the largest pressure;
-    they fall off like a Gaussian.
+    rigidity_loss (share) and curvature_dip (1/m) are the values in its middle at the largest
+    pressure; they fall off like a Gaussian.
     """
 
     name: ClassVar[str] = 'weak_chamber'
@@ -76,7 +76,7 @@ class LabWeakChamber(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabPeriodicDisturbance(LabEffect):
-    """The intrinsic curvature swings in time, unmeasured: x (1 + amplitude sin(2 pi t / period)).
+    """The intrinsic curvature oscillates, unmeasured: x (1 + amplitude sin(2 pi t / period)).
 
     Time counts from the beginning of every recording.
     """
@@ -86,7 +86,7 @@ class LabPeriodicDisturbance(LabEffect):
     period: float = quantity(5.0, unit='s', bounds=(0.05, 1e4))
 
     def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
-        """Let the intrinsic curvature swing."""
+        """Let the intrinsic curvature oscillate."""
         swing = 1.0 + self.amplitude * np.sin(2.0 * math.pi * course.time / self.period)
         return replace(course, weights=freeze(course.weights * swing[:, None])), past
 
@@ -101,7 +101,7 @@ class LabTouchingPeg(LabEffect):
     height: float = quantity(0.02, unit='m', meaning='of the stop, y', bounds=(-10.0, 10.0))
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
-        """Put up the stop."""
+        """Add the stop."""
         place = self.place * arm.length
         return replace(chain, peg=Peg(place=place, height=self.height, stiffness=self.stiffness))
 
@@ -144,10 +144,10 @@ class LabPush(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabPulley(LabEffect):
-    """The end force of the protocol is the tension of a string that is led over a pulley.
+    """The end force of the protocol is the tension of a string over a pulley.
 
-    It pulls from the tip in equilibrium to eye_x, eye_y (base frame), and what reads it takes it
-    for a force of the protocol's direction.
+    It pulls from the tip in equilibrium to eye_x, eye_y (base frame), but the sensor reads a force
+    in the direction of the protocol.
     """
 
     name: ClassVar[str] = 'pulley'
@@ -169,15 +169,15 @@ class LabPulley(LabEffect):
             force = tension * way / np.linalg.norm(way, axis=1, keepdims=True)
             chain = replace(chain, force=freeze(force))
         raise RequestError(
-            f'the tip of the lab arm comes to no rest under its string to {self.eye_x:g}, '
-            f'{self.eye_y:g} m: put the pulley further away, or pull less',
+            f'the tip of the lab arm does not come to rest under its string to {self.eye_x:g}, '
+            f'{self.eye_y:g} m: move the pulley further away, or pull less',
             reason='no_equilibrium',
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabSlippingBase(LabEffect):
-    """The whole arm jumps, when a share `moment` of the recording is over, and stays there."""
+    """The whole arm jumps at a fraction `moment` of the recording, and stays there."""
 
     name: ClassVar[str] = 'slipping_base'
     slip_x: float = quantity(0.0, unit='m', bounds=(-1.0, 1.0))
@@ -206,5 +206,5 @@ ALL_EFFECTS = LAB_EFFECTS | OUTSIDE_EFFECTS  # what a scenario may name, in orde
 
 
 def places(chain: Chain) -> Array:
-    """Return where along the arm (m) the joints are, (n + 1,)."""
+    """Return the arclength (m) of the joints, (n + 1,)."""
     return freeze(chain.element * np.arange(chain.turning.shape[1], dtype=np.float64))

@@ -1,6 +1,6 @@
-"""Protocols of the lab, each exactly as long as its duration.
+"""Protocols of the lab, which last exactly for their duration.
 
-Steps are ramps that take their time. Nothing hangs on the arm where the force is exactly zero.
+Steps are ramps of finite duration. If the force is exactly zero, nothing is attached to the arm.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def newtons(default: float, meaning: str) -> Any:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Protocol(abc.ABC):
-    """A protocol: `kind` as the scenario file calls it; fields without unit are lists."""
+    """A protocol: `kind` as in the scenario file; fields without unit are lists."""
 
     kind: ClassVar[str]
     duration: float = seconds(40.0, 'of all of it')
@@ -71,7 +71,7 @@ class Protocol(abc.ABC):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlowRamp(Protocol):
-    """Unloaded: slowly up to the top, a short hold, slowly down again, a rest."""
+    """Unloaded: slowly up, a short hold, slowly down again, a rest."""
 
     kind: ClassVar[str] = 'slow_ramp'
     top: float = pascals(55e3, 'largest pressure')
@@ -110,9 +110,9 @@ class Staircase(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeadWeights(Protocol):
-    """Weights are hung on one after the other; with each, the pressures are stepped through.
+    """Weights are attached one after the other; with each, the pressures are stepped through.
 
-    The string pulls at `angle` from E1. Every second weight sees the pressures in reverse.
+    The string pulls at `angle` from E1. Every second weight uses the pressures in reverse order.
     """
 
     kind: ClassVar[str] = 'dead_weights'
@@ -134,7 +134,7 @@ class DeadWeights(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceSweeps(Protocol):
-    """At each pressure, and for each direction, the pull grows slowly and goes back."""
+    """At each pressure and for each direction, the pull slowly grows and falls again."""
 
     kind: ClassVar[str] = 'force_sweeps'
     pressures: Row = (20e3, 45e3)  # at which the force is swept, Pa
@@ -160,7 +160,7 @@ class ForceSweeps(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strings(Protocol):
-    """Two strings at the end, with new tensions at every pressure; starts with the first tension.
+    """Two strings at the free end, with new tensions at every pressure, starting with the first.
 
     Their forces are resolved to the base frame by their angles from E1: 0 and pi/2 where they are
     already the F_A and F_B of Table 1.
@@ -201,9 +201,9 @@ class Strings(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RandomMix(Protocol):
-    """Ramps of random length to random pressures and forces, about every second one a hold after.
+    """Ramps of random length to random pressures and forces, with a hold after about every second.
 
-    With both largest forces 0 the arm is unloaded. `seed` is of the protocol alone.
+    If both largest forces are 0, the arm is unloaded. `seed` affects only the protocol.
     """
 
     kind: ClassVar[str] = 'random_mix'

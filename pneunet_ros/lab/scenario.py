@@ -1,4 +1,4 @@
-"""A scenario of the virtual lab: which arm, with which effects, is tried out and measured how."""
+"""A scenario of the virtual lab: arm, effects, protocol, sensors and camera."""
 
 from __future__ import annotations
 
@@ -42,12 +42,11 @@ class Detail:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scenario:
-    """All that makes a recording of the virtual lab; the same scenario makes the same recording.
+    """Complete definition of a recording of the virtual lab, which is reproducible.
 
-    `seed` is that of the noise of this recording; what belongs to the arm (parameters, where
-    targets were painted) has the arm's own. `start` (s): when the recording begins, counted from
-    the lab's first moment. With `motion` the arm has mass, and MuJoCo moves it; without it the
-    arm is in equilibrium all the time.
+    `seed` determines the noise of this recording; the arm has its own seed for its parameters and
+    painted targets. `start` (s): beginning of the recording in lab time. With `motion` the arm has
+    mass and is simulated by MuJoCo; without it the arm is always in equilibrium.
     """
 
     name: str
@@ -95,21 +94,21 @@ def lab_effect(name: str, parameters: Mapping[str, float]) -> LabEffect:
     """Return an effect by its name; RequestError lists the known names and parameters."""
     if name not in ALL_EFFECTS:
         raise RequestError(
-            f'unknown effect {name}; known here: {", ".join(ALL_EFFECTS)}', reason='unknown_key'
+            f'unknown effect {name}; known effects: {", ".join(ALL_EFFECTS)}', reason='unknown_key'
         )
     kind = ALL_EFFECTS[name]
     known = [item.name for item in dataclasses.fields(kind)]
     for parameter in parameters:
         if parameter not in known:
             raise RequestError(
-                f'effects.{name} has no parameter {parameter}; known here: {", ".join(known)}',
+                f'effects.{name} has no parameter {parameter}; it has {", ".join(known)}',
                 reason='unknown_key',
             )
     return kind(**parameters)
 
 
 def describe(scenario: Scenario) -> dict[str, Any]:
-    """Return a scenario as plain numbers, texts and lists; infinity as text, as JSON has none."""
+    """Return a scenario as plain numbers, texts and lists, with infinity as text for JSON."""
     protocol = as_plain(scenario.protocol)
     return {
         **{name: as_plain(getattr(scenario, name)) for name in ('name', 'seed', 'start', 'arm')},

@@ -1,6 +1,6 @@
-"""The sensors of the virtual lab and their honest noise.
+"""The sensors of the virtual lab and their noise.
 
-Every kind of noise draws from a stream of its own, so that one can be changed without the others.
+Every kind of noise has its own random stream, so that one can be changed without the others.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def random_stream(name: str, *seeds: int) -> np.random.Generator:
 
 
 def regular_times(rate: float, duration: float, offset: float = 0.0) -> Array:
-    """Return the times (s) at which a sensor speaks, the first after `offset` of a period."""
+    """Return the times (s) of sensor readings, the first after `offset` of a period."""
     count = int(np.floor(rate * duration + 1e-9))
     if not count:
         return freeze(np.zeros(0))
@@ -109,7 +109,7 @@ def draw_stamps(
 def draw_placement(random: np.random.Generator, places: Array, noise: LabNoise) -> Array:
     """Return placement errors (targets, 2) m of targets at places (targets,) m.
 
-    Along and across the arm: each on its own, and the whole row.
+    They are along and across the arm, independent for each target, plus those of the whole row.
     """
     row = np.column_stack([noise.row_spacing * places, np.full(places.size, noise.row_offset)])
     return freeze(row + noise.placement_std * random.standard_normal((places.size, 2)))

@@ -1,8 +1,8 @@
 """The virtual lab at work: scenario -> recording with known truth.
 
-Pressure and load come from the protocol. Effects with a history are followed in small steps of
-time; at every frame of the camera a chain in equilibrium, or MuJoCo where the scenario has a block
-`motion`, gives the shape; sensors read all of it.
+Pressure and load come from the protocol. Effects with a history are integrated in small time
+steps; at every camera frame the shape is that of a chain in equilibrium, or of MuJoCo if the
+scenario has a block `motion`; then the sensors are simulated.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ FRAME_OFFSET = 0.25  # of a frame, by which the camera begins after the other se
 
 
 def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecording:
-    """Return the recording that a scenario makes, deterministic to the last bit.
+    """Return the recording of a scenario; bit-reproducible.
 
-    memory: what the arm remembers of an earlier recording (`LabRecording.memory`); without one it
-    is unconditioned (no prior loading) and has rested. Raises RequestError where protocol and arm
-    do not fit together, and where the arm finds no equilibrium.
+    memory: of the arm, from an earlier recording (`LabRecording.memory`); without one the arm is
+    unconditioned (no prior loading) and at rest. Raises RequestError if protocol and arm do not
+    match, or if the arm finds no equilibrium.
     """
     check_size(scenario)
     events = scenario.protocol.timeline()
@@ -50,7 +50,9 @@ def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordin
     course, memory = follow_arm(scenario, events, memory)
     times = regular_times(scenario.rates.frames, events.duration, FRAME_OFFSET)
     if times.size < 2:
-        raise RequestError('protocol.duration must hold two frames or more', reason='too_short')
+        raise RequestError(
+            'protocol.duration must be long enough for two frames', reason='too_short'
+        )
     arm, weights = scenario.arm, sample(course, course.weights, times)
     chamber = sample(course, course.chamber[:, None], times)[:, 0]
     shape, motion, force = shape_of(scenario, course, events, times)
@@ -84,7 +86,7 @@ def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordin
 
 
 def check_size(scenario: Scenario) -> None:
-    """Refuse a recording too large for memory before it is computed."""
+    """Reject a recording too large for memory before computing it."""
     seconds, rates = scenario.protocol.duration, scenario.rates
     frames = rates.frames * seconds
     moving = (
@@ -102,19 +104,19 @@ def check_size(scenario: Scenario) -> None:
     ):
         if count > most:
             raise RequestError(
-                f'a recording of {seconds:g} s would have {count:.3g} {what}, more than {most:.3g}'
-                ': make it shorter, and go on with another one after it (--after)',
+                f'a recording of {seconds:g} s would have {count:.3g} {what}, more than '
+                f'{most:.3g}: make it shorter, and continue it with another recording (--after)',
                 reason='too_large',
             )
 
 
 def check_pressures(scenario: Scenario, events: Timeline) -> None:
-    """Refuse pressures for which the arm is not described."""
+    """Reject pressures outside the range of the arm."""
     low, high = scenario.arm.pressure_range
     lowest, highest = float(events.pressure.min()), float(events.pressure.max())
     if lowest < low or highest > high:
         raise RequestError(
-            f'the protocol goes from {lowest:g} to {highest:g} Pa, but the arm is described from '
+            f'the protocol goes from {lowest:g} to {highest:g} Pa, but the arm is defined from '
             f'{low:g} to {high:g} Pa only',
             reason='out_of_bounds',
         )
@@ -134,8 +136,8 @@ def follow_arm(
         gap = scenario.start - memory.time
         if gap < 0.0:
             raise RequestError(
-                f'{scenario.name} begins at {scenario.start:g} s, before the end of the recording '
-                f'before it at {memory.time:g} s',
+                f'{scenario.name} begins at {scenario.start:g} s, before the end of the previous '
+                f'recording at {memory.time:g} s',
                 reason='wrong_order',
             )
         past = dict(memory.past)
@@ -170,9 +172,9 @@ def apply_effects(
 def shape_of(
     scenario: Scenario, course: Course, events: Timeline, times: Array
 ) -> tuple[ChainShape | MovingShape, MotionTruth | None, Array]:
-    """Return the shapes of the arm at times (n,) s: in equilibrium, or moving as MuJoCo says.
+    """Return the shapes of the arm at times (n,) s, in equilibrium or simulated by MuJoCo.
 
-    And the end forces (n, 2) N, as effects turned them.
+    Also returns the end forces (n, 2) N after effects.
     """
     motion = scenario.motion
     if motion is None or not motion.inertia:
@@ -244,8 +246,8 @@ def painted_targets(
 ) -> tuple[Array, Array]:
     """Return x, y (m) of misplaced targets, each (frames, targets).
 
-    spacing: the part of the placement that is in proportion to the places: so much further along
-    the arm itself. The rest is small, and along its tangent.
+    spacing: the part of the placement proportional to arclength, which is along the arm itself.
+    The rest is small, and along its tangent.
     """
     x, y, theta = shape.points(places * (1.0 + spacing))
     cosine, sine = np.cos(theta), np.sin(theta)

@@ -14,9 +14,9 @@ from pneunet_ros.core.errors import RequestError
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Timeline:
-    """Corner points (k,) of the true pressure (Pa) and force (k, 2) N; time in s from 0.
+    """Corner points (k,) of time (s from 0), true pressure (Pa) and force (k, 2) N.
 
-    `loaded`: something is hung on the arm at some time, so that its force is measured.
+    `loaded`: a load is attached at some time, so the force is measured.
     """
 
     time: Array
@@ -57,7 +57,7 @@ REST = Leg(0.0, 0.0)
 
 
 def timeline(legs: Iterable[Leg], *, loaded: bool, start: Leg = REST) -> Timeline:
-    """Put legs one after the other, beginning where `start` ends."""
+    """Join legs, beginning where `start` ends."""
     legs = [start, *legs]
     return Timeline(
         time=np.array(list(itertools.accumulate(leg.seconds for leg in legs))),
@@ -72,8 +72,8 @@ def share_of_time(left: float, parts: int, shortest: float, what: str) -> float:
     part = left / parts
     if part < shortest:
         raise RequestError(
-            f'protocol: {what} would last {part:.2f} s each, and less than {shortest:g} s is of '
-            'no use: make duration longer or the protocol simpler',
+            f'protocol: {what} would last {part:.2f} s each, but at least {shortest:g} s is '
+            'needed: make the duration longer or the protocol simpler',
             reason='too_short',
         )
     return part

@@ -1,1 +1,1 @@
-"""An actuator and its statics: curvature, moment law, arm, equilibrium, inverse problem."""
+"""Model of an actuator: curvature, moment law, arm, equilibrium, inverse problem."""

@@ -1,4 +1,4 @@
-"""The arm: length, curvature, moment law and effects, summed into the record of a rod."""
+"""The arm: length, curvature, moment law and effects, combined into the record of a rod."""
 
 from __future__ import annotations
 
@@ -70,20 +70,19 @@ ONE_PRESSURE = 100.0  # Pa, either side of the row of a table that has but one: 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Arm:
-    """A pneu-net arm as a rod: the whole content of a model file.
+    """A pneu-net arm as a rod: the content of a model file.
 
-    `target_arclength` (targets,) m is the place of every target; `effects` are in the order of the
-    table of effects; `sources` names the source of each number. `domain` is what the calibration
-    spanned, `load_hull` its loads as a body in space, None if that is not known. `table_range`
-    (Pa) is the common range of intrinsic curvature and moment law, `pressure_range` (Pa) its part
-    within the domain. `gravity` says where the weight points; `motion` is None without inertia;
-    `inertia` is the same, as changed by an effect. `sensing`, `seeing` and `acting` are the
-    effects on readings, the effects on seen points, and the effects with a history;
-    `history_dependent` are the indices in `acting` of effects whose history changes the rod;
-    `by_load` are the effects that go with the end load and are not neutral. `parted` are the names
-    of those that act on a part of the arm: a neutral one does not, unless `divided` names it or
-    the covariance has a column for it; curved_ends (m) is where parts end that have a curvature of
-    their own.
+    `target_arclength` (targets,) m: position of every target; `effects`: in the order of the table
+    of effects; `sources`: source of each number. `domain`: range of the calibration; `load_hull`:
+    convex hull of its loads, None if unknown. `table_range` (Pa) is the common range of intrinsic
+    curvature and moment law, `pressure_range` (Pa) its part within the domain. `gravity`:
+    direction of the weight; `motion`: None without inertia; `inertia`: the same, including changes
+    by an effect. `sensing`, `seeing` and `acting` are the effects on readings, the effects on seen
+    points, and the effects with a history; `history_dependent` are the indices in `acting` of
+    effects whose history changes the rod; `by_load`: effects that depend on the end load and are
+    not neutral. `parted`: names of effects that act on a part of the arm; neutral ones do not,
+    unless listed in `divided` or in the covariance; curved_ends (m): ends of the parts with their
+    own curvature.
     """
 
     name: str
@@ -121,7 +120,7 @@ class Arm:
     inertia: Motion | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check the numbers and put the effects into the order of the table."""
+        """Check the numbers, and sort the effects in the order of the table."""
         check_quantities(self, 'arm')
         targets = table_array(self.target_arclength, 'arm.target_arclength', 1)
         inside = targets.size == 0 or (
@@ -183,8 +182,8 @@ class Arm:
             placement = self.covariance.placement
             if placement is not None and placement.mean.size != 2 * targets.size:
                 raise ModelError(
-                    f'covariance.placement is that of {placement.mean.size // 2} targets, and the '
-                    f'arm has {targets.size}: leave it out where other targets are painted',
+                    f'covariance.placement is for {placement.mean.size // 2} targets, but the '
+                    f'arm has {targets.size}: remove it if other targets were painted',
                     reason='wrong_shape',
                 )
 
@@ -197,7 +196,7 @@ class Arm:
         return self.motion
 
     def _divide(self, pressure: float) -> None:
-        """Find the effects that act on parts of the arm, at any pressure, and by the end load."""
+        """Find the effects on parts of the arm, at any pressure, and through the end load."""
         at, parts, names = np.array([pressure]), list[Part](), list[str]()
         by_load = list[Effect]()
         moved = set() if self.covariance is None else set(self.covariance.quantities)
@@ -220,7 +219,7 @@ class Arm:
         object.__setattr__(self, 'curved_ends', frozen_array(ends_of(parts, self.length)))
 
     def _take_domain(self) -> None:
-        """Precompute the domain, or a default without one."""
+        """Precompute the domain, or use a default."""
         low, high = self.table_range
         hull = None
         if self.domain is not None:
@@ -248,7 +247,7 @@ class Arm:
 
     @property
     def clamp_record(self) -> Array:
-        """The clamp, and the weight of the mass at the tip, as (5,) of the record of a rod."""
+        """Clamp and weight of the tip mass, as (5,) of the record of a rod."""
         clamp = np.zeros(CLAMP_WIDTH)
         clamp[CLAMP_ANGLE] = self.clamp_angle
         if self.inertia is not None:
@@ -270,7 +269,7 @@ class Arm:
     def add_gravity(self, sections: Array, clamp: Array, beside: Array) -> None:
         """Add to rod records the weight for a gravity direction other than that of the arm.
 
-        beside (n, 2): in g.
+        beside (n, 2): difference of gravity, in g.
         """
         soft = sections[:, : sections.shape[1] - 1] if self.tip_cap else sections
         for part, column, end in ((0, LOAD_X, END_X), (1, LOAD_Y, END_Y)):
@@ -291,7 +290,7 @@ class Arm:
     def beyond_range(self, pressure: float) -> float:
         """Distance of a pressure from the calibrated range, as a share of it; 0 inside.
 
-        What the noise of its sensor explains is inside.
+        A distance explained by the noise of its sensor counts as inside.
         """
         low, high = self.pressure_range
         outside = max(low - pressure, pressure - high, 0.0)
@@ -306,13 +305,13 @@ class Arm:
         return load
 
     def see(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return where points that truly are at x, y (m, base frame) are measured."""
+        """Return the measured positions of points at true x, y (m, base frame)."""
         for effect in self.seeing:
             x, y = effect.see(x, y)
         return x, y
 
     def see_moves(self, x: Array, y: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
-        """Return how small moves (dx, dy) of points that truly are at x, y (m) are measured."""
+        """Return the measured small displacements (dx, dy) of points at true x, y (m)."""
         if not self.seeing:
             return dx, dy
         (xx, xy), (yx, yy) = self.seen_slopes(x, y)
@@ -326,7 +325,7 @@ class Arm:
         return np.asarray(np.stack([by_x, by_y], axis=1) / (2.0 * step))
 
     def unsee(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return the true places (m) of points measured at x, y (m): the inverse of `see`."""
+        """Return the true positions (m) of points measured at x, y (m): the inverse of `see`."""
         true_x, true_y = x, y
         for _ in range(UNSEEN_STEPS if self.seeing else 0):
             off_x, off_y = np.subtract((x, y), self.see(true_x, true_y))
@@ -342,13 +341,13 @@ class Arm:
         return sum(effect.frame_delay for effect in self.effects)
 
     def initial_history(self, pressure: float) -> tuple[History, ...]:
-        """History of an arm that has rested at this pressure (Pa), one tuple per acting effect."""
+        """Return the history of an arm at rest at a pressure (Pa), one tuple per acting effect."""
         return tuple(effect.initial(pressure, self.scale) for effect in self.acting)
 
     def actuate(
         self, history: tuple[History, ...], seconds: float, pressure: float
     ) -> tuple[tuple[History, ...], float]:
-        """History and chamber pressure (Pa), `seconds` after the call that gave the history."""
+        """Return history and chamber pressure (Pa), `seconds` after the given history."""
         following = []
         for effect, state in zip(self.acting, history, strict=True):
             state, pressure = effect.actuate(state, seconds, pressure, self.scale)
@@ -356,7 +355,7 @@ class Arm:
         return tuple(following), pressure
 
     def in_play(self, history: tuple[History, ...]) -> bool:
-        """Whether a small change of the pressure at the sensor does not reach the chamber."""
+        """Whether a small pressure change at the sensor does not reach the chamber (play)."""
         return any(
             effect.in_play(state) for effect, state in zip(self.acting, history, strict=True)
         )
@@ -400,7 +399,7 @@ class Arm:
             yield self.without_neutral_part(effect, added)
 
     def without_neutral_part(self, effect: Effect, terms: Terms) -> Terms:
-        """Return the terms of an effect, none on a neutral part, so as to cut no section."""
+        """Return the terms of an effect, without neutral parts, which would split sections."""
         return terms if terms.part is None or effect.name in self.parted else NO_TERMS
 
     def add_to(
@@ -411,7 +410,7 @@ class Arm:
     ) -> Record:
         """Add the terms of effects to a record, which may be overwritten.
 
-        mixed_rotation: the rotation (n, pieces, 5) of a mixture of rows by its weights.
+        mixed_rotation: returns the rotation (n, pieces, 5) for weights of the rows.
         """
         if not every:
             return record
@@ -428,10 +427,11 @@ class Arm:
         return add_parts(record, every, self.length, self.reach)
 
     def build_table(self) -> RodTable:
-        """Every pressure at which curvature or law has a row, with the record of the rod there.
+        """Return all pressures with a row of curvature or law, and the rod records there.
 
-        The first and last row stand where extrapolation ends. Beyond its own table the law stays
-        as it is there: a line through rigidities may pass through zero, and l1 leave the arm.
+        The first and last row are at the limits of extrapolation. Beyond its own table the law is
+        constant, because a line through rigidities may pass through zero, and l1 may leave the
+        arm.
         """
         law, (low, high) = self.moment_law, self.table_range
         margin = EXTRAPOLATION * (high - low)
@@ -462,12 +462,12 @@ class Arm:
         loads: Array | None = None,
         gravity: Array | None = None,
     ) -> Rods:
-        """Return the record of the rod at each of these chamber pressures (n,) Pa.
+        """Return the rod record at each of these chamber pressures (n,) Pa.
 
-        history: that of `actuate`, the same at all of the pressures; or per acting effect an array
-        (n, numbers), one history per pressure. None: an arm that has rested for ever at each.
-        loads (n, 3): true F1, F2 (N), M (N m), for effects that go with them; None: no load.
-        gravity (n, 2): along x and y, in g; None: as the arm has it.
+        history: from `actuate`, for all pressures; or per acting effect an array (n, numbers), one
+        history per pressure. None: an arm settled at each pressure. loads (n, 3): true F1, F2 (N),
+        M (N m), for effects that depend on them; None: no load. gravity (n, 2): along x and y, in
+        g; None: as in the model.
         """
         pressure = frozen_array(pressure)  # kernels are compiled again for what may be written
         sections, rotation = self.table.at(pressure)
@@ -492,7 +492,7 @@ class Arm:
         )
 
     def with_changes(self, changes: Mapping[str, float]) -> Arm:
-        """Return this arm with quantities of the model file moved; ModelError for an unknown one.
+        """Return this arm with changed quantities of the model file; ModelError for unknown ones.
 
         changes: dotted path, such as `moment_law.rigidity.0.1` or `arm.length`, to an amount in
         SI.
@@ -516,7 +516,7 @@ class Arm:
 
 
 def loads_of(pressure: Array, loads: Array | None) -> Loads:
-    """Return pressures (n,) and loads (n, 3) as effects take them; None: no load."""
+    """Return pressures (n,) and loads (n, 3) in the form for effects; None: no load."""
     known = np.zeros((pressure.size, LOADS)) if loads is None else loads
     return Loads(
         pressure=pressure,

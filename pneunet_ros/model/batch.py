@@ -1,7 +1,7 @@
-"""Solve many equilibria of one arm at once, around a known one: fits, samples, sweeps.
+"""Solve many equilibria of one arm at once, around a known one, for fits, samples and sweeps.
 
-The tangent at the known shape predicts every start; vector instructions do the rest. A rod that
-this does not bring to equilibrium is solved on its own.
+The tangent at the known shape gives every start; the rest is vectorized. A rod that does not
+converge is solved separately.
 """
 
 from __future__ import annotations
@@ -77,22 +77,15 @@ def solve_many(
 ) -> Shapes:
     """Predict the shapes of one arm at many pressures and end loads, near a known shape.
 
-    Args:
-        arm: the calibrated arm.
-        pressure: in the chamber, (n,) Pa gauge.
-        force: F1, F2 on the free end, (n, 2) N, in the base frame. Loads are the true ones:
-            sensing effects do not enter.
-        moment: on the free end, (n,) or one for all, N m.
-        start: a converged shape near them all.
-        stations: how many equally spaced places along the arm each shape has.
-        history: as in `Arm.rods`; None is an arm that has rested for ever.
-        settings: the numbers by which the solver decides.
+    Args: arm: the calibrated arm. pressure: of the chamber, (n,) Pa gauge. force: F1, F2 on the
+    free end, (n, 2) N, in the base frame. Loads are true ones: sensing effects are not applied.
+    moment: on the free end, (n,) or one for all, N m. start: a converged shape near all of them.
+    stations: number of equally spaced points along the arm. history: as in `Arm.rods`; None: a
+    settled arm. settings: of the solver.
 
-    Returns:
-        The shapes of n rods; NaN where there is none. Eq 4, as in `solve`.
+    Returns: The shapes of n rods by Eq 4, as in `solve`; NaN if there is none.
 
-    Raises:
-        RequestError: arrays of another shape, NaN, infinity, or a start without solution.
+    Raises: RequestError: arrays of wrong shape, NaN, infinity, or a start without solution.
 
     """
     pressure = np.atleast_1d(np.asarray(pressure, dtype=np.float64))
@@ -102,7 +95,8 @@ def solve_many(
         loads[:, END_LOAD_MOMENT] = np.asarray(moment, dtype=np.float64)
     except ValueError:
         raise RequestError(
-            f'{pressure.size} pressures need {pressure.size} x 2 forces and as many moments',
+            f'{pressure.size} pressures need {pressure.size} x 2 forces and {pressure.size} '
+            'moments',
             reason='wrong_shape',
         ) from None
     if pressure.ndim != 1 or not (np.isfinite(pressure).all() and np.isfinite(loads).all()):
@@ -157,7 +151,7 @@ def predict_nodes(arm: Arm, start: Shape, causes: Array) -> Array:
 
 
 def solve_alone(arm: Arm, rod: Rods, load: Array, start: Shape, arclength: Array) -> Shape:
-    """One of the rods by the single solver."""
+    """Solve one of the rods with the single solver."""
     true = Load(
         pressure=float(rod.pressure[0]),
         force_x=float(load[FORCE_X]),

@@ -1,6 +1,6 @@
 """Position of a load relative to the domain of a model: inside, slightly or far outside.
 
-The one rule for estimator, replay, verbs and reports.
+Estimator, replay, verbs and reports use this same rule.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ LOADS_UNKNOWN = 'the model has no domain, so the calibrated end loads are unknow
 class DomainPosition:
     """Position of a load relative to the domain of a model.
 
-    pressure_beyond, load_beyond: how far outside, of the range and of the size of the hull of
-    loads; 0 inside, load_beyond NaN where the model has no domain. error: one sigma of the model's
-    own error out there, as independent errors of F1, F2 (N), M (N m) and p (Pa), 0 inside. reason
-    and sentence: why there must be no estimate, as a key and in words; empty if there may be
-    one. notes: what limits an estimate, in words without numbers.
+    pressure_beyond, load_beyond: distance outside, relative to the range and to the size of the
+    load hull; 0 inside, load_beyond NaN if the model has no domain. error: one sigma of the model
+    error outside, as independent errors of F1, F2 (N), M (N m) and p (Pa), 0 inside. reason and
+    sentence: why an estimate is rejected, as a key and in words; empty if it is allowed. notes:
+    limits of an estimate, in words without numbers.
     """
 
     pressure_beyond: float
@@ -66,7 +66,7 @@ def locate_load(
 ) -> DomainPosition:
     """Return the position of a true load at a chamber pressure (Pa) relative to the domain.
 
-    std: one sigma of F1, F2 (N), M (N m) and pressure (Pa) as read; None: as the model has them.
+    std: one sigma of the readings of F1, F2 (N), M (N m) and pressure (Pa); None: as in the model.
     """
     sensors = arm.sensors
     std = std or (sensors.force_std, sensors.force_std, sensors.moment_std, sensors.pressure_std)
@@ -102,7 +102,7 @@ def locate_load(
 def beyond_loads(arm: Arm, at: Sequence[float], noise: Sequence[float]) -> tuple[float, float]:
     """Return the distance of a load (4,) from the domain, relative to its size, and in N.
 
-    NaN where there is a load, beyond its noise (4,), and the arm has no domain.
+    NaN if there is a load above its noise (4,), but the arm has no domain.
     """
     acting = at[:PRESSURE]
     if not any(acting):
@@ -131,9 +131,9 @@ def out_of_domain(arm: Arm, at: Sequence[float], beyond: float, settings: Domain
     )
     assert arm.domain is not None and arm.load_hull is not None
     if arm.load_hull.size == 0.0:
-        return f'{load} is outside the calibration, which was without any load'
+        return f'{load} is outside the calibration, which had no loads'
     return (
         f'{load} is outside the calibrated loads (forces up to {arm.domain.largest_force:.3g} N) '
-        f'by {beyond:.2g} times their size; up to {settings.load_margin:g} times would be '
+        f'by {beyond:.2g} times their size; only up to {settings.load_margin:g} times is '
         'extrapolated'
     )

@@ -1,4 +1,4 @@
-"""Where gravity points: the direction of the arm's own weight in the base frame."""
+"""Direction of gravity in the base frame."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ ROUNDING = 1e-3  # a unit vector written with three digits may be longer than 1 
 FRAME_NAME = re.compile(r'/?[A-Za-z_][\w/.-]*')
 ALLOWED = (
     f'must be {OUT_OF_PLANE}, or x and y of the unit vector that points down, in the base frame, '
-    'as [0, -1]; a plane that is tilted has a shorter one. A base that turns is followed by '
-    f'{IMU}, or by the name of a tf frame whose z points up'
+    f'as [0, -1]; shorter if the plane is tilted. For a base that turns, use {IMU}, or the name '
+    'of a tf frame whose z axis points up'
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gravity:
-    """Part of the unit vector along gravity that lies in the plane of bending.
+    """In-plane components of the unit vector along gravity.
 
-    Both are zero where gravity is normal to the plane: then the weight bends nothing. source: of
-    the measured direction. Empty: `base_imu`, where there is one; `FIXED`: none; `IMU`: only
-    `base_imu`; any other: the name of a tf frame whose z points up.
+    Both are zero if gravity is normal to the bending plane, because the weight then has no effect.
+    source: of the measured direction. Empty: `base_imu`, if there is one; `FIXED`: none; `IMU`:
+    only `base_imu`; any other: the name of a tf frame whose z axis points up.
     """
 
     x: float = quantity(0.0, unit='-', meaning='share of gravity along E1', bounds=(-1.0, 1.0))
@@ -60,12 +60,11 @@ class Gravity:
 
 
 def gravity_of(direction: Any, *, fixed: bool = False) -> Gravity:
-    """Return the gravity of a direction.
+    """Return the gravity for a direction.
 
-    Args:
-        direction: `out_of_plane`; x and y of the unit vector that points down in the base frame,
-            as two numbers or as a text such as `0, -1`; `imu`; or the name of a tf frame.
-        fixed: numbers hold whatever `base_imu` says.
+    Args: direction: `out_of_plane`; x and y of the unit vector that points down in the base frame,
+    as two numbers or as a text such as `0, -1`; `imu`; or the name of a tf frame. fixed: numbers
+    take precedence over `base_imu`.
 
     Returns:
         The gravity.

@@ -1,4 +1,4 @@
-"""An arm as a chain of hinges for MuJoCo; each hinge bends like its part of the rod."""
+"""An arm as a chain of hinges for MuJoCo, each of which bends like its part of the rod."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ def hinge_chain(
 ) -> HingeChain:
     """Return an arm as a chain of hinges with its masses, springs and damping.
 
-    damping_time: s, damping of a hinge / its stiffness (Kelvin-Voigt); radius: m, of the capsules,
-    a sixteenth of the length without one; links: how many. Effects of sensors are no part of the
-    finger, and those with a history are at rest. Raises RequestError if the arm has an effect
-    that a chain of hinges cannot carry.
+    damping_time: s, damping over stiffness of a hinge (Kelvin-Voigt); radius: m, of the capsules,
+    by default a sixteenth of the length; links: their number. Sensor effects are not part of the
+    finger, and effects with a history are at rest. Raises RequestError if the arm has an effect
+    that a chain of hinges cannot represent.
     """
     pressure = table_pressures(arm)
     rods = arm.rods(pressure)
@@ -82,13 +82,13 @@ def hinge_chain(
 
 
 def table_pressures(arm: Arm) -> Array:
-    """Return the rows of the arm's tables, and `ROWS` steps between the first and the last."""
+    """Return the pressures of the arm's tables, and `ROWS` steps between the first and last."""
     rows = arm.table.pressure
     return freeze(np.union1d(rows, np.linspace(rows[0], rows[-1], ROWS + 1)))
 
 
 def refuse_what_hinges_cannot(arm: Arm, rods: Rods) -> None:
-    """Raise RequestError if the rod stretches, or carries loads that hinges cannot."""
+    """Raise RequestError if the rod stretches, or has loads that hinges cannot represent."""
     soft = rods.sections[:, : rods.sections.shape[1] - bool(arm.tip_cap)]
     everywhere = soft[:, :, [LOAD_X, LOAD_Y, CUBIC]]
     refused = {
@@ -96,10 +96,10 @@ def refuse_what_hinges_cannot(arm: Arm, rods: Rods) -> None:
         'is pushed at a place': bool(rods.push.any()),
         'is loaded beside its tip': rods.clamp[:, LOAD_OFFSET].any(),
         'changes with its end load': bool(arm.by_load),
-        'has a weight or a stiffening that is not the same everywhere': (
+        'has a weight or a stiffening that is not uniform along it': (
             not np.allclose(everywhere, everywhere[0, 0], rtol=1e-9, atol=0.0)
         ),
-        'has a clamp whose heading goes with the pressure': (
+        'has a clamp whose heading depends on the pressure': (
             np.ptp(rods.clamp[:, CLAMP_ANGLE]) > 0.0
         ),
     }
@@ -107,24 +107,25 @@ def refuse_what_hinges_cannot(arm: Arm, rods: Rods) -> None:
         if found:
             names = ', '.join(effect.name for effect in arm.effects if not effect.is_neutral)
             raise RequestError(
-                f'{arm.name} {what}, which a chain of hinges cannot carry: take the effect out of '
-                f'the model file (its effects: {names})',
+                f'{arm.name} {what}, which a chain of hinges cannot represent: remove the effect '
+                f'from the model file (its effects: {names})',
                 reason='not_for_mujoco',
             )
 
 
 def gravity_of(arm: Arm, rods: Rods) -> Array:
-    """Return the gravity (2,) m/s^2 in the plane that gives the arm its line load.
+    """Return the in-plane gravity (2,) m/s^2 that produces the line load of the arm.
 
-    Raises RequestError if it does not give the tip mass its weight.
+    Raises RequestError if it does not produce the weight of the tip mass.
     """
     load = rods.sections[0, 0, [LOAD_X, LOAD_Y]]
     gravity = load * arm.length * STANDARD_GRAVITY / arm.weight
     tip_mass = 0.0 if arm.inertia is None else arm.inertia.tip_mass
     if not np.allclose(tip_mass * gravity, rods.clamp[0, [END_X, END_Y]], rtol=1e-9):
         raise RequestError(
-            f'{arm.name} has a mass at its tip, and an effect gravity beside its own weight: '
-            'MuJoCo has one gravity for both; say where gravity points (--gravity=0,-1) instead',
+            f'{arm.name} has a mass at its tip, and an effect gravity in addition to its weight, '
+            'but MuJoCo has one gravity for both: remove the effect, and give the direction of '
+            'gravity (--gravity=0,-1)',
             reason='not_for_mujoco',
         )
     return freeze(gravity)

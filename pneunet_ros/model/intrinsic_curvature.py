@@ -22,12 +22,12 @@ from pneunet_ros.model.cubic_spline import cubic_spline
 class IntrinsicCurvature:
     """Table of kappa_p0: linear in p between rows, C2 cubic spline (not-a-knot) in s.
 
-    A single row is for an arm whose pressure never changes, such as a beam.
+    A single row describes an arm whose pressure never changes, such as a beam.
 
     pressure (rows,) Pa; arclength (columns,) as s / l from 0 to 1; curvature (rows, columns) 1/m.
     `rotation` (rows, columns - 1, 5) holds the antiderivative in s / l, piece by piece, as
-    ascending powers of the distance from the piece's start: the angle that the unloaded arm has
-    turned, per unit length.
+    ascending powers of the distance from the start of the piece: the angle of the unloaded arm,
+    per unit length.
     """
 
     pressure: Array
@@ -49,7 +49,7 @@ class IntrinsicCurvature:
         expected = (pressure.size, arclength.size)
         if curvature.shape != expected:
             raise ModelError(
-                f'{where}.curvature must have a row per pressure and a column per arclength, '
+                f'{where}.curvature must have one row per pressure and one column per arclength, '
                 f'{expected[0]} x {expected[1]}, not {curvature.shape[0]} x {curvature.shape[1]}',
                 reason='wrong_shape',
             )
@@ -59,23 +59,23 @@ class IntrinsicCurvature:
         object.__setattr__(self, 'rotation', frozen_array(rotation_pieces(arclength, curvature)))
 
     def rotation_of(self, pressure: Array, length: float) -> Array:
-        """Pieces of the rotation over arclength in m; (pressures, columns - 1, 5)."""
+        """Return pieces of the rotation over arclength in m; (pressures, columns - 1, 5)."""
         row, weight = pressure_rows(self.pressure, pressure)
         weight = weight[:, None, None]
         per_length = (1.0 - weight) * self.rotation[row] + weight * self.rotation[row + 1]
         return over_meters(per_length, length)
 
     def mixed_rotation(self, weights: Array, length: float) -> Array:
-        """Pieces of mixtures of the rows, weights (n, rows) or (rows,), over arclength in m.
+        """Return pieces of weighted rows, weights (n, rows) or (rows,), over arclength in m.
 
-        (n, columns - 1, 5), n = 1 for one mixture.
+        The shape is (n, columns - 1, 5), with n = 1 for one set of weights.
         """
         rows = self.rotation.reshape(self.pressure.size, -1)
         mixed = (weights @ rows).reshape(-1, *self.rotation.shape[1:])
         return over_meters(mixed, length)
 
     def slope(self, pressure: Array) -> Array:
-        """Slope of kappa_p0 at the knots with pressure (n,) Pa, (n, columns) 1/m per Pa."""
+        """Return d kappa_p0 / d p at the knots for pressures (n,) Pa, (n, columns) 1/m per Pa."""
         if self.pressure.size == 1:
             return np.zeros((pressure.size, self.arclength.size))
         row, _ = pressure_rows(self.pressure, pressure)
@@ -83,7 +83,7 @@ class IntrinsicCurvature:
         return np.asarray(slope[row])
 
     def at(self, pressure: float, arclength: npt.ArrayLike) -> Array:
-        """kappa_p0 (1/m) at one pressure (Pa) and any s / l."""
+        """Return kappa_p0 (1/m) at one pressure (Pa) and any s / l."""
         row, weight = pressure_rows(self.pressure, pressure)
         values = (1.0 - weight) * self.curvature[row] + weight * self.curvature[row + 1]
         places = np.asarray(arclength, dtype=np.float64)
@@ -96,7 +96,7 @@ class IntrinsicCurvature:
 def rotation_pieces(arclength: Array, curvature: Array) -> Array:
     """Return the antiderivative of curvature (rows, columns) over s / l, (rows, columns - 1, 5).
 
-    Ascending powers of the distance from the start of each piece; 0 if the arm starts.
+    Coefficients are ascending powers of the distance from the start of each piece; 0 at the clamp.
     """
     slopes = cubic_spline(arclength, curvature) / np.arange(1.0, 5.0)
     turned = (slopes * np.diff(arclength)[:, None] ** np.arange(1.0, 5.0)).sum(axis=-1)

@@ -1,8 +1,8 @@
-"""From the position of the tip to the end force and the shape (Figure 9 of the paper).
+"""End force and shape from the position of the tip (Figure 9 of the paper).
 
-The end force is found by Levenberg and Marquardt's method (scipy's) on the place of the tip; each
-trial is a full solve of the rod. Where the tip hardly moves with some force, that force is not
-determined, and this is said.
+The end force is found by the Levenberg-Marquardt method (scipy) on the position of the tip; each
+trial is a full solve of the rod. If the tip hardly moves with some force, that force is reported
+as not determined.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ MOST_TRIALS = 150
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipSearchSettings:
-    """Settings of the search for the end force that brings the tip to a place."""
+    """Settings of the search for the end force that brings the tip to a position."""
 
     determined: float = tuning(1e-4, 'least singular value of d tip / d force', unit='m/N')
     near: float = tuning(1e-3, 'tip error below which the force is at fault', unit='of the length')
@@ -64,18 +64,13 @@ def solve_tip(
 ) -> Shape:
     """Find the end force and the shape from pressure and the position of the tip (Figure 9 (b)).
 
-    Args:
-        arm: the calibrated arm.
-        pressure: what the sensor reads, held steady; Pa gauge.
-        tip: x, y of the free end, m, in the base frame.
-        moment: on the free end, which must be known; N m.
-        start: a neighboring shape whose branch is followed.
-        stations: how many equally spaced places along the arm the shape has.
-        settings: the numbers by which the search decides.
+    Args: arm: the calibrated arm. pressure: reading of the sensor, held constant; Pa gauge. tip:
+    x, y of the free end, m, in the base frame. moment: on the free end, which must be known; N m.
+    start: a neighboring shape whose branch is followed. stations: number of equally spaced points
+    along the arm. settings: of the search.
 
-    Returns:
-        The shape; its `force` is what the surroundings apply. Where the tip does not determine
-        the force, it is a failed shape whose `status` says so.
+    Returns: The shape; its `force` is that of the surroundings on the arm. If the tip does not
+    determine the force, a failed shape whose `status` says so.
 
     Raises:
         RequestError: a value is not a finite number.
@@ -105,9 +100,9 @@ def solve_tip(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TipSearch:
-    """The search for the end force that brings the tip of one rod to `tip` (2,) m.
+    """Search for the end force that brings the tip of a rod to `tip` (2,) m.
 
-    chamber: pressure (Pa) in it.
+    chamber: pressure (Pa) in the chamber.
     """
 
     arm: Arm
@@ -123,19 +118,19 @@ class TipSearch:
         arclength: Array,
         quick: bool = False,
     ) -> Shape:
-        """Return the shape under a trial force; quick: or give up soon."""
+        """Return the shape under a trial force; quick: give up early."""
         load = replace(self.load, force_x=float(force[0]), force_y=float(force[1]))
         rods = self.arm.rods(np.array([self.chamber]), loads=load.row)
         return solve_rod(self.arm, rods, load, start, arclength, EXACT, quick)
 
     def tip_error(self, shape: Shape) -> float:
-        """Distance (m) of a shape's tip from its wanted position."""
+        """Return the distance (m) of a shape's tip from the wanted position."""
         return math.dist(shape.tip[:2], self.tip)
 
     def initial_guesses(self, unloaded: Shape) -> list[Shape]:
-        """Shapes to start from, nearest tip first: unloaded, and pulled or pushed along the chord.
+        """Return initial shapes, nearest tip first: unloaded, pulled and pushed along the chord.
 
-        The pulls are multiples of B / l^2, the force at which the arm's own stiffness gives way.
+        The pulls are multiples of B / l^2, the force scale of bending.
         """
         rods = self.arm.rods(np.array([self.chamber]))
         stiffness = float(np.abs(rods.sections[0, :, RIGIDITY]).min()) / self.arm.length**2
@@ -149,7 +144,7 @@ class TipSearch:
         return sorted(shapes, key=self.tip_error)
 
     def descend(self, guess: Shape) -> Shape:
-        """Levenberg-Marquardt on the tip's place, among shapes of the guess's stability."""
+        """Run Levenberg-Marquardt on the tip, among shapes with the stability of the guess."""
         from scipy.optimize import least_squares  # slow to import, and few ask for a tip
 
         best = latest = guess
@@ -179,14 +174,14 @@ class TipSearch:
         return best
 
     def check(self, shape: Shape) -> Shape:
-        """Return the shape, or a failed one: tip not at the goal, or telling no force."""
+        """Return the shape, or a failed one if the goal is missed or the force undetermined."""
         weakest = float(np.linalg.svd(self.force_jacobian(shape), compute_uv=False)[-1])
         distance = self.tip_error(shape)
         if weakest < self.settings.determined and distance < self.settings.near * self.arm.length:
             sentence = (
-                'the end force is not determined by this tip position: one way, 1 N moves the '
-                f'tip by {1000.0 * weakest:.2g} mm only '
-                f'(at least {1000.0 * self.settings.determined:.2g} mm is needed)'
+                'this tip position does not determine the end force: in one direction, 1 N moves '
+                f'the tip by only {1000.0 * weakest:.2g} mm (at least '
+                f'{1000.0 * self.settings.determined:.2g} mm is needed)'
             )
         elif distance > ARRIVED * self.arm.length:
             sentence = (
@@ -194,7 +189,7 @@ class TipSearch:
                 f'the nearest equilibrium found is {1000.0 * distance:.3g} mm away'
             )
             if float(np.hypot(*self.tip)) > self.settings.far * self.arm.length:
-                sentence += f': the arm is {self.arm.length:g} m long, are these millimeters?'
+                sentence += f': the arm is {self.arm.length:g} m long, so are these millimeters?'
         else:
             load = replace(self.load, force_x=shape.force[0], force_y=shape.force[1])
             return with_position(self.arm, shape, load, self.chamber)
@@ -216,7 +211,7 @@ class TipSearch:
 
 
 def force_jacobian(rods: Rods, shape: Shape, changes: Perturbation | None = None) -> Array:
-    """d(x, y) of the tip / d(F1, F2), (2, 2) m/N."""
+    """Return d(x, y) of the tip / d(F1, F2), (2, 2) m/N."""
     assert shape.solution is not None
     tip: Array = linearize_shape(shape.solution, rods, changes).tip
     return tip[:2, :2].T

@@ -1,6 +1,6 @@
 """Moment law: M = M_O + B (kappa - kappa0).
 
-The paper's law (Eq 10) has two sections whose border moves with pressure; the plain law M = EI
+The paper's law (Eq 10) has two sections with a pressure-dependent border; the classical law M = EI
 (kappa - kappa0) and the law of Majidi et al. (Eq 11) have one.
 """
 
@@ -24,7 +24,7 @@ class MomentLaw(abc.ABC):
 
     @abc.abstractmethod
     def sections(self, pressure: Array, length: float, weight: float) -> Array:
-        """Start (m), rigidity B (N m^2) and moment offset M_O (N m) of every section.
+        """Return start (m), rigidity B (N m^2) and moment offset M_O (N m) of every section.
 
         pressure (n,) Pa; length m; weight N; returns (n, sections, 3).
         """
@@ -32,7 +32,7 @@ class MomentLaw(abc.ABC):
     @property
     @abc.abstractmethod
     def pressure_range(self) -> tuple[float, float]:
-        """Pressures (Pa) between which the law is calibrated."""
+        """Range of pressure (Pa) in which the law is calibrated."""
 
     @property
     def table_pressures(self) -> Array:
@@ -55,7 +55,7 @@ class PiecewiseLinearLaw(MomentLaw):
     moment_offset: Array
 
     def __post_init__(self) -> None:
-        """Check shapes, the split and that no rigidity passes through zero."""
+        """Check shapes and split, and that no rigidity passes through zero."""
         where = 'moment_law'
         pressure = checked_pressures(self.pressure, where)
         split = table_array(self.split, f'{where}.split', 1)
@@ -84,7 +84,7 @@ class PiecewiseLinearLaw(MomentLaw):
         if np.any(sign == 0.0) or np.any(sign != sign[0]):
             raise ModelError(
                 f'{where}.rigidity may be negative, but must not be zero or change sign between '
-                'rows: on the way it would pass through zero, where no shape is determined',
+                'rows: in between it would pass through zero, where the shape is undefined',
                 reason='singular_rigidity',
             )
 
@@ -121,7 +121,7 @@ class LinearLaw(MomentLaw):
     bending_stiffness: float = quantity(unit='N m^2', meaning='EI', bounds=(-1e9, 1e9))
 
     def __post_init__(self) -> None:
-        """Refuse zero."""
+        """Reject zero stiffness."""
         check_quantities(self, 'moment_law')
         if self.bending_stiffness == 0.0:
             raise ModelError(
@@ -183,7 +183,7 @@ class MajidiLaw(MomentLaw):
 
     @property
     def pressure_range(self) -> tuple[float, float]:
-        """From the pressure at which the rigidity would vanish."""
+        """Pressures above the one at which the rigidity would vanish."""
         slope = self.rigidity(1.0) - self.flexural_rigidity
         return -0.5 * self.flexural_rigidity / slope, np.inf
 
@@ -194,5 +194,5 @@ MOMENT_LAWS: dict[str, type[MomentLaw]] = {
 
 
 def law_fields(law: type[MomentLaw]) -> tuple[str, ...]:
-    """Names of the constants that a moment law takes, as in the model file."""
+    """Return the names of the constants of a moment law, as in the model file."""
     return tuple(item.name for item in fields(law))  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Motion of an arm: mass at the tip and damping; the arm's own mass is its weight / g."""
+"""Motion of an arm: tip mass and damping, in addition to the mass of the arm, weight / g."""
 
 from __future__ import annotations
 
@@ -11,11 +11,14 @@ from pneunet_ros.core.units import check_quantities, quantity
 class Motion:
     """Inertia and damping of an arm; the mass of the arm itself follows from `arm.weight`.
 
-    Damping is that of Kelvin and Voigt: M = B (kappa - kappa0 + damping_time kappa').
+    Damping is of the Kelvin-Voigt type: M = B (kappa - kappa0 + damping_time kappa').
     """
 
     tip_mass: float = quantity(
-        0.0, unit='kg', meaning='mass at the free end, beside that of the arm', bounds=(0.0, 1e3)
+        0.0,
+        unit='kg',
+        meaning=('mass at the free end, in addition to that of the arm'),
+        bounds=(0.0, 1e3),
     )
     damping_time: float = quantity(
         0.0, unit='s', meaning='damping over stiffness, of Kelvin and Voigt', bounds=(0.0, 1e3)
@@ -23,13 +26,13 @@ class Motion:
     mass_error: float = quantity(
         0.0,
         unit='-',
-        meaning='relative standard deviation of all that is heavy, beside what the covariance has',
+        meaning='relative standard deviation of the moving mass, in addition to the covariance',
         bounds=(0.0, 10.0),
     )
     damping_error: float = quantity(
         0.0,
         unit='-',
-        meaning='relative standard deviation of damping_time, beside what the covariance has',
+        meaning='relative standard deviation of damping_time, in addition to the covariance',
         bounds=(0.0, 10.0),
     )
 

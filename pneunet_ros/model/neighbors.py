@@ -13,8 +13,9 @@ COLUMN_STEP = 0.01  # sigma; step of a central difference along a column of the 
 def neighbors(arm: Arm, column: Mapping[str, float]) -> tuple[Arm, Arm, float]:
     """Return the arms displaced to both sides along a covariance column, and the step.
 
-    column: by how much each quantity moves in one sigma; the distance is in sigma. A side on which
-    a quantity would leave its bounds is the arm itself. Raises ModelError if both would.
+    column: change of each quantity by one sigma; the distance is in sigma. A side on which a
+    quantity would leave its bounds is replaced by the arm itself. Raises ModelError if this
+    happens on both sides.
     """
     sides, distance = [arm, arm], 0.0
     for side, sign in enumerate((-1.0, 1.0)):
@@ -26,7 +27,7 @@ def neighbors(arm: Arm, column: Mapping[str, float]) -> tuple[Arm, Arm, float]:
             reason = error
     if distance == 0.0:
         raise ModelError(
-            f'covariance: a column leads out of bounds either way: {reason}',
+            f'covariance: a column leads out of bounds in both directions: {reason}',
             reason='out_of_bounds',
         )
     return sides[0], sides[1], distance

@@ -1,4 +1,4 @@
-"""Numbers of a model by dotted path, and how to change them."""
+"""Access to the numbers of a model by dotted path."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from pneunet_ros.core.errors import ModelError
 
 
 def unknown_quantity(name: str) -> str:
-    """Return the sentence for a name that leads to no number of the model."""
+    """Return the message for a name that is not a number of the model."""
     return (
-        f'the model has no quantity {name}; names look like arm.length, '
+        f'the model has no quantity {name}; valid names are, for example, arm.length, '
         'intrinsic_curvature.curvature.3.5, moment_law.rigidity.0.1, effects.gravity.weight_y'
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """A change of the number at a path; `name` is for messages."""
+    """A change of the number at a path; `name`: for messages."""
 
     path: tuple[str, ...]
     amount: float
     name: str
 
     def inside(self) -> Move:
-        """Return the move as seen from one step further inside."""
+        """Return the move with the path one level deeper."""
         return Move(path=self.path[1:], amount=self.amount, name=self.name)
 
 

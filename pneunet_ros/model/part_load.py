@@ -28,7 +28,7 @@ FORCE_STEP, PLACE_STEP = 1e-3, 1e-6  # N, m: of central differences
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartLoad:
-    """A force (N) spread over `width` (m) of the arm around `place` (m), along its normal there.
+    """A force (N) along the normal, distributed over `width` (m) of the arm around `place` (m).
 
     The normal is (-sin theta, cos theta) with theta the angle of the tangent.
     """
@@ -55,7 +55,7 @@ def with_part_load(rods: Rods, load: PartLoad) -> Rods:
 def with_part_changes(rods: Rods, changes: Perturbation, load: PartLoad) -> Perturbation:
     """Return the derivatives of a record with respect to a load on a part of the rod.
 
-    Two further causes follow, before those of the end load: its force (per N) and place (per m).
+    Two further causes come before those of the end load: its force (per N) and place (per m).
     """
     sides = [with_part_load(side, load) for side in changes.sides(rods)]
     known = replace(
@@ -76,7 +76,7 @@ def with_part_changes(rods: Rods, changes: Perturbation, load: PartLoad) -> Pert
 
 
 def pushed_on_panels(solution: SolverNodes, rods: Rods) -> tuple[Array, Sensitivity]:
-    """Return the middles (panels,) m of the panels of a solved rod, and how a push there moves it.
+    """Return the centers (panels,) m of panels, and the sensitivity to a push on each.
 
     The causes after F1, F2, M are a force of 1 N spread over each panel, along its normal.
     """

@@ -1,4 +1,4 @@
-"""Derivatives of a rod's record by pressure and the columns of a model's covariance."""
+"""Derivatives of a rod record by pressure and by the columns of the model's covariance."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ LOAD_STEP = 1e-4
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Perturbation:
-    """Small changes of the record of a rod, one per cause: the records on both sides of it.
+    """Small changes of a rod record, one per cause, as records on both sides.
 
     The first axes are side (before, after) and cause, the others those of `Rods`: length (2,
     causes), sections (2, causes, sections, 8), clamp (2, causes, 5), knots (2, causes, pieces +
     1), rotation (2, causes, pieces, 5), push (2, causes, pushes, sections), push_place (2, causes,
-    pushes). distance (causes,): how far the sides are apart. by_load: whether the last three
-    causes are F1 and F2 (per N) and M (per N m), which effects make a part of the record.
-    same_places: length and knots are known to be those of the rod itself on all sides.
+    pushes). distance (causes,): between the sides. by_load: whether the last three causes are F1
+    and F2 (per N) and M (per N m), on which the record depends through effects. same_places:
+    whether length and knots equal those of the rod on all sides.
     """
 
     length: Array
@@ -66,7 +66,7 @@ class Perturbation:
 
     @classmethod
     def of_pressure(cls, rods: Rods, distance: float) -> Perturbation:
-        """Return the change between records at two pressures, this far (Pa) apart."""
+        """Return the change between records at two pressures at this distance (Pa)."""
         knots, places = rods.knots, rods.push_place
         return cls(
             length=np.full((2, 1), rods.length),
@@ -107,7 +107,7 @@ class Perturbation:
         )
 
     def sides(self, rods: Rods) -> tuple[Rods, Rods]:
-        """Return the records before and after each cause, of the pushes of `rods`."""
+        """Return the records before and after each cause, with the pushes of `rods`."""
         before, after = (
             rods._replace(sections=self.sections[side], push=self.push[side]) for side in (0, 1)
         )
@@ -136,9 +136,9 @@ class Perturbation:
         )
 
     def moved(self, rods: Rods, amounts: Array) -> Rods:
-        """Return a record (the first of `rods`) moved by so much of each cause, (causes,).
+        """Return a record (the first of `rods`) moved by amounts of each cause, (causes,).
 
-        Those of the loads are left out: their changes are in the record already.
+        Causes of the loads are omitted, because the record already includes their changes.
         """
         if not amounts.any():
             return rods
@@ -178,15 +178,15 @@ class PerturbationTable:
     """An arm and its neighbors along the columns of its covariance, as one table over pressure.
 
     Curvature and moment law are linear in pressure between rows, so the records of all neighbors
-    are one linear table on the rows of them all. It holds what effects add at every pressure
-    alike; what they add by pressure or history is added at each call.
+    form one linear table over the union of their rows. It includes constant contributions of
+    effects; contributions that depend on pressure or history are added at each call.
 
-    further: columns after those of the covariance, which no calibration knows: by how much each
-    quantity moves in one unit; neighbors: the arm before each column, then the arm after each;
-    distance (1 + columns,): how far the sides are apart, of the pressure in Pa, then of the
-    columns in sigma; length, knots and same_places: as of the changes, whatever the pressure.
-    table: of all sides, the arm itself and the arms before each column, then itself and those
-    after; own: of the arm alone; clamp: of all sides.
+    further: columns in addition to those of the covariance: change of each quantity per unit;
+    neighbors: the arm before each column, then the arm after each; distance (1 + columns,):
+    between the sides, in Pa for the pressure and in sigma for the columns; length, knots and
+    same_places: as in the changes, independent of pressure. table: of all sides: the arm itself
+    and the arms before each column, then the arm itself and those after; own: of the arm alone;
+    clamp: of all sides.
     """
 
     arm: Arm
@@ -260,11 +260,11 @@ class PerturbationTable:
         history: tuple[History, ...] | None = None,
         load: Load | None = None,
     ) -> tuple[Rods, Perturbation]:
-        """Return the record of the rod at a chamber pressure (Pa), and its changes.
+        """Return the rod record at a chamber pressure (Pa), and its changes.
 
         The causes are a sudden change of the pressure, per Pa, then each column of the covariance,
-        per sigma; then the end load, where effects go with it. The neighbors have the arm's own
-        history: the influence of other parameters on it is left out.
+        per sigma, then the end load if effects depend on it. The neighbors share the history of
+        the arm: the influence of parameters on it is neglected.
         """
         arm, step = self.arm, 0.5 * float(self.distance[0])
         at = freeze(np.array([pressure]))
@@ -356,7 +356,7 @@ class PerturbationTable:
         history: tuple[History, ...] | None,
         loads: Array | None,
     ) -> Record:
-        """Return the records of a run of neighbors with what their effects add at each call."""
+        """Return records of consecutive neighbors, including their pressure-dependent effects."""
         rows = self.row_rotation[which]
         own = Record.without_pushes(
             record.sections[which], record.clamp[which], record.rotation[which]
@@ -380,7 +380,7 @@ def constant_records(
 ) -> tuple[Array, Array]:
     """Return sections and rotation of an arm at pressures (n,) Pa, with the constant effects.
 
-    changing: effects that are left out; clamp (1, 5): filled with the clamp record.
+    changing: effects to omit; clamp (1, 5): filled with the clamp record.
     """
     sections, rotation = arm.table.at(rows)
     clamp[:] = arm.clamp_record
@@ -391,7 +391,7 @@ def constant_records(
 
 
 def both_sides(own: Array, sides: Array) -> Array:
-    """Return the numbers on both sides (2, 1 + columns, ...) of a pressure and of all columns.
+    """Return numbers on both sides (2, 1 + columns, ...) of a pressure and of all columns.
 
     own (3, ...): at the pressure, before and after it; sides (2 + 2 columns, ...), which are
     overwritten: at the pressure and before each column, then at the pressure and after each.
@@ -402,7 +402,7 @@ def both_sides(own: Array, sides: Array) -> Array:
 
 
 def places_on_both_sides(every: Rods, records: Record) -> Array:
-    """Return the places of pushes (2, 1 + columns, pushes) m; arguments as in `both_sides`."""
+    """Return positions of pushes (2, 1 + columns, pushes) m; arguments as in `both_sides`."""
     places = every.push_place
     if not places.size:
         return np.empty((2, len(records.sections) // 2, 0))
@@ -429,7 +429,7 @@ def added_at_each_call(terms: Terms) -> bool:
 def group_equal_terms(
     arms: tuple[Arm, ...], changing: tuple[int, ...]
 ) -> tuple[tuple[slice, Arm], ...]:
-    """Group arms whose effects by pressure or history are equal."""
+    """Group arms whose effects of pressure or history are equal."""
     runs: list[tuple[slice, Arm]] = []
     if not (arms and (changing or arms[0].history_dependent or arms[0].by_load)):
         return ()
@@ -459,9 +459,9 @@ def with_pressure_change(
     history: tuple[History, ...] | None = None,
     load: Load | None = None,
 ) -> tuple[Rods, Perturbation]:
-    """Return the record of the rod at a chamber pressure (Pa), its change per sudden pascal.
+    """Return the rod record at a chamber pressure (Pa), its change per sudden pascal.
 
-    Where effects go with the end load, what that changes of the record follows.
+    If effects depend on the end load, the resulting changes follow.
     """
     step = pressure_step(arm)
     rods, change = pressure_change(arm, chamber_pressure, step, history, load)
@@ -478,7 +478,7 @@ def pressure_change(
     history: tuple[History, ...] | None,
     load: Load | None,
 ) -> tuple[Rods, Perturbation]:
-    """Return the record of the rod at a pressure (Pa), and its change per sudden pascal."""
+    """Return the rod record at a pressure (Pa), and its change per sudden pascal."""
     every = near_records(arm, pressure, step, history, load)
     return every.record(0), Perturbation.of_pressure(every.records(slice(1, 3)), 2.0 * step)
 
@@ -490,14 +490,14 @@ def near_records(
     history: tuple[History, ...] | None,
     load: Load | None,
 ) -> Rods:
-    """Return the records of the rod at a pressure (Pa) and one step before and after it."""
+    """Return the rod records at a pressure (Pa) and one step before and after it."""
     loads = None if load is None or not arm.by_load else np.repeat(load.row, 3, axis=0)
     near = np.array([pressure, pressure - step, pressure + step])
     return arm.rods(near, history, loads, gravity_of(load, 3))
 
 
 def gravity_of(load: Load | None, count: int) -> Array | None:
-    """Return the gravity direction under a load, repeated (count, 2); None: as the arm."""
+    """Return the gravity direction under a load, repeated (count, 2); None: as in the model."""
     if load is None or load.gravity is None:
         return None
     return np.tile(load.gravity, (count, 1))
@@ -509,7 +509,7 @@ def load_change(
     history: tuple[History, ...] | None,
     load: Load | None,
 ) -> Perturbation:
-    """Return how the record of the rod changes with F1, F2 and M, by effects alone."""
+    """Return the changes of the rod record with F1, F2 and M through effects."""
     step = LOAD_STEP * arm.weight * np.array([1.0, 1.0, arm.length])
     known = np.zeros((1, LOADS)) if load is None else load.row
     at = np.full(LOADS, pressure)

@@ -1,4 +1,4 @@
-"""The pressure for a wanted tip under a known load, or for a wanted force against a fixed tip."""
+"""Search for the pressure that gives a wanted tip position, or a wanted force at a fixed tip."""
 
 from __future__ import annotations
 
@@ -23,17 +23,13 @@ def pressure_for_tip(
     force: tuple[float, float] = (0.0, 0.0),
     moment: float = 0.0,
 ) -> tuple[float, Shape]:
-    """Find the pressure that brings the tip nearest to a point, under a known load.
+    """Find the pressure that brings the tip nearest to a point under a known load.
 
-    Args:
-        arm: the calibrated arm.
-        tip: x, y of the wanted place of the free end, m, in the base frame.
-        force: F1, F2 on the free end, N, in the base frame.
-        moment: on the free end, N m.
+    Args: arm: the calibrated arm. tip: x, y of the wanted position of the free end, m, in the base
+    frame. force: F1, F2 on the free end, N, in the base frame. moment: on the free end, N m.
 
-    Returns:
-        What the sensor reads at that pressure, Pa gauge, and the shape. Pressure alone leads the
-        tip along a line: how far it is from the wanted place is for the caller to judge.
+    Returns: The sensor reading at that pressure, Pa gauge, and the shape. Pressure alone moves the
+    tip along a curve, so the caller must check the distance from the wanted position.
 
     Raises:
         RequestError: a value is not a finite number, or the arm has no shape under this load.
@@ -64,13 +60,11 @@ def pressure_for_force(
         tip: x, y where the free end is held, m, in the base frame.
         moment: on the free end, N m.
 
-    Returns:
-        What the sensor reads at that pressure, Pa gauge, and the shape; its `force` is what the
-        surroundings apply. Of several pressures the lowest.
+    Returns: The sensor reading at that pressure, Pa gauge, and the shape; its `force` is that of
+    the surroundings on the arm. Of several pressures, the lowest.
 
-    Raises:
-        RequestError: a value is not a finite number, or no pressure of the calibrated range gives
-            that force; the sentence says which it gives.
+    Raises: RequestError: a value is not a finite number, or no pressure of the calibrated range
+    gives that force; the message states the nearest force.
 
     """
     check_finite(force=force, tip_x=tip[0], tip_y=tip[1])
@@ -85,7 +79,7 @@ def pressure_for_force(
     reached = math.hypot(*found.force)
     if abs(reached - force) > max(1e-3 * force, arm.sensors.force_std):
         raise RequestError(
-            f'no pressure of the calibrated range presses with {force:.4g} N at '
+            f'no pressure within the calibrated range gives {force:.4g} N at '
             f'({millimeters(tip[0]):.4g}, {millimeters(tip[1]):.4g}) mm: the nearest is '
             f'{reached:.4g} N, at {kilopascals(pressure):.4g} kPa',
             reason='not_reached',
@@ -96,7 +90,7 @@ def pressure_for_force(
 def nearest(
     arm: Arm, at: Callable[[float], Shape], distance: Callable[[Shape], float]
 ) -> tuple[float, Shape]:
-    """Return the shape of the pressure, within the calibrated range, at the least distance."""
+    """Return the shape at the calibrated pressure with the smallest distance."""
     low, high = arm.pressure_range
 
     def missed(pressure: float) -> float:
@@ -108,7 +102,7 @@ def nearest(
     best = int(np.argmin(found))
     if not math.isfinite(found[best]):
         raise RequestError(
-            f'no shape at any pressure of the calibrated range: {at(low).status}',
+            f'no shape at any pressure within the calibrated range: {at(low).status}',
             reason='no_equilibrium',
         )
     from scipy.optimize import minimize_scalar  # slow to import, and few ask for a pressure

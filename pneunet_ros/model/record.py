@@ -1,7 +1,7 @@
-"""The record of a rod: its sections with laws and effect terms.
+"""The record of a rod: its sections with moment laws and effect terms.
 
-A term that holds on a part of the arm cuts the sections of the rod at both ends of the part, and
-the pieces of the intrinsic rotation as well.
+A term on a part of the arm splits the sections of the rod at both ends of the part, and also the
+pieces of the intrinsic rotation.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ BINOMIAL = np.array([[float(comb(n, k)) for k in POWERS] for n in POWERS])
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Record:
-    """The tables of a rod at pressures (n,) that effects change; columns as in `Rods`."""
+    """The tables of a rod at pressures (n,), which effects change; columns as in `Rods`."""
 
     sections: Array
     clamp: Array
@@ -47,13 +47,13 @@ class Record:
 
 
 def ends_of(parts: Sequence[Part], length: float) -> Array:
-    """Return where parts begin and end (2 parts,) m, just within the arm."""
+    """Return the starts and ends of parts (2 parts,) m, limited to the arm."""
     ends = np.array([[part.start, part.end] for part in parts]).reshape(-1)
     return np.asarray(length * np.clip(ends, LEAST_SECTION, 1.0 - LEAST_SECTION))
 
 
 def cut_sections(sections: Array, places: Array, length: float) -> tuple[Array, Indices]:
-    """Return sections (n, sections, 8) cut at places (m), and the index of the original of each.
+    """Return sections (n, sections, 8) split at places (m), with the index of each original.
 
     length (m) of the arm.
     """
@@ -108,7 +108,7 @@ def cut_knots(knots: Array, places: Array) -> Array:
 
 
 def add_curvature(rotation: Array, knots: Array, terms: Terms, length: float) -> Array:
-    """Add the change of intrinsic curvature on one part of the arm to rotation (n, pieces, 5)."""
+    """Add a change of intrinsic curvature on a part of the arm to rotation (n, pieces, 5)."""
     start, end = ends_of([terms.part], length) if terms.part is not None else (0.0, length)
     inside = (knots[:-1] >= start) & (knots[:-1] < end)
     turned = rotation.copy()
@@ -119,7 +119,7 @@ def add_curvature(rotation: Array, knots: Array, terms: Terms, length: float) ->
 
 
 def add_parts(record: Record, every: Sequence[Terms], length: float, reach: float) -> Record:
-    """Return a record with terms that hold on parts of the arm; length, reach (m) of it."""
+    """Return a record with terms on parts of the arm; length, reach (m): of the arm."""
     every = [terms for terms in every if terms.part is not None]
     if not every:
         return record
@@ -144,10 +144,10 @@ def add_parts(record: Record, every: Sequence[Terms], length: float, reach: floa
 
 
 def cut_pushes(push: Array, owner: Indices) -> Array:
-    """Return pushes (n, pushes, sections) on sections that were cut, each a piece of its owner."""
+    """Return pushes (n, pushes, sections) on split sections, each a piece of its owner."""
     return np.take_along_axis(push, owner[:, None, :], axis=2)
 
 
 def append_push(push: Array, density: Array) -> Array:
-    """Return pushes (n, pushes, sections) N/m and one more (n, sections)."""
+    """Return pushes (n, pushes, sections) N/m with another one (n, sections) appended."""
     return np.concatenate([push, density[:, None]], axis=1)

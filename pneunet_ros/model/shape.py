@@ -14,13 +14,13 @@ class Shape:
 
     All arrays have one entry per station, from the clamp to the free end: material arclength (m),
     x and y (m), theta (rad), curvature and intrinsic curvature (1/m, per unstretched length),
-    moment (N m). Where the solve failed (`converged` is False) all but `arclength` are NaN, and
+    moment (N m). If the solve failed (`converged` is False), all except `arclength` are NaN, and
     `status` says why.
 
-    `residual` is the largest violation of the rod equations in rad, at the Gauss points and
-    between them (there it is a bound, some 20 times what the stations show). `stable` says
-    whether the equilibrium is a minimum of energy under dead load (None: not defined, negative
-    rigidity); `extrapolated` that the pressure lies outside the calibrated range.
+    `residual`: largest violation of the rod equations in rad, at the Gauss points and between them
+    (where it is a bound, about 20 times the error at stations). `stable`: whether the equilibrium
+    is an energy minimum under dead load (None: undefined, negative rigidity); `extrapolated`:
+    whether the pressure is outside the calibrated range.
     """
 
     arclength: Array

@@ -1,4 +1,4 @@
-"""The arm that a calibration starts from: ruler and scale, and placeholders for the rest."""
+"""Initial arm for a calibration: measured size and weight, placeholders for the rest."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.model.uncertainty import SensorNoise
 
 MEASURED = 'measured with ruler and scale'
-INVENTED = 'invented, for calibration to start from'
+INVENTED = 'invented, as a start for the calibration'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StartingArmSettings:
-    """Placeholder values for an arm of which only the size is known."""
+    """Placeholder values for an arm whose size and weight alone are known."""
 
     turn: float = tuning(2.0, 'rotation of the tip at the largest pressure', unit='rad')
     split: float = tuning(0.1, 'l1 / l', source="representative: the paper's arm")
@@ -37,19 +37,14 @@ def starting_arm(
 ) -> Arm:
     """Return an evenly bending arm of this size, with invented numbers marked as such.
 
-    Args:
-        name: of the model.
-        length: from the clamp to the free end, m.
-        weight: of the arm, N.
-        places: of its targets along it, (targets,) m.
-        largest_pressure: that it will see, Pa.
-        settings: what is made up.
+    Args: name: of the model. length: from the clamp to the free end, m. weight: of the arm, N.
+    places: of its targets along it, (targets,) m. largest_pressure: in use, Pa. settings:
+    placeholder values.
 
     Returns:
         The arm, for `calibrate --arm` and for tracking.
 
-    Raises:
-        ModelError: the numbers make no arm.
+    Raises: ModelError: the numbers are not those of a valid arm.
 
     """
     settings = settings or StartingArmSettings()
@@ -74,7 +69,7 @@ def starting_arm(
             'arm': MEASURED,
             'intrinsic_curvature': INVENTED,
             'moment_law': INVENTED,
-            'sensors': 'representative, of usual sensors; put in those of yours',
+            'sensors': 'representative of common sensors; replace by the values of yours',
         },
         provenance={'source': 'pneunet new-arm', 'recordings': []},
     )
@@ -83,7 +78,7 @@ def starting_arm(
 def even_places(length: float, targets: int, diameter: float, step: float) -> Array:
     """Return positions (targets,) m from the clamp, in whole steps (m).
 
-    The last dot lies on the arm as a whole.
+    The last dot lies completely on the arm.
     """
     spacing = (length - 0.5 * diameter) / (targets - 1)
     steps = np.arange(targets) * int(spacing / step + 1e-9)

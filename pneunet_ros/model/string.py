@@ -1,4 +1,4 @@
-"""A thread from the tip to a fixed eye or pulley: its tension is known, its direction is found."""
+"""A thread from the tip to a fixed eye or pulley, with known tension and unknown direction."""
 
 from __future__ import annotations
 
@@ -27,19 +27,20 @@ class String:
     y: float
 
     def __post_init__(self) -> None:
-        """Refuse a thread that does not pull, or leads nowhere."""
+        """Reject a thread without tension, or without a valid eye."""
         if not (math.isfinite(self.tension) and self.tension > 0.0):
             raise RequestError(
-                f'a string pulls: its tension must be positive, not {self.tension}',
+                f'the tension of a string must be positive, not {self.tension}',
                 reason='out_of_bounds',
             )
         if not (math.isfinite(self.x) and math.isfinite(self.y)):
             raise RequestError(
-                f'the eye of a string must be a place, not {self.x}, {self.y}', reason='not_finite'
+                f'the eye of a string must be two finite numbers, not {self.x}, {self.y}',
+                reason='not_finite',
             )
 
     def pull(self, tip: Array) -> Array:
-        """Return the force (..., 2) N on tips (..., 2) m; none on a tip in the eye."""
+        """Return the force (..., 2) N on tips (..., 2) m; zero for a tip at the eye."""
         way = np.array([self.x, self.y]) - tip
         length = np.linalg.norm(way, axis=-1, keepdims=True)
         return np.asarray(self.tension * way / np.maximum(length, np.finfo(float).tiny))
@@ -52,7 +53,7 @@ class String:
         return np.asarray(self.tension / length * (np.outer(along, along) - np.eye(2)))
 
     def check_beside(self, x: Array, y: Array, radius: float) -> None:
-        """Refuse an eye on an arm: nearer than a radius (m) to the line through places (m).
+        """Reject an eye on an arm: nearer than a radius (m) to the line through points (m).
 
         x, y: (places,), or (shapes, places) of several shapes.
         """
@@ -65,9 +66,9 @@ class String:
         if np.isfinite(away).any() and float(np.nanmin(away)) < radius:
             raise RequestError(
                 f'the eye of the string at {millimeters(self.x):.4g}, {millimeters(self.y):.4g} '
-                f'mm lies on the arm ({millimeters(float(np.nanmin(away))):.2g} mm beside it); '
-                'X and Y are where the thread leaves its eye or pulley, in the base frame at the '
-                'clamp',
+                f'mm lies on the arm ({millimeters(float(np.nanmin(away))):.2g} mm away from '
+                'it); X and Y are the point where the thread leaves its eye or pulley, in the '
+                'base frame at the clamp',
                 reason='out_of_bounds',
             )
 
@@ -81,21 +82,17 @@ def solve_string(
 ) -> Shape:
     """Return the equilibrium of an arm with a string at its tip; `force` is the total load.
 
-    Args:
-        arm: the calibrated arm.
-        pressure: what the sensor reads, held steady; Pa gauge.
-        string: the thread.
-        force: F1, F2 on the free end beside that of the string, N.
-        moment: on the free end, N m.
+    Args: arm: the calibrated arm. pressure: reading of the sensor, held constant; Pa gauge.
+    string: the thread. force: F1, F2 on the free end in addition to that of the string, N. moment:
+    on the free end, N m.
 
-    Returns:
-        The shape; where none was found its arrays are NaN and `status` says why.
+    Returns: The shape; if none was found, its arrays are NaN and `status` says why.
 
     Raises:
         RequestError: the eye lies on the arm.
 
-    The direction follows the tip: Newton, with how the tip moves by the force, and the tension
-    grows by smaller steps where it does not settle.
+    The direction follows the tip, by Newton's method with the compliance of the tip; the tension
+    is increased in smaller steps if this does not converge.
     """
     beside = np.array(force)
     shape = solve(arm, pressure, force, moment)
@@ -117,8 +114,8 @@ def solve_string(
         raise RequestError(
             f'a string of {string.tension:.3g} N finds no equilibrium beyond '
             f'{share * string.tension:.3g} N'
-            + ': its eye is within reach of the tip, which is pulled into it; X and Y are in the '
-            'base frame at the clamp' * near,
+            + ': its eye is within reach of the tip, so the tip is pulled into it; X and Y are '
+            'in the base frame at the clamp' * near,
             reason='no_equilibrium',
         )
     return shape
@@ -151,8 +148,8 @@ def settle(
 def follows_tip(string: String, tip: Array, jacobian: Array) -> Array:
     """Return the amplification of tip changes (x, y, theta) as the string turns, (3, 3).
 
-    jacobian (3, 4): of the tip under a constant force. Multiply it, or a covariance, by this from
-    the left.
+    jacobian (3, 4): of the tip under a constant force. Multiply the Jacobian, or a root of the
+    covariance, by this from the left.
     """
     turning = np.zeros((3, 3))
     turning[:, :2] = jacobian[:, 1:3] @ string.slope(tip[:2])

@@ -61,10 +61,9 @@ class PlacementKnown:
     """The calibrated placement of the targets.
 
     mean, std (2 targets,) m: along the arm, then across it, of all targets; factor (2 targets,
-    columns) m: what one sigma of each column of the model's covariance takes with it. std is what
-    these leave. Model and placement are found from the same pictures: where the model is wrong,
-    the placement is wrong the other way. origin (2,) m: where the base frame of these pictures has
-    its origin, beside the neutral line at the clamp.
+    columns) m: change by one sigma of each column of the model's covariance; std: of the rest.
+    Model and placement are estimated from the same images, so their errors are correlated. origin
+    (2,) m: offset of the base frame of these images from the neutral line at the clamp.
     """
 
     mean: Array
@@ -79,8 +78,8 @@ class PlacementKnown:
             object.__setattr__(self, name, table_array(getattr(self, name), where, dimensions))
         if self.mean.size % 2 or not self.mean.size == self.std.size == len(self.factor):
             raise ModelError(
-                'covariance.placement must have mean, std and rows of factor along the arm and '
-                f'across it for every target, not {self.mean.size}, {self.std.size} and '
+                'covariance.placement must have mean, std and rows of factor for every target, '
+                f'along and across the arm, not {self.mean.size}, {self.std.size} and '
                 f'{len(self.factor)}',
                 reason='wrong_shape',
             )
@@ -100,9 +99,9 @@ class ModelCovariance:
     """Covariance C = factor factor^T of model quantities, named by dotted paths.
 
     quantities: names such as `moment_law.rigidity.0.1` or `effects.extensibility.axial_stiffness`;
-    factor (quantities, columns), SI, at most 12 columns; placement: of the targets that it was
-    calibrated with, None if that is not known. guessed: how many of the columns, the last, are
-    no constants: model error, of the size that the calibration has guessed.
+    factor (quantities, columns), SI, at most 12 columns; placement: of the calibrated targets,
+    None if unknown. guessed: number of columns at the end that are not constants but model error,
+    of a size guessed by the calibration.
     """
 
     quantities: tuple[str, ...]
@@ -115,8 +114,9 @@ class ModelCovariance:
         factor = table_array(self.factor, 'covariance.factor', 2)
         if factor.shape[0] != len(self.quantities) or not 1 <= factor.shape[1] <= MOST_COLUMNS:
             raise ModelError(
-                f'covariance.factor must have a row for each of {len(self.quantities)} quantities '
-                f'and 1 to {MOST_COLUMNS} columns, not {factor.shape[0]} x {factor.shape[1]}',
+                f'covariance.factor must have one row for each of {len(self.quantities)} '
+                f'quantities and 1 to {MOST_COLUMNS} columns, not {factor.shape[0]} x '
+                f'{factor.shape[1]}',
                 reason='wrong_shape',
             )
         if len(set(self.quantities)) != len(self.quantities):
@@ -124,19 +124,19 @@ class ModelCovariance:
         object.__setattr__(self, 'factor', factor)
         if not 0 <= self.guessed <= factor.shape[1]:
             raise ModelError(
-                f'covariance.guessed must be 0 to {factor.shape[1]}, as many as '
-                f'covariance.factor has columns, not {self.guessed}',
+                f'covariance.guessed must be 0 to {factor.shape[1]}, the number of columns of '
+                f'covariance.factor, not {self.guessed}',
                 reason='out_of_bounds',
             )
         if self.placement is not None and self.placement.factor.shape[1] != factor.shape[1]:
             raise ModelError(
-                f'covariance.placement.factor must have {factor.shape[1]} columns as '
+                f'covariance.placement.factor must have {factor.shape[1]} columns like '
                 f'covariance.factor, not {self.placement.factor.shape[1]}',
                 reason='wrong_shape',
             )
 
     def columns(self) -> tuple[dict[str, float], ...]:
-        """Per column, the change of every quantity in one standard deviation."""
+        """Per column, the change of every quantity by one standard deviation."""
         return tuple(
             dict(zip(self.quantities, column.tolist(), strict=True))
             for column in np.asarray(self.factor).T
@@ -146,17 +146,20 @@ class ModelCovariance:
 def error_left_out(covariance: ModelCovariance | None, sources: Mapping[str, str]) -> str:
     """Name the model error that the standard deviations do not include; empty if none.
 
-    covariance, sources: of the model. The stiffness is measured where the covariance has it and no
-    source contradicts.
+    covariance, sources: of the model. The stiffness counts as measured if the covariance includes
+    it and no source contradicts this.
     """
     if covariance is None:
-        return "the model's own error is not in the standard deviations: it has no covariance"
+        return (
+            'the standard deviations do not include the model error, because the model has no '
+            'covariance'
+        )
     stiffness = tuple(f'moment_law.{name}' for name in STIFFNESS)
     known = any(name.startswith(stiffness) for name in covariance.quantities)
     said = [sources[key] for key in ('moment_law', *stiffness) if key in sources][:1]
     if known and not any(word in text for text in said for word in NOT_MEASURED):
         return ''
     return (
-        "the model's own error under load is not in the standard deviations: its stiffness was "
-        'not measured'
+        'the standard deviations do not include the model error under load, because the '
+        'stiffness was not measured'
     )

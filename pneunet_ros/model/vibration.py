@@ -1,4 +1,4 @@
-"""An arm with its mass: the links of a shape, their masses, and how it vibrates."""
+"""Vibration of an arm with mass: links of a shape, their masses, and the modes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LINKS = 24
 
 
 def links_at(solution: SolverNodes) -> Links:
-    """Return a solved arm as links."""
+    """Return a solved arm as a chain of links."""
     return links_of(*solution.for_kernels(), LINKS)
 
 
@@ -32,25 +32,24 @@ def masses_of(arm: Arm) -> Masses:
 def vibration(arm: Arm, shape: Shape, count: int = 2) -> Modes | None:
     """Return the slowest vibrations of an arm about an equilibrium.
 
-    Args:
-        arm: the arm; its weight is its mass, and `motion` adds that of the tip and the damping.
-        shape: the equilibrium, from `solve`.
-        count: how many vibrations.
+    Args: arm: the arm; its weight is its mass, and `motion` adds that of the tip and the damping.
+    shape: the equilibrium, from `solve`. count: number of modes.
 
     Returns:
         Frequencies (rad/s), damping (1/s) and shapes; None if the equilibrium is not stable.
 
-    Raises:
-        RequestError: the shape is none, or the count not within 1 and the number of links.
+    Raises: RequestError: the shape is a failed one, or count is not within 1 and the number of
+    links.
 
     """
     if shape.solution is None:
         raise RequestError(
-            f'no vibration without a shape: {shape.status}', reason='no_equilibrium'
+            f'there is no vibration, because there is no shape: {shape.status}',
+            reason='no_equilibrium',
         )
     if not 1 <= count <= LINKS:
         raise RequestError(
-            f'the count of vibrations must lie between 1 and {LINKS}, not {count}',
+            f'the number of vibration modes must lie between 1 and {LINKS}, not {count}',
             reason='out_of_bounds',
         )
     damping_time = 0.0 if arm.inertia is None else arm.inertia.damping_time

@@ -42,8 +42,8 @@ class Finger:
         place = self.mujoco.mj_name2id(self.model, kind, self.prefix + name)
         if place < 0:
             raise RequestError(
-                f'the MuJoCo model has no numeric {self.prefix + name!r}: use a file of `pneunet '
-                'mjcf`, and the prefix under which the finger was attached',
+                f'the MuJoCo model has no numeric {self.prefix + name!r}: use a file written by '
+                '`pneunet mjcf`, and the prefix with which the finger was attached',
                 reason='other_model',
             )
         first = int(self.model.numeric_adr[place])
@@ -78,7 +78,7 @@ class Finger:
         low, high = self.pressure_range
         if not low <= pressure <= high:
             raise RequestError(
-                f'the finger is described from {low:g} to {high:g} Pa, not at {pressure:g} Pa',
+                f'the finger is defined from {low:g} to {high:g} Pa, not at {pressure:g} Pa',
                 reason='out_of_bounds',
             )
         rows = self._pressure

@@ -13,7 +13,7 @@ def load_mujoco() -> ModuleType:
         import mujoco
     except ImportError as error:
         raise RequestError(
-            f"MuJoCo is not installed ({error}): type pip install 'pneunet_ros[mujoco]', or pip "
+            f"MuJoCo is not installed ({error}): use pip install 'pneunet_ros[mujoco]', or pip "
             "install '.[mujoco]' in a checkout",
             reason='not_installed',
         ) from None

@@ -211,7 +211,7 @@ def test_a_calibration_without_distortion_is_read(write, data):
         ('smallest:', 'small:', 'area.small', 'smallest, largest, elongation, hole'),
         ('low:', 'contrast:', 'grey_band.contrast', 'method, low, high'),
         ('fixed, low: 140,', 'adaptive, contrast: 9,', 'grey_band.high', 'method, contrast'),
-        ('method: rest', 'method: rest, scale: 1', 'plane.scale', 'known here: method'),
+        ('method: rest', 'method: rest, scale: 1', 'plane.scale', 'known keys: method'),
         (
             'method: rest',
             'method: pose, position: [0, 0, 1], orientation: [1, 0, 0, 0]',

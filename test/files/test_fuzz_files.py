@@ -244,5 +244,5 @@ def test_a_scenario_names_an_arm_beside_it_and_no_other_file(tmp_path, arm):
     path.write_text(f'{SCENARIO.partition("arm:")[0]}arm: "{arm}"\n')
     found = answer(load_scenario, path)
     assert isinstance(found, RequestError)
-    assert 'beside' in str(found)
+    assert 'in the same folder' in str(found)
     assert 'password' not in str(found)

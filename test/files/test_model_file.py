@@ -278,8 +278,8 @@ def test_a_missing_key_is_named(write, line, missing):
 @pytest.mark.parametrize(
     ('old', 'new', 'sentence'),
     [
-        ('schema_version: 1', 'schema_version: 2', 'schema_version 2 is not known; known: 1'),
-        ('schema_version: 1', 'schema_version: "1"', "schema_version '1' is not known"),
+        ('schema_version: 1', 'schema_version: 2', 'schema_version 2 is not supported, only 1'),
+        ('schema_version: 1', 'schema_version: "1"', "schema_version '1' is not supported"),
         ('name: paper-arm', 'name: 7', 'name must be a text, not 7'),
         ('name: paper-arm', 'name: ""', 'name must be a text'),
         ('0.112 ', '"0.112" ', "arm.length must be a number in SI units, not '0.112'"),
@@ -291,7 +291,7 @@ def test_a_missing_key_is_named(write, line, missing):
         ('0.112 ', '112 ', r'arm.length = 112.0 is not within [0.0001, 10.0] m'),
         ('[0.0, 0.005]', '[0.0, 0.5]', 'arm.target_arclength must increase within 0 and'),
         ('[0.0, 0.005]', '{a: 1}', 'arm.target_arclength must be'),
-        ('[0.0, 0.005]', '[0.0, .nan]', 'arm.target_arclength holds NaN'),
+        ('[0.0, 0.005]', '[0.0, .nan]', 'arm.target_arclength contains NaN'),
         ('[[0, 0, 0], [25, 30, 20]]', '[[0, 0], [25, 30]]', '2 x 3, not 2 x 2'),
         ('[[0, 0, 0], [25, 30, 20]]', '[[0, 0, 0]]', '2 x 3, not 1 x 3'),
         ('[[0, 0, 0], [25, 30, 20]]', '[[0, 0], [25, 30, 20]]', 'rows of equal length'),
@@ -313,8 +313,8 @@ def test_a_missing_key_is_named(write, line, missing):
         ('force_std: 0.001', 'force_std: -0.001', 'sensors.force_std = -0.001 is not within'),
         ('force_std: 0.001', 'force_std: .nan', 'sensors.force_std must be a number'),
         ('force_std: 0.001', 'force_std: .inf', 'sensors.force_std = inf is not within'),
-        ('schema_version: 1', 'schema_version: true', 'schema_version True is not known'),
-        ('0.112 ', f'1{400 * "0"} ', 'arm.length is too large for a number'),
+        ('schema_version: 1', 'schema_version: true', 'schema_version True is not supported'),
+        ('0.112 ', f'1{400 * "0"} ', 'arm.length is too large to be a number'),
         ('[0.0, 0.005]', '[0.0, [0.005]]', 'arm.target_arclength must be a table of numbers'),
         ('[0.0, 0.005]', '[false, 0.005]', 'arm.target_arclength must be a table of numbers'),
         ('[0.0, 0.005]', '"0.0"', 'arm.target_arclength must be a table of numbers'),
@@ -325,7 +325,7 @@ def test_a_missing_key_is_named(write, line, missing):
         ('effects: {}', 'effects: {gravity: 0}', 'effects.gravity must be a mapping'),
         ('sources: {}', 'sources: []', 'sources must be a mapping'),
         ('recordings: []}', 'recordings: [{1: a, b: c}]}', 'provenance must be a mapping'),
-        ('effects: {}', '"two\\nlines": 1', 'unknown key two lines; known here'),
+        ('effects: {}', '"two\\nlines": 1', 'unknown key two lines; known keys'),
         ('effects: {}', 'effects: [gravity]', 'effects must be a mapping of names to values'),
         ('effects: {}', 'effects: {gravity: 3}', 'effects.gravity must be a mapping'),
         ('effects: {}', 'effects: {gravity: {weight_y: .nan}}', 'weight_y must be a number'),
@@ -377,9 +377,9 @@ def test_a_missing_key_is_named(write, line, missing):
                 sentence,
             )
             for mean, std, factor, sentence in (
-                ([0, 0], [0, 0], [[0], [0]], 'is that of 1 targets, and the arm has 2'),
+                ([0, 0], [0, 0], [[0], [0]], 'is for 1 targets, but the arm has 2'),
                 ([0, 0], [0, 0], [[0, 0], [0, 0]], 'must have 1 columns'),
-                ([0, 0], [0], [[0], [0]], 'for every target, not 2, 1 and 2'),
+                ([0, 0], [0], [[0], [0]], 'across the arm, not 2, 1 and 2'),
                 ([0, 0, 0, 0], [0, 0, 0, -1], 4 * [[0]], 'std must not be negative'),
             )
         ),

@@ -12,9 +12,9 @@ import pytest
 from support.made_recordings import write_readings
 
 NO_FILES = {
-    'pipe': (os.mkfifo, 'it is a pipe, and a file is needed'),
-    'device': (lambda path: path.symlink_to('/dev/zero'), 'it is a device, and a file is needed'),
-    'folder': (Path.mkdir, 'it is a folder, and a file is needed'),
+    'pipe': (os.mkfifo, 'it is a pipe, but a file is needed'),
+    'device': (lambda path: path.symlink_to('/dev/zero'), 'it is a device, but a file is needed'),
+    'folder': (Path.mkdir, 'it is a folder, but a file is needed'),
     'link to nothing': (lambda path: path.symlink_to('nowhere'), 'No such file'),
     'loop': (lambda path: path.symlink_to(path.name), 'oo many levels'),
 }
@@ -31,7 +31,7 @@ def test_what_is_no_file_is_an_error_of_the_system(tmp_path, kind):
 
 @pytest.mark.parametrize('name', ['a\0b', '\ud800'])
 def test_a_name_that_no_file_can_have_is_one_too(name):
-    with pytest.raises(OSError, match='a character that no name of a file can have'):
+    with pytest.raises(OSError, match='a character that is not allowed in file names'):
         open_regular(Path(name))
 
 

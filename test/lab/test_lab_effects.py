@@ -181,8 +181,8 @@ def test_unconditioned_and_softened_arm_differ_below_the_largest_pressure_alone(
 @pytest.mark.parametrize(
     ('name', 'parameters', 'words'),
     [
-        ('gravitation', {}, 'unknown effect gravitation; known here: pressure_offset, '),
-        ('gravity', {'weight': 1.0}, 'has no parameter weight; known here: richness, weight_x'),
+        ('gravitation', {}, 'unknown effect gravitation; known effects: pressure_offset, '),
+        ('gravity', {'weight': 1.0}, 'has no parameter weight; it has richness, weight_x'),
         ('softening', {'loss': 2.0}, r'effects.softening.loss = 2.0 is not within \[0.0, 0.9\]'),
         ('creep', {'richness': -1.0}, 'effects.creep.richness = -1.0 is not within'),
     ],

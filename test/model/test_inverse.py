@@ -102,7 +102,7 @@ def found_again(seeds, negative):
         cold = solve_tip(arm, pressure, shape.tip[:2], moment)
         weak = weakest(arm, shape)
         if weak < SEARCH.determined:
-            assert_failed(near, 'the end force is not determined')
+            assert_failed(near, 'this tip position does not determine the end force')
             continue
         # Where it is hardly determined, a tip as good as any is one of many forces.
         exact = 1e-9 if weak > 10.0 * SEARCH.determined else 1e-6

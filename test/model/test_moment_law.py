@@ -60,7 +60,7 @@ def test_negative_rigidity_is_allowed_in_either_section():
         ({'rigidity': [[0.06], [0.03], [0.02]]}, r'3 rows .* of 2, not 3 x 1'),
         ({'rigidity': [[0.06, 0.03]] * 2}, r'3 rows .* of 2, not 2 x 2'),
         ({'moment_offset': [[0.0, 0.0]] * 4}, r'moment_offset must have 3 rows'),
-        ({'moment_offset': [[0.0, np.nan]] * 3}, 'moment_offset holds NaN'),
+        ({'moment_offset': [[0.0, np.nan]] * 3}, 'moment_offset contains NaN'),
         ({'split': [0.1, 0.1]}, 'split must hold 3 values, one per pressure'),
         ({'split': [0.1, 0.0, 0.1]}, 'split must lie between 0 and 1'),
         ({'split': [0.1, 1.0, 0.1]}, 'split must lie between 0 and 1'),

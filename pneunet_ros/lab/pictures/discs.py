@@ -1,8 +1,8 @@
 """Coverage of image pixels by a disc of the working plane, and its true image position.
 
-Around its center, the map from the disc to the image is taken to second order, which is exact to
-some 1e-4 px for discs of a few px. The share of a pixel that is covered is computed, not sampled:
-the edge is straight within a small part of a pixel.
+The map from the disc to the image is expanded to second order around its center, which is accurate
+to about 1e-4 px for discs of a few px. The covered share of a pixel is computed, not sampled: the
+edge is straight within a small part of a pixel.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ _PARTS = (np.arange(PARTS) + 0.5) / PARTS - 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Discs:
-    """Images of n discs: the map from the unit disc (a, b) to the image, to second order.
+    """Images of n discs: second-order map from the unit disc (a, b) to the image.
 
     u, v (n,) px, image of the center; slope (n, 2, 2) and bend (n, 2, 3), first and second
     derivatives (aa, ab, bb) of (u, v); centroid (n, 2) px and area (n,) px^2 of the image; reach
-    (n,) px, from the center to its farthest edge.
+    (n,) px, from the center to the farthest edge.
     """
 
     u: Array
@@ -75,7 +75,7 @@ def see_discs(camera: Camera, x: Array, y: Array, radius: Array) -> Discs:
 
 
 def flat_discs(u: Array, v: Array, major: Array, minor: Array, angle: Array) -> Discs:
-    """Return ellipses that are given in the image: all (n,), px and rad (from +u towards +v)."""
+    """Return ellipses given in the image: all (n,), px and rad (from +u towards +v)."""
     cos, sin = np.cos(angle), np.sin(angle)
     slope = np.stack(
         [np.stack([major * cos, -minor * sin], 1), np.stack([major * sin, minor * cos], 1)], 1
@@ -119,9 +119,9 @@ def cover(
 ) -> tuple[Places, Places, Array]:
     """Return the mean coverage of pixels by moving discs: center + shift (n, times).
 
-    The result is the window of each disc: column and row (n,) of its first pixel, as integers,
-    and the shares (n, PARTS rows, PARTS columns) of the parts of its pixels, rows == columns, with
-    a margin of some px around the disc. Discs must be finite and not empty.
+    The result is the window of each disc: column and row (n,) of its first pixel, as integers, and
+    the covered shares (n, PARTS rows, PARTS columns) of the parts of its pixels, rows == columns,
+    with a margin of a few px around the disc. Discs must be finite and not empty.
     """
     far = discs.reach + np.hypot(shift_u, shift_v).max(axis=1)
     half = math.ceil(float(far.max()) + 1.0) + margin
@@ -154,9 +154,9 @@ def cover(
 
 
 def optics(size: int, blur: float) -> Array:
-    """Return the matrix (size, PARTS size) that blurs parts of pixels and gathers them in pixels.
+    """Return the matrix (size, PARTS size) that blurs parts of pixels and sums them to pixels.
 
-    The light is blurred before it is gathered, as in a camera: sigma is `blur` (px).
+    The light is blurred before it is summed, as in a camera: sigma is `blur` (px).
     """
     sharp = np.kron(np.eye(size), np.full((1, PARTS), 1.0 / PARTS))
     if blur <= 0.0:
@@ -172,8 +172,8 @@ def edge_of(
 ) -> tuple[Array, Array, Array]:
     """Return the distance (px) from the edge of a disc, positive inside, and the normal there.
 
-    disc: which disc; du, dv: px from the image of its center; all three of shapes that go
-    together. The normal comes without signs. All is to first order, and good near the edge.
+    disc: index of the disc; du, dv: px from the image of its center; all three must broadcast. The
+    normal has no signs. The result is first-order accurate, and good near the edge.
     """
     turn = inverse[disc]
     a = turn[..., 0, 0] * du + turn[..., 0, 1] * dv

@@ -1,7 +1,7 @@
-"""A camera of the virtual lab: where a point of the base frame appears in its image.
+"""A camera of the virtual lab: projects points of the base frame to its image.
 
-Written from the definition of the models, apart from the tracker's camera, so that one can be a
-test of the other.
+It implements the definition of the models independently of the tracker's camera, so that each can
+test the other.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Camera:
         distortion = frozen_array(self.distortion)
         if distortion.size not in MODELS.get(self.model, ()):
             raise CameraError(
-                f'a lens {self.model!r} with {distortion.size} coefficients is none of '
+                f'a lens {self.model!r} with {distortion.size} coefficients is not one of '
                 f'{", ".join(f"{name} with {counts}" for name, counts in MODELS.items())}',
                 reason='unknown_kind',
             )
@@ -67,7 +67,7 @@ class Camera:
         )
 
     def distort(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Bend normalized coordinates as the lens does."""
+        """Distort normalized coordinates like the lens."""
         k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion.tolist(), *[0.0] * 8)[:8]
         square = x * x + y * y
         radial = 1.0 + square * (k1 + square * (k2 + square * k3))
@@ -95,8 +95,8 @@ def looking_down(
     """Return a camera that looks along -z at the point `middle` (m in base).
 
     focal_px: focal length in px; scale: m of the working plane per px in the middle of the image.
-    roll (rad) turns the camera about its axis, tilt (rad) about its x and y, still looking at
-    `middle`. The principal point is a little off the middle, as in life.
+    roll (rad) turns the camera about its axis, tilt (rad) about its x and y, while it looks at
+    `middle`. The principal point is slightly off the middle, as in real cameras.
     """
     rotation = FACING_DOWN @ turn(0, tilt[0]) @ turn(1, tilt[1]) @ turn(2, roll)
     center = (0.5 * (width - 1) + 3.2, 0.5 * (height - 1) - 2.7)
@@ -113,7 +113,7 @@ def looking_down(
 
 
 def turn(axis: int, angle: float) -> Array:
-    """Return the matrix (3, 3) of a turn by an angle (rad) about a coordinate axis."""
+    """Return the matrix (3, 3) of a rotation by an angle (rad) about a coordinate axis."""
     first, second = (axis + 1) % 3, (axis + 2) % 3
     matrix = np.eye(3)
     matrix[first, first] = matrix[second, second] = math.cos(angle)

@@ -1,7 +1,7 @@
-"""Render images of an arm with white targets, and the truth about every target in them.
+"""Render images of an arm with white targets, with the truth about every target.
 
-A pixel is the light that falls on its whole square; pixel (0, 0) is the center of the first. Then
-the optics blur, the light is uneven, glare adds, and the sensor clips, adds noise and rounds.
+A pixel integrates the light on its whole square; (0, 0) is the center of the first pixel. Blur by
+the optics, uneven light, glare, clipping, sensor noise and rounding follow.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ class Truth:
     """Truth of every drawn target, (n,) each, in the order of the dots.
 
     x, y m in base and u, v px in the image: the center of the disc, in the middle of the exposure;
-    centroid_u, centroid_v px: the centroid of the image of the whole disc, which lens and
-    perspective move away from the image of its center; area px^2 of this image; visible: share of
-    it that lies in the image and is hidden neither by an occluder nor by glare. NaN, with
-    `visible` 0, where a dot has no radius or is behind the camera.
+    centroid_u, centroid_v px: the centroid of the image of the whole disc, which differs from the
+    image of its center due to lens and perspective; area px^2 of this image; visible: share of it
+    inside the image, hidden neither by an occluder nor by glare. NaN, with `visible` 0, where a
+    dot has no radius or is behind the camera.
     """
 
     x: Array
@@ -64,7 +64,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Cover:
-    """Transmitted light (height, width): past occluders, and past glare."""
+    """Transmitted light (height, width) after occluders and glare."""
 
     open: Grey
     unglared: Grey
@@ -73,7 +73,7 @@ class Cover:
 def draw_dots(
     picture: Grey, camera: Camera, dots: Dots, blur: float = 0.0, hiding: Cover | None = None
 ) -> Truth:
-    """Draw targets into a picture, blurred (sigma, px), and return the truth about them."""
+    """Draw blurred targets (sigma, px) into an image, and return the truth about them."""
     discs = see_discs(camera, dots.x, dots.y, dots.radius)
     visible = np.zeros(dots.x.size)
     exists = (discs.area > 0.0) & np.isfinite(discs.u + discs.v + discs.reach)
@@ -122,7 +122,7 @@ def paint(
     blur: float = 0.0,
     hiding: Cover | None = None,
 ) -> Array:
-    """Draw discs of a grey level, and return the share of each that can be seen."""
+    """Draw discs of a grey level, and return the visible share of each."""
     still = np.zeros((discs.u.size, 1))
     column, row, parts = cover(discs, *(shifts or (still, still)), math.ceil(BLUR_REACH * blur))
     size = parts.shape[1] // PARTS
@@ -151,13 +151,13 @@ def paint(
 
 
 def _overlap(first: int, size: int, limit: int) -> tuple[slice, slice]:
-    """Return where pixels first ... first + size - 1 lie within 0 ... limit - 1, and in `size`."""
+    """Return the overlap of pixels first ... first + size - 1 with 0 ... limit - 1 as slices."""
     start, stop = min(max(first, 0), limit), min(max(first + size, 0), limit)
     return slice(start, stop), slice(start - first, stop - first)
 
 
 class Renderer:
-    """A prepared scene: static objects are drawn once, and noise comes from a stock."""
+    """A prepared scene: static objects are drawn once, and noise is reused."""
 
     __slots__ = ('_canvas', '_glare', '_grain', '_light', '_unhidden', 'scene')
 
@@ -222,7 +222,7 @@ class Renderer:
         return picture.astype(np.uint8), truth
 
     def _noise(self, rng: np.random.Generator) -> Grey:
-        """Return noise for one image: a random crop of the stored noise, perhaps mirrored."""
+        """Return noise for one image: a random crop of the stored noise, possibly mirrored."""
         height, width = self._canvas.shape
         row, column, mirrors = rng.integers((NOISE_SHIFTS + 1, NOISE_SHIFTS + 1, 4)).tolist()
         grain = self._grain[row : row + height, column : column + width]

@@ -1,7 +1,7 @@
 """Image content of the virtual lab: static (Scene) and moving (FrameState).
 
-Targets live in the working plane (m, base frame), all that distracts from them in the image (px).
-Grey levels are those under even light, from 0 to 255.
+Targets are in the working plane (m, base frame), distracting objects in the image (px). Grey
+levels are those under even light, from 0 to 255.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ def nothing() -> Array:
 class Dots:
     """White discs in the working plane.
 
-    x, y (n,) m in base; radius m, one or (n,), 0 for a dot that is gone; motion (n, 2) m, how far
-    each moves while the shutter is open, its place being that in the middle of this time.
+    x, y (n,) m in base; radius m, one or (n,), 0 for a removed dot; motion (n, 2) m during the
+    exposure; positions are those at mid-exposure.
     """
 
     x: Array = field(default_factory=nothing)
@@ -81,7 +81,7 @@ class Occluder:
         corners = frozen_array(self.corners)
         if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
             raise RequestError(
-                f'an occluder needs 3 corners (u, v) or more, not {corners.shape}',
+                f'an occluder needs at least 3 corners (u, v), not {corners.shape}',
                 reason='wrong_shape',
             )
         object.__setattr__(self, 'corners', corners)
@@ -115,7 +115,7 @@ class Spot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Glint:
-    """Glare over whatever is there: a soft ellipse that adds up to `strength` grey levels."""
+    """Glare: a soft ellipse that adds up to `strength` grey levels."""
 
     u: float
     v: float
@@ -142,8 +142,8 @@ class Light:
 class Scene:
     """Static scene and camera.
 
-    decoys: dots like the targets that are none. blur: sigma of the optics in px; noise: sigma in
-    grey levels; texture: sigma of the unevenness of the background, its `seed` its own.
+    decoys: dots that look like targets. blur: sigma of the optics in px; noise: sigma in grey
+    levels; texture: sigma of the unevenness of the background, with its own `seed`.
     """
 
     camera: Camera
@@ -169,7 +169,7 @@ class FrameState:
 
 
 def turn_points(points: Array, u: float, v: float, angle: float) -> Array:
-    """Return points (n, 2) turned by an angle (rad, from +u towards +v) and moved to (u, v)."""
+    """Return points (n, 2) rotated by an angle (rad, from +u towards +v) and moved to (u, v)."""
     cos, sin = math.cos(angle), math.sin(angle)
     there: Array = points @ np.array([[cos, sin], [-sin, cos]]) + np.array([u, v])
     return there

@@ -1,4 +1,4 @@
-"""Polygons, glare, light and texture of the virtual lab, which need no subpixel accuracy."""
+"""Polygons, glare, light and texture of the virtual lab, without subpixel accuracy."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def fill(canvas: Canvas, polygons: list[Array], grey: float, smooth: bool = True
 
 
 def draw_label(canvas: Canvas, label: Label) -> None:
-    """Draw a bright rectangle with dark bars of uneven length in lines, like words."""
+    """Draw a bright rectangle with lines of dark bars of uneven length, like words."""
     fill(canvas, [_rectangle(label, -0.5, 0.5, -0.5, 0.5)], label.grey)
     words = np.random.default_rng(label.lines)
     for line in range(label.lines):
@@ -65,13 +65,13 @@ def _rectangle(label: Label, left: float, right: float, top: float, bottom: floa
 
 
 def draw_body(canvas: Canvas, body: Body, camera: Camera) -> None:
-    """Draw the arm: a base layer, chambers on it with gaps, and the clamp that holds it."""
+    """Draw the arm: a base layer, chambers with gaps, and the clamp."""
     length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(body.x), np.diff(body.y)))])
     start = np.array([body.x[0], body.y[0]])
     along = np.array([np.cos(body.theta[0]), np.sin(body.theta[0])])
 
     def outlines(s: Array, top: float, bottom: float) -> list[Array]:
-        """Corners (px) of bands between two heights over the centerline: s (bands, places)."""
+        """Return corners (px) of bands between two heights over the curve: s (bands, places)."""
         theta = np.interp(s, length, body.theta)
         before = np.minimum(s, 0.0)
         x = np.interp(s, length, body.x) + before * along[0]
@@ -101,7 +101,7 @@ def draw_body(canvas: Canvas, body: Body, camera: Camera) -> None:
 
 
 def glare(glints: tuple[Glint, ...], width: int, height: int) -> Grey:
-    """Return the grey levels (height, width) that glints add."""
+    """Return the grey levels (height, width) added by glints."""
     layer = np.zeros((height, width), np.float32)
     for glint in glints:
         reach = int(4.0 * max(glint.major, glint.minor)) + 2
@@ -118,7 +118,7 @@ def glare(glints: tuple[Glint, ...], width: int, height: int) -> Grey:
 
 
 def illumination(light: Light, width: int, height: int) -> Grey:
-    """Return how bright the light is at every pixel, (height, width)."""
+    """Return the brightness of the light at every pixel, (height, width)."""
     u = (np.arange(width) - 0.5 * (width - 1)) / width
     v = ((np.arange(height) - 0.5 * (height - 1)) / height)[:, None]
     slope = 1.0 + light.gradient_u * u + light.gradient_v * v
