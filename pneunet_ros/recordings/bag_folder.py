@@ -1,4 +1,4 @@
-"""A recording as a folder: rosbag2's `metadata.yaml` and the files it names."""
+"""A recording as a folder: `metadata.yaml` of rosbag2 and the files listed in it."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ FILE = YamlFile(kind='metadata of rosbag2', error=RecordingError)
 def stored_files(path: Path) -> list[Path]:
     """List the files of a recording in order: `path` itself, or those of its folder.
 
-    A folder NAME without metadata is a recording where it holds one file, or parts as rosbag2
-    calls them, NAME_0.mcap, NAME_1.mcap. Raises RecordingError when there is no recording, or
-    one that is stored in a way that cannot be read.
+    A folder NAME without metadata is a recording if it contains one file, or parts with the names
+    of rosbag2, NAME_0.mcap, NAME_1.mcap. Raises RecordingError if there is no recording, or if its
+    storage format cannot be read.
     """
     if not path.exists():
         raise RecordingError(
@@ -65,19 +65,19 @@ def stored_files(path: Path) -> list[Path]:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a path is, by its name, a file of a recording, or a folder of rosbag2."""
+    """Whether a path is a recording: a file with such a name, or a folder of rosbag2."""
     if not path.is_dir():
         return any(fnmatch(path.name, pattern) for pattern in FILES)
     return (path / METADATA).is_file() or bool(_parts(path))
 
 
 def _files_in(path: Path) -> list[Path]:
-    """Return the files of a folder that are of recordings, by their names."""
+    """Return the files of a folder that are recordings by their names."""
     return sorted(file for file in path.iterdir() if file.is_file() and is_recording(file))
 
 
 def _parts(path: Path) -> list[Path]:
-    """Return the files of a folder, in order, where rosbag2 has called them FOLDER_0, FOLDER_1."""
+    """Return the files of a folder named by rosbag2 FOLDER_0, FOLDER_1, in order."""
     part = re.compile(rf'{re.escape(resolved(path, RecordingError).name)}_(\d{{1,9}})\.')
     files = _files_in(path)
     numbers = [match and int(match[1]) for match in map(part.match, (f.name for f in files))]
@@ -108,7 +108,7 @@ def _listed(names: list[str]) -> str:
 
 
 def _describe_folder(content: Any) -> tuple[list[str], str, str]:
-    """Return the names of the files, how they are stored, and how they are compressed."""
+    """Return the names of the files, their storage format and their compression."""
     where = 'rosbag2_bagfile_information'
     bag = FILE.mapping(FILE.mapping(content, '').get(where), where)
     names, storage = bag.get('relative_file_paths'), bag.get('storage_identifier')

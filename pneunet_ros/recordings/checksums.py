@@ -1,4 +1,4 @@
-"""Checksums of a finished MCAP file: rosbags writes none, and without them damage is silent."""
+"""Adds checksums to a finished MCAP file, because rosbags writes none."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ _FOOTER_CHECKSUM = struct.calcsize('<QQ')
 
 
 def write_checksums(path: Path) -> None:
-    """Write the CRC-32 of every chunk, of the data section and of the summary into a whole file.
+    """Write the CRC-32 of every chunk, of the data section and of the summary into a file.
 
-    Each covers the range given by the specification of MCAP.
+    Each covers the range defined by the specification of MCAP. Without them, damage would be
+    silent.
     """
     with path.open('r+b') as stream:
         position = len(MAGIC)

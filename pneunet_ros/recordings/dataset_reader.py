@@ -1,6 +1,6 @@
-"""Recordings read as calibration and diagnosis see them: header stamps matched, load and targets.
+"""Reads recordings for calibration and diagnosis: frames matched with pressure and load.
 
-What is left out is counted in sentences; nothing is filled in.
+Omitted data are counted in sentences; nothing is filled in.
 """
 
 from __future__ import annotations
@@ -45,27 +45,22 @@ def read_run(
     settings: EstimatorSettings = _AS_SHIPPED,
     gravity: Gravity = _AS_MODEL,
 ) -> tuple[RecordingData, tuple[str, ...]]:
-    """Read pressure, end wrench and targets of a recording, as calibration and diagnosis take it.
+    """Read pressure, end wrench and targets of a recording for calibration and diagnosis.
 
-    A frame belongs to the pressure reading, and the end wrench, whose header stamp is nearest
-    within half a median period; frames without one, without a seen target, or during a jump of the
-    pressure are left out. Without a topic of it, or with `wrench_required` false, nothing was
-    attached; a wrench that never changes, and that of a string, is a known load, not a reading.
-    Without a topic of pressure the arm has none. The pose of the tip belongs to the nearest frame,
-    too.
+    A frame is matched with the pressure reading and the end wrench with the nearest header stamp
+    within half a median period; frames without a match, without a seen target, or during a jump of
+    the pressure are left out. Without a wrench topic, or with `wrench_required` false, nothing was
+    attached; a wrench that never changes, or that of a string, is a known load, not a reading.
+    Without a pressure topic the arm has no pressure. The pose of the tip is matched with the
+    nearest frame.
 
-    Args:
-        path: of an .mcap file or a rosbag2 folder.
-        targets: how many the arm has.
-        overrides: full topic name by last name.
-        settings: what readings mean: sign and yaw of the wrench, gauge or absolute pressure.
-        gravity: where the model has it, and whether a sensor knows better.
+    Args: path: of an .mcap file or a rosbag2 folder. targets: number of targets of the arm.
+    overrides: full topic name by last name. settings: meaning of readings: sign and yaw of the
+    wrench, gauge or absolute pressure. gravity: of the model, and whether a sensor measures it.
 
-    Returns:
-        The recording (Pa gauge; N, N m, m in the base frame), and sentences on what is left out.
+    Returns: The recording (Pa gauge; N, N m, m in the base frame), and sentences on omitted data.
 
-    Raises:
-        RecordingError: a topic is missing or not what it must be, or no frame is left.
+    Raises: RecordingError: a topic is missing or invalid, or no frame is left.
 
     """
     recording = open_recording(path)
@@ -187,9 +182,9 @@ def tip_frame(recording: Recording, topic: str | None, settings: EstimatorSettin
 
 
 def is_constant(values: Array) -> bool:
-    """Whether a load (readings, 3) is the same throughout, to the last bit, and not zero.
+    """Whether a load (readings, 3) is bit-identical throughout, and not zero.
 
-    No sensor does so: a known weight was entered by hand.
+    No sensor reads like this, so a known weight was entered by hand.
     """
     return len(values) > 1 and bool(np.all(values == values[0]) and np.any(values[0] != 0.0))
 
@@ -199,8 +194,8 @@ def _frames(
 ) -> tuple[ReadingSeries, Array, Array | None]:
     """Return the stamps of frames, targets (frames, 2, targets) and tip (frames, 3).
 
-    A pose of the tip belongs to the frame whose stamp is nearest; without a topic of targets it is
-    the frame.
+    A pose of the tip belongs to the frame with the nearest stamp; without a topic of targets, each
+    pose is a frame.
     """
     poses = series.get(TIP_POSE.name)
     if TARGETS.name not in series:

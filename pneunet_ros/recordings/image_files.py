@@ -37,7 +37,7 @@ os.environ.setdefault('OPENCV_FFMPEG_LOGLEVEL', '-8')
 
 @contextmanager
 def silence() -> Iterator[None]:
-    """Suppress messages of OpenCV, which errors report."""
+    """Suppress messages of OpenCV, because errors report the problem."""
     change: Any = getattr(cv2, 'setLogLevel', None)  # OpenCV 4; in 5 it has moved
     change = change or cv2.utils.logging.setLogLevel
     before = change(SILENT)
@@ -80,11 +80,11 @@ def _natural(file: Path) -> tuple[tuple[int, int, str], ...]:
 def folder_images(
     folder: Path, camera_info: str | None, rate: float | None, *, colored: bool = False
 ) -> ImageStream:
-    """Read a folder of images, in natural order of their names, `rate` (30) of them a second.
+    """Read a folder of images in natural order of their names, `rate` (30) per second.
 
-    camera_info: file with the lens, or 'none'; where it is None, a camera_info.yaml or ost.yaml in
-    the folder; colored: read colors, not brightness alone. Raises RecordingError without images
-    and RequestError without a lens.
+    camera_info: file with the lens, or 'none'; None: a camera_info.yaml or ost.yaml in the folder;
+    colored: read colors instead of brightness. Raises RecordingError without images and
+    RequestError without a lens.
     """
     files = picture_files(folder)
     if not files:
@@ -137,11 +137,10 @@ def _decode_plain(data: Bytes, *, colored: bool) -> Bytes:
 
 
 def video_images(path: Path, camera_info: str | None, rate: float | None) -> ImageStream:
-    """Read the frames of a video, at the presentation times that the file gives them.
+    """Read the frames of a video, at the presentation times in the file.
 
-    rate: count that many a second instead, as where the file has no times. camera_info: file with
-    the lens, or 'none'. Raises RecordingError for what is not a video and RequestError without a
-    lens.
+    rate: frames per second to use instead, as for a file without times. camera_info: file with the
+    lens, or 'none'. Raises RecordingError if it is not a video and RequestError without a lens.
     """
     checked_rate(rate)
     if not path.is_file():
@@ -188,9 +187,9 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
 def _breaks_off(path: Path, read: int, last: float, frames: int) -> str:
     """Describe how a video ends too early, '' if it does not.
 
-    read: how many frames could be read; last: where the last of them would be, counted at the
-    rate of the file; frames: how many there are, as the file says. An AVI counts frames, too,
-    that a variable rate leaves out, and a Matroska counts none.
+    read: number of readable frames; last: position of the last one, counted at the rate of the
+    file; frames: number stated in the file. An AVI also counts frames omitted by a variable rate,
+    and a Matroska counts none.
     """
     if is_matroska(path):
         return f'the file is cut, {read} frames can be read' if is_cut(path) else ''

@@ -37,7 +37,7 @@ class SourceRequest:
 
     camera_info: file with the lens, 'none' for images without distortion, None for the lens of the
     source. rate: frames per second of a video or a folder. topics: full name of a topic by one of
-    TOPIC_NAMES, for a recording. colored: whether colors are needed, not brightness alone.
+    TOPIC_NAMES, for a recording. colored: whether colors are needed instead of brightness.
     """
 
     camera_info: str | None = None
@@ -55,7 +55,7 @@ class SourceKind:
 
 
 def open_images(path: Path, request: SourceRequest) -> ImageStream:
-    """Open whatever holds images; raises RecordingError, RequestError or CameraError."""
+    """Open any source of images; raises RecordingError, RequestError or CameraError."""
     return next(kind for kind in SOURCES if kind.fits(path)).open(path, request)
 
 

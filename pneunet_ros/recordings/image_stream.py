@@ -1,4 +1,4 @@
-"""Images as they came, whatever holds them: one form for recordings, videos and folders."""
+"""A common stream of images from recordings, videos and folders."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from pneunet_ros.vision.camera.camera_model import Lens
 class StreamItem(NamedTuple):
     """One message of a stream: log time in ns, topic, content, serialized bytes.
 
-    `reading` is an error where a message of the image or camera_info topic cannot be used, and
-    None for any other topic. `raw` is empty if there was nothing recorded.
+    `reading` is an error if a message of the image or camera_info topic is unusable, and None for
+    any other topic. `raw` is empty if nothing was recorded.
     """
 
     log_time_ns: int
@@ -28,12 +28,12 @@ class StreamItem(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImageStream:
-    """A source of images, and how to read it.
+    """A source of images that can be read.
 
     `read(others)` yields image and camera_info, and of a recording also the topics named in
-    `others`, in log time order; of equal log times camera_info comes first. `image_topic` is the
-    name of the images' topic, or what it would be; `lens_source` is the source of the lens.
-    `frames` is how many images to expect; `clock` describes the source of their stamps.
+    `others`, in log time order; of equal log times camera_info comes first. `image_topic`: real or
+    nominal name of the image topic; `lens_source`: source of the lens. `frames`: expected number
+    of images; `clock`: description of the source of their stamps.
     """
 
     kind: str
@@ -51,7 +51,7 @@ class ImageStream:
 
 
 def ideal_lens(width: int, height: int) -> Lens:
-    """Return a pinhole without distortion for images of this size; its focal length is made up."""
+    """Return a pinhole without distortion for images of this size, with a made-up focal length."""
     focal, center = float(max(width, height)), (0.5 * (width - 1), 0.5 * (height - 1))
     return Lens(
         width=width,

@@ -1,4 +1,4 @@
-"""Recordings of the virtual lab as files: sensor messages as MCAP, the truth as npz."""
+"""Recordings of the virtual lab as files: sensor messages as MCAP, ground truth as npz."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ def write_lab(
 ) -> Path:
     """Write a recording and, in a separate file, its truth; returns the path of the truth.
 
-    Both stand there when both are complete. `on_progress` is called after every message. Raises
-    RecordingError as `write_recording` does.
+    Both appear only when both are complete. `on_progress` is called after every message. Raises
+    RecordingError like `write_recording`.
     """
     truth = truth_file(path)
     with (
@@ -102,7 +102,7 @@ def message_count(recording: LabRecording) -> int:
 
 
 def messages(recording: LabRecording) -> Iterator[Message]:
-    """Yield the messages of a recording in the order of their log time, the wrench before all."""
+    """Yield the messages of a recording in order of log time; at equal times the wrench first."""
     loads = np.column_stack([recording.wrench_force, recording.wrench_moment])
 
     def wrench(stamp_ns: int, index: int) -> Any:
@@ -139,7 +139,7 @@ def messages(recording: LabRecording) -> Iterator[Message]:
 def truth_arrays(recording: LabRecording) -> dict[str, Any]:
     """Return the content of the truth file: arrays of the truth, scenario and memory as JSON.
 
-    Of an arm with mass it has the arrays of `MotionTruth`, too.
+    For an arm with mass it also has the arrays of `MotionTruth`.
     """
     truth, memory, motion = recording.truth, recording.memory, recording.motion
     remembered = {'time': memory.time, 'pressure': memory.pressure, 'past': dict(memory.past)}

@@ -1,7 +1,7 @@
 """Detection of truncated Matroska and WebM films.
 
-The format has no frame count, and its duration is the end of the last frame on a clock that may
-start anywhere. But the segment, which contains everything, states its size in bytes.
+The format has no frame count, and its duration is the end of the last frame on a clock with an
+arbitrary start. But the segment, which contains everything, states its size in bytes.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ SEGMENT = b'\x18\x53\x80\x67'
 
 
 def is_matroska(path: Path) -> bool:
-    """Whether a file begins as Matroska and WebM do."""
+    """Whether a file begins like Matroska or WebM."""
     with open_regular(path) as stream:
         return stream.read(len(MAGIC)) == MAGIC
 
 
 def is_cut(path: Path) -> bool:
-    """Whether a Matroska file ends before its segment does; False if that says no size."""
+    """Whether a Matroska file is shorter than its segment; False if no size is stated."""
     with open_regular(path) as stream:
         there = stream.seek(0, 2)
         stream.seek(len(MAGIC))

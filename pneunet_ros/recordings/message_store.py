@@ -1,6 +1,6 @@
-"""Message classes and serialization for recordings, by rosbags: ROS 2 Jazzy's types without ROS.
+"""Message classes and serialization for recordings with rosbags: ROS 2 Jazzy without ROS.
 
-Types of Jazzy are known beforehand; any other is learned from the definition a recording carries.
+The types of Jazzy are built in; others are learned from their definition in the recording.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ ROSBAGS_TYPES = RosbagsTypes()
 
 @cache
 def jazzy() -> Typestore:
-    """Return the types of ROS 2 Jazzy; made on first use, which takes 0.2 s."""
+    """Return the types of ROS 2 Jazzy; the first call takes 0.2 s."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -64,10 +64,10 @@ def serialize(message: Any, type_name: str) -> bytes:
 
 @cache
 def store_for(type_name: str, definition: str) -> Typestore:
-    """Return the types for reading a topic: Jazzy's if equal, else its own.
+    """Return the types for reading a topic: those of Jazzy if equal, or its own.
 
-    definition: the schema of the recording, '' when it has none. Raises RecordingError when the
-    type is neither known nor can be learned.
+    definition: the schema in the recording, '' if it has none. Raises RecordingError if the type
+    is neither known nor can be learned.
     """
     store = jazzy()
     if not definition:
@@ -132,7 +132,7 @@ def _is_nested(definition: str) -> bool:
 
 
 def _code_length(parsed: Any) -> int:
-    """Count the elements of fixed arrays of a type for each of which there will be code."""
+    """Count the elements of fixed arrays of a type for which code will be generated."""
     return sum(
         content[1]
         for _, (kind, content) in parsed[1]
@@ -142,7 +142,7 @@ def _code_length(parsed: Any) -> int:
 
 
 def deserialize(raw: bytes, type_name: str, store: Typestore) -> Any:
-    """Return the message in serialized bytes; MessageError when they are not such a message."""
+    """Return the message in serialized bytes; MessageError if they are not such a message."""
     if raw[:2] not in ENCAPSULATIONS:
         raise MessageError('it does not begin with a plain CDR header', reason='damaged')
     try:

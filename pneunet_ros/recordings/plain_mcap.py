@@ -1,7 +1,7 @@
-"""Files of a recording that are not plain MCAP, as plain MCAP: file-wise zstd, and sqlite3.
+"""Converts compressed (zstd) and sqlite3 files of a recording to plain MCAP.
 
-A copy is made once, in a temporary folder that goes with the process. Messages that were packed
-one by one stay so: `recording` unpacks them as it reads.
+A copy is made once, in a temporary folder that is removed with the process. Individually
+compressed messages stay compressed: `recording` unpacks them while reading.
 """
 
 from __future__ import annotations
@@ -81,9 +81,9 @@ def _copy(path: Path, changed_ns: int, size: int) -> Path:
 
 
 def _with_log(database: Path, place: Path) -> Path:
-    """Return a database, or a copy of it in a folder where its write-ahead log holds messages.
+    """Return a database, or a copy of it if its write-ahead log contains messages.
 
-    SQLite writes beside a database with such a log, even to read it.
+    Even for reading, SQLite writes next to a database with such a log.
     """
     log = _log(database)
     if not log.exists() or not log.stat().st_size:
@@ -160,7 +160,7 @@ def _copy_messages(database: Path, copy: Path) -> None:
 
 
 def _definitions(bag: sqlite3.Connection) -> dict[str, Any]:
-    """Return encoding and text of the types that the database defines, as since ROS 2 Iron."""
+    """Return encoding and text of the types defined in the database (since ROS 2 Iron)."""
     try:
         return {
             kind: (encoding, text)

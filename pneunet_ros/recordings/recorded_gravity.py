@@ -1,4 +1,4 @@
-"""Where gravity points in a recording: through the messages and the step of the estimator."""
+"""Direction of gravity in a recording, processed as by the estimator."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from pneunet_ros.recordings.recording import Recording
 class RecordedGravity:
     """Gravity in the base frame, in g: stamps (n,) that increase, and x, y (n, 2).
 
-    reach (s): for how long a reading holds; sentences: on what was left out.
+    reach (s): validity of a reading; sentences: on omitted readings.
     """
 
     stamp_ns: Stamps
@@ -40,11 +40,11 @@ class RecordedGravity:
     sentences: tuple[str, ...]
 
     def near(self, stamp_ns: Stamps) -> npt.NDArray[np.bool_]:
-        """Return at which stamps (ns) it is known."""
+        """Return a mask of the stamps (ns) at which gravity is known."""
         return match_stamps(stamp_ns, self.stamp_ns, self.reach * NANOSECONDS_PER_SECOND)[1]
 
     def at(self, stamp_ns: Stamps) -> Array:
-        """Interpolate it linearly at stamps (n,) ns; returns (n, 2)."""
+        """Interpolate gravity linearly at stamps (n,) ns; returns (n, 2)."""
         columns = self.direction.T
         return np.column_stack([interpolate(stamp_ns, self.stamp_ns, one) for one in columns])
 
@@ -54,7 +54,7 @@ def mounted(
 ) -> EstimatorSettings:
     """Return settings with the mounting of the accelerometer, if the recording gives it.
 
-    It is taken from /tf_static, unless the settings or its frame say it.
+    It is taken from /tf_static, unless the settings or its frame define it.
     """
     topic = find_series(recording, BASE_IMU, overrides, required=False)
     fixed = find_series(recording, FIXED_FRAMES, overrides, required=False)
@@ -77,7 +77,7 @@ def read_gravity(
     settings: EstimatorSettings,
     gravity: Gravity,
 ) -> RecordedGravity | None:
-    """Return the recorded direction of gravity; None if that of the model holds.
+    """Return the recorded direction of gravity; None if that of the model applies.
 
     gravity: of the model. Raises RecordingError if a recorded direction is required and none is
     usable.

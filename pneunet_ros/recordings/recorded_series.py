@@ -41,12 +41,12 @@ REASONS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReadingSeries:
-    """The usable readings of a sensor: stamps (readings,) that increase, and a row for each.
+    """The usable readings of a sensor: increasing stamps (readings,), and a row for each.
 
     values (readings, *sensor.row_shape): pressure (readings, 1) Pa gauge; end_wrench (readings, 3)
     N, N, N m in the base frame; targets (readings, 2, targets) m, NaN where not seen; tip_pose
-    (readings, 3) m, m, rad, NaN where not measured. `left_out`
-    counts the rest by reason.
+    (readings, 3) m, m, rad, NaN where not measured. `left_out` counts the other readings by
+    reason.
     """
 
     sensor: Sensor[Any]
@@ -83,7 +83,7 @@ def find_series(
 ) -> str | None:
     """Return the topic of a sensor; None if it is optional and missing.
 
-    Raises RecordingError as `Recording.find` does; if it is missing, with a remedy.
+    Raises RecordingError like `Recording.find`; with a remedy if the topic is missing.
     """
     name, override = sensor.name, overrides.get(sensor.name)
     if override is None and not recording.candidates(name, sensor.type):
@@ -133,10 +133,10 @@ def read_series(
     settings: EstimatorSettings,
     targets: int | None = None,
 ) -> dict[str, ReadingSeries]:
-    """Return the series of these topics, full names by the names of SENSORS, in one pass.
+    """Read the series of these topics in one pass; topics: full names by names of SENSORS.
 
-    targets: how many there must be (None: as many as in the first message). Raises RecordingError
-    for targets that are not targets and for readings in a wrong frame.
+    targets: required number (None: that of the first message). Raises RecordingError for invalid
+    targets and for readings in a wrong frame.
     """
     sensors = {topics[sensor.name]: sensor for sensor in SENSORS if sensor.name in topics}
     stamps: dict[str, list[int]] = {topic: [] for topic in sensors}
@@ -167,9 +167,9 @@ def read_series(
 def _in_order(
     sensor: Sensor[Any], topic: str, stamps: Sequence[int], rows: Sequence[Array], unreadable: int
 ) -> ReadingSeries:
-    """Keep the readings in sequence, by the rules of the estimator.
+    """Keep the readings in sequence, according to the rules of the estimator.
 
-    Where time jumps back by more than a second, the longest stretch between jumps is kept.
+    If time jumps back by more than a second, the longest interval between jumps is kept.
     """
     counts: Counter[str] = Counter({UNREADABLE: unreadable} if unreadable else {})
     stretches: list[list[int]] = [[]]
@@ -204,9 +204,9 @@ def _in_order(
 
 
 def nearest(stamp_ns: Stamps, series: ReadingSeries) -> tuple[Stamps, npt.NDArray[np.bool_]]:
-    """Return the index of the nearest reading to each stamp, and whether it belongs to it.
+    """Return the index of the reading nearest to each stamp, and whether they match.
 
-    It does within half the median period of the readings (one reading alone: with the very stamp).
+    They match within half the median period of the readings (a single reading: at the same stamp).
     The series must not be empty.
     """
     reach = 0.5e9 * (series.period if len(series.stamp_ns) > 1 else 0.0)

@@ -1,4 +1,4 @@
-"""Shapes of a recording as arrays: estimated or measured."""
+"""Estimated or measured shapes of a recording as arrays."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ class StampedRows(NamedTuple):
 
 
 def read_shapes(path: Any, overrides: Mapping[str, str], target_arclength: Array) -> ShapeSeries:
-    """Read the shapes of a recording: the estimated ones, else the measured ones.
+    """Read the shapes of a recording: the estimated ones, or else the measured ones.
 
-    overrides: full topic names by SHAPE_TOPICS; they choose what is read, too: of a recording with
-    estimates, what was measured. target_arclength (targets,) m: where the targets are painted.
-    Raises RecordingError if there is nothing of both, or it cannot be read.
+    overrides: full topic names by SHAPE_TOPICS; they also choose between estimates and
+    measurements if a recording has both. target_arclength (targets,) m: positions of the targets.
+    Raises RecordingError if the recording has neither, or if they cannot be read.
     """
     recording = open_recording(path)
     if set(overrides) & set(ESTIMATES) or (not overrides and estimate_topics(recording, {})):
@@ -58,9 +58,9 @@ def read_shapes(path: Any, overrides: Mapping[str, str], target_arclength: Array
 
 
 def estimate_topics(recording: Recording, overrides: Mapping[str, str]) -> dict[str, str]:
-    """Return the topics of tip and shape that are there, full names by last names.
+    """Return the existing topics of tip and shape, full names by last names.
 
-    Raises RecordingError if there are two of one name.
+    Raises RecordingError if a name is ambiguous.
     """
     return {
         name: recording.find(name, kind, overrides.get(name))
@@ -70,7 +70,7 @@ def estimate_topics(recording: Recording, overrides: Mapping[str, str]) -> dict[
 
 
 def read_estimates(recording: Recording, overrides: Mapping[str, str]) -> ShapeSeries:
-    """Return the shapes that an estimator wrote; the tip is the end of the shape without `tip`."""
+    """Return the shapes of an estimator; without `tip`, the tip is the end of the shape."""
     topics = estimate_topics(recording, overrides)
     centerlines = tips = None
     frames, sentences = [], [*recording.sentences]
@@ -106,7 +106,7 @@ def read_estimates(recording: Recording, overrides: Mapping[str, str]) -> ShapeS
 
 
 def read_tips(recording: Recording, topic: str) -> tuple[Tips, StampedRows]:
-    """Return the free end with its covariance, as an estimator wrote it."""
+    """Return the free end with its covariance from an estimator."""
     found = read_rows(recording, topic, tip_row)
     rows = np.array(found.rows)
     tips = Tips(
@@ -182,7 +182,8 @@ def read_pressures(recording: Recording) -> Pressures | None:
 def read_rows(recording: Recording, topic: str, row_of: Callable[[Any], Array]) -> StampedRows:
     """Return the numbers of every message of a topic, in the order of their header stamps.
 
-    Of messages of one stamp the first counts. Raises RecordingError if a message is not usable.
+    Of messages with equal stamps, the first counts. Raises RecordingError if a message is
+    unusable.
     """
     stamps: list[int] = []
     rows: list[Array] = []

@@ -1,7 +1,7 @@
-"""Recordings read: files of rosbag2 and their folders -> messages.
+"""Reads messages from files and folders of rosbag2.
 
-Messages come in log time order without a recording being held in memory; what is missing or cut
-off is said in `Recording.sentences`. Writing is `recording_writer`'s.
+Messages are read in log time order without loading the recording into memory;
+`Recording.sentences` reports missing or truncated parts. `recording_writer` writes recordings.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class RecordedMessage(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recording:
-    """A recording: its topics in order of their names, and sentences about what could not be read.
+    """A recording: its topics sorted by name, and sentences about unreadable parts.
 
     `start_ns` and `end_ns` are the first and last log time, both 0 without messages. `files` are
     its files in order and `channels` the names of topics by channel id for each of them.
@@ -85,9 +85,9 @@ class Recording:
         )
 
     def candidates(self, last_name: str, type_name: str) -> tuple[str, ...]:
-        """List the topics of this type with this last name, or names as 'image_raw/compressed'.
+        """List the topics of this type with this last name (or names like 'image_raw/compressed').
 
-        A wrench that was estimated is none that was read: it is taken only by its full name.
+        An estimated wrench is not a reading: it is used only by its full name.
         """
         return tuple(
             topic.name
@@ -98,18 +98,18 @@ class Recording:
         )
 
     def find(self, last_name: str, type_name: str, override: str | None = None) -> str:
-        """Return the one topic of this type and last name, as `find_any` does."""
+        """Return the one topic of this type and last name, like `find_any`."""
         return self.find_any({last_name: type_name}, override)
 
     def find_any(
         self, types: Mapping[str, str], override: str | None = None, label: str | None = None
     ) -> str:
-        """Return the one topic that has one of these last names and its type.
+        """Return the one topic with one of these last names and its type.
 
-        types: type by last name; `--topic` calls it by the first one. override: its full name, if
-        given, which then may have any of the types. label: what several candidates are called, as
-        'with images'; None: by their names and types. Raises RecordingError that lists the
-        candidates when there are several, and the topics that are there when there is none.
+        types: type by last name; the first one is used by `--topic`. override: its full name, if
+        given, which may then have any of the types. label: description of several candidates, e.g.
+        'with images'; None: by names and types. Raises RecordingError listing the candidates if
+        there are several, or the existing topics if there is none.
         """
         option = f'--topic {next(iter(types))}='
         names, kinds = ' or '.join(types), ' or '.join(types.values())
@@ -139,15 +139,15 @@ class Recording:
         )
 
     def count(self, topics: Iterable[str]) -> int:
-        """Count the messages these topics have together: the total for a progress bar."""
+        """Count the messages of these topics: the total for a progress bar."""
         names = set(topics)
         return sum(topic.count for topic in self.topics if topic.name in names)
 
     def raw_messages(self, topics: Sequence[str]) -> Iterator[RawMessage]:
         """Yield the messages of these topics in log time order, serialized.
 
-        Messages of equal log time come in the order of `topics`. Raises RecordingError if a
-        file turns out to be damaged.
+        Messages with equal log time are in the order of `topics`. Raises RecordingError if a file
+        turns out to be damaged.
         """
         rank = {name: place for place, name in enumerate(topics)}
         order, read, total = count(), 0, self.count(topics)
@@ -189,10 +189,10 @@ class Recording:
     def messages(
         self, topics: Sequence[str], *, of_sensors: bool = False
     ) -> Iterator[RecordedMessage]:
-        """Yield the messages of these topics, decoded, in the order of `raw_messages`.
+        """Yield the decoded messages of these topics, in the order of `raw_messages`.
 
-        of_sensors: of sensors as far as they are read, many times faster. Raises RecordingError
-        when a message is not of its topic's type or the type is not known.
+        of_sensors: decode only the needed fields of sensors, many times faster. Raises
+        RecordingError if a message does not have the type of its topic, or if the type is unknown.
         """
         types = {name: self.topic(name) for name in topics}
         stores = {name: store_for(topic.type, topic.definition) for name, topic in types.items()}
@@ -213,7 +213,7 @@ class Recording:
             yield RecordedMessage(name, log_time, message, raw)
 
     def contents(self) -> str:
-        """List the topics with their types, for a person."""
+        """List the topics with their types as text."""
         there = ', '.join(f'{topic.name} ({topic.type})' for topic in self.topics)
         return there or '; '.join(('no messages', *self.sentences))
 
@@ -221,9 +221,9 @@ class Recording:
 def open_recording(path: str | Path) -> Recording:
     """Open a file of rosbag2 (.mcap, .db3, also packed by zstd) or a folder of such files.
 
-    Raises RecordingError when there is none or its files are of another kind. Files that are cut
-    off are read as far as they go, and channels that are not ROS 2 messages are left out;
-    `sentences` says so.
+    Raises RecordingError if there is none, or if its files are of another kind. Truncated files
+    are read as far as possible, and channels without ROS 2 messages are left out; `sentences`
+    reports both.
     """
     path = Path(path)
     files, sentences = [], list[str]()
@@ -268,7 +268,7 @@ def open_recording(path: str | Path) -> Recording:
 
 
 def _recorded_topic(file: McapFile, channel: Channel) -> RecordedTopic | None:
-    """Describe the topic of a channel; None when it does not hold ROS 2 messages."""
+    """Describe the topic of a channel; None if it does not contain ROS 2 messages."""
     schema = file.schemas.get(channel.schema_id)
     if channel.message_encoding != 'cdr' or schema is None:
         return None

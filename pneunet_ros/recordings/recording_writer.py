@@ -1,7 +1,7 @@
-"""Recordings written: messages -> a bare .mcap file or a rosbag2 folder that ROS 2 tools open.
+"""Writes messages to a bare .mcap file or to a rosbag2 folder for ROS 2 tools.
 
-Profile `ros2`, schemas `ros2msg`, messages `cdr`, as rosbag2 writes them. A recording appears
-under its name when it is complete, and not before.
+It uses profile `ros2`, schemas `ros2msg` and messages `cdr`, like rosbag2. A recording appears
+under its name only when it is complete.
 """
 
 from __future__ import annotations
@@ -56,10 +56,10 @@ PLAYBACK_QOS = {
 
 
 class MessageStorage(McapWriter):
-    """The MCAP file of rosbags; a message is put into its chunk in one piece."""
+    """The MCAP file of rosbags, with messages added to their chunk in one piece."""
 
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
-        """Write a message; six times as fast as number by number."""
+        """Write a message, six times as fast as field by field."""
         chunk = self.chunk
         chunk.message_start_time = min(timestamp, chunk.message_start_time)
         chunk.message_end_time = max(timestamp, chunk.message_end_time)
@@ -77,20 +77,20 @@ class MessageStorage(McapWriter):
 
 
 class RecordingWriter:
-    """Takes the messages of a recording that is being written; made by `write_recording`."""
+    """Writer for the messages of a new recording; made by `write_recording`."""
 
     __slots__ = ('_connections', '_path', '_storage')
 
     def __init__(self, path: Path, storage: MessageStorage) -> None:
-        """Write into an open file; `path` is what the user called it."""
+        """Write into an open file; `path`: its name given by the user."""
         self._path, self._storage = path, storage
         self._connections: list[Connection] = []
 
     def add(self, topic: str, type_name: str, definition: str = '') -> Connection:
-        """Announce a topic and get the handle to write to it.
+        """Add a topic, and return the handle for writing to it.
 
-        definition: of a type that is not of ROS 2 Jazzy, as a recording carries it. Raises
-        RecordingError when the type is not known or the topic was added before.
+        definition: of a type not in ROS 2 Jazzy, as in a recording. Raises RecordingError if the
+        type is unknown, or if the topic was added before.
         """
         store = store_for(type_name, definition)
         if any(connection.topic == topic for connection in self._connections):
@@ -117,7 +117,7 @@ class RecordingWriter:
         return connection
 
     def add_copy(self, topic: RecordedTopic) -> Connection:
-        """Announce a topic of another recording, to be copied by `write_raw`."""
+        """Add a topic of another recording, to be copied by `write_raw`."""
         return self.add(topic.name, topic.type, topic.definition)
 
     def write(self, connection: Connection, log_time_ns: int, message: Any) -> None:
@@ -125,7 +125,7 @@ class RecordingWriter:
         self.write_raw(connection, log_time_ns, serialize(message, connection.msgtype))
 
     def write_raw(self, connection: Connection, log_time_ns: int, raw: bytes) -> None:
-        """Write a serialized message; raises RecordingError for a log time that cannot be."""
+        """Write a serialized message; raises RecordingError for an invalid log time."""
         if not 0 <= log_time_ns <= LATEST_LOG_TIME:
             raise RecordingError(
                 f'{self._path}: a message of {connection.topic} has the log time {log_time_ns} '
@@ -135,7 +135,7 @@ class RecordingWriter:
         self._storage.write(connection, log_time_ns, raw)
 
     def metadata(self) -> dict[str, Any]:
-        """Describe what was written, as rosbag2 does."""
+        """Return the metadata of rosbag2 for the recording."""
         storage, name = self._storage, self._storage.path.name
         messages = sum(storage.channel_stats.values())
         span = {
@@ -172,7 +172,7 @@ class RecordingWriter:
 
 
 def yaml_text(value: Any) -> str:
-    """Return YAML of nested mappings and lists, fifty times as fast as by a library."""
+    """Return YAML of nested mappings and lists, fifty times as fast as a library."""
     return '\n'.join(yaml_lines(value))
 
 
@@ -195,7 +195,7 @@ def yaml_lines(value: Any) -> Iterator[str]:
 
 
 def yaml_scalar(value: Any) -> str:
-    """Return a text, a number, a truth value or nothing as YAML has it."""
+    """Return a text, a number, a truth value or None as YAML."""
     if isinstance(value, str) and PLAIN_TEXT.fullmatch(value) and value.lower() not in YAML_WORDS:
         return value
     if value == '':
@@ -204,7 +204,7 @@ def yaml_scalar(value: Any) -> str:
 
 
 def check_name(path: Path) -> None:
-    """Refuse the name of another kind of file; a folder may be named by a date, as day_25.11."""
+    """Reject the name of another kind of file; a folder may contain a date, e.g. day_25.11."""
     if path.suffix != BARE_SUFFIX and any(letter.isalpha() for letter in path.suffix):
         raise RecordingError(
             f'{path} cannot be written: a recording is either an {BARE_SUFFIX} file, or a folder '
@@ -217,11 +217,10 @@ def check_name(path: Path) -> None:
 def write_recording(
     path: str | Path, *, overwrite: bool = False, inputs: Iterable[str | Path] = ()
 ) -> Iterator[RecordingWriter]:
-    """Write a recording: a single file if `path` ends in .mcap, else a rosbag2 folder.
+    """Write a recording: a single file if `path` ends in .mcap, or else a rosbag2 folder.
 
-    inputs: recordings that are being read, which must not be overwritten. Raises RecordingError
-    when the place cannot be used or there is no room; then, and after any exception, nothing is
-    left.
+    inputs: recordings being read, which must not be overwritten. Raises RecordingError if the path
+    cannot be used or if there is no space; then, and after any exception, nothing remains.
     """
     path = Path(path)
     check_name(path)

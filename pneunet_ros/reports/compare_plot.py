@@ -1,4 +1,4 @@
-"""A comparison of shapes as a picture: shapes, errors along the arm, errors over time."""
+"""Plot of a comparison of shapes: shapes, errors along the arm, errors over time."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def draw_shapes(axes: Axes, shape: CenterlineErrors) -> None:
 
 
 def draw_along(axes: Axes, shape: CenterlineErrors) -> None:
-    """Draw rms and 95 % of the distance over arclength."""
+    """Draw rms and 95th percentile of the distance over arclength."""
     distance = MM * shape.distance
     seen = np.isfinite(distance).any(axis=0)
     s, known = MM * shape.arclength[seen], distance[:, seen]

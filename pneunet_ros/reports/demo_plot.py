@@ -1,4 +1,4 @@
-"""Pictures, where one looks rather than reads."""
+"""The picture of the demo: shapes, curvatures and moment law."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ELLIPSE_SIGMAS = 2.0
 
 
 def draw_holds(arm: Arm, holds: Sequence[ShapeEstimate], path: Path, title: str) -> None:
-    """Shapes, curvatures and moment law of estimates, colored by pressure, as a picture."""
+    """Draw shapes, curvatures and moment law of estimates, colored by pressure."""
     pressures = [hold.shape.pressure for hold in holds]
     colors = PressureColors(low=min(pressures, default=0.0), high=max(pressures, default=0.0))
     figure, (shapes, curvatures, moments) = panels(3, height=5.6, width=15.0)
@@ -63,7 +63,7 @@ def draw_shape(axes: Axes, estimate: ShapeEstimate, color: tuple[float, ...]) ->
 
 
 def draw_moment(axes: Axes, arm: Arm, estimate: ShapeEstimate, color: tuple[float, ...]) -> None:
-    """Moment against change of curvature over the stations, one line per section of the law."""
+    """Draw moment against change of curvature, one line per section of the law."""
     shape = estimate.shape
     sections = arm.rods(np.array([estimate.chamber_pressure])).sections[0]
     change = shape.curvature - shape.intrinsic_curvature

@@ -1,8 +1,8 @@
-"""The contract of a figure of a report, and how a report draws its table of them.
+"""The contract of figures in reports, and the drawing of their tables.
 
-A figure is a function in a file of its report's room: it takes the report's data and returns a
-`Picture`, or None if the data have nothing to show. The room's `figures.py` lists it under the
-part of the page in which it stands.
+A figure is a function in the package of its report: it takes the data of the report and returns a
+`Picture`, or None if there is nothing to show. `figures.py` of that package lists it under its
+part of the page.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LARGEST_SVG = 400_000  # bytes; a figure with more to draw stands in the page as
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """A drawn figure: title, caption, and its `number` as in the paper or ''."""
+    """A drawn figure: title, caption, and its `number` in the paper or ''."""
 
     name: str
     title: str
@@ -44,7 +44,7 @@ class Picture:
 
     @property
     def inline(self) -> str:
-        """The picture as a URL that holds it: as SVG where that is not too large."""
+        """The picture as a data URL: as SVG, unless that is too large."""
         # Letters as outlines: it looks the same wherever it is opened.
         with rc_context({'svg.fonttype': 'path', 'svg.hashsalt': self.name}):
             svg = self._rendered(format='svg', metadata={'Date': None, 'Creator': None})

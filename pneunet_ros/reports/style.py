@@ -28,14 +28,14 @@ Color = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureColors:
-    """A color for every pressure between low and high (Pa): dark is low; readable on white."""
+    """Colors for pressures between low and high (Pa), dark for low ones; readable on white."""
 
     low: float
     high: float
 
     @property
     def scale(self) -> ScalarMappable:
-        """Colors over kPa."""
+        """The color scale in kPa."""
         # The last tenth of viridis is too bright for thin lines on white.
         colors = ListedColormap(colormaps['viridis'](np.linspace(0.0, 0.9, 256)))
         high = max(self.high, self.low + 1.0)
@@ -54,7 +54,7 @@ class PressureColors:
 def panels(
     columns: int, rows: int = 1, height: float = HEIGHT, width: float = WIDTH
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure, as wide as a page, and its axes, row by row."""
+    """Return a figure with the width of a page, and its axes row by row."""
     figure = Figure(figsize=(width, height), layout='constrained')
     axes = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
     for panel in axes:
@@ -122,7 +122,7 @@ def draw_bars(
     label_style: Any = None,
     **style: Any,
 ) -> None:
-    """Draw bars with their values on top, at 0, 1, ... or at these places."""
+    """Draw bars with their values on top, at 0, 1, ... or at these positions."""
     where = np.arange(len(values)) if place is None else place
     bars = axes.bar(where, values, width=width, **style)
     label_style = {'fontsize': 9, 'padding': 2} | (label_style or {})
@@ -138,5 +138,5 @@ def short(name: str) -> str:
 
 
 def figure_text(text: str) -> str:
-    """Escape a text for matplotlib: a $ starts no formula."""
+    """Escape a text for matplotlib, so that a $ does not start a formula."""
     return printable(text).replace('$', r'\$')

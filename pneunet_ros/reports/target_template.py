@@ -1,4 +1,4 @@
-"""A sheet to put targets on an arm with: strips of dots at their places, 1:1, and a ruler."""
+"""A printable sheet for placing targets: strips of dots at full scale, and a ruler."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ STRIPS = (
 
 
 def write_template(path: Path, name: str, places: Array, diameter: float) -> None:
-    """Write the PDF: a page of A4 and one of letter paper, each with all of it.
+    """Write the PDF: one page for A4 and one for letter paper, each complete.
 
-    places (targets,) and diameter in m. Raises RequestError for an arm that no page holds.
+    places (targets,) and diameter in m. Raises RequestError for an arm longer than a page.
     """
     with PdfPages(path, metadata={'CreationDate': None, 'Creator': None, 'Producer': None}) as pdf:
         for paper in PAGES:
@@ -107,8 +107,8 @@ def _label_strip(
 ) -> None:
     """Label a strip, which will be cut out, with the arm and its clamp end.
 
-    Beside the dots: at the left the clamp, the arm and the free end, at the right the dots. What
-    is too long for the strip is cut.
+    Next to the dots: clamp, arm and free end on the left, dots on the right. Text too long for the
+    strip is cut.
     """
     room = int(size[1] / CHARACTER) - 2
     ends = 'CLAMP', 'FREE END'
@@ -141,7 +141,7 @@ def _draw_dot(
 
 
 def _draw_places(axes: Axes, left: float, start: float, shown: Array) -> None:
-    """Write the place of every target (mm from the clamp) and its number."""
+    """Write the position of every target (mm from the clamp) and its number."""
     for number, place in enumerate(shown.tolist()):
         at = start + place - shown[0]
         axes.plot([left - 2.0, left], [at, at], color='0.4', linewidth=0.3)

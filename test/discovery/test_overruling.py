@@ -81,7 +81,7 @@ def test_of_few_recordings_a_name_gives_way_to_a_law_beside_it(recordings, evide
     )
     found = SimpleNamespace(selection=selection, base=SimpleNamespace())
     said = untestable_law(found, named, best, LIMITS)
-    assert said.startswith('push ') is gives_way
+    assert said.startswith('together with push ') is gives_way
     assert bool(said) is gives_way
     # An unknown that has no name: nothing gives way.
     assert (

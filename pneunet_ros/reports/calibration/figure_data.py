@@ -1,4 +1,4 @@
-"""Data of the pictures of a calibration, computed once: steady states, their views."""
+"""Data for the figures of a calibration, computed once: steady states and their views."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ UNLOADED_SHOWN, LOADED_SHOWN = 10, 12  # steady states, at most
 class FigureData:
     """A calibration with the data of its figures.
 
-    free: steady states without load; main: those of the loaded run that spans most pressure, all
-    spread over pressure. The views are theirs, less those with too few targets for one.
+    free: steady states without load; main: those of the loaded run with the largest pressure span,
+    both spread over pressure. The views are theirs, without those with too few targets.
     """
 
     calibration: Calibration
@@ -82,7 +82,7 @@ def figure_data(calibration: Calibration, on_progress: OnProgress) -> FigureData
 def views_of(
     calibration: Calibration, groups: Sequence[Sequence[SteadyState]]
 ) -> list[tuple[MomentView, ...]]:
-    """Return the views of the steady states that have one, group by group."""
+    """Return the existing views of steady states, group by group."""
     fit = calibration.joint
     if fit.arm.target_arclength.size < FEWEST_TARGETS:
         return [() for _ in groups]

@@ -22,7 +22,7 @@ WAYS = (('all targets', False, FIRST), ('the tip alone', True, SECOND))
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EstimatedForces:
-    """Forces of some frames: pressure (n,) Pa, read (n, 2) N with read_std, and estimated."""
+    """Forces of some frames: pressure (n,) Pa, measured (n, 2) N with read_std, and estimated."""
 
     pressure: Array
     read: Array
@@ -109,7 +109,7 @@ def draw_way(
     name: str,
     color: str,
 ) -> None:
-    """Draw forces found against read, and their errors over pressure."""
+    """Draw estimated against measured forces, and their errors over pressure."""
     sigma = way.sigma[:, component]
     value = way.force[:, component]
     x = MILLI * found.read[:, component], kilopascals(1.0) * found.pressure
@@ -133,7 +133,7 @@ def draw_way(
 
 
 def limit_of(found: EstimatedForces, component: int) -> float:
-    """Return the limit (mN) of the error axis; it holds most bars of both methods."""
+    """Return the limit (mN) of the error axis, which includes most bars of both methods."""
     reach = [
         np.abs(way.force[:, component] - found.read[:, component])
         + BAND_SIGMAS * np.hypot(way.sigma[:, component], found.read_std)
@@ -148,7 +148,7 @@ def limit_of(found: EstimatedForces, component: int) -> float:
 
 
 def sentences(found: EstimatedForces) -> list[str]:
-    """Describe the error of each force estimate, and how often its interval covers the reading."""
+    """Describe the error of each force estimate, and the coverage of its interval."""
     lines = []
     for (name, _, _), way in zip(WAYS, found.ways, strict=True):
         known = np.isfinite(way.force[:, 0])

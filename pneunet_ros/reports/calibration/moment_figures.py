@@ -156,7 +156,7 @@ def one_moment(data: FigureData) -> Picture | None:
 
 
 def line_sentence(view: MomentView, data: FigureData) -> str:
-    """Describe the lines of a view in the paper's units."""
+    """Describe the lines of a view in the units of the paper."""
     arm = data.calibration.arm
     scale, parts = arm.weight * arm.length, []
     for place, item in enumerate(view.lines):

@@ -46,9 +46,9 @@ def write_report(
 ) -> Path:
     """Write the report of a calibration into a folder, and return the path of its page.
 
-    The folder appears whole or not at all. provenance: nested information on the inputs, shown
-    unchanged; files: for the command that comes next. Raises RecordingError when the folder exists
-    (without `overwrite`), or holds something other than an earlier report, or cannot be written.
+    The folder is written completely or not at all. provenance: nested information on the inputs,
+    shown unchanged; files: for the next command. Raises RecordingError if the folder exists
+    (without `overwrite`), contains anything other than an earlier report, or cannot be written.
     """
     with atomic_output(directory, overwrite=overwrite, replaceable=REPLACEABLE) as folder:
         folder.mkdir()
@@ -66,7 +66,7 @@ def report_page(
     provenance: Mapping[str, Any],
     files: Files = UNKNOWN_FILES,
 ) -> str:
-    """Return the page, pictures inside."""
+    """Return the page with embedded figures."""
     rows = number_rows(calibration)
     return render_page(
         TEMPLATE,

@@ -28,7 +28,7 @@ LAW_COLORS = (FIRST, '#d1a13d', SECOND)
 
 
 def draw_residuals_by_frame(data: FigureData) -> Picture:
-    """Whitened residuals of every frame, run after run."""
+    """Draw the whitened residuals of every frame, run after run."""
     figure, (axes,) = panels(1, height=3.8)
     start, edges = 0, []
     for item in data.calibration.joint.runs:
@@ -70,20 +70,20 @@ def draw_residuals_by_frame(data: FigureData) -> Picture:
 
 
 def whitened_size(item: FittedRun) -> Array:
-    """Root mean square whitened residual of every frame that has one; 1 is expected."""
+    """Return the rms whitened residual of every frame that has one; 1 is expected."""
     solved = item.solved & (item.dof > 0)
     return np.asarray(np.sqrt(item.whitened[solved] / item.dof[solved]))
 
 
 def running_mean(values: Array) -> Array:
-    """Return the mean over neighboring frames, fewer at the ends."""
+    """Return the running mean over neighboring frames, fewer at the ends."""
     kernel = np.ones(min(SMOOTHED, values.size))
     weight = np.convolve(np.ones_like(values), kernel, mode='same')
     return np.asarray(np.convolve(values, kernel, mode='same') / weight)
 
 
 def draw_residuals_by_target(data: FigureData) -> Picture:
-    """Placement found, and the mean residual that is left, per target."""
+    """Draw the estimated placement and the mean remaining residual per target."""
     fit, noise = data.calibration.joint, data.calibration.noise.noise
     share = data.calibration.arm.target_arclength / data.calibration.arm.length
     left = mean_residuals(fit)
@@ -139,7 +139,7 @@ def mean_residuals(fit: Fit) -> Array:
 
 
 def law_comparison(data: FigureData) -> Picture | None:
-    """Moment laws on recordings left out of their fit."""
+    """Draw the errors of moment laws on left-out recordings."""
     if not data.calibration.laws:
         return None
     laws = data.calibration.laws

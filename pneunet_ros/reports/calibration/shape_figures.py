@@ -120,14 +120,14 @@ def run_label(data: FigureData) -> str:
 
 
 def draw_shape(axes: Axes, steady_state: SteadyState, field: Array, color: Color) -> None:
-    """Model as a line, mean targets as dots, mm."""
+    """Draw the model as a line and mean targets as dots, in mm."""
     axes.plot(millimeters(1.0) * field[X], millimeters(1.0) * field[Y], color=color, linewidth=1.4)
     x, y = millimeters(1.0) * steady_state.x, millimeters(1.0) * steady_state.y
     draw_dots(axes, x, y, 3.2, color=color)
 
 
 def draw_measured(axes: Axes, view: MomentView, length: float, color: Color) -> None:
-    """Measured curvature as dots, at every other station."""
+    """Draw measured curvature as dots, at every other station."""
     draw_dots(axes, view.arclength[::2] / length, view.curvature[::2], 2.6, color=color)
 
 

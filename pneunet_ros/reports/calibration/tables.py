@@ -1,4 +1,4 @@
-"""The tables of a calibration's report: numbers with their standard errors, noise."""
+"""Tables of the report of a calibration: parameters with standard errors, and noise."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DIGITS = 4
 class Row:
     """A parameter of the model: meaning, dotted name, value, errors before and after.
 
-    unit_stiffness: EI (N m^2) of a value of 1, where the number is an alpha; else 0.
+    unit_stiffness: EI (N m^2) for a value of 1 if the number is an alpha; otherwise 0.
     """
 
     meaning: str
@@ -38,19 +38,19 @@ class Row:
 
     @property
     def bending_stiffness(self) -> str:
-        """EI with its standard error, as text; '' where the number is not a stiffness."""
+        """EI with its standard error as text; '' if the number is not a stiffness."""
         unit = self.unit_stiffness
         return f'{unit * self.value:.4g} ± {unit * self.std:.2g}' if unit else ''
 
     @property
     def determined(self) -> bool:
-        """Whether the recordings reduced the prior uncertainty much."""
+        """Whether the recordings reduced the prior uncertainty substantially."""
         return self.std <= self.well_known * self.prior_std
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurvatureTable:
-    """kappa_p0: a column per pressure (kPa), a row per s / l, of (value, std, determined), 1/m."""
+    """kappa_p0 by pressure (kPa, columns) and s / l (rows): (value, std, determined), 1/m."""
 
     pressures: tuple[float, ...]
     rows: tuple[tuple[float, tuple[tuple[float, float, bool], ...]], ...]
@@ -88,7 +88,7 @@ def law_rows(rows: tuple[Row, ...]) -> tuple[Row, ...]:
 
 
 def describe_quantity(name: str, arm: Arm) -> str:
-    """Describe a dotted name in the paper's words."""
+    """Describe a dotted name in the terms of the paper."""
     first, second, *place = name.split('.')
     if f'{first}.{second}' == CURVATURE:
         table = arm.intrinsic_curvature
@@ -134,7 +134,7 @@ def noise_rows(calibration: Calibration) -> list[dict[str, str]]:
 
 
 def flat(provenance: Mapping[str, Any], above: str = '') -> list[tuple[str, str]]:
-    """Return a nested mapping as dotted names with their values as text, in its order."""
+    """Return a nested mapping as dotted names with their values as text, in order."""
     found: list[tuple[str, str]] = []
     for key, value in provenance.items():
         name = f'{above}.{key}' if above else str(key)

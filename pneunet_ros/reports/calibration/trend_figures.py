@@ -35,7 +35,7 @@ PLACE_COLORS = ('#1f5a96', '#d1603d', '#4c9a6a', '#8a5aa8')
 
 
 def sensitivity(data: FigureData) -> Picture | None:
-    """Figure 10: one quantity at a time."""
+    """Figure 10: sensitivity of the shape to one quantity at a time."""
     if not data.main_views:
         return None
     steady_state = nearest_view(data.main_views, PAPER_PRESSURE).steady_state

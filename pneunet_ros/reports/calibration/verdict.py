@@ -1,4 +1,4 @@
-"""The verdict of a calibration in three sentences: how well, how sure, what next."""
+"""The verdict of a calibration in three sentences: fit, certainty, next step."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SECTIONS = ('near the clamp', 'beyond l1')
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Files:
-    """The files of a calibration that a command may name: its model, and the arm it was given."""
+    """Files of a calibration for the next command: its model, and the given arm."""
 
     model: str = 'MODEL.yaml'
     arm: str = 'ARM.yaml'
@@ -37,8 +37,8 @@ UNKNOWN_FILES = Files()
 class Verdict:
     """Quality of the fit, accuracy of its parameters, and the next step.
 
-    fits: False if there is no model, or something is missing in it. command: to type for the
-    next step, with capitals for what the user has to fill in.
+    fits: False if there is no model, or if it lacks an effect. command: for the next step, with
+    placeholders in capitals.
     """
 
     fits: bool
@@ -86,7 +86,7 @@ def lacks_something(calibration: Calibration, settings: ReportSettings) -> bool:
 
 
 def fit_sentence(calibration: Calibration, settings: ReportSettings) -> Note:
-    """Describe the error of the model in mm, relative to the length, and relative to noise."""
+    """Describe the error of the model in mm, relative to the length and to the noise."""
     fit = calibration.joint
     if not fit.converged:
         return Note(f'No model: the fit did not converge ({fit.status}).', reason='not_settled')

@@ -17,7 +17,7 @@ CURVES = 3  # pressures at which kappa_p0 is drawn
 
 
 def biased_parameters(data: FigureData) -> Picture | None:
-    """Intrinsic curvature and moment law, before and after."""
+    """Draw intrinsic curvature and moment law, before and after."""
     if not added_effects(data.diagnosis):
         return None
     before, after = data.diagnosis.before, data.diagnosis.after

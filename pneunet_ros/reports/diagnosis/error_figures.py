@@ -32,7 +32,7 @@ MOST_RECORDINGS = 8  # in a picture
 
 
 def errors_along_arm(data: FigureData) -> Picture | None:
-    """Errors as magnified arrows on measured shapes, and along the arm with the noise."""
+    """Draw errors as magnified arrows on measured shapes, and along the arm with the noise."""
     items = data.errors()
     frames = worst_frames(items)
     if not frames:
@@ -88,7 +88,7 @@ def along_arm(errors: Sequence[Array]) -> Array:
 def draw_arrows(
     axes: Axes, item: RecordingErrors, frame: int, times: float, models: Sequence[tuple[str, str]]
 ) -> None:
-    """Draw a frame's measured targets, and the errors of models from there, mm."""
+    """Draw the measured targets of a frame, with the errors of models as arrows, mm."""
     measured = millimeters(1.0) * item.run.points[frame]
     for label, color in models:
         ends = measured - times * millimeters(1.0) * item.of(label)[frame]
@@ -105,7 +105,7 @@ def draw_arrows(
 
 
 def model_error(data: FigureData) -> Picture:
-    """Root mean square errors before and after, in all and per recording."""
+    """Draw rms errors before and after, in total and per recording."""
     diagnosis = data.diagnosis
     figure, (overall, per_recording) = panels(2, height=4.2)
     models, sides = data.models, [diagnosis.before, diagnosis.after][: len(data.models)]
@@ -193,9 +193,9 @@ def draw_pairs(
 
 
 def worst_frames(items: Sequence[RecordingErrors]) -> list[tuple[RecordingErrors, int]]:
-    """Return frames that noise explains least before, the worst of every recording first.
+    """Return the frames with the largest misfit before, the worst of every recording first.
 
-    Then, in turns, the worst that are at least a quarter of their recording away from those.
+    Further ones, in turn, are the worst at least a quarter of their recording away from these.
     """
     sizes = [item.misfit.copy() for item in items]
     frames: list[tuple[RecordingErrors, int]] = []

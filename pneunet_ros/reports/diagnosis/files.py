@@ -1,6 +1,6 @@
 """A diagnosis as files: `diagnosis.json`, the augmented `model.yaml`, and the report.
 
-Where a law was discovered, also the file of the proposed effect and the model that has it.
+If a law was discovered, also the file of the proposed effect and a model with it.
 """
 
 from __future__ import annotations
@@ -68,10 +68,10 @@ def write_diagnosis(
 ) -> dict[str, Any]:
     """Write all files of a diagnosis into a new folder; return the content of its JSON.
 
-    frame: the model that was given; training, held_out: the runs as given to the diagnosis;
-    provenance: `inputs` (file, sha256 and role of each) and `versions`; discovery: what was found
-    beyond the library; given: notes and names for the page. The folder must not
-    exist; `files.atomic.atomic_output` makes it appear as a whole.
+    frame: the given model; training, held_out: the runs as given to the diagnosis; provenance:
+    `inputs` (file, sha256 and role of each) and `versions`; discovery: laws outside the library;
+    given: notes and names for the page. The folder must not exist; `files.atomic.atomic_output`
+    writes it atomically.
     """
     folder.mkdir()
     origin = {**provenance, 'seed': diagnosis.seed}
@@ -100,7 +100,7 @@ def write_discovered(
     frame: Arm,
     provenance: Mapping[str, Any],
 ) -> None:
-    """Write the files of the proposed effects, and the model that has the first of them."""
+    """Write the files of the proposed effects, and the model with the first of them."""
     assert discovery.evaluation is not None
     (folder / EFFECTS_FOLDER).mkdir()
     for law in discovery.found:
@@ -144,7 +144,7 @@ def write_unsettled(
 
 
 def discovered_content(law: Discovered) -> dict[str, Any]:
-    """Return a discovered law, by the names of the contract."""
+    """Return a discovered law with the keys of the contract."""
     content = asdict(law)
     del content['source']
     return content
@@ -218,7 +218,7 @@ def diagnosis_content(
 def misfits_content(
     before: Misfit | None, after: Misfit | None, discovered: Misfit | None
 ) -> dict[str, Any] | None:
-    """Return the model errors of all models, by the names of the contract."""
+    """Return the model errors of all models with the keys of the contract."""
     if before is None or after is None:
         return None
     columns = {'before': before, 'after': after}

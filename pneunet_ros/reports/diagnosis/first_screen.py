@@ -70,9 +70,9 @@ def evidence_bars(diagnosis: Diagnosis, discovery: Discovery) -> tuple[Bar, ...]
 
 
 def error_sentence(diagnosis: Diagnosis) -> str:
-    """Describe the change of the model error on held-out, else on training recordings.
+    """Describe the change of the model error on held-out (or training) recordings.
 
-    In chi squared first where rms cannot show it: noise of readings hides it there.
+    Chi squared comes first if rms cannot show the change because reading noise hides it.
     """
     before, after = diagnosis.before, diagnosis.after
     first, last, kind = before.training, after.training, 'training'
@@ -101,7 +101,7 @@ def rms_shows(diagnosis: Diagnosis, before: Misfit, after: Misfit) -> bool:
 
 
 def in_chi_squared(diagnosis: Diagnosis, before: Misfit, after: Misfit) -> str:
-    """Return the change in chi squared, with the note that the rms cannot show it."""
+    """Return the change in chi squared, with a note that the rms cannot show it."""
     rms = f'{millimeters(before.rms):.3f} mm rms'
     if before.rms == after.rms:
         change = f'chi squared per coordinate is {before.chi_squared:.4g}'

@@ -31,7 +31,7 @@ HEAT: Colormap = LinearSegmentedColormap.from_list(  # white in its middle, wher
 
 
 def maps(data: FigureData) -> Picture | None:
-    """Heat maps of the whitened residual, before and after."""
+    """Draw heat maps of the whitened residual, before and after."""
     heat_maps = data.diagnosis.heat_maps
     if not heat_maps:
         return None
@@ -63,7 +63,7 @@ def maps(data: FigureData) -> Picture | None:
 
 
 def draw_map(axes: Axes, item: HeatMap, values: Array, norm: TwoSlopeNorm) -> None:
-    """Draw a map: arclength across, the other axis up."""
+    """Draw a map: arclength horizontal, the other axis vertical."""
     label, scale = WORDS[item.axis]
     edges = scale * item.edges
     if item.axis == 'direction':
@@ -84,7 +84,7 @@ def direction_names(count: int) -> list[str]:
 
 
 def borders(places: Array) -> Array:
-    """Return the borders on the arm (s / l) of cells around places that increase."""
+    """Return the borders (s / l) of cells around increasing positions on the arm."""
     if places.size == 1:
         return np.array([places[0] - 0.5 * ALONE, places[0] + 0.5 * ALONE])
     middle = 0.5 * (places[1:] + places[:-1])
@@ -93,7 +93,7 @@ def borders(places: Array) -> Array:
 
 
 def shares(data: FigureData) -> Picture | None:
-    """Shares of the misfit over every axis."""
+    """Draw the shares of the misfit over every axis."""
     where, p_value = data.diagnosis.where, data.diagnosis.settings.localization.significant
     shown = [axis for axis in AXES if any(item.axis == axis for item in where)]
     if not shown:
@@ -117,7 +117,7 @@ def shares(data: FigureData) -> Picture | None:
 
 
 def draw_shares(axes: Axes, axis: Axis, shares: Sequence[Share], p_value: float) -> None:
-    """Draw the shares of one axis as bars, in blue those less probable than p_value by noise."""
+    """Draw the shares of one axis as bars, significant ones (below p_value) in blue."""
     label, scale = WORDS[axis]
     heights = [100.0 * item.share for item in shares]
     seen = [100.0 * item.seen for item in shares]

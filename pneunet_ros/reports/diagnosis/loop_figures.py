@@ -38,7 +38,7 @@ LOOP_STOP = 0.8  # s / l; where it ends
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Loop:
-    """The middle of the arm in some frames, one value a frame.
+    """The middle of the arm in some frames, one value per frame.
 
     pressure (Pa) as read; direction -1, 0 or 1; moment (N m) from measured targets; change:
     measured kappa - kappa0, and expected: that of the model (1/m).
@@ -52,7 +52,7 @@ class Loop:
 
 
 def loops(data: FigureData) -> Picture | None:
-    """Moment and curvature in the middle of the arm, by direction of pressure."""
+    """Draw moment and curvature in the middle of the arm, by direction of pressure."""
     diagnosis = data.diagnosis
     if diagnosis.before.arm.target_arclength.size < FEWEST_TARGETS:
         return None
@@ -98,7 +98,7 @@ def loops(data: FigureData) -> Picture | None:
 
 
 def loop_of(side: Evaluation) -> Loop:
-    """Return the behavior of the middle of the arm in some frames of every training recording."""
+    """Return the loop of the middle of the arm in some frames of every training recording."""
     fit = side.fit
     arm = fit.arm
     smoother = smoother_of(fit)
@@ -139,8 +139,8 @@ def loop_of(side: Evaluation) -> Loop:
 def directions_of(pressure: Array, band: float) -> Array:
     """Return the direction of the pressure, (frames,): 1 rising, -1 falling, 0 unchanged.
 
-    A hold keeps the direction in which it was reached: that is what the arm remembers. Pressure
-    has turned when it is `band` (Pa) back from its last extreme.
+    A hold keeps the direction in which it was reached, because the arm has memory. Pressure has
+    reversed when it is `band` (Pa) away from its last extreme.
     """
     direction, extreme = 0.0, float(pressure[0])
     out = np.zeros(pressure.size)
@@ -154,7 +154,7 @@ def directions_of(pressure: Array, band: float) -> Array:
 
 
 def draw(axes: Axes, x: Array, y: Array, direction: Array) -> None:
-    """Draw points in the color of their direction."""
+    """Draw points colored by direction."""
     for sign, label, color in (*DIRECTIONS, HELD):
         moving = direction == sign
         if moving.any():

@@ -63,7 +63,7 @@ def report_page(
     discovery: Discovery = NOTHING_SEARCHED,
     given: Given = NOTHING_GIVEN,
 ) -> str:
-    """Return the page, pictures inside."""
+    """Return the page with embedded figures."""
     next_step, command = next_steps(diagnosis, discovery, given)
     return render_page(
         TEMPLATE,
@@ -104,7 +104,7 @@ def unsettled_page(
     provenance: Mapping[str, Any],
     given: Given = NOTHING_GIVEN,
 ) -> str:
-    """Return the page of a diagnosis that has no number; name: of the model."""
+    """Return the page of a diagnosis without numbers; name: of the model."""
     names = shlex.join(given.recordings) or 'REC...'
     return render_page(
         UNSETTLED,

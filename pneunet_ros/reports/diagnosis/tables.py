@@ -1,4 +1,4 @@
-"""The tables of a diagnosis, as texts, the same in the report and in the terminal."""
+"""The tables of a diagnosis as text, for report and terminal."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MOST_SHIFTS = 25  # quantities in the table of the report
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """A table of texts; `numbers`: columns that are set flush right."""
+    """A table of texts; `numbers`: right-aligned columns."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -36,7 +36,7 @@ class Table:
 
 
 def added_effects(diagnosis: Diagnosis) -> list[str]:
-    """Return the named effects that the augmented model has."""
+    """Return the named effects in the augmented model."""
     there = {effect.name for effect in diagnosis.after.arm.effects}
     if diagnosis.after.arm.inertia is not None:  # of which the model file has a block of its own
         there.add(Inertia.name)
@@ -124,7 +124,7 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
 
 
 def passes_text(item: Evidence, diagnosis: Diagnosis) -> str:
-    """State whether only noise is left with a set of effects, with the p-value."""
+    """State whether only noise remains with a set of effects, with the p-value."""
     if math.isnan(item.evidence):
         return ''
     p_value = '' if math.isnan(item.p_value) else f' (p {p_value_text(item.p_value)})'
@@ -137,7 +137,7 @@ def passes_text(item: Evidence, diagnosis: Diagnosis) -> str:
 def adequacy_table(diagnosis: Diagnosis) -> Table:
     """Return whether the residuals are consistent with noise, before and after.
 
-    By the worst of all tests before, by the same one after, and by the worst one after.
+    It has the worst test before, the same test after, and the worst test after.
     """
     before, same, after = (
         diagnosis.adequacy_before,
@@ -179,7 +179,7 @@ def consistent_text(test: Adequacy, added: bool) -> str:
 
 
 def where_table(diagnosis: Diagnosis) -> Table:
-    """Return the table of where the misfit is."""
+    """Return the table with the location of the misfit."""
     return Table(
         columns=('axis', 'observation', 'of the misfit', 'of the observations', 'p-value'),
         rows=tuple(
@@ -198,7 +198,7 @@ def where_table(diagnosis: Diagnosis) -> Table:
 
 
 def where_text(diagnosis: Diagnosis) -> str:
-    """Describe where the misfit is, in one sentence."""
+    """Describe the location of the misfit in one sentence."""
     return f'Where: {diagnosis.where_sentence.rstrip(".")}.'
 
 
@@ -278,7 +278,7 @@ def parameter_field(effect: str, parameter: str) -> dataclasses.Field[Any]:
 
 
 def similarity_table(diagnosis: Diagnosis, least: float) -> Table:
-    """Return the pairs of effects that are hard to distinguish with these data, by cosine."""
+    """Return pairs of effects that are hard to distinguish with these data, with cosines."""
     ranked = sorted(diagnosis.cosines.items(), key=lambda item: -abs(item[1]))
     return Table(
         columns=('effect', 'other effect', 'cosine'),

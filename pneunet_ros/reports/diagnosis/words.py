@@ -36,5 +36,5 @@ def unit_text(unit: str) -> str:
 
 
 def round_value(value: float) -> str:
-    """Write a number without more digits than matter."""
+    """Write a number with its significant digits."""
     return f'{value:.0f}' if abs(value) >= 10.0 else f'{value:.1f}'

@@ -60,7 +60,7 @@ def safe_sentence(safe: SafeSet) -> str:
 
 
 def round_row(number: int, item: Round) -> dict[str, str]:
-    """Return the row of a round in the table of the page, and in the terminal."""
+    """Return the row of a round, for the page and the terminal."""
     diagnosis = item.diagnosis
     sides = () if diagnosis is None else (diagnosis.before, diagnosis.after)
     before, after = [f'{millimeters(side.rms):.3f}' for side in sides] or ('-', '-')

@@ -1,1 +1,1 @@
-"""The paper's analysis as a view of a fit: steady states, Eqs 9 and 10, sensitivity."""
+"""The paper's analysis applied to a fit: steady states, Eqs 9 and 10, sensitivity."""

@@ -84,10 +84,10 @@ def intrinsic_linearity(fit: Fit) -> tuple[Linearity, ...]:
 
 
 def change_linearity(views: Sequence[MomentView], length: float) -> tuple[Linearity, ...]:
-    """Return measured kappa - kappa0 over the pressures of views of one recording, at all places.
+    """Return measured kappa - kappa0 over the pressures of one recording, at all places.
 
-    The load changes with pressure as it did in the recording. The error of kappa0 is taken for
-    independent between pressures.
+    The load changes with pressure as in the recording. The error of kappa0 is taken as independent
+    between pressures.
     """
     pressure = np.array([view.steady_state.pressure for view in views])
     found = []

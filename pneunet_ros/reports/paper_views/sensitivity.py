@@ -24,7 +24,7 @@ RIGIDITY_NAMES = {
 class Variation:
     """The shapes for some values of one quantity; `name`, and a label per shape.
 
-    travel (m): how far the free end moves between the first and the last shape, NaN without one.
+    travel (m): of the free end between the first and the last shape, NaN if one is missing.
     """
 
     name: str

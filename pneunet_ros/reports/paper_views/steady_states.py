@@ -1,8 +1,8 @@
 """Steady states of a run: means of stretches with nearly constant pressure and load.
 
-A hold of a staircase is one long state, a slow ramp many short ones. Mean targets belong to the
-mean load: what changes in a straight line meanwhile cancels. What the fit has found of the camera
-and of the painted places of targets is taken off: what is left is where the arm was.
+A hold of a staircase is one long state, a slow ramp many short ones. Mean targets correspond to
+the mean load, because linear changes cancel. The fitted displacement of camera and target
+placement is subtracted, which leaves the position of the arm.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from pneunet_ros.model.arm import Arm
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SteadyState:
-    """Successive frames of a run under about the same load, averaged.
+    """Average of successive frames of a run under nearly the same load.
 
-    pressure (Pa), force (2,) N and moment (N m) are means of the readings; inputs: of one frame,
-    what really acted. x, y (targets,) m are means over the frames in which a target was seen, less
-    the disturbances that the fit has found, `count` (targets,) how many frames those are; NaN for
-    a target never seen.
+    pressure (Pa), force (2,) N and moment (N m) are means of the readings; inputs: the true ones,
+    as of one frame. x, y (targets,) m are means over the frames in which a target was seen, minus
+    the fitted disturbances; `count` (targets,): number of these frames; NaN for a target never
+    seen.
     """
 
     run: str
@@ -102,7 +102,7 @@ def average(fitted: FittedRun, points: Array, start: int, stop: int) -> SteadySt
 def longest_states(
     states: Sequence[SteadyState], settings: SteadyStateSettings = STEADY_STATES
 ) -> list[SteadyState]:
-    """Leave out short states between holds, if the holds span the pressures."""
+    """Remove short states between holds, if the holds span the pressures."""
     least = settings.hold_share * max((state.frames for state in states), default=0)
     holds = [state for state in states if state.frames >= least]
     if len(holds) >= settings.fewest_holds:
@@ -113,7 +113,7 @@ def longest_states(
 
 
 def thin(states: Sequence[SteadyState], count: int) -> list[SteadyState]:
-    """Choose at most this many states, evenly over pressure; the longest of neighbors."""
+    """Choose at most this many states, evenly over pressure, the longest of neighbors."""
     if not states:
         return []
     places = np.array([state.pressure for state in states])

@@ -1,4 +1,4 @@
-"""Missing effect of each arm, and the model error before and after it was added."""
+"""Missing effect of each arm, and the model error before and after adding it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ANSWER_MARKS = {'none': '·', 'unknown': '?', 'unobservable': '∅'}
 
 
 def effects(data: SurveyData) -> Picture | None:
-    """Effects by arm, with the model error."""
+    """Draw the effects by arm, with the model error."""
     arms = [item for item in data.done if item.errors is not None]
     if not arms:
         return None

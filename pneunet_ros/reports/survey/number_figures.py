@@ -18,7 +18,7 @@ INTERVALS = 3  # between ticks, at most; more run together
 
 
 def numbers(data: SurveyData) -> Picture | None:
-    """Every number that is compared, arm by arm."""
+    """Draw every compared number, arm by arm."""
     fleet = data.fleet
     if not fleet.numbers:
         return None
@@ -66,7 +66,7 @@ def numbers(data: SurveyData) -> Picture | None:
 
 
 def title_of(number: ArmNumber) -> str:
-    """Return the title of a panel; the number of an effect is called by its dotted name."""
+    """Return the title of a panel: the dotted name for a parameter of an effect."""
     words = number.meaning
     if words == number.name:
         words = words.replace('.', ' ').replace('_', ' ')

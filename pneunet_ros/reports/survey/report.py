@@ -61,7 +61,7 @@ def survey_sentences(data: SurveyData) -> list[str]:
 
 
 def effects_sentence(data: SurveyData) -> str:
-    """Describe which effect was missing in how many arms, and how often there was no name."""
+    """Describe how many arms lacked each effect, and how many got another answer."""
     done = len(data.done)
     counts = data.effect_counts()
     named = ', '.join(f'{name} in {count}' for name, count in counts.items())

@@ -18,7 +18,7 @@ PANEL_HEIGHT = 1.55  # inches
 
 
 def shapes(data: SurveyData) -> Picture | None:
-    """Unloaded shape of every arm, next to the median of the fleet."""
+    """Draw the unloaded shape of every arm, with the median of the fleet."""
     arms = [(item.name, item.arm) for item in data.done if item.arm is not None]
     if not arms:
         return None

@@ -1,4 +1,4 @@
-"""The results of a survey: every arm of a fleet, and the fleet as a whole."""
+"""The results of a survey: every arm, and the comparison of the fleet."""
 
 from __future__ import annotations
 
@@ -13,13 +13,12 @@ from pneunet_ros.model.arm import Arm
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SurveyedArm:
-    """An arm that is done, or one that failed.
+    """A finished or failed arm.
 
-    failed: why, in a sentence, empty if it did not. found: what calibration and diagnosis came
-    to, with the keys of `diagnosis.json`, `loaded`, `target_std`, `checks` and `notes`; arm: its
-    model with what was missing. Both are empty if it failed. folder: of its files, relative to
-    the page; recordings: its files;
-    arm_file: that it was calibrated from.
+    failed: the reason in a sentence, empty if it did not fail. found: results of calibration and
+    diagnosis, with the keys of `diagnosis.json`, `loaded`, `target_std`, `checks` and `notes`;
+    arm: its model with the missing effects. Both are empty if it failed. folder: of its files,
+    relative to the page; recordings: its files; arm_file: used for its calibration.
     """
 
     name: str
@@ -60,9 +59,9 @@ class SurveyedArm:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SurveyData:
-    """All arms in their order, and the fleet of those that were calibrated.
+    """All arms in order, and the fleet of the calibrated ones.
 
-    left_out: folders of the source in which there is no arm; output: the folder of the page.
+    left_out: folders of the source without an arm; output: the folder of the page.
     """
 
     source: str

@@ -1,7 +1,7 @@
 """Preview of tracking as one HTML page: a verdict, and frames to scrub through.
 
-Each frame shows image, targets, measured centerline and, where the recording holds estimates, the
-predicted one; below, how far each target is from them.
+Each frame shows image, targets, measured centerline and, if the recording has estimates, the
+predicted one; below are the distances of each target from them.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ MICRO = 1e6
 class TrackingPage:
     """Collects the frames of a recording for a page.
 
-    source: what the user named; model: name of the arm; target_arclength (targets,) m; estimated:
-    the shapes that the recording holds, None without; preview: what is drawn of all frames; film:
-    the numbers of the delay of a film with a table, there when the page is made, empty without.
-    arm_options, image_options: the options for the arm and for the images, as typed.
+    source: as given by the user; model: name of the arm; target_arclength (targets,) m; estimated:
+    the shapes in the recording, None without; preview: of all frames; film: numbers of the delay
+    of a film with a table, filled before the page is made, otherwise empty. arm_options,
+    image_options: the options for the arm and for the images, as typed.
     """
 
     source: str
@@ -155,7 +155,7 @@ class TrackingPage:
         return self.estimated.points[found[0]] if near[0] else None
 
     def html(self, output: str) -> str:
-        """Return the page; output: the recording that was written, '' without."""
+        """Return the page; output: the written recording, '' without."""
         script = importlib.resources.files('pneunet_ros.reports.templates').joinpath(SCRIPT)
         text = script.read_text(encoding='utf-8')
         digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

@@ -1,4 +1,4 @@
-"""Preview of tracking as one picture: some frames, the curves, and visibility over time."""
+"""Preview of tracking as a picture: some frames, the curves, and visibility over time."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ class Seen:
 
 @dataclass(slots=True, kw_only=True)
 class Preview:
-    """Collects the data of the picture, frame by frame, with only a handful of images.
+    """Collects the data of the picture frame by frame, keeping only a few images.
 
-    frames: how many to expect; targets: how many the arm has.
+    frames: expected number; targets: number of targets of the arm.
     """
 
     frames: int
@@ -93,10 +93,10 @@ class Preview:
         self._count += 1
 
     def _picture(self, seen: Seen) -> None:
-        """Keep the first explained frame of each part of the recording, and the last one of all.
+        """Keep the first tracked frame of each part of the recording, and the last one of all.
 
-        Parts in the middle are shown by the frame that misses most targets; a part without an
-        explained frame is shown by its first one, which says why.
+        Parts in the middle are shown by the frame that misses most targets; a part without a
+        tracked frame is shown by its first frame, with the reason.
         """
         part = min((PICTURES - 1) * self._count // max(self.frames, 1), PICTURES - 2)
         explained = not seen.tracking.reason
@@ -125,7 +125,7 @@ class Preview:
         return list({id(seen): seen for _, seen in sorted(self._pictures.items())}.values())
 
     def curves(self) -> list[tuple[int, MeasuredCurve]]:
-        """List the curves that are shown, with their log times."""
+        """List the shown curves with their log times."""
         return self._curves
 
     def draw(self, path: Path, title: str) -> None:
@@ -238,9 +238,9 @@ def write_at_end(
     overwrite: bool = False,
     inputs: Iterable[Path] = (),
 ) -> Iterator[Collector]:
-    """Write a preview when its context ends, also after a CameraError, which it then shows.
+    """Write a preview when its context ends, also after a CameraError, which is then shown.
 
-    Errors of `atomic_output`.
+    Raises the errors of `atomic_output`.
     """
     error: CameraError | None = None
     with atomic_output(path, overwrite=overwrite, inputs=inputs) as temporary:
@@ -259,12 +259,12 @@ def _plain(axes: Axes) -> None:
 
 
 def thin(count: int, wanted: int) -> list[int]:
-    """Return indices of at most `wanted` of `count` things, from the first to the last."""
+    """Return indices of at most `wanted` of `count` items, from the first to the last."""
     return sorted(set(np.linspace(0, count - 1, min(count, wanted)).round().astype(int).tolist()))
 
 
 def overlay_of(image: Image, tracking: Tracking, state: TrackerState) -> Bytes:
-    """Return the image with tracking results drawn on it; `state` is that after it."""
+    """Return the image with tracking results drawn on it; `state`: after the image."""
     curve = None
     if tracking.curve is not None and state.plane is not None and state.lens is not None:
         curve = curve_in_image(tracking.curve, state.plane, state.lens)
