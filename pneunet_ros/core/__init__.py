@@ -1,1 +1,1 @@
-"""Words that every room uses: arrays, units, frames, errors, stamps, readings."""
+"""Common basis of all packages: arrays, units, frames, errors, stamps, readings."""

@@ -1,4 +1,4 @@
-"""Read-only float64 arrays, tables over pressure, and equality of values to the last bit."""
+"""Read-only float64 arrays, tables over pressure, and bitwise equality of values."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = npt.NDArray[np.float64]
 
 
 def frozen_array(value: npt.ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
-    """Return a read-only float64 array; raises RequestError when `shape` is given and differs."""
+    """Return a read-only float64 array; raises RequestError if it does not have `shape`."""
     array = np.asarray(value, dtype=np.float64, order='C')
     if array is value and array.shape == shape and not array.flags.writeable:
         return array
@@ -30,25 +30,25 @@ def frozen_array(value: npt.ArrayLike, shape: tuple[int, ...] | None = None) -> 
 
 
 def freeze(array: Array) -> Array:
-    """Make an array that is this function's caller's own read-only, without a copy."""
+    """Make an array owned by the caller read-only, without a copy."""
     array.flags.writeable = False
     return array
 
 
 def median(values: Array) -> float:
-    """Return the median of finite values, ten times as fast as numpy for a few."""
+    """Return the median of finite values, ten times as fast as numpy for a few values."""
     ordered = np.sort(values, axis=None)
     return 0.5 * float(ordered[(ordered.size - 1) // 2] + ordered[ordered.size // 2])
 
 
 def root_mean_square(values: Array) -> float:
-    """Return the root mean square of the finite values; NaN where there is none."""
+    """Return the root mean square of the finite values; NaN if there are none."""
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
 
 
 def same_values(left: Any, right: Any) -> bool:
-    """Whether two claims are equal field by field, arrays to the last bit (NaN equals NaN)."""
+    """Whether two objects are equal field by field, arrays bitwise (NaN equals NaN)."""
     if type(left) is not type(right):
         return False
     if isinstance(left, np.ndarray):
@@ -67,15 +67,15 @@ LARGEST = 1e30  # no table or reading of an arm holds more; splines and squares 
 
 
 def are_numbers(values: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Return which values can be used: neither NaN nor infinite, nor beyond LARGEST."""
+    """Return a mask of usable values: finite and not beyond LARGEST."""
     return np.asarray(np.abs(values) <= LARGEST)
 
 
 def pressure_rows(pressure: Array, at: npt.ArrayLike) -> tuple[npt.NDArray[np.int64], Array]:
-    """Rows below `at` in a table over pressure, and the weight of the row above.
+    """Return the rows below `at` in a table over pressure, and the weight of the row above.
 
     pressure (rows,) Pa increasing, at (...) Pa; returns the row index and the weight, each (...).
-    Of a single row all weight is on the row after the last, which is that row again.
+    With a single row, the weight is on the next row, which is that row again.
     """
     at = np.asarray(at, dtype=np.float64)
     if pressure.size == 1:
@@ -85,7 +85,7 @@ def pressure_rows(pressure: Array, at: npt.ArrayLike) -> tuple[npt.NDArray[np.in
 
 
 def checked_pressures(pressure: npt.ArrayLike, where: str) -> Array:
-    """Return a table's pressure column: finite, increasing, at least one row; else ModelError."""
+    """Return a pressure column that is finite, increasing and not empty; else ModelError."""
     column = table_array(pressure, f'{where}.pressure', 1)
     if column.size < 1 or not np.all(np.diff(column) > 0.0):
         raise ModelError(
@@ -96,7 +96,7 @@ def checked_pressures(pressure: npt.ArrayLike, where: str) -> Array:
 
 
 def only_numbers(values: Any) -> bool:
-    """Whether a nested list or an array holds numbers alone: no texts, no booleans."""
+    """Whether a nested list or an array contains only numbers, no texts or booleans."""
     if isinstance(values, np.ndarray):
         return values.dtype.kind in 'iuf'
     if isinstance(values, (list, tuple)):

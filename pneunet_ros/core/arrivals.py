@@ -1,14 +1,14 @@
-"""Processing order of messages, the same for a node and for a recording.
+"""Processing order of messages, identical for nodes and recordings.
 
-Messages are taken as they arrived, of a recording by log time. Those that arrived at one instant
-are taken in the order of ties: what an estimate uses before the pressure, which makes it.
+Messages are processed in order of arrival (for a recording: of log time). Simultaneous messages
+are processed in the order of ties: inputs of an estimate before the pressure, which triggers it.
 
-A driver that stamps several topics with one instant publishes them one after the other, in any
-order. While the messages of a topic carry the stamps of pressures, a pressure waits for the one of
-its stamp, at most `LONGEST_WAIT_NS`. Nothing else waits.
+A driver that stamps several topics with the same time publishes them one after the other, in any
+order. While the messages of a topic have the stamps of pressures, a pressure waits for the message
+with its stamp, for at most `LONGEST_WAIT_NS`. Nothing else waits.
 
-The order depends on arrivals, stamps and topics alone, not on the time of processing: a node that
-was busy takes a burst in the order in which a recording of it is replayed.
+The order depends only on arrivals, stamps and topics, not on the time of processing: a busy node
+processes a burst in the order in which its recording is replayed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ EARLIEST = 0.75  # of the last interval of a topic: its next message is not expe
 
 
 class Arrival(NamedTuple, Generic[Item]):
-    """A message that has arrived; tie, number: its rank among messages of the same instant."""
+    """A message that has arrived; tie, number: its rank among simultaneous messages."""
 
     at_ns: int
     tie: int
@@ -39,8 +39,8 @@ class Arrival(NamedTuple, Generic[Item]):
 class Companion:
     """A topic whose messages may share the stamps of the pressure readings.
 
-    missed: number of successive pressures without its message; after two, pressures no longer
-    wait until a message has the stamp of a pressure again.
+    missed: number of successive pressures without its message; after two, pressures stop waiting
+    until a message has the stamp of a pressure again.
     """
 
     last_ns: int = 0
@@ -58,17 +58,17 @@ class Companion:
         return self.joins and since > 0 and since >= EARLIEST * self.interval_ns
 
     def take(self, stamp_ns: int) -> None:
-        """Note a message."""
+        """Register a message."""
         self.interval_ns = stamp_ns - self.last_ns if self.last_ns else 0
         self.last_ns = stamp_ns
 
 
 @dataclass(slots=True)
 class ArrivalOrder(Generic[Item]):
-    """Orders messages: `add` arrivals, then `take` the ones that are due.
+    """Orders messages: `add` arrivals, then `take` the messages that are due.
 
-    topics: their names in the order of ties; pressure: the topic that triggers estimates, from
-    those before it. Without it messages are taken as they arrived.
+    topics: their names in the order of ties; pressure: the topic that triggers estimates from
+    those before it. Without it, messages are processed in order of arrival.
     """
 
     topics: Sequence[str]
@@ -133,7 +133,7 @@ class ArrivalOrder(Generic[Item]):
         return 0
 
     def _due_before(self, arrival: Arrival[Item]) -> list[int]:
-        """Return the topics whose message with this stamp must come first and has not arrived."""
+        """Return the topics whose message with this stamp must come first but has not arrived."""
         own = self._companions.get(arrival.tie)
         if arrival.tie > len(self._companions) or (own is not None and not own.joins):
             return []
@@ -144,7 +144,7 @@ class ArrivalOrder(Generic[Item]):
         ]
 
     def _note(self, taken: Arrival[Item]) -> None:
-        """Learn from a message which topics carry the stamps of pressures."""
+        """Learn from a message which topics have the stamps of pressures."""
         own, last = self._companions.get(taken.tie), self._last
         if own is not None:
             own.take(taken.stamp_ns)

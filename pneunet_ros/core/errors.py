@@ -22,22 +22,22 @@ class PneunetError(Exception):
     """Base of all errors of this package; its text is one sentence for the user.
 
     `reason` is the machine-readable cause, as in a `Refusal` (meanings: `reasons.REASONS`); it may
-    be empty. A sentence that is too long to read keeps its beginning and end.
+    be empty. An overlong sentence keeps its beginning and end.
     """
 
     def __init__(self, sentence: object = '', *, reason: str = '') -> None:
-        """Take the sentence, or another error with its text and reason."""
+        """Initialize with a sentence, or with the text and reason of another error."""
         super().__init__(shortened(str(sentence)))
         self.reason = reason or getattr(sentence, 'reason', '')
 
 
 def why_unread(error: Exception) -> str:
-    """Return the reason for which a file cannot be read."""
+    """Return the reason why a file cannot be read."""
     return 'not_found' if isinstance(error, FileNotFoundError) else 'unreadable'
 
 
 def shortened(sentence: str, longest: int = LONGEST_SENTENCE) -> str:
-    """Return a text of bounded length, with its middle cut out if it is too long."""
+    """Return a text of bounded length, shortened in the middle if it is too long."""
     if len(sentence) <= longest:
         return sentence
     end = longest // 3
@@ -57,7 +57,7 @@ class CameraError(PneunetError):
 
 
 class MessageError(PneunetError):
-    """A ROS message does not hold what its topic promises."""
+    """A ROS message does not have the expected content."""
 
 
 class RecordingError(PneunetError):

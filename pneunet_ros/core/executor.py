@@ -1,4 +1,4 @@
-"""Where work that takes minutes goes: processes of this machine, or a Dask cluster."""
+"""Executors for work that takes minutes: local processes or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def open_executor(
 ) -> Iterator[Executor]:
     """Open an executor: this many processes (None: one per core), or a Dask scheduler.
 
-    prepare: a picklable function that every one of them calls first.
+    prepare: a picklable function that every process calls first.
 
-    What is submitted must be a function of a module, its arguments and results picklable. A
-    cluster's workers need this package, in the same version. RequestError where Dask is not
-    installed or no scheduler answers at the address.
+    Submitted functions must be at module level, with picklable arguments and results. Workers of a
+    cluster need the same version of this package. RequestError if Dask is not installed or no
+    scheduler answers at the address.
     """
     if scheduler is not None:
         with cluster(scheduler, prepare) as executor:
@@ -52,7 +52,7 @@ def open_executor(
 
 @contextmanager
 def cluster(address: str, prepare: Callable[[], Any] | None = None) -> Iterator[Executor]:
-    """Connect to the Dask cluster with its scheduler at this address."""
+    """Connect to the Dask cluster whose scheduler has this address."""
     try:
         from distributed import Client
     except ImportError as error:

@@ -19,20 +19,20 @@ UNTURNED: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
 def rotate(angle: float, x: Coordinate, y: Coordinate) -> tuple[Coordinate, Coordinate]:
-    """Turn vectors of the plane counter-clockwise by `angle` (rad)."""
+    """Rotate in-plane vectors counter-clockwise by `angle` (rad)."""
     cosine, sine = math.cos(angle), math.sin(angle)
     return cosine * x - sine * y, sine * x + cosine * y
 
 
 def planar_heading(x: float, y: float, z: float, w: float) -> float:
-    """Angle (rad) in the plane of the x axis of a frame turned by a quaternion; NaN for none."""
+    """Return the in-plane angle (rad) of the x axis of a rotated frame; NaN if undefined."""
     if not is_rotation((x, y, z, w)):  # such as all zeros: no heading was measured
         return math.nan
     return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
 def heading_quaternion(theta: float) -> tuple[float, float]:
-    """(z, w) of the unit quaternion whose x axis is the tangent at angle `theta` (rad)."""
+    """Return (z, w) of the unit quaternion whose x axis is the tangent at angle `theta` (rad)."""
     return math.sin(0.5 * theta), math.cos(0.5 * theta)
 
 
@@ -42,7 +42,7 @@ def is_rotation(quaternion: Quaternion) -> bool:
 
 
 def rotation_matrix(quaternion: Quaternion) -> Array:
-    """Return the matrix (3, 3) that turns vectors of a frame into its parent."""
+    """Return the matrix (3, 3) that rotates vectors of a frame into its parent."""
     x, y, z, w = np.array(quaternion) / math.hypot(*quaternion)
     return np.array(
         [
@@ -65,13 +65,13 @@ def one_after_another(first: Quaternion, then: Quaternion) -> Quaternion:
 
 
 def turned_back(quaternion: Quaternion) -> Quaternion:
-    """Return the opposite turn."""
+    """Return the inverse rotation."""
     x, y, z, w = quaternion
     return -x, -y, -z, w
 
 
 def quaternion_of_angles(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Return x, y, z, w of a frame turned by yaw, then pitch, then roll (rad), about its axes."""
+    """Return x, y, z, w of a frame rotated by yaw, then pitch, then roll (rad), about its axes."""
     (cr, cp, cy), (sr, sp, sy) = (
         [function(0.5 * angle) for angle in (roll, pitch, yaw)]
         for function in (math.cos, math.sin)

@@ -1,4 +1,4 @@
-"""Health of a node: what happened to its input, and the content of a report."""
+"""Health of a node: outcomes of its input, and the content of a report."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Level(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """Level, one line for a person, and numbers by name, of the time since the last report."""
+    """Level, one line of text, and numbers by name, for the time since the last report."""
 
     level: Level
     message: str
@@ -33,14 +33,14 @@ class Report:
 
 
 class InputHealth:
-    """Collects what happens to the input that a node cannot be without: readings or images.
+    """Collects the outcomes of the essential input of a node: readings or images.
 
-    All times are seconds of one steady clock. A fault that stopped the results is in every report
-    until there is a result, all others in the next report only.
+    All times are in seconds of one steady clock. A fault that stopped the results is in every
+    report until there is a result, others only in the next report.
     """
 
     def __init__(self, source: str, now: float) -> None:
-        """Initialize; source: of the input, as in 'pressure on /pneunet/pressure'."""
+        """Initialize; source: of the input, e.g. 'pressure on /pneunet/pressure'."""
         self.source = source
         self._begun = self._reported = now
         self._input_at: float | None = None
@@ -61,19 +61,19 @@ class InputHealth:
         self._input_at = now
 
     def note_refusal(self, refusal: Refusal) -> None:
-        """Note a message that was refused."""
+        """Record a rejected message."""
         self._problems[refusal.reason] = refusal
 
     def published(self, latency: float) -> None:
-        """Note the time (s) from the receipt of the input until its result was published."""
+        """Record the time (s) from the receipt of the input until its result was published."""
         self._latencies.append(latency)
 
     def silence(self, now: float) -> float:
-        """Return for how long (s) there has been no usable input."""
+        """Return the time (s) without usable input."""
         return now - (self._begun if self._input_at is None else self._input_at)
 
     def silence_sentence(self, now: float) -> str:
-        """State for how long there has been no usable input."""
+        """State how long there has been no usable input."""
         return f'no usable {self.source} for {self.silence(now):.1f} s'
 
     def input_age(self, now: float) -> float | None:

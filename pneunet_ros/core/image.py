@@ -1,6 +1,6 @@
 """A camera image as received: raw bytes with a layout, and its brightness.
 
-Modules of all messages import this one, so OpenCV is imported only when pixels are used.
+OpenCV is imported only when pixels are used, because many modules import this one.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class Layout(NamedTuple):
     """Conversion of the bytes of an encoding to grey levels.
 
     channels: values per pixel of a row; deep: whether a value has two bytes; grey: (height, width,
-    channels) to (height, width); bgr: to (height, width, 3), None if there are no colors or
-    they are in planes that follow the brightness (nv12), which are not read.
+    channels) to (height, width); bgr: to (height, width, 3), None without colors, or with colors
+    in planes after the brightness (nv12), which are not read.
     """
 
     channels: int
@@ -94,8 +94,8 @@ def lab_color(color: tuple[float, float, float]) -> tuple[tuple[float, ...], flo
 def eight_bits(levels: Levels) -> Bytes:
     """Reduce 16-bit levels to 8 bits by the number of bits in use.
 
-    A camera of 10, 12 or 14 bits fills the lower bits and does not say how many: the range is
-    the smallest even number of bits that holds the picture.
+    A camera of 10, 12 or 14 bits fills the lower bits without stating how many: the range is the
+    smallest even number of bits that fits the image.
     """
     if levels.dtype == np.uint8:
         return np.asarray(levels, np.uint8)
@@ -107,9 +107,9 @@ def eight_bits(levels: Levels) -> Bytes:
 class Image:
     """A camera image: `height` rows of `step` bytes each, with `width` pixels.
 
-    `data` (bytes,) is read-only; `encoding` is a key of ENCODINGS; big_endian: of values with two
-    bytes, the first one is the larger. Pixel (u, v) = (0, 0) is the center of the first pixel, u
-    to the right, v down. Raises MessageError where these do not fit.
+    `data` (bytes,) is read-only; `encoding` is a key of ENCODINGS; big_endian: byte order of
+    two-byte values. Pixel (u, v) = (0, 0) is the center of the first pixel, u to the right, v
+    down. Raises MessageError if these do not match.
     """
 
     stamp_ns: int
@@ -189,10 +189,10 @@ class Image:
         return levels
 
     def closeness(self, color: tuple[float, float, float]) -> Image:
-        """Return an image in grey: 255 where a pixel has this color (red, green, blue), or nearly.
+        """Return a grey image of similarity to a color (red, green, blue): 255 if equal.
 
-        0 if it is as far from it as a grey is, or farther, in CIE L*a*b*; differences of
-        lightness count half, as light differs along an arm. Raises MessageError for an image
+        It is 0 if a pixel is at least as far from the color as grey, in CIE L*a*b*; differences in
+        lightness count half, because light varies along an arm. Raises MessageError for an image
         without colors.
         """
         return self.once(color, lambda: self._closeness(color))
@@ -218,7 +218,7 @@ class Image:
         return replace(self, encoding='mono8', step=self.width, data=data, big_endian=False)
 
     def inverted(self) -> Image:
-        """Return the image in grey, with dark and bright exchanged."""
+        """Return the inverted grey image."""
         return self.once('inverted', self._inverted)
 
     def _inverted(self) -> Image:

@@ -15,16 +15,16 @@ _held: list[int] | None = None  # signals that came while something is completed
 
 @dataclass(frozen=True, slots=True)
 class Deferrable:
-    """A handler of signals that waits for what must be completed.
+    """A signal handler that can be deferred until critical work is complete.
 
-    Work that finds it in use leaves it there: to put another one in its place would also take away
-    the handlers that a library in C, such as rclpy, has put before it.
+    If it is already installed, work keeps it: replacing it would also remove handlers that a C
+    library, such as rclpy, has installed in front of it.
     """
 
     handler: Callable[[int, FrameType | None], Any]
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Handle a signal, now or afterwards."""
+        """Handle a signal, now or after the deferral."""
         if _held is None:
             self.handler(number, frame)
         else:
@@ -33,9 +33,9 @@ class Deferrable:
 
 @contextmanager
 def interrupted_afterwards() -> Iterator[None]:
-    """Defer an interrupt (SIGINT, and what else is `Deferrable`) until the block has finished.
+    """Defer an interrupt (SIGINT and other `Deferrable` signals) until the block has finished.
 
-    Only the main thread is ever interrupted; in others nothing has to be held back.
+    Only the main thread is interrupted, so other threads need no deferral.
     """
     global _held
     if threading.current_thread() is not threading.main_thread() or _held is not None:
@@ -59,9 +59,9 @@ def interrupted_afterwards() -> Iterator[None]:
 def forget_interrupt() -> None:
     """Let the process end with its exit code after a KeyboardInterrupt that was caught.
 
-    Python notes an interrupt that leaves code made from text (dataclasses, numba and attrs make
-    theirs so) as one that nobody caught, and at the end kills itself with SIGINT whatever the
-    program returned. The next text that runs takes the note away.
-    Source: run_eval_code_obj and Py_RunMain of CPython 3.8 to 3.13.
+    If an interrupt leaves code made from text (as by dataclasses, numba and attrs), Python records
+    it as uncaught, and at the end kills itself with SIGINT whatever the program returned.
+    Executing any other text clears the record. Source: run_eval_code_obj and Py_RunMain of CPython
+    3.8 to 3.13.
     """
     exec('')

@@ -1,4 +1,4 @@
-"""Notes on an answer: a sentence for people with a reason code for programs."""
+"""Notes on an answer: a sentence for people, with a reason code for programs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Note(str):
     reason: str
 
     def __new__(cls, sentence: str, *, reason: str) -> Self:
-        """Take the sentence and its key."""
+        """Make a note from a sentence and its reason code."""
         note = super().__new__(cls, sentence)
         note.reason = reason
         return note

@@ -1,4 +1,4 @@
-"""A refusal with its reason, returned instead of an answer."""
+"""A refusal with its reason, returned instead of a result."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refusal:
-    """A reading that gave no estimate: `reason` is a key for counting, `sentence` for a person.
+    """A reading without an estimate: `reason` is a key for counting, `sentence` for users.
 
     error: the estimator has stopped giving estimates, not just dropped one reading.
     `awaits_others`: the missing input comes from another node, which may still be starting.

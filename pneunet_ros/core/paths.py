@@ -1,4 +1,4 @@
-"""Resolution of paths with symbolic links; the only place that handles broken ones."""
+"""Resolution of paths with symbolic links; only this module handles broken ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points at which a long computation lets urgent work of its thread run.
+"""Points at which a long computation lets urgent work run in its thread.
 
 A computation of milliseconds calls `pause` between its steps. `pause` does nothing by itself; a
 caller registers urgent work with `work_in_pauses`. That work must not touch the data of the

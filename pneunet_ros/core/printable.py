@@ -1,4 +1,4 @@
-"""Untrusted text made safe for a terminal: no control characters."""
+"""Makes untrusted text safe for a terminal: no control characters."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _LAYOUT = frozenset('\n\t')
 
 
 def printable(text: str) -> str:
-    r"""Return a text with control characters as their escapes, as in '\x1b'; lines remain."""
+    r"""Return a text with control characters escaped, e.g. '\x1b'; line breaks remain."""
     if text.isprintable():
         return text
     return ''.join(

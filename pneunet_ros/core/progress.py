@@ -11,7 +11,7 @@ OnProgress = Callable[[str, int, int], None]
 
 
 def say_nothing(stage: str, done: int, total: int) -> None:
-    """Ignore progress: nobody is watching."""
+    """Ignore progress."""
 
 
 def part_of(on_progress: OnProgress, part: int, parts: int) -> OnProgress:
@@ -25,7 +25,7 @@ STEP = 1000  # messages or rows from one word to the next
 
 @contextmanager
 def heard(on_progress: OnProgress) -> Iterator[None]:
-    """Report the progress of reading and writing inside this context."""
+    """Report the progress of reading and writing within this context."""
     token = _READING.set(on_progress)
     try:
         yield

@@ -1,7 +1,7 @@
 """Sensor readings: immutable, SI, stamped in integer nanoseconds of the message header.
 
-A reading is kept as it came. What it means (gauge or absolute, sign and yaw of a force sensor,
-sensing effects of the model) is the estimator's business.
+A reading is kept unchanged. The estimator interprets it (gauge or absolute, sign and yaw of a
+force sensor, sensing effects of the model).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pneunet_ros.core.frames import Quaternion
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureReading:
-    """A pressure reading: Pa as the sensor reports it; `variance` in Pa^2, 0 = unknown."""
+    """A pressure reading: Pa as reported by the sensor; `variance` in Pa^2, 0 = unknown."""
 
     stamp_ns: int
     pressure: float
@@ -26,7 +26,7 @@ class PressureReading:
 class WrenchReading:
     """An end load reading: force (N) and moment about z (N m) in the frame `frame_id`.
 
-    Out-of-plane components come last; NaN where it is not measured.
+    Out-of-plane components come last; NaN if not measured.
     """
 
     stamp_ns: int
@@ -52,9 +52,10 @@ class TipPoseReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImuReading:
-    """Reading of an accelerometer at the base: the specific force (m/s^2) in its `frame_id`.
+    """A reading of an accelerometer at the base: specific force (m/s^2) in its `frame_id`.
 
-    At rest that is 9.81 m/s^2 upwards. known: False if the sensor says that it measures none.
+    At rest it is 9.81 m/s^2 upwards. known: False if the sensor reports that it does not measure
+    acceleration.
     """
 
     stamp_ns: int
@@ -78,11 +79,11 @@ class FrameReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TargetSightings:
-    """Where the white targets on the arm were seen: an entry per target, in order along the arm.
+    """Seen positions of the targets on the arm: one entry per target, in order along the arm.
 
-    x, y, std (targets,) m in the base frame, std per axis; u, v px in the image as it came; area
-    px^2, largest and smallest axis major, minor (px) and angle (rad, of the major axis in the
-    image from +u towards +v) of the white area. NaN in all of them where a target was not seen.
+    x, y, std (targets,) m in the base frame, std per axis; u, v px in the raw image; area px^2,
+    largest and smallest axis major, minor (px) and angle (rad, of the major axis in the image from
+    +u towards +v) of the white area. NaN in all of them where a target was not seen.
     """
 
     stamp_ns: int
@@ -112,7 +113,7 @@ class TargetSightings:
 
 
 def unseen_targets(stamp_ns: int, count: int) -> TargetSightings:
-    """Return the sightings of a frame in which none of this many targets is seen."""
+    """Return the sightings of a frame in which none of the targets is seen."""
     nothing = freeze(np.full(count, np.nan))
     values = dict.fromkeys(('x', 'y', 'std', 'u', 'v', 'area', 'major', 'minor', 'angle'), nothing)
     return TargetSightings(stamp_ns=stamp_ns, **values)

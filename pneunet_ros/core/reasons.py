@@ -1,6 +1,7 @@
-"""Meaning of every `reason` of an error (`--json` prints it), a note or a refused message.
+"""Meaning of every `reason` of an error (printed by `--json`), a note or a rejected message.
 
-One cause has one word. Sentences may be rewritten, reasons may not; a test keeps this list whole.
+Each cause has one code. Sentences may be rewritten, reasons may not; a test keeps this list
+complete.
 """
 
 from __future__ import annotations

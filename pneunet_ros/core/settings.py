@@ -1,7 +1,7 @@
 """Settings: tuning constants, each with its meaning, source and bounds.
 
-One frozen dataclass per algorithm holds its numbers as fields made by `tuning`; `settings_used`
-lists the settings of a result, and `settings_changed` the ones that differ from the default.
+One frozen dataclass per algorithm has its numbers as fields made by `tuning`; `settings_used`
+lists the settings of a result, and `settings_changed` those that differ from the default.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ def setting(
 def tuning(default: Any, meaning: str, *, unit: str = '-', source: str = 'invented') -> Any:
     """Declare a tuning constant of an algorithm.
 
-    unit: SI unit, '-' for none, or what it is a share or a multiple of. source: where the number
-    comes from: 'measured', 'literature: ...', 'convention', or 'invented' for a free choice;
-    'sweep: ...' says what moved when it was halved and doubled: that it matters, not that it is
-    right.
+    unit: SI unit, '-' for none, or the reference of a share or multiple. source: origin of the
+    number: 'measured', 'literature: ...', 'convention', or 'invented' for a free choice; 'sweep:
+    ...': results that changed when it was halved and doubled, which shows that it matters, not
+    that it is right.
     """
     return field(default=default, metadata={'meaning': meaning, 'used_unit': unit, 'from': source})
 
@@ -42,7 +42,7 @@ def tuning(default: Any, meaning: str, *, unit: str = '-', source: str = 'invent
 def numbers_type(settings: type, name: str) -> Any:
     """Return a named tuple type with the fields of settings, for kernels.
 
-    name: of the module's variable that holds it, where cached kernels look it up.
+    name: of its variable in the module, where cached kernels look it up.
     """
     names = [item.name for item in dataclasses.fields(settings)]
     return namedtuple(name, names, module=settings.__module__)
@@ -51,8 +51,8 @@ def numbers_type(settings: type, name: str) -> Any:
 def settings_used(*owners: Any) -> dict[str, Any]:
     """Return every tuning constant of these settings, by `Class.field`.
 
-    Settings inside settings are opened: theirs is the class that declares the number. A field that
-    declares nothing is not a setting.
+    Nested settings are listed with the class that declares the number. A field without a
+    declaration is not a setting.
     """
     used: dict[str, Any] = {}
     for owner in owners:
@@ -66,13 +66,13 @@ def settings_used(*owners: Any) -> dict[str, Any]:
 
 
 def settings_changed(*owners: Any) -> dict[str, Any]:
-    """Return the settings that are not the default, by `Class.field`."""
+    """Return the settings that differ from the default, by `Class.field`."""
     defaults = settings_used(*(type(owner)() for owner in owners))
     return {key: value for key, value in settings_used(*owners).items() if value != defaults[key]}
 
 
 def check_settings(owner: Any) -> None:
-    """Refuse values of a dataclass that its `setting`s and `quantity`s do not allow."""
+    """Reject values of a dataclass that its `setting`s and `quantity`s do not allow."""
     check_quantities(owner, '', RequestError)
     for item in dataclasses.fields(owner):
         value = getattr(owner, item.name)

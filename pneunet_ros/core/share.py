@@ -1,4 +1,4 @@
-"""Where the files that are shipped with the package are: model files, recordings, launch files."""
+"""Location of the files shipped with the package: model files, recordings, launch files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SHARE = Path('share', 'pneunet_ros')
 
 
 def share_path(relative: str) -> Path:
-    """Find a shipped file or folder, say 'config/paper_arm.yaml', in a checkout or installed."""
+    """Return the path of a shipped file or folder, e.g. 'config/paper_arm.yaml'."""
     folders = list(dict.fromkeys(_folders()))
     for folder in folders:
         if (folder / relative).exists():
@@ -26,7 +26,7 @@ def share_path(relative: str) -> Path:
 
 
 def _folders() -> Iterator[Path]:
-    """Return where shipped files may be: the checkout, or the prefix of any package."""
+    """Return possible folders of shipped files: the checkout, or the prefix of any package."""
     package = Path(__file__).resolve().parent.parent
     if (package.parent / 'package.xml').is_file():
         yield package.parent

@@ -1,6 +1,6 @@
-"""Admissible order of readings by their header stamps, and counts of those refused.
+"""Checks of the header stamps of readings, and matching of readings with frames.
 
-And which reading belongs to which frame: the nearest by their stamps, within half a period.
+A reading matches a frame if it is the nearest one by stamp, within half a period.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ LATEST_STAMP = 2**31 * NANOSECONDS_PER_SECOND  # a header holds its seconds in 3
 
 
 def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str]:
-    """Return why a reading cannot follow the last one of its kind, as a key and a sentence.
+    """Return why a reading cannot follow the last one of its kind: a key and a sentence.
 
     Both are empty if it can. A stamp that jumps back by more than a second (a looping bag, a
     restarted simulation) is a new start of time, with the key `STARTS_ANEW`.
@@ -49,9 +49,9 @@ class StampGate:
     before_ns: int | None = None
 
     def fault(self, what: str, stamp_ns: int) -> tuple[str, str]:
-        """Return why a message cannot follow the last one, as `stamp_fault`.
+        """Return why a message cannot follow the last one, as in `stamp_fault`.
 
-        The key `AHEAD` says that it can, and that the last one is to be left out.
+        The key `AHEAD` means that it can, but that the last one must be left out.
         """
         reason, sentence = stamp_fault(what, self.last_ns, stamp_ns)
         if reason == STARTS_ANEW and self.before_ns is not None and stamp_ns > self.before_ns:
@@ -76,9 +76,9 @@ Stamps = npt.NDArray[np.int64]
 def match_stamps(
     wanted_ns: Stamps, stamp_ns: Stamps, reach_ns: float
 ) -> tuple[Stamps, npt.NDArray[np.bool_]]:
-    """Return the nearest of increasing stamps (at least one) to each one wanted, and if near.
+    """Return the nearest of increasing stamps (at least one) to each given one, and if near.
 
-    Of two as near it is the earlier one; near is what lies within reach_ns, half a period.
+    Of two equally near stamps it is the earlier one; near means within reach_ns, half a period.
     """
     after = np.clip(np.searchsorted(stamp_ns, wanted_ns), 1, max(len(stamp_ns) - 1, 1))
     before = after - 1

@@ -1,4 +1,4 @@
-"""The units that numbers are written and shown in: SI, or the scales of an arm as in the paper."""
+"""Units of written and displayed numbers: SI, or the scales of an arm as in the paper."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""SI inside; the only conversions, and `quantity`, which gives a dataclass field its unit.
+"""All unit conversions (SI is used inside), and `quantity` for dataclass fields with units.
 
-A field made by `quantity` carries unit, bounds, source and meaning in its metadata. The same
-declaration serves validation, the model file, `--help`, ROS parameter descriptions and the table
-of effects.
+A field made by `quantity` has unit, bounds, source and meaning in its metadata. The same
+declaration is used for validation, the model file, `--help`, ROS parameter descriptions and the
+table of effects.
 """
 
 from __future__ import annotations
@@ -59,12 +59,12 @@ SI_PER_UNIT: dict[str, dict[str, float]] = {
 
 
 def kilopascals(pressure: float) -> float:
-    """Pressure in kPa from Pa."""
+    """Convert a pressure from Pa to kPa."""
     return pressure / PASCALS_PER_KILOPASCAL
 
 
 def millimeters(length: float) -> float:
-    """Length in mm from m."""
+    """Convert a length from m to mm."""
     return length * 1000.0
 
 
@@ -74,7 +74,7 @@ def seconds_between(one_ns: int, other_ns: int) -> float:
 
 
 def seconds_since(start_ns: int, stamp_ns: int) -> float:
-    """Return the time (s) of a stamp on an axis that begins at start_ns; negative before it."""
+    """Return the time (s) of a stamp relative to start_ns; negative before it."""
     return (stamp_ns - start_ns) / NANOSECONDS_PER_SECOND
 
 
@@ -92,7 +92,7 @@ def quantity(
 
     unit: SI unit, '-' for none. bounds: closed interval of allowed values. prior: interval in
     which the value is expected before any data. source: where the default or the bounds come from.
-    shape: it says how something goes on, not how much of it there is.
+    shape: it describes the form of an effect, not its size.
     """
     metadata = {
         'unit': unit,
@@ -111,9 +111,10 @@ def quantities(owner: Any) -> tuple[dataclasses.Field[Any], ...]:
 
 
 def check_quantities(owner: Any, where: str, error: type[PneunetError] = ModelError) -> None:
-    """Refuse a value that is not a number, NaN, or outside the bounds of its declaration.
+    """Reject a value that is not a number, NaN, or outside its declared bounds.
 
-    Infinity passes where a bound is infinite (a rod of infinite axial stiffness is inextensible).
+    Infinity is allowed if a bound is infinite (a rod with infinite axial stiffness is
+    inextensible).
     """
     for field in quantities(owner):
         value = getattr(owner, field.name)

@@ -1,4 +1,4 @@
-"""The message if ROS 2 is needed and not installed."""
+"""The message if ROS 2 is needed but not installed."""
 
 from __future__ import annotations
 

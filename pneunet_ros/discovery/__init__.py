@@ -1,1 +1,1 @@
-"""From recordings that no effect explains to a law in words, and to an effect that runs."""
+"""Discovery of laws that no effect of the library explains, in words and as an effect."""

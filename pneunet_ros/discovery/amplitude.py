@@ -1,10 +1,10 @@
-"""The amplitude of a kind of cause, frame by frame, and the part that a law explains.
+"""Amplitude of a kind of cause, frame by frame, and the part explained by a law.
 
-With X all unknowns of the base fit and V = 1 + X X^T, a kind at a place has a field per frame:
-what whitened points do per unit of its amplitude, taken through the equilibrium. The score
-z = E^T V^-1 r and the information C = E^T V^-1 E of its columns say all that the recordings know
-of it; base, placement and camera are refitted in them. Here columns are field times covariate, or
-field times frame, and z and C are of all runs, or of some of them.
+With X all unknowns of the base fit and V = 1 + X X^T, a kind at a place has a field per frame: the
+change of the whitened points per unit of its amplitude, at equilibrium. The score z = E^T V^-1 r
+and the information C = E^T V^-1 E of its columns contain all the information of the recordings,
+with base, placement and camera refitted. Here columns are field times covariate, or field times
+frame, and z and C are those of all or some runs.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Evidence:
     information: Array
 
     def part(self, chosen: Sequence[int]) -> Evidence:
-        """Return that of some of the columns."""
+        """Return the evidence for some of the columns."""
         return Evidence(
             score=self.score[list(chosen)], information=self.information[np.ix_(chosen, chosen)]
         )
@@ -56,19 +56,19 @@ class Evidence:
 
     @property
     def explained(self) -> float:
-        """Reduction of chi squared by the best coefficients."""
+        """The reduction of chi squared by the best coefficients."""
         return float(self.score @ np.linalg.lstsq(self.information, self.score, rcond=1e-10)[0])
 
 
 class Projection:
-    """Columns after projection on the refitted base, in any run of a fit."""
+    """Projection of columns on the refitted base, in any runs of a fit."""
 
     def __init__(self, gaussian: GaussianModel) -> None:
         self.gaussian = gaussian
         self.solved: dict[Runs, tuple[tuple[Array, bool], Array]] = {}
 
     def of(self, runs: Runs) -> tuple[tuple[Array, bool], Array]:
-        """Return the factor of 1 + X^T X in these runs, and the best step of the base there."""
+        """Return the factor of 1 + X^T X in these runs, and the best step of the base."""
         if runs not in self.solved:
             gaussian, size = self.gaussian, self.gaussian.position.size
             factor = scipy.linalg.cho_factor(
@@ -124,7 +124,7 @@ class Columns:
 class FrameColumns:
     """A field with one column per frame of every run.
 
-    Evidence is over all frames of all runs in turn, zero for those of other runs. parts: per run,
+    Evidence covers the frames of all runs in order, with zeros for other runs. parts: per run,
     columns^T columns, X^T columns, columns^T residuals.
     """
 
@@ -178,7 +178,7 @@ class FrameColumns:
 
 
 def log_gains(score: Array, information: Array, stds: Sequence[float] | Array) -> Array:
-    """Return the log probability of runs with columns over that without, (..., stds).
+    """Return the log probability of runs with columns relative to that without, (..., stds).
 
     score (..., n) and information (..., n, n) of columns; stds: priors of their coefficients.
     """
@@ -194,8 +194,8 @@ def left_out_gains(
 ) -> Array:
     """Return gains in log probability of every run predicted from the others, (choices, stds).
 
-    evidence: as in `Columns.left_out`; chosen: which columns, as many in each choice; stds: priors
-    of their coefficients.
+    evidence: as in `Columns.left_out`; chosen: indices of the columns, equally many per choice;
+    stds: priors of their coefficients.
     """
     which = np.asarray(chosen)
     score = np.stack([item.score[which] for item in evidence])
@@ -211,8 +211,8 @@ def unit_fields(
 ) -> tuple[Array, ...] | None:
     """Return the derivatives of points (frames, 2 targets) m by an amplitude, per run.
 
-    before: points (frames, 2, targets) m of the fit itself; effect: with an amplitude of `size` in
-    every frame of the fit's runs. None if the arm has no shape with it.
+    before: points (frames, 2, targets) m of the fit; effect: with an amplitude of `size` in every
+    frame of the runs. None if the arm has no shape with this effect.
     """
     linearization, point = fit.linearization, fit.point
     runs = range(len(linearization.blocks))

@@ -1,8 +1,8 @@
 """Covariates of an amplitude, frame by frame, in SI and scaled to about one.
 
-Some are known wherever a model runs (pressure and its past, the end load): an effect can follow
-them. The time since the start of a recording is known here alone: a law on it describes the
-recordings, and predicts nothing.
+Some are known wherever a model runs (pressure and its past, the end load), so an effect can depend
+on them. The time since the start of a recording is only known here: a law in it describes the
+recordings, but predicts nothing.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class Covariate:
         return MEANINGS[self.name]
 
     def scaled(self, which: int) -> Array:
-        """Values of a run over the largest, (frames,)."""
+        """Values of a run relative to the largest, (frames,)."""
         return self.values[which] / self.scale
 
 
@@ -144,9 +144,9 @@ def covariate_table(
 
 
 def ahead_of_past(run: RecordingData, time_constant: float) -> Array:
-    """Return pressure (Pa) less its first-order mean over a time (s), at the frames.
+    """Return pressure (Pa) minus its first-order mean over a time (s), at the frames.
 
-    Exact for readings joined by straight lines; it begins at rest. Static frames have no past.
+    This is exact for piecewise linear readings, starting at rest. Static frames have no past.
     """
     if run.static:
         return np.zeros(len(run.stamp_ns))
@@ -165,7 +165,7 @@ def ahead_of_past(run: RecordingData, time_constant: float) -> Array:
 def side_of_play(run: RecordingData, width: float) -> Array:
     """Return the position in a play of this full width (Pa), -1 to 1, at the frames.
 
-    It begins in the middle; static frames have no past and stay there.
+    It starts in the middle; static frames have no past and stay there.
     """
     if run.static:
         return np.zeros(len(run.stamp_ns))

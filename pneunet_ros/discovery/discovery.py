@@ -1,7 +1,7 @@
-"""Discovery: from an unexplained diagnosis to a law in words, and an executable effect.
+"""Discovery: find a law in words and an executable effect for an unexplained diagnosis.
 
-Nothing is looked for where residuals are consistent with noise. A law is given only if one half of
-the recordings predicts it in the other, and if held-out recordings do not speak against it.
+There is no search if the residuals are consistent with noise. A law is reported only if one half
+of the recordings predicts it in the other half, and if held-out recordings do not contradict it.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Finding:
-    """A suspect with its joint fit if there is one, and the share that both explain.
+    """A suspect with its joint fit, if there is one, and the share explained by both.
 
     gain: in log probability of every training recording predicted from the others.
     """
@@ -86,15 +86,11 @@ def discover(
 ) -> Discovery:
     """Search for a law of the model error that no effect of the library explains.
 
-    Args:
-        investigation: a diagnosis, with the fits it rests on.
-        on_progress: called with what is done, how far, and of how much (0 = unknown).
-        settings: the numbers by which it decides.
+    Args: investigation: a diagnosis with its fits. on_progress: called with the task, its
+    progress, and its total (0 = unknown). settings: thresholds and priors.
 
-    Returns:
-        Laws that the recordings confirm, at most one with its rivals; none where the answer is
-        `none` or `unobservable`, or where named effects leave nothing but noise and no law says
-        it better.
+    Returns: Confirmed laws, at most one with its rivals; none if the answer is `none` or
+    `unobservable`, or if named effects leave only noise and no law explains the recordings better.
 
     """
     if investigation.selection is None or investigation.base is None:
@@ -122,8 +118,8 @@ def untestable_law(
 ) -> str:
     """Return the objection to a name if a law predicts recordings far better.
 
-    Of several recordings halves say whether the law holds, and the name stands beside it or
-    without it. Of a few they say nothing, and the name may be what comes nearest to that law.
+    With several recordings, halves show whether the law holds, with or without the name. With few
+    recordings they cannot, and the name may only be the nearest approximation to that law.
     """
     assert investigation.selection is not None
     count = investigation.selection.linearization.training
@@ -143,11 +139,11 @@ def untestable_law(
 def overrule(
     investigation: Investigation, on_progress: OnProgress, settings: DiscoverySettings
 ) -> Discovery:
-    """Return a law that predicts recordings better than the effects that are named.
+    """Return a law that predicts recordings better than the named effects.
 
-    A name says which effect of the library explains most. Where what is missing is not in the
-    library, the one that comes nearest may leave nothing but noise. Where such a law cannot be
-    confirmed the name stands, and a note says so.
+    A name is the effect of the library that explains most. If the missing effect is not in the
+    library, the nearest one may leave only noise. If such a law cannot be confirmed, the name is
+    kept, with a note.
     """
     diagnosis, first, trial = investigation.diagnosis, investigation.base, investigation.trial
     if not isinstance(diagnosis, Diagnosis) or diagnosis.answer not in ('named', 'inseparable'):
@@ -203,7 +199,7 @@ def look_for_law(
 ) -> tuple[Discovery, Finding | None]:
     """Return the law for the residuals of a model, and its finding.
 
-    No law where recordings do not confirm it, no finding where no kind predicts any.
+    There is no law if recordings do not confirm it, and no finding if no kind predicts any.
     """
     selection, first, diagnosis = (
         investigation.selection,
@@ -259,8 +255,8 @@ def by_itself(
 ) -> Discovery:
     """Return the confirmed aperiodic course in time, if there is one, or else the law.
 
-    It takes the place of a law that is not confirmed, and of one on time that explains less: that
-    predicts nothing either.
+    It replaces an unconfirmed law, and a law in time that explains less, because that predicts
+    nothing either.
     """
     if law.found and best is not None and not best.goes_by_itself:
         return law
@@ -304,10 +300,10 @@ def starting_point(investigation: Investigation) -> Trial | None:
 
 
 def judge(fits: JointFits, suspects: Sequence[Suspect], on_progress: OnProgress) -> list[Finding]:
-    """Fit the best suspects jointly where a model can follow them, and evaluate them.
+    """Fit the best suspects jointly if a model can follow them, and evaluate them.
 
-    Where none of them leaves as little as a law may, the calibration has bent itself so far that
-    their order means little: then more of them are fitted, and also as constants.
+    If all of them leave more than a law may, the calibration has absorbed so much that their order
+    means little: then more of them are fitted, also as constants.
     """
     settings, findings = fits.settings.confirmation, []
     for place, suspect in enumerate(suspects[: settings.finalists]):
@@ -337,9 +333,9 @@ def judge(fits: JointFits, suspects: Sequence[Suspect], on_progress: OnProgress)
 
 
 def measured_part(suspect: Suspect) -> Law | None:
-    """Return the law of a suspect without time, which no model can follow; None if none is left.
+    """Return the law of a suspect without its terms in time; None if none is left.
 
-    A drift beside what can be predicted is small, or the joint fit leaves too much.
+    A drift in addition to a predictable law must be small, or the joint fit leaves too much.
     """
     law = suspect.law
     if law is None:
@@ -380,7 +376,7 @@ def shortened(finding: Finding, fits: JointFits) -> Finding:
 
 
 def linear_share(suspect: Suspect, base: Trial, search: Search) -> float:
-    """Return the share of the excess that a suspect explains where it was not fitted jointly."""
+    """Return the share of the excess explained by a suspect without a joint fit."""
     explained = suspect_explained(suspect, search)
     return min(1.0, explained / max(excess_of(base), explained))
 
@@ -404,7 +400,7 @@ def suspect_explained(suspect: Suspect, search: Search) -> float:
 
 
 def cause_map(search: Search, base: Trial) -> CauseMap:
-    """Return the share that every kind explains with its best law, over the place."""
+    """Return the share explained by every kind with its best law, by position."""
     grid = np.linspace(0.0, 1.0, GRID)
     share, total = np.full((len(KINDS), grid.size), np.nan), excess_of(base)
     for row, kind in enumerate(KINDS.values()):
@@ -446,10 +442,10 @@ def objections_to(
 
 
 def split_p_value(suspect: Suspect, search: Search, seed: int) -> float:
-    """Return the p-value of a split test: how often noise confirms one half by the other as well.
+    """Return the p-value of a split test, in which each half predicts the other.
 
-    Place, terms and coefficients are those of one half; 1 where neither half says anything. The
-    other half is taken by itself: of a base that both halves fit it would expect the same errors.
+    Position, terms and coefficients are those of one half; 1 if neither half has a law. The other
+    half is fitted independently, because a base fitted to both halves would have the same errors.
     """
     runs = search.runs
     halves = runs[::2], runs[1::2]
@@ -505,7 +501,7 @@ def predicted_p_value(
 def swing_columns(
     suspect: Suspect, search: Search, frames: FrameColumns, swing: Swing, runs: Runs
 ) -> list[Array]:
-    """Return the whitened columns of a swing in some runs, such as sine and cosine, (rows, n)."""
+    """Return the whitened columns of a swing (such as sine and cosine) in some runs, (rows, n)."""
     blocks = search.fit.linearization.blocks
     every = np.arange(swing.factors.shape[1])
     own = np.concatenate([every[swing.columns_of(which, len(blocks))] for which in runs])
@@ -524,7 +520,7 @@ def tied_kinds(
     suspects: Sequence[Suspect],
     settings: DiscoverySettings,
 ) -> tuple[str, ...]:
-    """Return the other kinds that explain as much, by joint fits or left-out gain."""
+    """Return the other kinds that explain as much, by joint fits or by left-out gain."""
     margin = max(settings.confirmation.tied, evidence_margin(best.gain))
     fitted = {item.suspect.kind.name: item.gain for item in findings}
     linear = best.suspect.left_out_gain
@@ -666,7 +662,7 @@ def linear_terms(suspect: Suspect) -> tuple[TermOfLaw, ...]:
 
 
 def amplitude_series(search: Search, finding: Finding) -> tuple[AmplitudeSeries, ...]:
-    """Return the amplitude of a finding in every frame of the training, free and by its law."""
+    """Return the amplitude of a finding in every training frame, free and by its law."""
     suspect, linearization = finding.suspect, search.fit.linearization
     kind, cause = suspect.kind, suspect.cause
     frames = search.frame_columns(cause)

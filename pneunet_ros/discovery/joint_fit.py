@@ -1,4 +1,4 @@
-"""A law in the rod: fitted jointly with the base model, as the effect that its file will be."""
+"""Joint fit of a law with the base model, as the effect that will be in its file."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ POSITION = 'position'
 class Proposal:
     """A law as an effect, fitted jointly with the model.
 
-    terms of the law, and the parameters of the effect that belong to them; trial: the fit, with
-    what it leaves; its last hypothesis is this effect.
+    terms of the law, and the corresponding parameters of the effect; trial: the fit with its
+    residuals, whose last hypothesis is this effect.
     """
 
     kind: Kind
@@ -80,7 +80,7 @@ class JointFits:
         """Fit a constant amplitude, and add missing terms.
 
         A calibration absorbs part of a cause, most of a constant one, and the remainder looks like
-        a law. At first the place is held fixed, and several places are tried.
+        a law. At first the position is fixed, and several positions are tried.
         """
         if CONSTANT not in self.covariates or 'constant' not in kind.follows:
             return None
@@ -123,9 +123,9 @@ class JointFits:
         return None if better is None or better.evidence < least else better
 
     def without_idle_terms(self, proposal: Proposal) -> Proposal:
-        """Leave out terms without which the recordings are predicted as well.
+        """Remove terms that are not needed to predict the recordings.
 
-        Beside a place that is off, or a base that is, a law looks longer than it is.
+        With a wrong position or base, a law appears longer than it is.
         """
         while len(proposal.terms) > 1:
             count = len(proposal.terms)
@@ -167,7 +167,7 @@ class JointFits:
     ) -> Proposal | None:
         """Fit jointly from these start values until converged; held: the position is fixed.
 
-        None if the arm has no shape with it, in a training recording or in a held-out one.
+        None if the arm has no shape with it in a training or held-out recording.
         """
         parameters = parameters_of(kind, terms, self.covariates)
         source = effect_source(
@@ -212,7 +212,7 @@ class JointFits:
         return tuple(runnable[:room])
 
     def follows(self, kind: Kind, term: str) -> bool:
-        """Whether an effect of a kind can follow a term, which varies around the first fit."""
+        """Whether an effect of a kind can follow a term, which must vary around the first fit."""
         covariate = self.covariates.get(term)
         return covariate is not None and is_followed(kind, covariate)
 

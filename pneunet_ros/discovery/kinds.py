@@ -1,9 +1,9 @@
 """Kinds of cause that may act on the arm or its image, each with an amplitude.
 
 A kind is an effect with one amplitude per frame. `method` is the method of the contract of effects
-(`effects/effect.py`) in which it speaks, and `code` what that returns, as Python with `amplitude`;
-of `terms`, what it gives to `Terms`: the field of a unit amplitude, the joint fit of a law and
-the proposed effect file are all made of it (`proposed_effect.py`).
+(`effects/effect.py`) that it implements, and `code` its return value as Python with `amplitude`
+(for `terms`, the arguments of `Terms`): the field of a unit amplitude, the joint fit of a law and
+the proposed effect file are all made from it (`proposed_effect.py`).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ Method = Literal['terms', 'sense', 'actuate', 'see', 'frame_delay']
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Native:
-    """A covariate computed from the equilibrium, which no amplitude can follow.
+    """A covariate computed from the equilibrium, which an amplitude cannot follow.
 
-    code: what it gives to `Terms`, with `coefficient`; words as of a covariate; unit and prior std
+    code: arguments of `Terms`, with `coefficient`; words as for a covariate; unit and prior std
     (SI) of the coefficient, which is never negative.
     """
 
@@ -35,10 +35,9 @@ class Native:
 class Kind:
     """One kind of cause.
 
-    subject: what it is, in a sentence that goes on with how its amplitude goes; unit and prior std
-    (SI) of the amplitude. positions: from where to where along the arm (s / l) it may be, None
-    where it has no place; width (s / l): of the part on which it acts. place: that of the contract
-    of effects.
+    subject: beginning of a sentence that ends with the law of its amplitude; unit and prior std
+    (SI) of the amplitude. positions: allowed range along the arm (s / l), None without a position;
+    width (s / l): of the part on which it acts. place: as in the contract of effects.
     """
 
     name: str
@@ -55,7 +54,7 @@ class Kind:
 
     @property
     def follows(self) -> frozenset[Group]:
-        """Covariates that an effect of this kind knows at run time."""
+        """Covariates available to an effect of this kind at run time."""
         groups: dict[Method, frozenset[Group]] = {
             'terms': frozenset({'constant', 'pressure', 'past', 'load'}),
             'actuate': frozenset({'past'}),

@@ -29,9 +29,9 @@ STEP = 1e-3  # of the prior of an amplitude: the size of unit fields
 class Cause:
     """A kind at a place, ready for laws.
 
-    position (s / l), None if it has none; fields (frames, 2 targets) m per unit of amplitude,
-    per run; covariates: that its amplitude may follow; terms: names of the columns, first those of
-    the covariates. A column is that of the kind's prior times a covariate of size one.
+    position (s / l), None if it has none; fields (frames, 2 targets) m per unit of amplitude, per
+    run; covariates: those that its amplitude may follow; terms: names of the columns, first those
+    of the covariates. A column is for the kind's prior times a covariate of size one.
     """
 
     kind: Kind
@@ -47,8 +47,8 @@ class Law:
     """Terms of a cause, and their gain.
 
     coefficients (terms,) and covariance, in units of the kind's prior per scaled covariate;
-    left_out_gain: in log probability of every run predicted from the others; explained: by how
-    much chi squared falls; std: prior of the coefficients that was used.
+    left_out_gain: in log probability of every run predicted from the others; explained: reduction
+    of chi squared; std: prior of the coefficients.
     """
 
     cause: Cause
@@ -122,7 +122,7 @@ def cause_of(
 def choose_law(cause: Cause, runs: Runs, settings: LawSettings = DISCOVERY.law) -> Law | None:
     """Return the terms that best predict each run from the others; None if none does.
 
-    Forward: the best term of all, then the best one more, while it gains enough.
+    Forward selection: the best term, then the best additional one, while the gain is large enough.
     """
     evidence = cause.columns.left_out(runs)
     best: Law | None = None

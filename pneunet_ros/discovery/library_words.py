@@ -1,7 +1,7 @@
 """The description of each library effect as a kind of cause.
 
-A law in the words of a named effect says what the name says, and perhaps more. A law in others
-contradicts it.
+A law in the words of a named effect agrees with the name, and may add to it. A law in other words
+contradicts the name.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ ACTUATION = frozenset({'chamber_pressure', 'curvature'})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Words:
-    """Kinds of cause that an effect may be taken for, and terms, one of which its law has."""
+    """Kinds of cause equivalent to an effect, and terms, of which its law has one."""
 
     kinds: frozenset[str]
     terms: frozenset[str]
 
     def say(self, kind: str, terms: Collection[str]) -> bool:
-        """Whether a law is this effect, or this and more."""
+        """Whether a law is this effect, possibly with more terms."""
         return kind in self.kinds and bool(self.terms & {*terms})
 
 
 def words(kinds: Iterable[str], terms: Iterable[str]) -> Words:
-    """Return words of kinds and terms."""
+    """Return the words for kinds and terms."""
     return Words(kinds=frozenset(kinds), terms=frozenset(terms))
 
 

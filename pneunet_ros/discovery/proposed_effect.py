@@ -1,7 +1,6 @@
-"""A law as an effect: the text of its file, and the class that this text makes.
+"""A law as an effect: the source text of its file, and the class defined by it.
 
-What is fitted jointly, what the report shows and what a user loads with `--effects-path` are the
-same class, made of the same text.
+The joint fit, the report and `--effects-path` of a user all use the same class from the same text.
 """
 
 from __future__ import annotations
@@ -164,7 +163,7 @@ FRAME_DELAY = '''
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """A parameter of a proposed effect: of which term, and how large it usually is (SI)."""
+    """A parameter of a proposed effect: its term, and its usual size (SI)."""
 
     name: str
     term: str
@@ -180,7 +179,7 @@ def parameters_of(
 
 
 def parameter_of(kind: Kind, term: str, covariates: Mapping[str, Covariate]) -> Parameter:
-    """Return the parameter of a term: a covariate, or a quantity that the equilibrium yields."""
+    """Return the parameter of a term: a covariate, or a quantity of the equilibrium."""
     if term in kind.natives:
         native = kind.natives[term]
         name = 'per_' + term.replace('^2', '_squared').replace(' ', '_')
@@ -206,7 +205,7 @@ def per_unit(amplitude: str, covariate: str) -> str:
 
 
 def effect_name(kind: Kind) -> str:
-    """Return a name for the proposed effect of a kind that no loaded effect has."""
+    """Return a name for the proposed effect of a kind, not used by any loaded effect."""
     name = PREFIX + kind.name
     count = itertools.count(2)
     while name in EFFECTS:
@@ -225,8 +224,8 @@ def effect_source(
 ) -> str:
     """Return the text of the file of a proposed effect.
 
-    length (m) of the arm; play (Pa): full width of the usual play; name:
-    that of the effect, by default the one of a proposal.
+    length (m) of the arm; play (Pa): full width of the usual play; name: of the effect, by default
+    that of a proposal.
     """
     memory = [item.term for item in parameters if item.term in TIMES or item.term in PLAYS]
     name = name or effect_name(kind)
@@ -255,7 +254,7 @@ def effect_source(
 
 
 def imports_text(used: str) -> str:
-    """Return the imports that a text needs, those of a module on one line."""
+    """Return the imports needed by a text, one line per module."""
     lines: list[str] = []
     for line, pattern in IMPORTS:
         if not re.search(pattern, used):
@@ -294,7 +293,7 @@ def field_text(kind: Kind, item: Parameter) -> str:
 
 
 def position_text(kind: Kind) -> str:
-    """Return the declaration of the place, empty if a kind has none."""
+    """Return the declaration of the position, empty if a kind has none."""
     if kind.positions is None:
         return ''
     low, high = kind.positions
@@ -338,7 +337,7 @@ def terms_text(kind: Kind, amplitude: str, natives: Mapping[str, str] | None = N
 def memory_text(
     kind: Kind, parameters: Sequence[Parameter], memory: Sequence[str], play: float
 ) -> str:
-    """Return the methods that update the history, and the terms that it adds."""
+    """Return the methods that update the history, and its terms."""
     if not memory:
         return ''
     following, covariates = [], {}
@@ -366,7 +365,7 @@ def memory_text(
 
 
 def present_text(kind: Kind, parameters: Sequence[Parameter], length: float) -> str:
-    """Return the methods in which the kind speaks of the present."""
+    """Return the methods for the dependence on present inputs."""
     code = kind.code.replace('{half}', repr(0.5 * length)).replace('\n', '\n        ')
     if kind.method == 'terms':
         return present_terms_text(kind, parameters)
@@ -400,7 +399,7 @@ def present_terms_text(kind: Kind, parameters: Sequence[Parameter]) -> str:
 
 
 def effect_class(source: str) -> type[Effect]:
-    """Return the effect that the text of a file declares."""
+    """Return the effect declared by the text of a file."""
     space: dict[str, Any] = {'__name__': __name__}
     exec(compile(source, '<proposed effect>', 'exec', dont_inherit=True), space)
     found = [

@@ -12,7 +12,7 @@ from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TermOfLaw:
-    """A covariate of a law: its coefficient is that of the amplitude per covariate (SI)."""
+    """A term of a law: a covariate, and the coefficient of the amplitude per covariate (SI)."""
 
     name: str
     function: str
@@ -31,12 +31,12 @@ class TimeLaw:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Discovered:
-    """A law that recordings follow and no effect of the library describes.
+    """A confirmed law that no effect of the library describes.
 
-    location (s / l), None for what has no place; size: parameters of the proposed effect; share of
+    location (s / l), None without a position; size: parameters of the proposed effect; share of
     the lack of fit that it explains; left_out_gain: in log probability of every training recording
     predicted from the others; tied_with: kinds that explain as much; effect_file: name of the file
-    of the proposed effect, None if nothing measured predicts the law; source: its text.
+    of the proposed effect, None if no measured quantity predicts the law; source: its text.
     """
 
     kind: str
@@ -56,7 +56,8 @@ class Discovered:
 class CauseMap:
     """Share of the lack of fit that each kind explains with its best law, by place.
 
-    share (kinds, places): NaN where a kind is not tried; of kinds without a place in all places.
+    share (kinds, places): NaN where a kind was not tried; for kinds without a position, the same
+    everywhere.
     """
 
     kinds: tuple[str, ...]
@@ -66,7 +67,7 @@ class CauseMap:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AmplitudeSeries:
-    """The amplitude of a kind in every frame of a recording, without any law, and by the law.
+    """The amplitude of a kind in every frame of a recording, estimated freely and by the law.
 
     seconds (frames,) from the start of the recording; value, std and law (frames,) in `unit`.
     """
@@ -83,11 +84,11 @@ class AmplitudeSeries:
 class Discovery:
     """The result of `discover`: laws, their evidence, and the model with the first of them.
 
-    searched: whether anything was looked for; found: empty if no law was found or confirmed,
-    and the notes then say why. evaluation: of the model with the proposed effect, None without
-    one; closed: share of the reducible error on held-out recordings that it removes. overruling:
-    the diagnosis without its name, where the law predicts recordings better than the effects that
-    were named; None if the diagnosis stands.
+    searched: whether there was a search; found: empty if no law was found or confirmed, with the
+    reason in the notes. evaluation: of the model with the proposed effect, None without one;
+    closed: share of the reducible error on held-out recordings that it removes. overruling: the
+    diagnosis without its name, if the law predicts recordings better than the named effects; None
+    if the diagnosis is kept.
     """
 
     searched: bool

@@ -25,7 +25,7 @@ from pneunet_ros.discovery.time_law import (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Suspect:
-    """A kind at its best place: the law that predicts left-out recordings best, or a swing."""
+    """A kind at its best position: the law that predicts left-out recordings best, or a swing."""
 
     cause: Cause
     law: Law | None
@@ -74,13 +74,13 @@ class Search:
         return tuple(range(len(self.fit.linearization.blocks)))
 
     def positions(self, kind: Kind) -> list[float | None]:
-        """Return the places (s / l) of a kind that are tried first."""
+        """Return the positions (s / l) of a kind to try first."""
         if kind.positions is None:
             return [None]
         return list(np.linspace(*kind.positions, GRID).tolist())
 
     def cause(self, kind: Kind, position: float | None) -> Cause | None:
-        """Return a kind at a place, made once."""
+        """Return a kind at a position (cached)."""
         key = kind.name, position
         if key not in self.causes:
             self.causes[key] = self.make_cause(kind, position)
@@ -102,7 +102,7 @@ class Search:
         return linearization.points(self.fit.point.arm, range(len(linearization.blocks)))
 
     def frame_columns(self, cause: Cause) -> FrameColumns:
-        """Return the frames of a cause, made once."""
+        """Return the frame columns of a cause (cached)."""
         key = cause.kind.name, cause.position
         if key not in self.frames:
             self.frames[key] = FrameColumns.of(
@@ -122,7 +122,7 @@ class Search:
         return None if cause is None else choose_law(cause, runs, self.settings.law)
 
     def best_law(self, kind: Kind, runs: Runs) -> Law | None:
-        """Return the law of a kind at its best place, which is refined before the law is read."""
+        """Return the law of a kind at its best position, after refining the position."""
         positions = self.positions(kind)
         laws = [(self.law(kind, position, runs), position) for position in positions]
         known = [(law, position) for law, position in laws if law is not None]
@@ -155,7 +155,8 @@ class Search:
     def wandering_suspects(self) -> list[Suspect]:
         """Return the kinds with an aperiodic course, best first.
 
-        Each at its best place. What follows a law of what is measured is described better by it.
+        Each is at its best position. A kind with a law in measured quantities is described better
+        by that law.
         """
         found = []
         for kind in KINDS.values():
@@ -173,7 +174,7 @@ class Search:
         return sorted(found, key=lambda item: -item.left_out_gain)
 
     def wandering_at(self, kind: Kind, positions: Sequence[float | None]) -> Suspect | None:
-        """Return the best position of a kind whose amplitude wanders; None if it does not."""
+        """Return the best position of a kind with an aperiodic amplitude; None without one."""
         causes = [self.cause(kind, position) for position in positions]
         found = [
             Suspect(cause=cause, law=None, swing=swing)

@@ -19,7 +19,7 @@ def law_sentence(
     terms: Sequence[TermOfLaw],
     tied: Sequence[str],
 ) -> str:
-    """Describe the kind of cause, its place, and what its amplitude depends on."""
+    """Describe the kind of cause, its position, and the law of its amplitude."""
     words = join_words([term_words(kind, item.name) for item in terms])
     sizes = ' + '.join(term_size(item) for item in terms).replace('+ -', '- ')
     return (
@@ -31,7 +31,7 @@ def law_sentence(
 def swing_sentence(
     kind: Kind, location: Estimated | None, swing: Swing, tied: Sequence[str]
 ) -> str:
-    """Describe an oscillating cause: its kind, its period, and that no measurement predicts it."""
+    """Describe an oscillating cause: its kind and period; no measurement predicts it."""
     grows = ' and grows with the pressure' if swing.modulation != CONSTANT else ''
     if not swing.periodic:
         return (
@@ -50,7 +50,7 @@ def swing_sentence(
 def drift_sentence(
     kind: Kind, location: Estimated | None, terms: Sequence[TermOfLaw], tied: Sequence[str]
 ) -> str:
-    """Describe a cause that depends on the time of a recording, which no model knows."""
+    """Describe a cause that depends on the time since the start of a recording."""
     words = join_words([term_words(kind, item.name) for item in terms])
     return (
         f'{begin(kind, location)}: the {kind.amplitude} {words}.{tied_words(tied)} The time since '
@@ -59,7 +59,7 @@ def drift_sentence(
 
 
 def begin(kind: Kind, location: Estimated | None) -> str:
-    """Return the beginning of the sentence: kind and place."""
+    """Return the beginning of the sentence: kind and position."""
     subject = kind.subject[:1].upper() + kind.subject[1:]
     if location is None:
         return subject

@@ -1,7 +1,7 @@
 """Tuning constants of a discovery.
 
-Where no source is given a number is invented; `acceptance/discovery_trials.py` was run with all of
-them together.
+Numbers without a source are invented; `acceptance/discovery_trials.py` tested all of them
+together.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class CovariateSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawSettings:
-    """The forward choice of the terms of a law."""
+    """Settings of the forward selection of terms."""
 
     most_terms: int = tuning(3, 'terms of a law')
     least_gain: float = tuning(
@@ -43,14 +43,14 @@ class LawSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlaceSettings:
-    """The search for the place of a cause."""
+    """Settings of the search for the position of a cause."""
 
     held: int = tuning(4, 'places at which a constant cause is fitted before its place is free')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawConfirmationSettings:
-    """The tests that a law must pass to be reported."""
+    """Settings of the tests that a law must pass to be reported."""
 
     level: float = tuning(
         1e-4, 'p-value of the law of one half of the recordings in the other half'

@@ -1,9 +1,9 @@
 """An amplitude that depends on time alone: periodic or aperiodic.
 
-Nothing measured predicts its phase, so a recording that is left out can be expected to swing, with
-the period of the others, but not how: sine and cosine of every recording have a common prior. What
-has no period is a Gaussian process over the time of every recording, with a common size and
-correlation time (Ornstein-Uhlenbeck: as rough as what is switched on and off).
+No measured quantity predicts the phase, so a left-out recording is expected to oscillate with the
+period of the others, but with unknown phase: sine and cosine of every recording have a common
+prior. An aperiodic amplitude is a Gaussian process over the time of every recording, with a common
+size and correlation time (Ornstein-Uhlenbeck, rough enough for switching).
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ PERIODS = 160  # tried, evenly in frequency
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Swing:
-    """An oscillation: its period (s) and error, what its amplitude depends on, and its gain.
+    """An oscillation: its period (s) and error, the modulation of its amplitude, and its gain.
 
-    periodic: else the period is the time over which it changes. size and size_std (amplitude, root
-    mean square over the runs, in units of the kind's prior) where the modulation is largest;
-    factors (frames, n): columns of all runs, as many for each, such as sine and cosine.
+    periodic: if False, the period is the time over which it changes. size and size_std: rms
+    amplitude over the runs, in units of the kind's prior, at the largest modulation; factors
+    (frames, n): columns of all runs, equally many for each, such as sine and cosine.
     """
 
     period: float
@@ -67,7 +67,7 @@ def find_swing(
 ) -> Swing | None:
     """Return the most probable swing of an amplitude in some runs; None if there is none.
 
-    prior: that of the amplitude. A law on time takes several recordings.
+    prior: of the amplitude. A law in time needs several recordings.
     """
     by_name = {item.name: item for item in covariates}
     if ELAPSED not in by_name or len(runs) < settings.fewest_runs:
@@ -139,7 +139,7 @@ def find_wandering(
 ) -> Swing | None:
     """Return an aperiodic amplitude; None if none is seen.
 
-    prior: that of the amplitude.
+    prior: of the amplitude.
     """
     if not courses or len(runs) < settings.fewest_runs:
         return None
@@ -180,7 +180,7 @@ def find_wandering(
 def wandering_roots(seconds: Sequence[Array], time: float) -> list[Array]:
     """Return a root (frames, n) of the covariance exp(-|t - t'| / time) for every run.
 
-    Runs have as many columns each: the directions of largest variance.
+    All runs have equally many columns: the directions of largest variance.
     """
     each = min(DIRECTIONS, *(item.size for item in seconds))
     roots = []
@@ -223,7 +223,7 @@ def swing_factors(seconds: Sequence[Array], sizes: Sequence[Array], period: floa
 def swing_evidence(
     everything: Evidence, seconds: Sequence[Array], sizes: Sequence[Array], periods: Array
 ) -> Evidence:
-    """Return the evidence of `swing_factors` of many periods, (periods, 2 runs) and so on."""
+    """Return the evidence for `swing_factors` at many periods, (periods, 2 runs), etc."""
     ends = np.cumsum([0, *(item.size for item in seconds)])
     own = [slice(*pair) for pair in itertools.pairwise(ends.tolist())]
     waves = []

@@ -1,1 +1,1 @@
-"""Experiment choice: the remaining causes, and the experiment that separates them."""
+"""Choice of the experiment that best separates the remaining causes."""

@@ -1,6 +1,6 @@
 """Choice of the next experiment: the largest expected divergence between rivals per second.
 
-Box and Hill (1967), with the covariance of all recordings so far.
+Method: Box and Hill (1967), with the covariance of all recordings so far.
 """
 
 from __future__ import annotations
@@ -124,7 +124,8 @@ def informations(
 ) -> tuple[Array, list[Array]] | None:
     """Return the information (n, n) of the effects, with all nuisance parameters fitted jointly.
 
-    In the training runs, and in them with each experiment. None if the arm has no shape.
+    They are for the training runs alone, and together with each experiment. None if the arm has no
+    shape.
     """
     at_fit = linearize_all_runs(linearization, refit, settings.refit)
     if at_fit is None or not candidates:
@@ -168,12 +169,12 @@ def pair_divergences(
 ) -> dict[tuple[str, str], float]:
     """Return the expected divergence of every two rivals, in log probability.
 
-    The sizes of effects are not known: integrated over them, chi squared c that is expected of an
-    effect diverges by log(1 + c) / 2 from the model without it (Lindley, 1956). Of two effects
-    either may be the true one.
+    The sizes of effects are unknown: integrated over them, an effect with expected chi squared c
+    diverges by log(1 + c) / 2 from the model without it (Lindley, 1956). Of two effects, either
+    may be the true one.
 
-    squares (n,): expected square of each size; gained (n, n + 1): chi squared per square of size
-    that an experiment adds, as in `separations`.
+    squares (n,): expected square of each size; gained (n, n + 1): chi squared per squared size
+    added by an experiment, as in `separations`.
     """
     worth = 0.5 * np.log1p(squares[:, None] * gained)
     divergence = {(name, NOTHING): float(worth[place, -1]) for place, name in enumerate(names)}

@@ -1,4 +1,4 @@
-"""The experiments that may be chosen: 20 to 40 s each, in shares of the safe set."""
+"""The available experiments: 20 to 40 s each, in shares of the safe set."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LEVELS = ((0.15, 0.85), (0.4, 1.0), (0.0, 0.6))  # shares of the range at which 
 
 
 def experiments() -> Iterator[Experiment]:
-    """Yield recordings of 20 to 40 s that could be made, in shares of the safe set."""
+    """Yield possible recordings of 20 to 40 s, in shares of the safe set."""
     yield Experiment(
         words='without a load, steps of pressure up and down with holds of 6 s',
         corners=(

@@ -27,9 +27,9 @@ Record = Callable[[Experiment, SafeSet, int], RecordingData]
 class Round:
     """One recording, and the state of knowledge after it.
 
-    choice: what was recorded and why; rivals: what is still possible, probability by name;
-    predicted: rms (m) at which the model of the round before predicts this recording, of which it
-    knew nothing; None in the first round.
+    choice: the recorded experiment and its reason; rivals: probabilities of the remaining effects
+    by name; predicted: rms (m) of the prediction of this recording by the model of the previous
+    round; None in the first round.
     """
 
     choice: Choice
@@ -55,7 +55,7 @@ class Round:
         )
 
     def overruled(self, diagnosis: Diagnosis) -> Round:
-        """Return the round without the name that it gave."""
+        """Return the round with its name withdrawn."""
         revised = self.investigation.overruled(diagnosis)
         return replace(self, investigation=revised, rivals=rival_probabilities(revised))
 
@@ -72,19 +72,15 @@ def explore(
 ) -> Iterator[Round]:
     """Record, diagnose and choose, until an effect is named or the budget is used up.
 
-    Args:
-        model: the arm, with the effects that are known already.
-        record: makes a recording: an experiment, what is safe, and the number of the recording
-            from 0 on. Its stamps must come after those of the recordings before.
-        safe: what may be done to the arm.
-        seed: of the simulated clean data behind the thresholds of the diagnosis.
-        in_order: take the experiments one after the other, without a choice, to compare with.
-        on_progress: called with what is done, how far, and of how much (0 = unknown).
-        settings: the numbers by which it decides.
+    Args: model: the arm, with the effects that are already known. record: makes a recording, given
+    an experiment, the safe set and the number of the recording, starting at 0. Its stamps must
+    come after those of earlier recordings. safe: limits for the arm. seed: of the simulated clean
+    data behind the thresholds of the diagnosis. in_order: use the experiments in order instead of
+    choosing, for comparison. on_progress: called with the task, its progress, and its total (0 =
+    unknown). settings: thresholds and priors.
 
-    Yields:
-        Every round, the last one with the answer. It ends at a name that stayed when a recording
-        came that had no part in it, or when the budget is used up.
+    Yields: Every round, the last one with the answer. It ends when a new recording confirms a
+    name, or when the budget is used up.
 
     """
     runs: list[RecordingData] = []
@@ -136,7 +132,7 @@ def is_clear(rounds: Sequence[Round], settings: ExplorationSettings = EXPLORATIO
 def diagnosis_settings(count: int) -> DiagnosisSettings:
     """Return the settings of a diagnosis of this many recordings.
 
-    Of the first one alone nothing tests a name; it is asked for all the same, as the next one
-    will.
+    With only the first recording, a name cannot be tested; it is allowed nevertheless, because the
+    next recording will test it.
     """
     return replace(DEFAULTS, confirmation=replace(DEFAULTS.confirmation, tested=count > 1))

@@ -18,7 +18,7 @@ NOTHING = 'nothing'  # the rival that nothing is missing, beside what is named
 
 
 def named_effects(investigation: Investigation) -> frozenset[str]:
-    """Return the names of the effects that are named; none where the answer is another one."""
+    """Return the named effects; none if the answer is another one."""
     diagnosis = investigation.diagnosis
     if not isinstance(diagnosis, Diagnosis) or diagnosis.answer != 'named':
         return frozenset()
@@ -26,9 +26,9 @@ def named_effects(investigation: Investigation) -> frozenset[str]:
 
 
 def trial_in_question(investigation: Investigation) -> Trial | None:
-    """Return the trial that rivals extend: the named one, else the base; None if there is no fit.
+    """Return the trial that rivals extend: the named one, or the base; None without a fit.
 
-    Where effects cannot be distinguished each is a rival of the other, on top of the base.
+    Effects that cannot be distinguished are rivals of each other, on top of the base.
     """
     return investigation.trial if investigation.diagnosis.answer == 'named' else investigation.base
 
@@ -36,8 +36,7 @@ def trial_in_question(investigation: Investigation) -> Trial | None:
 def rival_candidates(selection: Selection, trial: Trial) -> list[Candidate]:
     """Return the effects that may be missing in addition to those of a trial.
 
-    Effects that are unobservable so far are tried at the middle of their range, with no
-    information.
+    Effects unobservable so far are tried at the middle of their range, without information.
     """
     scored = selection.score_candidates(trial)
     known = {*trial.names, *(item.name for item in scored)}
@@ -63,9 +62,9 @@ def rival_candidates(selection: Selection, trial: Trial) -> list[Candidate]:
 def rival_probabilities(investigation: Investigation) -> dict[str, float]:
     """Return the probability of each effect, and of none, to be missing.
 
-    Each on top of what is named, alone where nothing is. Of an effect that was fitted by its
-    evidence; else by its score, as if points were linear in it. An effect that no recording could
-    have shown so far is as probable as none.
+    Each is on top of the named effects, or alone without any. A fitted effect is weighted by its
+    evidence, others by their score, as if points were linear in them. An effect that no recording
+    could have shown so far is as probable as none.
     """
     selection, trial = investigation.selection, trial_in_question(investigation)
     if selection is None or trial is None:
@@ -93,7 +92,7 @@ def size_moments(item: Candidate) -> tuple[float, float]:
 
 
 def linear_evidence(item: Candidate) -> float:
-    """Return the log probability that an effect gains, over a prior of its size."""
+    """Return the gain in log probability by an effect, for a prior of its size."""
     coordinate = item.hypothesis.coordinates[item.which]
     prior = (coordinate.std / abs(float(item.tried[item.which]))) ** 2
     mean, variance = size_moments(item)

@@ -1,4 +1,4 @@
-"""Limits for an arm while it is explored."""
+"""Limits for an arm during exploration."""
 
 from __future__ import annotations
 

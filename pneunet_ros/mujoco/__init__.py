@@ -1,4 +1,4 @@
-"""A finger as a MuJoCo model: a chain of hinges with springs that follow the pressure."""
+"""A finger as a MuJoCo model: a chain of hinges with pressure-dependent springs."""
 
 from pneunet_ros.mujoco.finger import Finger
 

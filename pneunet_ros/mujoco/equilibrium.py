@@ -17,10 +17,10 @@ LONGEST_STEP = 0.03  # rad of a hinge: a finger of 56 links turns by 1.7 rad at 
 
 
 def come_to_rest(model: Any, data: Any, apply_loads: Callable[[], None]) -> None:
-    """Move all joints, by Newton, to where MuJoCo's forces balance; velocities are 0 then.
+    """Move all joints to equilibrium of the MuJoCo forces by Newton's method, at rest.
 
     apply_loads: sets `data.qfrc_applied` and `data.xfrc_applied` at the positions in `data`.
-    Contacts count for nothing. Raises RequestError if no equilibrium is found.
+    Contacts are ignored. Raises RequestError if no equilibrium is found.
     """
     mujoco = load_mujoco()
 
@@ -52,10 +52,10 @@ def come_to_rest(model: Any, data: Any, apply_loads: Callable[[], None]) -> None
 
 
 def towards_rest(slope: Array, force: Array) -> Array:
-    """Return the step (joints,) rad of Newton, or one downhill where the energy is not convex.
+    """Return the Newton step (joints,) rad, or a downhill step if the energy is not convex.
 
-    slope (joints, joints): of the unbalanced force (joints,). Downhill is Newton with the sizes of
-    the eigenvalues (saddle-free Newton, Dauphin et al. 2014).
+    slope (joints, joints): of the unbalanced force (joints,). The downhill step uses the absolute
+    eigenvalues (saddle-free Newton, Dauphin et al. 2014).
     """
     values, vectors = np.linalg.eigh(-0.5 * (slope + slope.T))
     if values[0] > 0.0:

@@ -1,4 +1,4 @@
-"""A finger in a running MuJoCo simulation, moved by its pressure."""
+"""A finger in a running MuJoCo simulation, driven by its pressure."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from pneunet_ros.mujoco.library import load_mujoco
 
 
 class Finger:
-    """One finger of a MuJoCo model that `pneunet mjcf` wrote.
+    """One finger of a MuJoCo model written by `pneunet mjcf`.
 
-    model, data: `mujoco.MjModel` and `mujoco.MjData`, alone or with other bodies around it.
-    prefix: of its names, where `MjSpec.attach` has put several fingers into one model.
+    model, data: `mujoco.MjModel` and `mujoco.MjData`, possibly with other bodies. prefix: of its
+    names, if `MjSpec.attach` has added several fingers to one model.
 
     >>> finger = Finger(model, data)
     >>> finger.set_pressure(31e3)
     >>> mujoco.mj_step(model, data)
 
-    Raises RequestError if the model holds no such finger, or MuJoCo is not installed.
+    Raises RequestError if the model has no such finger, or if MuJoCo is not installed.
     """
 
     def __init__(self, model: Any, data: Any, prefix: str = '') -> None:
@@ -62,7 +62,7 @@ class Finger:
 
     @property
     def pressure_range(self) -> tuple[float, float]:
-        """Pressures (Pa, gauge) for which the finger is described."""
+        """Range of pressure (Pa, gauge) for which the finger is defined."""
         return float(self._pressure[0]), float(self._pressure[-1])
 
     @property
@@ -105,9 +105,9 @@ class Finger:
         self.model.dof_damping[self._dof] = self._damping_beyond_integrator() * tangent
 
     def _damping_beyond_integrator(self) -> float:
-        """Return the damping time (s) that is left for the hinges.
+        """Return the remaining damping time (s) for the hinges.
 
-        The integrator `discrete` steps with M + h D + h^2 K: it damps as a damping time h does.
+        The integrator `discrete` steps with M + h D + h^2 K, which damps like a damping time of h.
         """
         option = self.model.opt
         if option.integrator != self.mujoco.mjtIntegrator.mjINT_DISCRETE:

@@ -1,9 +1,9 @@
 """A finger as a chain of hinges, and its MJCF.
 
-Hinge i stands for a part of the finger and sits in its middle, so the first one is half a link
-from the clamp; links are straight and carry the mass. The angle of a hinge under a bending moment
-M is rest + M / stiffness. Statics are second order in the length of a link: 56 links of a 112 mm
-finger are within 0.02 mm of the rod.
+Each hinge represents a part of the finger and is in the middle of it, so the first one is half a
+link from the clamp; links are straight and have the mass. The angle of a hinge under a bending
+moment M is rest + M / stiffness. Statics are second-order accurate in the length of a link: with
+56 links, a 112 mm finger is within 0.02 mm of the rod.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ TABLES = 'pressure', 'stiffness', 'rest', 'cubic', 'damping_time'
 class HingeChain:
     """Description of a finger for MuJoCo, SI, in the base frame.
 
-    hinge (hinges,) m: where the hinges are, the first one at 0 if the clamp gives; stiffness
-    (rows, hinges) N m/rad and rest (rows, hinges) rad at every pressure (rows,) Pa, linear
-    between; cubic (hinges,) 1/rad^2: the moment of a hinge is k d (1 + cubic d^2). target
+    hinge (hinges,) m: positions of the hinges, the first one at 0 if the clamp is compliant;
+    stiffness (rows, hinges) N m/rad and rest (rows, hinges) rad at every pressure (rows,) Pa,
+    linear between; cubic (hinges,) 1/rad^2: the moment of a hinge is k d (1 + cubic d^2). target
     (targets,) m along the finger. gravity (2,) m/s^2 in the plane of bending.
     """
 
@@ -81,7 +81,7 @@ class HingeChain:
 
     @property
     def reach(self) -> float:
-        """From the clamp to the tip (m)."""
+        """Length from the clamp to the tip (m)."""
         return self.length + self.tip_cap
 
     @property
@@ -91,7 +91,7 @@ class HingeChain:
 
     @property
     def ends(self) -> Array:
-        """Where the fixed part at the clamp and every link end (hinges + 1,) m."""
+        """End positions of the fixed part at the clamp and of every link, (hinges + 1,) m."""
         return freeze(np.concatenate([self.hinge, [self.length]]))
 
 
@@ -106,7 +106,7 @@ def mjcf_tree(chain: HingeChain) -> ElementTree.Element:
     """Return the MJCF of a finger: clamp at the origin, straight along x, bending about z.
 
     Bodies `base` and `link_1` ... with hinges `bend_0` ... between them, a site `tip` and sites
-    `target_0` ...; the tables over pressure are in `custom`, where `Finger` finds them.
+    `target_0` ...; the tables over pressure are in `custom`, for `Finger`.
     """
     root = ElementTree.Element('mujoco', model=chain.name)
     ElementTree.SubElement(root, 'compiler', angle='radian')
@@ -177,7 +177,7 @@ def add_link(body: ElementTree.Element, chain: HingeChain, start: float, end: fl
 
 
 def add_capsule(body: ElementTree.Element, chain: HingeChain, start: float, end: float) -> None:
-    """Add what other bodies can touch; capsules of fingers do not touch each other."""
+    """Add a collision capsule; capsules of fingers do not touch each other."""
     ElementTree.SubElement(
         body,
         'geom',
@@ -192,7 +192,7 @@ def add_capsule(body: ElementTree.Element, chain: HingeChain, start: float, end:
 
 
 def add_tip(body: ElementTree.Element, chain: HingeChain) -> None:
-    """Add the rigid cap, the mass at the free end, and the site there."""
+    """Add the rigid cap, the tip mass, and the tip site."""
     soft_end = chain.length - float(chain.hinge[-1])
     tip = numbers([soft_end + chain.tip_cap, 0.0, 0.0])
     if chain.tip_cap > 0.0:
@@ -208,5 +208,5 @@ def add_tip(body: ElementTree.Element, chain: HingeChain) -> None:
 
 
 def numbers(values: list[float] | Array) -> str:
-    """Write numbers as MJCF takes them, to 12 digits."""
+    """Write numbers for MJCF, with 12 digits."""
     return ' '.join(f'{float(value):.12g}' for value in values)

@@ -1,8 +1,8 @@
-"""Newton's method of `collocation` in plain numpy: one dense matrix, solved with pivoting.
+"""Newton's method of `collocation` in numpy, with one dense matrix and pivoting.
 
-It is the solver where there is no numba, and is meant for a start before the kernels are compiled,
-which still waits for them today. The other kernels then run as plain Python, fast enough for rods
-of a few panels. It shares no arithmetic with the compiled one, and so is also its cross-check.
+This is the solver without numba, or until the kernels are compiled. The other kernels then run as
+plain Python, which is fast enough for rods with a few panels. It shares no arithmetic with the
+compiled solver, so it also serves as a cross-check.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def curvature_change(moment: Array, panels: Array) -> tuple[Array, Array]:
 
 
 def equations(panels: Array, ends: Array, nodes: Array) -> tuple[Array, Array]:
-    """Residual of all equations and its matrix of derivatives, ordered like the nodes.
+    """Return the residual of all equations and its Jacobian, ordered like the nodes.
 
     Rows: clamp; per panel the four Gauss points, theta and moment at its end; free end.
     """

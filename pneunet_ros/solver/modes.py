@@ -1,4 +1,4 @@
-"""Modes of a solved rod with its mass: shapes, frequencies and damping of small vibrations."""
+"""Modes of a solved rod with mass: shapes, frequencies and damping of small vibrations."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class Modes:
     """The slowest vibrations of a rod about an equilibrium, the slowest first.
 
     frequency (modes,) rad/s, of the rod without damping; damping (modes,) 1/s, the rate c of q'' +
-    c q' + frequency^2 q = 0; shape (modes, links) rad: turns of the links, of unit modal mass (kg
-    m^2); moment (modes, links) N m: with which the joints bend so.
+    c q' + frequency^2 q = 0; shape (modes, links) rad: rotations of the links, with unit modal
+    mass (kg m^2); moment (modes, links) N m: joint moments that produce this shape.
     """
 
     frequency: Array
@@ -43,7 +43,7 @@ class Modes:
 def modes_of(links: Links, masses: Masses, damping_time: float, count: int) -> Modes | None:
     """Return the slowest modes of a chain of links; None if its equilibrium is not stable.
 
-    damping_time: s, of Kelvin and Voigt. The stiffness is the second variation of the energy.
+    damping_time: s, Kelvin-Voigt. The stiffness is the second variation of the energy.
     """
     from scipy.linalg import eigh, LinAlgError  # slow to import, and few arms are asked to move
 

@@ -9,7 +9,7 @@ from pneunet_ros.core.arrays import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SolverNodes:
-    """The converged unknowns of the rod equations, from which a neighboring solve starts.
+    """The converged unknowns of the rod equations, a start for neighboring solves.
 
     `panels`, `ends` and `nodes` are tables of `solver.columns`; `counts` are the panels
     of each section of the moment law.
@@ -21,9 +21,9 @@ class SolverNodes:
     counts: tuple[int, ...]
 
     def for_kernels(self) -> tuple[Array, Array, Array]:
-        """Return copies of panels, ends and nodes, as a kernel is compiled for that may write.
+        """Return writable copies of panels, ends and nodes for kernels.
 
-        Tables within other kernels may be written, and a kernel is compiled again for tables that
-        may not.
+        Tables within other kernels are writable, and a kernel would be recompiled for read-only
+        tables.
         """
         return self.panels.copy(), self.ends.copy(), self.nodes.copy()

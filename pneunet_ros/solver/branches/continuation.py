@@ -1,4 +1,4 @@
-"""Load continuation: from the unloaded rod to the loaded one in adaptive steps of the load."""
+"""Load continuation: from the unloaded to the loaded rod in adaptive load steps."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ Newton = Callable[[Array, Array, Array, int, float], tuple[float, int]]
 def continue_in_load(
     newton: Newton, panels: Array, ends: Array, nodes: Array, settings: SolverSettings
 ) -> tuple[float, int]:
-    """Follow the equilibrium as the load grows from nothing; the nodes are changed in place.
+    """Follow the equilibrium as the load grows from zero, updating the nodes in place.
 
-    Returns the residual (rad) and the number of Newton steps; the whole load was reached only
-    where the residual is at most ACCEPTED.
+    Returns the residual (rad) and the number of Newton steps; the full load was reached only if
+    the residual is at most ACCEPTED.
     """
     unloaded_nodes(panels, ends, nodes)
     panels_now, ends_now = panels.copy(), ends.copy()
