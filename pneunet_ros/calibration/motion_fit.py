@@ -98,7 +98,7 @@ class SwingingRun:
         )
 
     def centered(self, values: Array) -> Array:
-        """Return values (frames, 2, targets, ...) less the mean of each coordinate, NaN unseen.
+        """Subtract its mean from each coordinate of (frames, 2, targets, ...); NaN if unseen.
 
         The position of the camera is not motion. At the release, the state of the arm is not known
         yet.
@@ -372,7 +372,7 @@ class MotionProblem:
     def steps_towards(
         self, arms: Sequence[Arm], runs: Sequence[RecordingData], numbers: Array
     ) -> list[Array]:
-        """Return the column (rows,) of one sigma towards each of these arms, at these numbers."""
+        """Return a column (rows,) of one sigma towards each of these arms, at these parameters."""
         here = self.follow(numbers)[0]
         left, columns = self.white(self.residuals(here)), []
         for arm in arms:

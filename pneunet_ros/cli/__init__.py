@@ -1,1 +1,1 @@
-"""The command `pneunet`, one file a verb."""
+"""The command `pneunet`, with one file per verb."""

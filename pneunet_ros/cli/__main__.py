@@ -1,6 +1,6 @@
 """Start the command: `python -m pneunet_ros.cli`, and `pneunet`.
 
-Slow imports are made inside `main`, so that Ctrl-C is handled during them too.
+Slow imports are done inside `main`, so that Ctrl-C is handled during them, too.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def main() -> int:
 
 
 def written_sentence() -> str:
-    """Name the complete outputs; no others exist."""
+    """Name the finished outputs; there are no others."""
     from pneunet_ros.files.atomic import outputs_written
 
     written = outputs_written()

@@ -29,7 +29,7 @@ from rich.text import Text
 
 
 def numbers_of(calibration: Calibration, files: Files) -> dict[str, Any]:
-    """Return the summary for programs; files: for the command that comes next."""
+    """Return the summary for programs; files: those for the next command."""
     joint = calibration.joint
     return {
         'status': joint.status,
@@ -76,7 +76,7 @@ def numbers_of(calibration: Calibration, files: Files) -> dict[str, Any]:
 
 
 def left_out_numbers(left_out: LeftOutLevels | None) -> dict[str, Any] | None:
-    """Return the results of left-out pressures without the columns; None: none was left out."""
+    """Return the results of left-out pressures without the columns; None if none was left out."""
     if left_out is None:
         return None
     return {
@@ -101,7 +101,7 @@ def variation_numbers(variation: StiffnessVariation | None) -> dict[str, Any] | 
 def show(
     calibration: Calibration, summary: dict[str, Any], sentences: Sequence[str], console: Console
 ) -> None:
-    """Print the summary for people, the verdict first; sentences: on the recordings."""
+    """Print the summary for people, starting with the verdict; sentences: on the recordings."""
     verdict = summary['verdict']
     console.print(Text(verdict['fit'], style='bold'))
     console.print(Text(verdict['certainty']))
@@ -153,7 +153,7 @@ def show(
 
 
 def law_table(calibration: Calibration, law: tuple[Row, ...]) -> Table:
-    """Return the constants of the moment law, by pressure if it has rows, else by name."""
+    """Return the constants of the moment law: by pressure if it has rows, else by name."""
     fitted = calibration.arm.moment_law
     texts = {row.name: f'{row.value:.4g} ± {row.std:.1g}' for row in law}
     table = Table(title=f'Moment law, {fitted.kind}')
@@ -179,7 +179,7 @@ def law_table(calibration: Calibration, law: tuple[Row, ...]) -> Table:
 
 
 def curvature_table(calibration: Calibration, rows: tuple[Row, ...]) -> Table:
-    """Return kappa_p0 at every pressure in the middle and its largest standard error."""
+    """Return kappa_p0 at mid-arm for every pressure, and its largest standard error."""
     fitted = tables.curvature_table(calibration, rows)
     table = Table(title='Intrinsic curvature kappa_p0 (1/m)')
     for column in ('pressure (kPa)', 'clamp', 'middle', 'tip', 'standard error, middle and worst'):

@@ -84,7 +84,7 @@ def show_unsettled(
 
 
 def rich_table(table: Table, title: str) -> rich.table.Table:
-    """Return a table for the terminal, which is too narrow for meanings."""
+    """Return a table for the terminal, without meanings, for which it is too narrow."""
     out = rich.table.Table(title=title, box=rich.box.SIMPLE_HEAD)
     shown = [place for place, name in enumerate(table.columns) if name != 'meaning']
     for place in shown:

@@ -1,4 +1,4 @@
-"""Options and reading of recordings that `calibrate` and `diagnose` share."""
+"""Options and reading of recordings, shared by `calibrate` and `diagnose`."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ CONSTANT = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiments:
-    """Recordings in their groups, with the notes on them.
+    """Groups of recordings, with notes on them.
 
-    left_out: sentences on what could not be used, or how it was taken; unloaded: which recordings
+    left_out: sentences on readings that were left out or reinterpreted; unloaded: which recordings
     are without a load, and by which rule.
     """
 
@@ -62,12 +62,12 @@ class Experiments:
 
     @property
     def summary(self) -> dict[str, object]:
-        """The same for programs."""
+        """The notes for programs."""
         return {'left_out': self.left_out, 'unloaded': self.unloaded, 'static': self.static}
 
 
 def add_experiments(parser: ArgumentParser) -> None:
-    """Add the options that describe recordings and their readings."""
+    """Add the options that describe the recordings and their readings."""
     parser.add_argument(
         '--static',
         action='store_true',
@@ -98,7 +98,7 @@ def add_experiments(parser: ArgumentParser) -> None:
 
 
 def calibration_settings(arguments: Namespace) -> CalibrationSettings:
-    """Return the settings of a calibration, as the options ask."""
+    """Return the settings of a calibration according to the options."""
     settings = settings_of(arguments)
     return judging(settings.pressure if settings.judge_readings else None)
 
@@ -106,10 +106,10 @@ def calibration_settings(arguments: Namespace) -> CalibrationSettings:
 def read_experiments(
     groups: Sequence[Sequence[Path]], frame: Arm, arguments: Namespace, bar: Progress
 ) -> Experiments:
-    """Read groups of recordings and decide which of them are without a load.
+    """Read groups of recordings and decide which of them are unloaded.
 
-    Those given by `--unloaded`; without that option, recordings without `end_wrench`, and those in
-    which every wrench is within the noise of the sensor.
+    These are those given by `--unloaded`; without that option, recordings without `end_wrench` and
+    those in which every wrench is within the noise of the sensor.
     """
     from pneunet_ros.calibration.checks.preconditions import check_unloaded
     from pneunet_ros.measurement.string_load import with_string
@@ -203,7 +203,7 @@ def reason_unloaded(run: RecordingData, noise: SensorNoise) -> str:
 
 
 def with_known_load(run: RecordingData, load: tuple[float, float]) -> RecordingData:
-    """Return a run under its known load; RequestError if a sensor has read another."""
+    """Return a run with its known load; RequestError if a sensor measured another."""
     if run.loaded:
         raise RequestError(
             f'--end-load or --string {run.name}: the recording contains end_wrench readings, and '
@@ -230,7 +230,7 @@ def end_loads(
 
 
 def strings(given: Sequence[Sequence[str]], paths: Sequence[Path]) -> Mapping[Path, String]:
-    """Return the string by recording; RequestError if one is none of a recording."""
+    """Return the string by recording; RequestError if one belongs to no recording."""
     found: dict[Path, String] = {}
     for name, *numbers in given:
         place = resolved(name)
@@ -245,7 +245,7 @@ def strings(given: Sequence[Sequence[str]], paths: Sequence[Path]) -> Mapping[Pa
 
 
 def check_given(places: set[Path], paths: Sequence[Path], option: str) -> None:
-    """Refuse a recording that an option names and that is not among those to read."""
+    """Reject an option that names a recording other than those to be read."""
     for place in sorted(places - {resolved(path) for path in paths}):
         raise RequestError(
             f'{option} {place.name}: this recording is not among the inputs; add it to them',

@@ -1,4 +1,4 @@
-"""Tables on terminals of any width: no number and no name is cut."""
+"""Tables for terminals of any width, in which no number or name is truncated."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ FRAME, EDGE = 3, 1  # letters beside the text: of each column, and of the table
 def print_table(console: Console, table: Table, empty: str = 'none') -> None:
     """Print a table; if it is too wide, wrap its text, then split it by columns.
 
-    Texts break between words, and a word that no width holds after a slash, where it has one. Each
-    part of a table begins with its first column. empty: text for a table without rows.
+    Texts break between words, and words that are too long after a slash, if they have one. Each
+    part of a table starts with its first column. empty: text for a table without rows.
     """
     if not table.row_count:
         console.print(f'{table.title}: {empty}' if table.title else empty)
@@ -40,14 +40,14 @@ def print_table(console: Console, table: Table, empty: str = 'none') -> None:
 
 
 def broken_at_slashes(text: object, width: int) -> str:
-    """Break words longer than `width` after a slash, as in topic and file names."""
+    """Break words longer than `width` after a slash, e.g. topic and file names."""
     return re.sub(rf'(?=\S{{{width + 1}}})\S{{,{width - 1}}}/', r'\g<0>\n', str(text))
 
 
 def need(console: Console, column: Column) -> Measurement:
     """Return the widths of a column with and without wrapping.
 
-    Numbers, which stand at the right, do not break from their errors.
+    Numbers, which are right-aligned, are not separated from their errors.
     """
     options = console.options.update(width=ANY_WIDTH)
     header, *cells = (
@@ -65,7 +65,7 @@ def width_of(widths: Sequence[int]) -> int:
 
 
 def parts(needs: Sequence[Measurement], room: int, *, together: bool) -> Iterator[list[int]]:
-    """Split columns, by index, so that no word must break, or keep all together."""
+    """Split columns, by index, so that no word breaks, or keep all together."""
     shown = [0]
     for place in range(1, len(needs)):
         wider = [needs[other].minimum for other in (*shown, place)]
@@ -77,9 +77,9 @@ def parts(needs: Sequence[Measurement], room: int, *, together: bool) -> Iterato
 
 
 def shared(room: int, needs: Sequence[Measurement]) -> list[int]:
-    """Return widths that fill the room: words first, then as even as texts ask for.
+    """Return widths that fill the terminal: first for words, then evenly for texts.
 
-    Where even words are too wide, the widest columns give way, and fold them.
+    If even words do not fit, the widest columns are narrowed, and their words folded.
     """
     widths = [item.minimum for item in needs]
     left = room - width_of(widths)

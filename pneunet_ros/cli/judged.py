@@ -1,4 +1,4 @@
-"""Output of verbs whose readings contradict the declared unit, sign or frame."""
+"""Output of verbs when readings contradict the declared unit, sign or frame."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pneunet_ros.offline.judge import Verdicts
 
 
 def refuse_readings(arguments: Namespace, path: Path, verdicts: Verdicts) -> int:
-    """Print the likely meaning of the readings and the command to use; return the exit code.
+    """Print the likely meaning of the readings and the command to type; return the exit code.
 
-    Nothing is estimated and nothing is written then.
+    In that case, nothing is estimated or written.
     """
     sentence = f'{path}: {verdicts.strangeness}'
     if verdicts.doubted:

@@ -1,4 +1,4 @@
-"""The command `pneunet`: turns errors into a sentence and an exit code."""
+"""The command `pneunet`: converts errors to a sentence and an exit code."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from pneunet_ros.core.printable import printable
 
 
 class WrongUsageError(SystemExit):
-    """Invalid command line; the message is on stderr, and in `sentence` for programs."""
+    """Invalid command line; the message is printed to stderr, and `sentence` is for programs."""
 
     def __init__(self, sentence: str) -> None:
-        """Exit with the code of a wrong request."""
+        """Use the exit code of an invalid request."""
         super().__init__(WRONG)
         self.sentence = sentence
 
@@ -62,7 +62,7 @@ class CommandParser(ArgumentParser):
         self.refuse(f'{self._about_stray(stray)}, and {about}' if stray else about)
 
     def refuse(self, sentence: str, *, example: bool = True) -> NoReturn:
-        """Print a usage error, with an example command if it helps, and exit."""
+        """Print a usage error, with an example command if helpful, and exit."""
         line = printable(shortened(sentence))
         if example:
             line += f'; a complete command: {self._example} (see {self.prog} --help)'
@@ -89,7 +89,7 @@ class CommandParser(ArgumentParser):
 
 
 def likely(word: str, known: Sequence[str]) -> str:
-    """Return the closest known word as a question."""
+    """Return a question with the closest known word."""
     near = get_close_matches(word, known, 1, 0.75)
     return f' ({near[0]}?)' if near else ''
 
@@ -104,11 +104,11 @@ class CommandHelp(RawDescriptionHelpFormatter):
 
 
 class Verb(NamedTuple):
-    """A verb: its name, one line of help, and its module, which is imported when it is called.
+    """A verb: its name, its line of help, and its module, which is imported when it is used.
 
     The module has `options(parser)`, which adds the options, and `run(arguments)`, which runs the
     verb and returns the exit code. example: a complete command. kernels: 'meanwhile' if the verb
-    runs while they are compiled, 'first' if it waits for them, because it uses them heavily.
+    runs while kernels are compiled, 'first' if it waits for them because it uses them heavily.
     """
 
     name: str
@@ -258,9 +258,9 @@ NEGATIVE_WITH_UNIT = re.compile(rf'({NEGATIVE_NUMBER.pattern})([A-Za-z_]+)')
 
 
 def parser(words: Sequence[str], *, ends: bool = False) -> CommandParser:
-    """Build the command line of all verbs, with the options of the requested one.
+    """Build the parser of all verbs, with the options of the requested one.
 
-    ends: whether the process ends with the requested help.
+    ends: whether requested help ends the process.
     """
     command = CommandParser(
         prog='pneunet',
@@ -308,7 +308,7 @@ def verbs_in_groups() -> str:
 
 
 def negative_number(argument: str) -> str:
-    """Return a negative number so that argparse does not take it for an option: '-3 mm'."""
+    """Return a negative number so that argparse does not mistake it for an option: '-3 mm'."""
     if NEGATIVE_NUMBER.fullmatch(argument):
         return f'{Decimal(argument):f}'
     if match := NEGATIVE_WITH_UNIT.fullmatch(argument):
@@ -361,7 +361,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def see_to_kernels(given: Namespace) -> None:
-    """Compile missing kernels, before or while the verb works."""
+    """Compile missing kernels, before the verb runs or meanwhile."""
     if given.kernels == 'none' or not jit.is_waiting():
         return
     if given.kernels == 'meanwhile':
@@ -383,7 +383,7 @@ def say(given: Namespace, sentence: str) -> None:
 
 
 def complain(given: Namespace, sentence: str, reason: str) -> int:
-    """Print an error in one line on stderr, with --json also as JSON; return the exit code."""
+    """Print an error as one line on stderr, and with --json as JSON; return the exit code."""
     line = ' '.join(printable(shortened(sentence)).split())
     print(f'pneunet {given.verb}: {line}', file=sys.stderr)
     if given.json:

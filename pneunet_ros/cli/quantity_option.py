@@ -1,4 +1,4 @@
-"""Options that are physical quantities: a number in SI, or with its unit, as in 31kPa."""
+"""Options for physical quantities: a number in SI, or with its unit, e.g. 31kPa."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def _joined(unit: str) -> str:
 
 
 def seed(text: str) -> int:
-    """Return a seed, a whole number from 0 on."""
+    """Return a seed, an integer that is not negative."""
     if not text.isdecimal() or int(text) >= 2**63:
         raise ArgumentTypeError(f'{text!r} is not a whole number (0 or more)')
     return int(text)

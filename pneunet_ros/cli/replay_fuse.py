@@ -41,7 +41,7 @@ from rich.table import Table
 
 
 def run_fusion(arguments: Namespace) -> int:
-    """Fuse and summarize."""
+    """Fuse the recording and summarize."""
     arm = model_of(arguments)
     settings = replace(FUSION, free_tip=arguments.free_tip)
     fusion = Fusion(arm=arm, sensors=settings_of(arguments), settings=settings)

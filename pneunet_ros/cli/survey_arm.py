@@ -1,6 +1,6 @@
-"""One arm of a survey: check its recordings, calibrate, diagnose; all as files, in memory.
+"""Process one arm of a survey: check its recordings, calibrate, diagnose; results in memory.
 
-It may run in another process or on another machine, so nothing is written here that is to stay.
+This may run in another process or on another machine, so only temporary files are written.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ Runs = Sequence[RecordingData]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurveyRequest:
-    """Options that apply to every arm: `--static`, `--topic`, the sensor settings, and the seed.
+    """Options for all arms: `--static`, `--topic`, the sensor settings, and the seed.
 
-    effects_path: of the effects of a user, which every worker reads; '' for none.
+    effects_path: folder of user effects, read by every worker; '' for none.
     """
 
     static: bool
@@ -51,7 +51,7 @@ class SurveyRequest:
     effects_path: str = ''
 
     def arguments(self, unloaded: Sequence[Path]) -> Namespace:
-        """Return the work as arguments of `calibrate` and `diagnose`."""
+        """Return the arguments for `calibrate` and `diagnose`."""
         return Namespace(
             static=self.static,
             topic=self.topic,
@@ -65,14 +65,14 @@ class SurveyRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurveyWork:
-    """The work on one arm, picklable so that another process can run it."""
+    """The work on one arm, picklable for running in another process."""
 
     request: SurveyRequest
 
     def __call__(self, arm: FleetArm) -> Files:
         """Return the output files of `calibrate` and `diagnose` for an arm, and a summary.
 
-        Raises PneunetError where a recording, the calibration or the diagnosis fails.
+        Raises PneunetError if a recording, the calibration or the diagnosis fails.
         """
         if self.request.effects_path:
             add_effects(self.request.effects_path)
@@ -129,7 +129,7 @@ class SurveyWork:
     def calibrate_and_diagnose(
         self, arm: FleetArm, frame: Arm, groups: tuple[Runs, ...], folder: Path, given: Given
     ) -> dict[str, Any]:
-        """Write the files of both into a new folder; return the summary for the survey."""
+        """Write the files of both to a new folder; return the summary for the survey."""
         unloaded, loaded, held_out = groups
         calibration = calibrate(unloaded, loaded, frame, compare=False)
         if not calibration.joint.converged:

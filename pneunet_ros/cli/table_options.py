@@ -1,4 +1,4 @@
-"""Options of `import` and `track` for a table of readings."""
+"""Options of `import` and `track` for reading a table."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def add_table_options(parser: ArgumentParser) -> None:
 
 
 def table_request(arguments: Namespace, rate: float | None = None) -> ImportRequest:
-    """Return the request of the options; rate: rows per second of a table without time."""
+    """Return the request given by the options; rate: rows per second of a table without time."""
     offsets = {
         name: number(f'--offset {name}={text}', text)
         for name, text in pairs_of('--offset', arguments.offset).items()
@@ -58,7 +58,7 @@ def missing_of(words: Sequence[str]) -> tuple[float, ...] | None:
 
 
 def pairs_of(option: str, words: Iterable[str]) -> dict[str, str]:
-    """Return texts by name from words NAME=TEXT; raises RequestError for another form."""
+    """Return texts by name from words NAME=TEXT; raises RequestError if malformed."""
     pairs: dict[str, str] = {}
     for word in words:
         name, equals, text = word.partition('=')
@@ -72,7 +72,7 @@ def pairs_of(option: str, words: Iterable[str]) -> dict[str, str]:
 
 
 def number(option: str, text: str) -> float:
-    """Return a finite number; raises RequestError that names the option."""
+    """Return a finite number, or raise a RequestError that names the option."""
     try:
         value = float(text)
     except ValueError:

@@ -35,7 +35,7 @@ LARGEST_DELAY = 1e8  # s, three years: stamps have 64 bits
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilmReadings:
-    """The table for a film; delay (s), None: to be estimated; string: at the tip."""
+    """The table for a film; delay (s), None to estimate it; string: at the tip."""
 
     path: Path
     table: ReadingTable
@@ -45,7 +45,7 @@ class FilmReadings:
 
 
 def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | None:
-    """Return the given table; None if there is none; RequestError if it is unusable."""
+    """Return the given table, None without one; RequestError if it is unusable."""
     if arguments.readings is None:
         for option in ('delay', 'end_load', 'string', 'select', 'rename', 'offset', 'ignore'):
             if getattr(arguments, option):
@@ -86,9 +86,9 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
 def reading_doubts(
     table: ReadingTable, arguments: Namespace, arm: Arm
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Describe a wrong or doubtful unit of the pressures in the table.
+    """Describe a wrong or questionable unit of the pressures in the table.
 
-    Empty if they fit. Without --model they are compared with those of any soft actuator.
+    Empty if they fit. Without --model they are compared with typical pressures of soft actuators.
     """
     if not arguments.judge_readings:
         return (), ()
@@ -99,9 +99,9 @@ def reading_doubts(
 def joined(
     readings: FilmReadings, trackings: Sequence[Tracking], arm: Arm
 ) -> tuple[FilmedRun | None, dict[str, Any]]:
-    """Return frames and readings on one clock, None if the delay is not known, and a summary.
+    """Return frames and readings on one clock (None if the delay is unknown), and a summary.
 
-    Raises RequestError if a delay that was given leaves no frame within the table.
+    Raises RequestError if no frame lies within the table with a given delay.
     """
     found: ClockDelay | None = None
     delay = readings.delay
@@ -134,7 +134,7 @@ def joined(
 def summary_of(
     readings: FilmReadings, found: ClockDelay | None, run: FilmedRun | None, sentence: str
 ) -> dict[str, Any]:
-    """Return the numbers of the delay."""
+    """Return the estimate of the delay for the summary."""
     known = found is not None and not found.trouble
     return {
         'readings': readings.path,

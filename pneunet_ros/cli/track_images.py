@@ -56,7 +56,7 @@ Follower = Callable[[TrackStep], None]
 
 
 def track(arguments: Namespace) -> int:
-    """Track and summarize."""
+    """Track the images and summarize."""
     arm = model_of(arguments)
     settings = load_camera(arguments.camera or share_path(CAMERA))
     if arguments.clamp_pixel is not None:
@@ -153,7 +153,7 @@ def track(arguments: Namespace) -> int:
 
 
 def output_writer(arguments: Namespace) -> AbstractContextManager[RecordingWriter]:
-    """Open the recording that is written."""
+    """Open the output recording."""
     return write_recording(
         arguments.output, overwrite=arguments.overwrite, inputs=inputs(arguments)
     )
@@ -193,7 +193,7 @@ def check_request(arguments: Namespace, settings: CameraSettings) -> None:
 
 
 def inputs(arguments: Namespace) -> list[Path]:
-    """List the input files, which no output may replace."""
+    """Return the input files, which no output may replace."""
     given = (arguments.model, arguments.camera, arguments.estimates, arguments.readings)
     files = [arguments.source, *given]
     if arguments.camera_info not in (None, NO_LENS):
@@ -220,7 +220,7 @@ def preview_followers(
 ) -> list[Follower]:
     """Open the requested preview; return the consumers of steps.
 
-    film: the numbers of the delay, which are known when all steps were seen.
+    film: the estimated delay, known only after all steps.
     """
     if arguments.preview is None:
         return []

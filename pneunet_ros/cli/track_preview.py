@@ -27,7 +27,7 @@ def open_preview(
     film: Mapping[str, Any],
     **options: Any,
 ) -> AbstractContextManager[Preview | TrackingPage]:
-    """Return a preview of all frames that is written when its context ends without an error.
+    """Return a preview of all frames, written when its context ends without an error.
 
     film: the estimated delay, which the caller fills in before the context ends.
     """
@@ -60,7 +60,7 @@ def open_preview(
 
 
 def typed(arguments: Namespace, *names: str) -> list[str]:
-    """Return the options of these names that were given, as command-line words."""
+    """Return those of these options that were given, as command-line words."""
     words: list[str] = []
     for name in names:
         given = getattr(arguments, name)
@@ -71,7 +71,7 @@ def typed(arguments: Namespace, *names: str) -> list[str]:
 
 
 def recorded_estimates(arguments: Namespace, stream: ImageStream) -> Centerlines | None:
-    """Return the estimated shapes of `--estimates`, else those recorded with the images."""
+    """Return the estimated shapes from `--estimates`, else those recorded with the images."""
     recording = stream.recording
     if arguments.estimates is not None:
         recording = open_recording(arguments.estimates)

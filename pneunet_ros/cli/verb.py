@@ -1,4 +1,4 @@
-"""Common output and options of verbs."""
+"""Output and options that verbs have in common."""
 
 from __future__ import annotations
 
@@ -56,22 +56,22 @@ SENSOR_SETTINGS = (
 
 
 def output_console() -> Console:
-    """Where tables go; a pipe is as wide as the table needs."""
+    """Return the console for tables; a pipe is as wide as a table needs."""
     return PlainConsole(
         width=None if sys.stdout.isatty() else 120, highlight=False, markup=False, emoji=False
     )
 
 
 class PlainConsole(Console):
-    """A console that prints text literally: no markup, no control characters."""
+    """A console that prints text literally, without markup or control characters."""
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Return a text that a terminal may show; all texts of lines, cells and titles pass."""
+        """Return printable text; called for all lines, cells and titles."""
         return super().render_str(printable(text), **options)
 
 
 def progress_bar(shown: bool) -> Progress:
-    """Make a progress bar on stderr, for people only."""
+    """Return a progress bar on stderr, for terminals only."""
     hidden = not shown or not sys.stderr.isatty()
     return Progress(
         TextColumn('{task.description}', markup=False),
@@ -85,7 +85,7 @@ def progress_bar(shown: bool) -> Progress:
 
 
 def progress_of(bar: Progress, what: str) -> OnProgress:
-    """Return a progress display; a total of 0 means unknown."""
+    """Return a progress callback; a total of 0 means unknown."""
     task = bar.add_task(what, total=None)
     return lambda stage, done, total: bar.update(
         task, description=stage, completed=done, total=total or None
@@ -94,7 +94,7 @@ def progress_of(bar: Progress, what: str) -> OnProgress:
 
 @contextmanager
 def reading_bar(shown: bool) -> Iterator[None]:
-    """Show the progress of reading and writing files, on a terminal."""
+    """Show the progress of reading and writing files if there is a terminal."""
     with progress_bar(shown) as bar:
         stages: dict[str, TaskID] = {}
 
@@ -113,7 +113,7 @@ def print_json(content: dict[str, Any]) -> None:
 
 
 def add_json(parser: ArgumentParser) -> None:
-    """Every verb takes --json."""
+    """Add --json, an option of every verb."""
     parser.add_argument(
         '--json', action='store_true', help='print one JSON object on stdout and nothing else'
     )
@@ -135,7 +135,7 @@ def add_model(
 
 
 def add_gravity(parser: ArgumentParser, of: str = 'model file') -> None:
-    """Add the option for where gravity points."""
+    """Add the option for the direction of gravity."""
     parser.add_argument(
         '--gravity',
         type=gravity_option,
@@ -147,7 +147,7 @@ def add_gravity(parser: ArgumentParser, of: str = 'model file') -> None:
 
 
 def gravity_option(text: str) -> Gravity:
-    """Return the gravity that an option asks for."""
+    """Return the gravity requested by an option."""
     try:
         return gravity_of(text, fixed=True)
     except ModelError as error:
@@ -161,7 +161,7 @@ def with_gravity(arm: Arm, arguments: Namespace) -> Arm:
 
 
 def add_effects_path(parser: ArgumentParser) -> None:
-    """Add the option for effects of a user; `cli.main` adds them before the verb runs."""
+    """Add the option for user effects; `cli.main` loads them before the verb runs."""
     parser.add_argument(
         '--effects-path',
         type=Path,
@@ -172,7 +172,7 @@ def add_effects_path(parser: ArgumentParser) -> None:
 
 
 def add_dimensionless(parser: ArgumentParser, what: str) -> None:
-    """Add the option for the scales of the paper."""
+    """Add the option for dimensionless results, with the scales of the paper."""
     parser.add_argument(
         '--dimensionless',
         action='store_true',
@@ -182,12 +182,12 @@ def add_dimensionless(parser: ArgumentParser, what: str) -> None:
 
 
 def units_of(arguments: Namespace, arm: Arm, default: UnitSystem = SI) -> UnitSystem:
-    """Return the scales of this arm with --dimensionless, else the other units."""
+    """Return the scales of this arm with --dimensionless, else the given units."""
     return dimensionless(arm.length, arm.weight) if arguments.dimensionless else default
 
 
 def scales_sentence(arm: Arm) -> str:
-    """Describe what dimensionless numbers were divided by."""
+    """Describe the scales by which dimensionless numbers were divided."""
     length, weight = 1000.0 * arm.length, arm.weight
     return (
         f'dimensionless: lengths by l = {length:g} mm, forces by mg = {weight:g} N of {arm.name}'
@@ -200,9 +200,9 @@ def model_of(arguments: Namespace) -> Arm:
 
 
 def still_model_of(arguments: Namespace) -> Arm:
-    """Return the requested model, without readings of its base.
+    """Return the requested model with a fixed direction of gravity.
 
-    RequestError where only a reading says where gravity points.
+    RequestError if the direction of gravity is known from readings only.
     """
     arm = model_of(arguments)
     if arm.gravity.is_measured:
@@ -215,7 +215,7 @@ def still_model_of(arguments: Namespace) -> Arm:
 
 
 def add_overwrite(parser: ArgumentParser) -> None:
-    """Existing outputs are refused without this."""
+    """Add --overwrite; without it, existing outputs are not replaced."""
     parser.add_argument(
         '--overwrite', action='store_true', help='overwrite existing outputs (default: refuse)'
     )
@@ -262,7 +262,7 @@ def add_topics(parser: ArgumentParser, example: str = 'pressure=/my/pressure') -
 
 
 def topics_of(pairs: Iterable[str], known: Iterable[str]) -> dict[str, str]:
-    """Full topic name by last name; RequestError on another form."""
+    """Return full topic names by last name; RequestError if malformed."""
     chosen: dict[str, str] = {}
     known = tuple(known)
     for pair in pairs:

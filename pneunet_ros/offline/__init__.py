@@ -1,1 +1,1 @@
-"""The work of the nodes on files: replay, track, check."""
+"""What the nodes do, but on files: replay, track, check."""

@@ -1,4 +1,4 @@
-"""Calibrations as files: where a model comes from, and the knowledge that lets one go on."""
+"""Calibrations as files: provenance of a model, and the posterior needed to continue one."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ def file_hash(path: Path) -> str:
 
 
 def check_recordings(paths: Iterable[Path]) -> None:
-    """Raise RecordingError if a recording is missing, or none, before any is read."""
+    """Raise RecordingError if a file is missing or is not a recording, before any is read."""
     for path in paths:
         for file in stored_files(path):
             check_is_mcap(plain_mcap(file), file)
 
 
 def inputs_of(roles: Iterable[tuple[str, Sequence[Path]]]) -> list[dict[str, str]]:
-    """Return file, hash and role of every recording."""
+    """Return the file, hash and role of every recording."""
     return [
         {'file': printable(path.name), 'sha256': file_hash(path), 'role': role}
         for role, paths in roles
@@ -81,7 +81,7 @@ def inputs_of(roles: Iterable[tuple[str, Sequence[Path]]]) -> list[dict[str, str
 def described_arm(
     calibration: Calibration, name: str, frame: Arm, provenance: dict[str, Any]
 ) -> Arm:
-    """Return the calibrated arm with its name and where each of its numbers comes from."""
+    """Return the calibrated arm with its name and the source of each number."""
     arm, joint = calibration.arm, calibration.joint
     sources = {key: text for key, text in frame.sources.items() if key.startswith('arm.')}
     fitted = f'fitted to {len(joint.runs)} recordings'
@@ -131,7 +131,7 @@ def save_knowledge(knowledge: PosteriorState, model: Path, *, overwrite: bool) -
 
 
 def load_knowledge(model: Path) -> PosteriorState:
-    """Read the posterior next to a model file; ModelError if missing or damaged."""
+    """Read the posterior saved next to a model file; ModelError if missing or damaged."""
     path = knowledge_file(model)
     try:
         values = read_arrays(path, KNOWLEDGE)

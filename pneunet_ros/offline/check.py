@@ -35,8 +35,8 @@ STILL_SHARE = 0.005  # of the calibrated range of pressure, the same
 def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
     """Return all facts about a recording for JSON, SI.
 
-    Raises RecordingError only where the file cannot be read at all; what is wrong with its content
-    is said in `sentences`, and in the reasons under `uses`.
+    Raises RecordingError only if the file cannot be read at all; problems with its content are in
+    `sentences`, and in the reasons under `uses`.
     """
     recording = open_recording(path)
     sentences = [*recording.sentences]
@@ -92,7 +92,7 @@ def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
 
 
 def proposed(arm: Arm) -> str:
-    """Return the recording to make if the motion of the arm is unknown."""
+    """Return the recording to make next if the motion of the arm is unknown."""
     if arm.inertia is not None:
         return ''
     return (
@@ -140,8 +140,8 @@ def timing(stamp_ns: Stamps) -> dict[str, Any]:
 def sync(series: Mapping[str, ReadingSeries], name: str) -> dict[str, Any]:
     """Return the timing of a topic relative to the pressure.
 
-    share: of them that have a pressure reading within half its period. offset: median time (s) to
-    the nearest one, positive where the pressure is earlier; starts: how much later it begins.
+    share: fraction with a pressure reading within half its period. offset: median time (s) to the
+    nearest one, positive if the pressure is earlier; starts: how much later the topic begins.
     """
     stamps, pressure = series[name].stamp_ns, series[PRESSURE.name]
     found, matched = nearest(stamps, pressure)
@@ -167,12 +167,12 @@ def ranges(series: Mapping[str, ReadingSeries]) -> dict[str, Any]:
 
 
 def limits(values: Array) -> list[float]:
-    """Return the smallest and the largest of values, some of which may be NaN."""
+    """Return the smallest and the largest value, ignoring NaN."""
     return [float(np.nanmin(values)), float(np.nanmax(values))]
 
 
 def holds(series: Mapping[str, ReadingSeries], arm: Arm) -> list[dict[str, float]]:
-    """Return the stretches in which pressure and end load are constant within noise."""
+    """Return the intervals in which pressure and end load are constant within noise."""
     if PRESSURE.name not in series:
         return []
     pressure = series[PRESSURE.name]

@@ -1,4 +1,4 @@
-"""Two sources of shapes, recordings or truths, side by side: the numbers of their differences."""
+"""Compare two sources of shapes (recordings or truths), and summarize their differences."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ TRUTH_SUFFIX = '.npz'
 class CompareRequest:
     """A comparison: A with B, or both with a truth.
 
-    a_topics, b_topics: full topic names by their last names, of what is read; target_arclength
-    (targets,) m: where targets are painted; length (m): of the arm, None: as in the shapes.
+    a_topics, b_topics: full names of the topics to read, by last name; target_arclength (targets,)
+    m: positions of the targets on the arm; length (m): of the arm, None: as in the shapes.
     """
 
     a: Path
@@ -49,8 +49,8 @@ class CompareRequest:
 def compare_files(request: CompareRequest) -> list[Comparison]:
     """Compare A with B and, if given, both with the truth.
 
-    Raises RequestError if there is nothing to compare with, RecordingError if a file cannot
-    be read or two have nothing in common.
+    Raises RequestError if there is nothing to compare with, and RecordingError if a file cannot be
+    read or two files have nothing in common.
     """
     if request.b is None and request.truth is None:
         raise RequestError(
@@ -89,7 +89,7 @@ def refuse_itself(a: ShapeSeries, b: ShapeSeries) -> None:
 
 
 def comparison_content(comparison: Comparison) -> dict[str, Any]:
-    """Return the numbers of a comparison, SI."""
+    """Return the results of a comparison, SI."""
     of, to, length = comparison.of, comparison.to, comparison.length
     known = math.isfinite(length)
     tip, shape = comparison.tip, comparison.shape
@@ -135,7 +135,7 @@ def shape_content(shape: CenterlineErrors, length: float) -> dict[str, Any]:
 def errors_content(
     topics: tuple[str, str], distance: Array, apart: Array, length: float
 ) -> dict[str, Any]:
-    """Return the fields that tip and shape errors share; lengths in m, stamp distances in s."""
+    """Return the fields common to tip and shape errors; lengths in m, stamp distances in s."""
     errors = asdict(error_statistics(distance))
     count = errors.pop('count')
     return {
@@ -149,7 +149,7 @@ def errors_content(
 
 
 def doubts(comparison: Comparison) -> list[Note]:
-    """Describe the limits of a comparison, or why there is none."""
+    """Describe the limits of a comparison, or why none is possible."""
     if comparison.unlike:
         return list(comparison.unlike)
     if comparison.tip is None and comparison.shape is None:
@@ -176,7 +176,7 @@ def doubts(comparison: Comparison) -> list[Note]:
 
 
 def spans(comparison: Comparison) -> str:
-    """State over which times the two sides reach."""
+    """State the time spans of the two sides."""
     texts = []
     for side in (comparison.of, comparison.to):
         stamps = [item.stamp_ns for item in (side.tips, side.centerlines) if item is not None]

@@ -1,4 +1,4 @@
-"""`/diagnostics` of a replay, as a node would publish it, once a second of log time."""
+"""`/diagnostics` of a replay, as a node would publish it: once per second of log time."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ class Clock:
 
 
 class Diagnostics:
-    """The topic `/diagnostics` of a replay, under the name that a node has by default."""
+    """The topic `/diagnostics` of a replay, under the default name of the node."""
 
     def __init__(self, writer: RecordingWriter, arm: Arm, name: str) -> None:
-        """Add the topic; name: of the status, as in 'pneunet/fusion: shape and force'."""
+        """Add the topic; name: of the status, e.g. 'pneunet/fusion: shape and force'."""
         self._writer, self._name, self._label = writer, name, model_label(arm)
         self._connection = writer.add(TOPIC, TYPE)
         self.left_out = error_left_out(arm.covariance, arm.sources)
         self.clock = Clock()
 
     def write(self, report: Report) -> None:
-        """Write a report at the time that the clock shows."""
+        """Write a report at the current time of the clock."""
         types = ROSBAGS_TYPES
         values: Mapping[str, str] = {'model': self._label, **report.values}
         pair = types('diagnostic_msgs/msg/KeyValue')
@@ -72,6 +72,6 @@ class Diagnostics:
 
 
 def namespace_of(topic: str) -> str:
-    """Return the namespace of a topic as a status has it: 'pneunet/', or '' for none."""
+    """Return the namespace of a topic as used in a status: 'pneunet/', or '' for none."""
     space = topic.rpartition('/')[0].strip('/')
     return f'{space}/' if space else ''

@@ -1,7 +1,7 @@
-"""A film that was tracked and a table of readings, on two clocks -> one recording on the table's.
+"""Join a tracked film and a table of readings, on two clocks, to one recording.
 
-Both clocks count from their first frame and their first row. A frame at t in the film shows the
-arm at t - delay in the table.
+The recording uses the clock of the table. The two clocks start at the first frame and at the first
+row. A frame at t in the film shows the arm at t - delay in the table.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from pneunet_ros.vision.tracker import Tracking
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilmedRun:
-    """Frames and readings on one clock: trackings in order, and the table of readings.
+    """Frames and readings on one clock: tracked frames in order, and the table of readings.
 
-    wrench: name of the topic of its end loads.
+    wrench: name of the topic for its end loads.
     """
 
     trackings: tuple[Tracking, ...]
@@ -45,7 +45,7 @@ class FilmedRun:
 
     @property
     def covered(self) -> int:
-        """Number of frames within the table."""
+        """Number of frames within the time span of the table."""
         stamps = np.array([frame.sightings.stamp_ns for frame in self.trackings])
         first, last = self.table.stamp_ns[[0, -1]]
         return int(np.count_nonzero((stamps >= first) & (stamps <= last)))
@@ -78,7 +78,7 @@ def check_no_forces(table: ReadingTable, option: str) -> None:
 
 
 def with_end_load(table: ReadingTable, force_x: float, force_y: float) -> ReadingTable:
-    """Return a table without loads under a known constant end load (N, base frame)."""
+    """Add a known constant end load (N, base frame) to a table without loads."""
     check_no_forces(table, '--end-load')
     load = np.tile([force_x, force_y, 0.0], (len(table.stamp_ns), 1))
     return replace(table, values={**table.values, END_WRENCH.name: load})
@@ -107,9 +107,10 @@ def _seconds(nanoseconds: Array) -> Array:
 
 
 def join(trackings: Iterable[Tracking], table: ReadingTable, delay: float) -> FilmedRun:
-    """Put frames and readings on the clock of the table.
+    """Convert frames and readings to the clock of the table.
 
-    Where the film begins before a table that counts from zero, both are moved: no stamp is zero.
+    If the film begins before a table that starts at zero, both are shifted so that no stamp is
+    zero.
     """
     trackings = tuple(trackings)
     start = int(table.stamp_ns[0]) - 1 - round(delay * NANOSECONDS_PER_SECOND)
@@ -131,9 +132,9 @@ def _moved(tracking: Tracking, by_ns: int) -> Tracking:
 
 
 def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
-    """Return a film with a string at the tip: the load of every row follows the tip.
+    """Return a film with a string at the tip: the load in each row follows the tip.
 
-    Raises RequestError if no frame shows the tip, or the eye lies on the arm.
+    Raises RequestError if no frame shows the tip, or the eye of the string lies on the arm.
     """
     sightings = [frame.sightings for frame in run.trackings]
     points = np.array([[frame.x, frame.y] for frame in sightings])
@@ -156,7 +157,7 @@ def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
 
 
 def record_film(writer: RecordingWriter, run: FilmedRun) -> None:
-    """Write frames and readings in the order of time."""
+    """Write frames and readings in chronological order."""
     messages = (
         table_messages(writer, run.table, run.wrench),
         _frame_messages(writer, run.trackings),

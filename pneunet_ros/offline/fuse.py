@@ -1,4 +1,4 @@
-"""Replay of the fusion: recording -> `Fusion.step` -> recording, through the messages of live."""
+"""Replay of the fusion: recording -> `Fusion.step` -> recording, with messages as live."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ def fusion_topics(
     wrench: bool,
     gravity: GravitySource | None = None,
 ) -> dict[str, Input[Any]]:
-    """Return the topics of a recording to fuse: targets and pressure, and a wrench if wanted.
+    """Return the topics of a recording to fuse: targets and pressure, and a wrench if requested.
 
-    The pressure is last: of what is read at one time, it makes the estimate. overrides: full topic
-    name by last name. Raises RecordingError where pressure or targets are
-    missing, or there are two candidates. gravity: who says where it points, None: nobody.
+    The pressure is last, because of simultaneous readings it triggers the estimate. overrides:
+    full topic name by last name. Raises RecordingError if pressure or targets are missing, or if
+    there are two candidates. gravity: source of its direction; None: unknown.
     """
     topics: dict[str, Input[Any]] = {}
     for one in () if gravity is None else gravity_inputs(gravity):
@@ -77,7 +77,7 @@ class FusionDiagnostics:
     def __init__(
         self, writer: RecordingWriter, fusion: Fusion, topics: Mapping[str, Input[Any]]
     ) -> None:
-        """Begin; topics: sensors by the names of their topics."""
+        """Start without messages; topics: sensors by the names of their topics."""
         names = {sensor.name: name for name, sensor in topics.items()}
         space = namespace_of(names[PRESSURE.name])
         self._topic = Diagnostics(writer, fusion.arm, f'{space}fusion: shape and force')
@@ -85,7 +85,7 @@ class FusionDiagnostics:
         self._health = FusionHealth(names[PRESSURE.name], names[TARGETS.name], 0.0)
 
     def take(self, step: FusionStep) -> None:
-        """Process a step, and report when due."""
+        """Process a step, and report if due."""
         clock, sensor = self._topic.clock, self._topics[step.message.topic]
         due = clock.advance(step.message.log_time_ns)
         self._health.took(sensor.name, step.outcome, clock.now, None)
@@ -110,9 +110,9 @@ def record_fusion(
     topics: Mapping[str, Input[Any]],
     on_progress: Callable[[FusionStep], None],
 ) -> None:
-    """Write the inputs, unchanged, and all outputs of the fusion; `on_progress` sees each step.
+    """Write the unchanged inputs and all outputs of the fusion; `on_progress` sees each step.
 
-    `/diagnostics` is written as the node does, once a second and at the end.
+    `/diagnostics` is written once per second, as by the node, and at the end.
     """
     copies = {name: writer.add_copy(recording.topic(name)) for name in topics}
     pressure = next(name for name, sensor in topics.items() if sensor is PRESSURE)
@@ -141,9 +141,9 @@ def record_fusion(
 class FusionTally:
     """Counts of a replay of the fusion.
 
-    modes: estimates by mode; determined: estimates with F1, and with F2; contacts: estimates with
-    a contact, and those whose contact cannot be distinguished from a tip force; beyond: estimates
-    while the running NIS exceeded its noise limit; said: estimates per warning about the setup.
+    modes: number of estimates by mode; determined: those with F1, and with F2; contacts: those
+    with a contact, and those whose contact cannot be distinguished from a tip force; beyond: those
+    while the running NIS exceeded its noise limit; said: those per warning about the setup.
     """
 
     messages: int = 0

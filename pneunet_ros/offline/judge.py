@@ -1,4 +1,4 @@
-"""Check of the declared meaning of pressure and end wrench in a recording."""
+"""Check the declared unit, sign and frame of pressure and end wrench in a recording."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ LEVELS = 8  # pressures at which the model is compared with targets
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TargetFit:
-    """Agreement of a model with measured points for a meaning of the pressure readings.
+    """Agreement of a model with measured points for one interpretation of the pressure readings.
 
-    reading (frames,): in the unit of the sensor; load (frames, 3) N, N, N m on the free end;
+    reading (frames,): in the unit of the sensor; load (frames, 3) N, N, N m at the free end;
     points (frames, 2, targets) m, NaN where not seen; places (targets,) m along the arm.
     """
 
@@ -61,7 +61,7 @@ class TargetFit:
     places: Array
 
     def __call__(self, meaning: PressureConvention) -> tuple[float, int]:
-        """Return the mean squared error over the length squared, and the number of levels."""
+        """Return the mean squared error, over the squared length, and the number of levels."""
         arm = self.arm
         low, high = arm.pressure_range
         loads = [
@@ -90,35 +90,35 @@ Verdict = PressureVerdict | WrenchVerdict
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdicts:
-    """Most likely meaning of the pressure and the end wrench of a recording."""
+    """Most likely interpretation of the pressure and the end wrench of a recording."""
 
     pressure: PressureVerdict | None = None
     wrench: WrenchVerdict | None = None
 
     @property
     def doubted(self) -> dict[str, Verdict]:
-        """Verdicts that almost surely differ from the declaration, by sensor."""
+        """Verdicts that almost certainly differ from the declaration, by sensor."""
         found = {PRESSURE.name: self.pressure, END_WRENCH.name: self.wrench}
         return {name: item for name, item in found.items() if item is not None and item.doubted}
 
     @property
     def strangeness(self) -> str:
-        """Report readings outside this model; empty if it fits."""
+        """Report readings outside the range of this model; empty if there are none."""
         return '' if self.pressure is None else self.pressure.strangeness
 
     @property
     def findings(self) -> str:
-        """Describe the likely meaning of the doubted readings."""
+        """Describe the likely interpretation of the doubted readings."""
         return '; '.join(f'{name} is {item.finding}' for name, item in self.doubted.items())
 
     @property
     def options(self) -> str:
-        """Return the options of a command that take the readings so."""
+        """Return the command-line options for this interpretation of the readings."""
         return ' '.join(item.options for item in self.doubted.values())
 
     @property
     def summary(self) -> dict[str, object]:
-        """The verdicts as JSON carries them, by sensor."""
+        """The verdicts for JSON, by sensor."""
         found = {PRESSURE.name: self.pressure, END_WRENCH.name: self.wrench}
         return {
             name: {
@@ -144,11 +144,11 @@ def judge_recording(
     *,
     own_model: bool = True,
 ) -> Verdicts:
-    """Judge the meaning of the readings of a recording, by targets if there are any.
+    """Judge the interpretation of the readings of a recording, using targets if there are any.
 
-    own_model: it was given; without it the recording may be of another arm.
-    No verdict where there are no readings, where all are zero, or where `judge_readings` is false.
-    Raises RecordingError as `find_series` does.
+    own_model: whether a model was given; without one the recording may be of another arm. There is
+    no verdict if there are no readings, if all are zero, or if `judge_readings` is false. Raises
+    RecordingError like `find_series`.
     """
     if not settings.judge_readings:
         return NO_VERDICTS
@@ -168,7 +168,7 @@ def judge_series(
 ) -> Verdicts:
     """Run `judge_recording` on the series of the recording.
 
-    frame: that of the end wrench, where it is not one that is declared.
+    frame: of the end wrench, if it is not a declared one.
     """
     pressure = judge_pressure_series(series, arm, settings, own_model=own_model)
     trusted = pressure is None or not pressure.doubted
@@ -192,7 +192,7 @@ def judge_pressure_series(
     *,
     own_model: bool = True,
 ) -> PressureVerdict | None:
-    """Judge the meaning of the pressure readings."""
+    """Judge the interpretation of the pressure readings."""
     pressure = series.get(PRESSURE.name)
     if pressure is None or not len(pressure.stamp_ns):
         return None
@@ -207,7 +207,7 @@ def judge_pressure_series(
 def judge_wrench_series(
     series: Mapping[str, ReadingSeries], arm: Arm, settings: EstimatorSettings, *, shows: bool
 ) -> WrenchVerdict | None:
-    """Judge the meaning of the wrench readings; shows: targets can show the force."""
+    """Judge the interpretation of the wrench readings; shows: whether targets reveal the force."""
     wrench, pressure = series.get(END_WRENCH.name), series.get(PRESSURE.name)
     if wrench is None or not len(wrench.stamp_ns):
         return None
@@ -231,7 +231,7 @@ def complex_forces(load: Array) -> Forces:
 def shown_forces(
     series: Mapping[str, ReadingSeries], arm: Arm, declared: WrenchConvention
 ) -> ShownForces | None:
-    """Return the forces estimated from targets in a few frames; None if there are none."""
+    """Return the forces estimated from the targets of a few frames; None without targets."""
     targets, pressure = series.get(TARGETS.name), series.get(PRESSURE.name)
     wrench = series[END_WRENCH.name]
     if targets is None or pressure is None or not len(targets.stamp_ns):
@@ -272,7 +272,7 @@ def shown_forces(
 def strange_frame(
     recording: Recording, settings: EstimatorSettings, overrides: Mapping[str, str]
 ) -> str:
-    """Return the frame id of the end wrench if it is not a declared one; else ''."""
+    """Return the frame id of the end wrench if it is not a declared one, else ''."""
     topic = find_series(recording, END_WRENCH, overrides, required=False)
     for message in () if topic is None else recording.messages([topic]):
         try:
@@ -286,7 +286,7 @@ def strange_frame(
 def judge_table(
     table: ReadingTable, expected: Sequence[ExpectedPressure]
 ) -> PressureVerdict | None:
-    """Judge the meaning of the pressures of a table; its column names their unit."""
+    """Judge the interpretation of the pressures of a table, whose column names their unit."""
     declared = PressureConvention(unit=table.pressure_unit)
     kept = np.isfinite(table.values[PRESSURE.name][:, 0])
     values = table.values[PRESSURE.name][kept, 0] / declared.size
@@ -295,9 +295,9 @@ def judge_table(
 
 
 def table_doubts(table: ReadingTable, expected: Sequence[ExpectedPressure]) -> tuple[str, ...]:
-    """Describe the likely meaning of a table's pressures, and the remedy; empty if they fit.
+    """Describe the likely unit of a table's pressures, and the remedy; empty if they fit.
 
-    An absolute column is left to the verbs, which know the pressure of the air.
+    Absolute pressures are not judged here: only the verbs know the atmospheric pressure.
     """
     verdict = None if table.absolute else judge_table(table, expected)
     if verdict is None or not verdict.doubted:
@@ -306,7 +306,7 @@ def table_doubts(table: ReadingTable, expected: Sequence[ExpectedPressure]) -> t
 
 
 def table_hints(table: ReadingTable, expected: Sequence[ExpectedPressure]) -> tuple[str, ...]:
-    """Describe another meaning of a table's pressures that is likely but not certain."""
+    """Describe another likely, but not certain, interpretation of a table's pressures."""
     verdict = None if table.absolute else judge_table(table, expected)
     if verdict is None or verdict.doubted or verdict.log_odds <= 0.0:
         return ()
@@ -318,7 +318,7 @@ def table_hints(table: ReadingTable, expected: Sequence[ExpectedPressure]) -> tu
 
 
 def table_remedy(verdict: PressureVerdict) -> str:
-    """Return the options that select the other meaning of the pressures of a table."""
+    """Return the options that select the other interpretation of a table's pressures."""
     changes = dict(verdict.changes)
     unit = changes.pop('pressure_unit', None)
     do = [f'rename its column to pressure_{unit.lower()}'] if unit else []
@@ -384,7 +384,7 @@ def target_fit(series: Mapping[str, ReadingSeries], reading: Array, arm: Arm) ->
 def measured_points(
     series: Mapping[str, ReadingSeries], arm: Arm
 ) -> tuple[Stamps, Array, Array] | None:
-    """Return stamps, points (frames, 2, targets) m and their places (targets,) m on the arm."""
+    """Return stamps, points (frames, 2, targets) m and their positions (targets,) m on the arm."""
     targets, pose = series.get(TARGETS.name), series.get(TIP_POSE.name)
     count = arm.target_arclength.size
     if targets is not None and len(targets.stamp_ns) and targets.values.shape[2] == count > 0:

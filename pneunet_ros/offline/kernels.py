@@ -1,6 +1,6 @@
-"""Every kernel called once, on a recording and images of the virtual lab.
+"""Call every kernel once, with a recording and images from the virtual lab.
 
-Those are made here, as an installation need not have any recordings.
+They are made here, because an installation may not have any recordings.
 """
 
 from __future__ import annotations
@@ -63,14 +63,14 @@ def call_kernels(on_progress: OnProgress = say_nothing) -> None:
 
 
 def play(folder: Path) -> None:
-    """Record in the virtual lab."""
+    """Make a recording in the virtual lab."""
     scenario = load_scenario(share_path(f'scenarios/{RECORDING}.yaml'))
     recording = simulate(replace(scenario, protocol=Strings(duration=DURATION)))
     write_lab(recording, folder / f'{RECORDING}.mcap', overwrite=False, on_progress=lambda: None)
 
 
 def estimate(folder: Path) -> None:
-    """Replay a recording with targets; solve for a tip, and many at once."""
+    """Replay a recording with targets; solve for a given tip, and in a batch."""
     arm = load_model(share_path('config/paper_arm.yaml'))
     estimator = Estimator(arm=arm)
     recording = open_recording(folder / f'{RECORDING}.mcap')
@@ -89,7 +89,7 @@ def estimate(folder: Path) -> None:
 
 
 def track(folder: Path) -> None:
-    """Track an arm that rests, and then is inflated."""
+    """Track an arm that is at rest and then inflated."""
     lab = LiveLab(scenario=load_lab(share_path('scenarios/lab_arm.yaml')))
     film, random, now = Film(lab), np.random.default_rng(0), lab.begin()
     tracker = Tracker(
@@ -107,7 +107,7 @@ def track(folder: Path) -> None:
 
 
 def fit(folder: Path) -> None:
-    """Solve the frames of a recording and linearize them, as every fit does."""
+    """Solve the frames of a recording and linearize, as every fit does."""
     arm = load_model(share_path('config/lab_arm.yaml'))
     run, _ = read_run(folder / f'{RECORDING}.mcap', arm.target_arclength.size)
     run = run.thin(FRAMES)

@@ -22,12 +22,12 @@ VENTED = 10.0  # s, in which an experiment that is interrupted has vented the ar
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveArm:
-    """The arm that listens to `pressure_command` and `force_command` in a namespace."""
+    """A live arm that subscribes to `pressure_command` and `force_command` in a namespace."""
 
     namespace: str = NAMESPACE
 
     def __post_init__(self) -> None:
-        """Refuse without ROS."""
+        """Raise an error if ROS is not available."""
         if find_spec('rclpy') is None:
             raise RequestError(
                 f'--live needs ROS 2: {GET_ROS}; without ROS 2, use --by-hand',
@@ -35,7 +35,7 @@ class LiveArm:
             )
 
     def record(self, experiment: Experiment, safe: SafeSet, path: Path) -> None:
-        """Drive the arm through an experiment and write its recording."""
+        """Run an experiment on the arm and write its recording."""
         corners = safe.corners(experiment)
         command = [sys.executable, '-m', NODE, str(path)]
         command += ['--ros-args', '-r', f'__ns:={self.namespace}']

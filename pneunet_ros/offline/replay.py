@@ -1,4 +1,4 @@
-"""Replay: recording -> `Estimator.step` -> recording, through the messages and step of live."""
+"""Replay: recording -> `Estimator.step` -> recording, with the same messages and step as live."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from pneunet_ros.recordings.recording_writer import RecordingWriter
 class Step:
     """One recorded message, the outcome of the estimator, and its state afterwards.
 
-    consistency: what is remembered of measured targets.
+    consistency: state of the comparison with measured targets.
     """
 
     message: RecordedMessage
@@ -61,8 +61,8 @@ def input_topics(
 ) -> dict[str, Input[Any]]:
     """Return the topics of a recording that the estimator reads, the pressure last.
 
-    overrides: full topic name by last name, as `--topic pressure=/my/name` gives them. Raises
-    RecordingError where a topic is missing or there are two candidates.
+    overrides: full topic name by last name, as given by `--topic pressure=/my/name`. Raises
+    RecordingError if a topic is missing or there are two candidates.
     """
     beside = gravity_inputs(estimator.gravity)
     needed = [one for one in (END_WRENCH, PRESSURE) if one.needed(estimator.settings)]
@@ -76,9 +76,9 @@ def input_topics(
 def targets_topic(
     recording: Recording, estimator: Estimator, overrides: Mapping[str, str]
 ) -> str | None:
-    """Return the topic of targets to compare; None if there is none or it was not requested.
+    """Return the topic of targets to compare with; None if there is none or it was not requested.
 
-    Raises RecordingError where there are two candidates.
+    Raises RecordingError if there are two candidates.
     """
     if not (TARGETS.needed(estimator.settings) and estimator.arm.target_arclength.size):
         return None
@@ -88,9 +88,9 @@ def targets_topic(
 def messages_in_order(
     recording: Recording, topics: Mapping[str, Input[Any]], ties: Iterable[Input[Any]]
 ) -> Iterator[RecordedMessage]:
-    """Yield the messages of these topics as a node takes them, the log time being their arrival.
+    """Yield the messages of these topics in the order of a node, which receives them at log time.
 
-    ties: the sensors in the order of ties.
+    ties: sensors in the order for simultaneous messages.
     """
     order = arrival_order(sensor for sensor in ties if sensor in topics.values())
     try:
@@ -110,9 +110,9 @@ def steps(
     topics: Mapping[str, Input[Any]],
     targets: str | None = None,
 ) -> Iterator[Step]:
-    """Feed the recorded readings to the estimator in the order in which its node takes them.
+    """Feed the recorded readings to the estimator in the order of its node.
 
-    targets: a topic of targets, to be compared with the estimates.
+    targets: a topic of targets to compare with the estimates.
     """
     state, consistency = EstimatorState(), ConsistencyState()
     inputs = {**topics, **({} if targets is None else {targets: TARGETS})}
@@ -137,7 +137,7 @@ def steps(
 
 
 def estimate_topic(pressure_topic: str, name: str) -> str:
-    """Full name of an output topic: in the namespace of the pressure topic, unless absolute."""
+    """Return the full name of an output: in the namespace of the pressure, unless absolute."""
     if name.startswith('/'):
         return name
     return f'{pressure_topic.rsplit("/", 1)[0]}/{name}'
@@ -176,7 +176,7 @@ class EstimatorDiagnostics:
             self.report(step)
 
     def end(self, last: Step) -> None:
-        """Report on the time after the last report; last: the last step."""
+        """Report on the time since the last report; last: the last step."""
         if self._topic.clock.ends:
             self.report(last)
 
@@ -201,11 +201,11 @@ def record_steps(
     markers: Sequence[Output[ShapeEstimate]] = (),
     targets: str | None = None,
 ) -> None:
-    """Write the inputs, unchanged, all outputs, and `markers`; `on_progress` sees every step.
+    """Write the unchanged inputs, all outputs, and `markers`; `on_progress` sees every step.
 
     `/diagnostics` is written as the node does, once a second and at the end.
 
-    targets: a topic of targets that is an input as well, to be compared with the estimates.
+    targets: a topic of targets to compare with the estimates; it is copied, too.
     """
     inputs = [*topics, *([] if targets is None else [targets])]
     copies = {name: writer.add_copy(recording.topic(name)) for name in inputs}
@@ -237,8 +237,8 @@ def record_steps(
 class Tally:
     """Counts of a replay.
 
-    warned: how many estimates by warning; settled: how many of an arm at rest; kept: frames for
-    errors that persist.
+    warned: number of estimates by warning; settled: number with the arm at rest; kept: frames for
+    detecting persistent errors.
     """
 
     messages: int = 0
@@ -271,7 +271,7 @@ class Tally:
                 self.warned[warning] = self.warned.get(warning, 0) + 1
 
     def compare(self, consistency: ConsistencyState) -> None:
-        """Keep all frames, and the largest disagreement, one that is more than noise first."""
+        """Store a frame, and the largest disagreement; one beyond noise takes precedence."""
         if consistency.compared is not self.consistency.compared:
             for frame in consistency.compared:
                 if frame.evidence is not None:
@@ -286,7 +286,7 @@ class Tally:
         self.consistency = consistency
 
     def agreement(self, arm: Arm) -> Agreement | None:
-        """Return the agreement of measured and estimated targets; None: none were compared."""
+        """Return the agreement of measured and estimated targets; None if none were compared."""
         if not self.compared:
             return None
         return agreement_of(self.compared, persistent_errors(self.kept.frames, arm))

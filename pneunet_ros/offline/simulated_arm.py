@@ -1,4 +1,4 @@
-"""An arm of the virtual lab for successive experiments, recorded to files."""
+"""An arm of the virtual lab for successive experiments that are recorded to files."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SENSORS_OF_LAB = (
 
 @dataclass(slots=True, kw_only=True)
 class SimulatedArm:
-    """The simulated arm of a scenario, with its history; the protocol is unused."""
+    """The simulated arm of a scenario, with its history; the scenario's protocol is unused."""
 
     scenario: Scenario
     settings: ExplorationSettings = EXPLORATION
@@ -56,7 +56,7 @@ class SimulatedArm:
 
 
 def corners_of(experiment: Experiment, safe: SafeSet) -> Corners:
-    """Return an experiment as the lab's protocol, within the safe set."""
+    """Return an experiment, within the safe set, as a protocol of the lab."""
     corners = safe.corners(experiment)
     corners[:, 0] /= experiment.seconds
     share, pressure, x, y = (tuple(column) for column in corners.T.tolist())
@@ -66,10 +66,11 @@ def corners_of(experiment: Experiment, safe: SafeSet) -> Corners:
 
 
 def scenario_of_model(arm: Arm) -> Scenario:
-    """Return a model as an arm of the virtual lab, which shares no solver with it.
+    """Return a model as an arm of the virtual lab, whose solver is independent.
 
-    Curvature along the arm becomes a sum of Legendre polynomials. RequestError if the lab has
-    no such arm: another moment law than `piecewise_linear` or `linear`, or an effect of its own.
+    The curvature along the arm is expanded in Legendre polynomials. RequestError if the lab cannot
+    simulate the arm: a moment law other than `piecewise_linear` or `linear`, or an effect the lab
+    does not have.
     """
     law = arm.moment_law
     low, high = arm.pressure_range

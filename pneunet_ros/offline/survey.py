@@ -1,7 +1,7 @@
-"""A fleet on disk: the recordings of each arm, finished work, and running the rest.
+"""A fleet on disk: the recordings of each arm, the finished arms, and running the others.
 
-Nothing here knows what the work on an arm is: a function that takes an arm of the fleet and
-returns files. It may run in processes of this machine or on a cluster.
+The work on an arm is any function that takes an arm of the fleet and returns files. It may run in
+processes of this machine or on a cluster.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ Files = Mapping[str, bytes]  # by their place in the folder of the arm
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetArm:
-    """An arm of a fleet: its name, its arm file, and its recordings by their role, one of `ROLES`.
+    """An arm of a fleet: its name, arm file, and recordings by role (one of `ROLES`).
 
-    ignored: recordings in its folder without a role in their name.
+    ignored: recordings in its folder whose names contain no role.
     """
 
     name: str
@@ -52,22 +52,19 @@ class FleetArm:
 
     @property
     def recordings(self) -> tuple[Path, ...]:
-        """All of them."""
+        """All recordings."""
         return tuple(itertools.chain(*(self.roles[role] for role in ROLES)))
 
 
 def read_fleet(source: Path, arm: Path) -> tuple[FleetArm, ...]:
     """Return the arms of a fleet.
 
-    Args:
-        source: a folder with a folder per arm, or a CSV table with a row per arm.
-        arm: the arm file of those that have none of their own.
+    Args: source: a folder with one folder per arm, or a CSV table with one row per arm. arm: the
+    arm file of arms without one of their own.
 
-    Returns:
-        The arms, in the order of their names in a folder, of its rows in a table.
+    Returns: The arms, sorted by name for a folder, in the order of the rows for a table.
 
-    Raises:
-        RequestError: there is no arm, or the table is not as it must be.
+    Raises: RequestError: there is no arm, or the table is invalid.
 
     """
     if not source.exists():
@@ -86,7 +83,7 @@ def read_fleet(source: Path, arm: Path) -> tuple[FleetArm, ...]:
 
 
 def folders_left_out(source: Path, fleet: Sequence[FleetArm]) -> tuple[str, ...]:
-    """Return the names of folders of a source that contain no arm."""
+    """Return the names of folders in a source that contain no arm."""
     if not source.is_dir():
         return ()
     arms = {arm.name for arm in fleet}
@@ -95,7 +92,7 @@ def folders_left_out(source: Path, fleet: Sequence[FleetArm]) -> tuple[str, ...]
 
 
 def fleet_of_folder(folder: Path, arm: Path) -> tuple[FleetArm, ...]:
-    """Return the arms of a folder: every folder in it with an arm file or recordings of a role."""
+    """Return the arms in a folder: each subfolder with an arm file or recordings of a role."""
     shared = folder / ARM
     found = []
     for place in sorted(folder.iterdir()):
@@ -119,9 +116,9 @@ def fleet_of_folder(folder: Path, arm: Path) -> tuple[FleetArm, ...]:
 
 
 def recordings_of(folder: Path, role: str) -> tuple[Path, ...]:
-    """Return the recordings of a role, by the beginning of their name or of their folder's.
+    """Return the recordings of a role, given by a prefix of their name or of their folder's.
 
-    Small letters or capitals.
+    Case is ignored.
     """
     found: list[Path] = []
     for place in sorted(folder.iterdir()):
@@ -140,7 +137,7 @@ def recordings_in(folder: Path) -> list[Path]:
 
 
 def fleet_of_table(table: Path, arm: Path) -> tuple[FleetArm, ...]:
-    """Return the arms of a table: paths relative to it, as in a shell, patterns too."""
+    """Return the arms of a table: paths relative to it, with patterns as in a shell."""
     found, names = [], set()
     for line, row in rows_of(table):
         name = row['name']
@@ -165,7 +162,7 @@ def fleet_of_table(table: Path, arm: Path) -> tuple[FleetArm, ...]:
 
 
 def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
-    """Yield the rows of a table of arms with their line numbers; skips comments (#) above it."""
+    """Yield the rows of a table of arms with line numbers; skips comments (#) above it."""
     try:
         with open_regular(table) as stream:
             text = stream.read(MOST_BYTES + 1).decode('utf-8-sig')
@@ -206,7 +203,7 @@ def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
 
 
 def expanded(cell: str, folder: Path) -> tuple[Path, ...]:
-    """Return the recordings of a cell: names separated by blanks, quoted if needed."""
+    """Return the recordings in a cell: names separated by blanks, quoted if needed."""
     found: list[Path] = []
     for word in shlex.split(cell):
         matches = sorted(glob.glob(str(folder / word)))
@@ -215,9 +212,9 @@ def expanded(cell: str, folder: Path) -> tuple[Path, ...]:
 
 
 def arm_key(arm: FleetArm, decided: Mapping[str, Any]) -> tuple[str, list[dict[str, str]]]:
-    """Return the key of a piece of work, and the recordings with their hashes.
+    """Return a key that identifies the work on an arm, and the recordings with their hashes.
 
-    decided: all else that the outcome depends on. RecordingError if a file cannot be read.
+    decided: everything else that determines the outcome. RecordingError if a file cannot be read.
     """
     from pneunet_ros.offline.calibration_files import inputs_of
 
@@ -235,13 +232,13 @@ def arm_key(arm: FleetArm, decided: Mapping[str, Any]) -> tuple[str, list[dict[s
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurveyFolder:
-    """The output of a survey: a folder per arm that is done, each whole or not there."""
+    """The output of a survey: a folder per finished arm, each written atomically."""
 
     path: Path
     overwrite: bool
 
     def check(self, pages: Sequence[str]) -> None:
-        """Reject a folder with foreign files; pages: patterns of the files next to arms."""
+        """Reject a folder with foreign files; pages: patterns of the files next to the arms."""
         if self.path.exists() and not self.path.is_dir():
             raise RecordingError(f'{self.path} is a file, not a folder', reason='wrong_kind')
         for place in sorted(self.path.iterdir()) if self.path.is_dir() else ():
@@ -260,7 +257,7 @@ class SurveyFolder:
         """Return the row of a finished arm; None if it must be done.
 
         Raises RecordingError if it was done with other recordings, arm file or options, unless
-        outputs may be replaced. Where it failed with others it is simply done again.
+        outputs may be replaced. An arm that failed with other inputs is simply done again.
         """
         row = self.row(name)
         if row is None:
@@ -277,7 +274,7 @@ class SurveyFolder:
         )
 
     def row(self, name: str) -> dict[str, Any] | None:
-        """Return the row of an arm that was written, or None."""
+        """Return the written row of an arm, or None."""
         file = self.folder(name) / ROW
         try:
             content = json.loads(file.read_text(encoding='utf-8'))
@@ -292,7 +289,7 @@ class SurveyFolder:
         return content
 
     def write(self, name: str, files: Files, row: Mapping[str, Any]) -> None:
-        """Write the files of an arm and its row, replacing earlier ones."""
+        """Write the files of an arm and its row, replacing any earlier ones."""
         earlier = self.folder(name)
         there = [item.name for item in earlier.iterdir()] if earlier.is_dir() else []
         with atomic_output(earlier, overwrite=True, replaceable=there) as folder:
@@ -313,17 +310,14 @@ def work_on_fleet(
 ) -> Iterator[Outcome]:
     """Yield the result of each arm as it finishes.
 
-    A process that dies takes all others of its pool with it, so those that ran then are done again
-    one by one: an arm whose process dies when it runs alone is the cause, and the others continue.
+    A process that dies takes all others of its pool with it, so the arms that were running are
+    done again one by one: an arm whose process dies when it runs alone is the cause, and the
+    others continue.
 
-    Args:
-        arms: of the fleet.
-        work: what is done to each; it must be picklable.
-        open_workers: gives new workers.
-        at_once: how many arms are given out.
+    Args: arms: the arms of the fleet. work: the function to apply to each; it must be picklable.
+    open_workers: returns new workers. at_once: how many arms are submitted at a time.
 
-    Yields:
-        The arm, and its files, or the exception that it ended with.
+    Yields: The arm, and its files or the exception that was raised.
 
     """
     left = list(arms)
@@ -341,7 +335,7 @@ def work_together(
 ) -> Generator[Outcome, None, tuple[list[FleetArm], list[FleetArm]]]:
     """Yield the results of arms until all are done or a process dies.
 
-    Returns the arms that ran when it did, and those that were not begun.
+    Returns the arms that were running then, and those that were not started.
     """
     left, suspects = deque(arms), list[FleetArm]()
     running: dict[Future[Files], FleetArm] = {}
@@ -369,7 +363,7 @@ def work_together(
 
 
 def sentence_of(error: Exception) -> str:
-    """Describe the error of an arm; foreign errors with their type."""
+    """Describe the error of an arm, with its type if it is a foreign one."""
     if isinstance(error, (PneunetError, ChildProcessError)):
         return str(error)
     return f'{type(error).__name__}: {" ".join(str(error).split())}'

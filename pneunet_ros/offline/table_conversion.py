@@ -1,4 +1,4 @@
-"""Series of a recording to a table of readings, and back."""
+"""Convert series of a recording to a table of readings, and back."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WrittenMessage = tuple[int, Connection, bytes]  # stamp in ns, topic, serialized
 
 
 def tabulate(series: Mapping[str, ReadingSeries], more: npt.ArrayLike = ()) -> ReadingTable:
-    """Return the table of these series: a row for every stamp of any, and for those in `more`."""
+    """Return the table of these series: a row for each of their stamps, and of those in `more`."""
     stamps = [np.asarray(more, dtype=np.int64), *(item.stamp_ns for item in series.values())]
     stamp_ns = np.unique(np.concatenate(stamps))
     targets = series[TARGETS.name].values.shape[2] if TARGETS.name in series else 0
@@ -34,7 +34,7 @@ def tabulate(series: Mapping[str, ReadingSeries], more: npt.ArrayLike = ()) -> R
 
 
 def record_table(writer: RecordingWriter, table: ReadingTable) -> dict[str, int]:
-    """Write the readings of a table, each logged at its stamp; returns counts by topic."""
+    """Write the readings of a table, each with its stamp as log time; returns counts by topic."""
     for stamp_ns, topic, raw in table_messages(writer, table):
         writer.write_raw(topic, stamp_ns, raw)
     return {f'{NAMESPACE}/{name}': count for name, count in table.counts().items() if count}
@@ -45,7 +45,7 @@ def table_messages(
 ) -> Iterator[WrittenMessage]:
     """Yield the readings of a table as messages: stamp in ns, topic, serialized bytes.
 
-    wrench: last name of the topic of end loads.
+    wrench: last name of the topic for end loads.
     """
     counts, present = table.counts(), table.present()
     sensors = sorted(SENSORS, key=lambda sensor: sensor is PRESSURE)  # it makes the estimate

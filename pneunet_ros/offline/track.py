@@ -1,4 +1,4 @@
-"""Track: images -> `Tracker.step` -> recording, through the messages and step of live."""
+"""Track: images -> `Tracker.step` -> recording, with the same messages and step as live."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ UPRIGHT_FRAMES = 30  # frames of an upright arm alone, after which all others ar
 class TrackStep:
     """One message of a stream with its outcome and the state of the tracker after it.
 
-    frame: it is an image, readable or not.
+    frame: whether it is an image, readable or not.
     """
 
     item: StreamItem
@@ -49,11 +49,11 @@ def look_ahead(
 ) -> tuple[TrackerState, str]:
     """Return the initial state of the tracker, and a note if it is not empty.
 
-    A recording that begins with the arm bent or hidden gets scale and base frame from the frames
-    further on in which the arm rests; a recording that begins at rest is tracked as it would be
-    live, and so is one whose camera_info changes or whose stamps jump before the rest. `on_frame`
-    sees each frame that was looked at. Raises CameraError if the arm is upright from the
-    beginning, and nothing says which end is the clamp.
+    If a recording begins with the arm bent or hidden, scale and base frame come from later frames
+    in which the arm is at rest. A recording that begins at rest is tracked as it would be live,
+    and so is one whose camera_info changes, or whose stamps jump, before the rest. `on_frame` sees
+    each frame that was looked at. Raises CameraError if the arm is upright from the beginning and
+    it is not known which end is the clamp.
     """
     state, frames, first = TrackerState(), 0, ''
     for item in stream.read(()):
@@ -86,8 +86,8 @@ def track_steps(
 ) -> Iterator[TrackStep]:
     """Feed images and lenses to the tracker in the order of their log time.
 
-    Messages of the topics in `others` pass by, with the outcome None. start: what the tracker
-    begins with, by `look_ahead`; None: nothing, as live.
+    Messages of the topics in `others` are passed on with the outcome None. start: initial state of
+    the tracker from `look_ahead`; None: empty, as live.
     """
     state = start or TrackerState()
     for item in stream.read(others):
@@ -115,10 +115,10 @@ def record_tracking(
     on_progress: Callable[[TrackStep], None],
     start: TrackerState | None = None,
 ) -> tuple[str, ...]:
-    """Write all that the tracker measured, and the other topics of a recording unchanged.
+    """Write all tracker outputs, and the other topics of a recording unchanged.
 
-    with_images: copy images, too. `on_progress` sees every step. start: as in `track_steps`.
-    Returns sentences about topics that were left out.
+    with_images: copy the images, too. `on_progress` sees every step. start: as in `track_steps`.
+    Returns sentences about omitted topics.
     """
     outputs = {
         output.name: writer.add(f'{stream.namespace}/{output.name}', output.type)
@@ -155,12 +155,12 @@ def record_tracking(
 
 @dataclass(slots=True)
 class TrackTally:
-    """Counts of tracking; a frame counts once, under one reason or none.
+    """Tracking counts; each frame counts once, under one reason or none.
 
-    `seen` (targets,) counts the explained frames in which a target was seen; `sentences` holds the
-    last sentence of each reason; `causes` counts why (a key of CAUSES) a target was not seen.
-    points: (2, targets) m of each explained frame; last_pixel: where the last target was seen
-    first; sizes (targets,): sum of logarithmic areas over the median of their frame.
+    seen (targets,): number of explained frames in which each target was seen; sentences: the
+    latest for each reason; causes: counts of why (a key of CAUSES) a target was not seen. points:
+    (2, targets) m of each explained frame; last_pixel: first position of the last target; sizes
+    (targets,): sum of log areas relative to the median of their frame.
     """
 
     targets: int
@@ -220,19 +220,19 @@ class TrackTally:
 
     @property
     def missing(self) -> Array:
-        """In how many explained frames each target was not seen (targets,)."""
+        """Number of explained frames in which each target was not seen (targets,)."""
         return self.explained - self.seen
 
     @property
     def main_sentence(self) -> str:
-        """The most frequent sentence of untracked frames of one cause."""
+        """The most frequent sentence among untracked frames of one cause."""
         others = Counter({it: many for it, many in self.reasons.items() if it != RESTING})
         counted = others or (Counter() if self.explained else self.reasons)
         return self.sentences[counted.most_common(1)[0][0]] if counted else ''
 
     @property
     def notes(self) -> list[str]:
-        """Explain why targets are missing in more than OFTEN of the frames."""
+        """Explain why targets are missing in more than the share OFTEN of the frames."""
         often = np.flatnonzero(self.missing > OFTEN * self.explained)
         mostly: dict[str, list[int]] = {}
         for target in often.tolist():
@@ -250,7 +250,7 @@ class TrackTally:
     def odd_dots(self) -> list[str]:
         """Name the targets whose average size differs from the rest of the row.
 
-        Those that the search counts as odd: it follows them, but less surely than the others.
+        The search follows odd dots, but less reliably than the others.
         """
         size = self.sizes / np.maximum(self.seen, 1.0)  # of logarithmic areas
         odd = np.abs(size) > BEAM_SEARCH.odd * BEAM_SEARCH.size_std
@@ -268,14 +268,14 @@ class TrackTally:
 
     @property
     def rms(self) -> float:
-        """Return the root mean square distance (m) of targets from the smoothed curves."""
+        """Return the RMS distance (m) of targets from the smoothed curves."""
         return math.sqrt(self._squares / self.curves) if self.curves else math.nan
 
 
 def check_row_order(tracker: Tracker, tally: TrackTally) -> None:
     """Raise CameraError if the arm was tracked from its free end to the clamp.
 
-    Then its first targets turn, as the free end does, or move while the last ones rest.
+    In that case its first targets turn like a free end, or move while the last ones are at rest.
     """
     if not tally.points or tally.last_pixel is None:
         return

@@ -1,4 +1,4 @@
-"""Possible uses of a recording by verb, with a remedy for impossible ones; as in `check`."""
+"""Possible uses of a recording by verb, with a remedy for impossible ones, as in `check`."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ SOLVES_TRIED = 20  # readings without an equilibrium, after which no other is tr
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class UseRequest:
-    """Request of a check: the arm, the meaning of readings, names of topics.
+    """Request for a check: the arm, the sensor conventions, topic names.
 
-    own_model: the arm is that of the recordings, and not the shipped one for want of a model.
+    own_model: whether the model is of the recorded arm; without a model it is the shipped one.
     """
 
     arm: Arm
@@ -69,7 +69,7 @@ class UseRequest:
 
 
 def run_reader(recording: Recording, request: UseRequest) -> Callable[[], RecordingData]:
-    """Return a cached reader of a recording as a run; raises at each call if it cannot be read."""
+    """Return a cached reader of a recording as a run, which raises on each call if unreadable."""
 
     @functools.cache
     def read() -> RecordingData:
@@ -89,7 +89,7 @@ def uses(
     verdicts: Verdicts,
     reads_as_run: Callable[[], RecordingData],
 ) -> dict[str, dict[str, Any]]:
-    """Return for each use whether the recording is suitable, with the reason or a remark."""
+    """Return, for each use, whether the recording is suitable, with the reason or a remark."""
     settings, overrides = request.settings, request.overrides
     images = {topic.type for topic in recording.topics} & set(IMAGE_TYPES.values())
 
@@ -200,14 +200,14 @@ def uses(
 def by_tip(run: RecordingData, found: Sequence[str]) -> str:
     """Note that a calibration uses the measured pose of the tip, if so.
 
-    found: what was found of the frame that the pose was measured in.
+    found: facts about the frame in which the pose was measured.
     """
     way = [] if run.tip_pose is None else [f'with {TIP_POSE.name} as the target at the tip']
     return '; '.join((*way, *found))
 
 
 def check_estimates(replayed: Iterable[Step]) -> None:
-    """Raise RecordingError if a replay gives no estimate; names the most frequent reason."""
+    """Raise RecordingError, naming the most frequent reason, if a replay gives no estimate."""
     sentences: dict[str, str] = {}
     reasons: Counter[str] = Counter()
     for step in replayed:
@@ -227,7 +227,7 @@ def check_estimates(replayed: Iterable[Step]) -> None:
 
 
 def check_images(stream: ImageStream) -> None:
-    """Raise RecordingError if a stream has no readable image, or no lens."""
+    """Raise RecordingError if a stream has no readable image or no camera_info."""
     kinds: set[type] = set()
     why = 'it holds none'
     for item in stream.read(()):

@@ -107,7 +107,7 @@ def options(parser: ArgumentParser) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Read, fit, write."""
+    """Read the recordings, fit, and write the model."""
     from pneunet_ros.calibration.calibration import calibrate
     from pneunet_ros.cli.calibrate_summary import numbers_of, show
     from pneunet_ros.offline.calibration_files import (
@@ -204,7 +204,7 @@ def with_motion(arm: Arm, fit: MotionFit) -> Arm:
 
 
 def files_of(arguments: Namespace) -> Files:
-    """Return the files for the command that comes next."""
+    """Return the files for the next command."""
     from pneunet_ros.reports.calibration.verdict import Files
 
     arm = arguments.arm or arguments.earlier
@@ -213,7 +213,7 @@ def files_of(arguments: Namespace) -> Files:
 
 
 def check_outputs(arguments: Namespace) -> None:
-    """Refuse existing outputs before a long computation starts."""
+    """Reject existing outputs before a long computation starts."""
     from pneunet_ros.offline.calibration_files import knowledge_file
 
     knowledge = knowledge_file(arguments.output)

@@ -127,7 +127,7 @@ def places_assumed(comparison: Comparison, arm: Arm) -> list[str]:
 
 
 def side_topics(pairs: list[str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the topics chosen for A and for B, by last name."""
+    """Return the chosen topics of A and of B, by last name."""
     of_one = [f'{side}.{name}' for side in SIDES for name in SHAPE_TOPICS]
     chosen = topics_of(pairs, [*SHAPE_TOPICS, *of_one])
     both = {name: topic for name, topic in chosen.items() if name in SHAPE_TOPICS}
@@ -160,7 +160,7 @@ def show(contents: list[dict[str, Any]]) -> None:
 
 
 def add_errors(table: Table, name: str, errors: dict[str, Any], *, known: bool) -> None:
-    """Add the rows of an error: mm, percent of the length if known, and degrees."""
+    """Add the rows for an error: mm, percent of the length if known, and degrees."""
     keys = ('rms', 'median', 'p95', 'max')
     table.add_row(name, *(f'{millimeters(errors[key]):.3f}' for key in keys), 'mm')
     if known:
@@ -172,7 +172,7 @@ def add_errors(table: Table, name: str, errors: dict[str, Any], *, known: bool) 
 
 
 def matched_sentence(name: str, errors: dict[str, Any]) -> str:
-    """Describe the compared topics, the number of frames, and the distance of their stamps."""
+    """Describe the compared topics, the number of frames, and the difference of their stamps."""
     of, to = errors['topics'].values()
     apart = errors['stamps_apart']
     said = (

@@ -1,7 +1,7 @@
 """`pneunet demo`: Table 1 of the paper through the estimator, as table, MCAP and picture.
 
-Kernels that are not on the disk compile themselves when they are called: the demo needs a third
-of them, and runs where the libraries for images are not installed.
+Kernels that are not cached are compiled when called: the demo needs only a third of them, and also
+runs if the image libraries are not installed.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def run(arguments: Namespace) -> int:
 
 
 def first_of_each_pressure(holds: list[ShapeEstimate]) -> list[ShapeEstimate]:
-    """Keep the upward sweep: the recording returns through the same pressures."""
+    """Return the holds of the upward sweep; the downward sweep repeats its pressures."""
     seen: dict[float, ShapeEstimate] = {}
     for hold in holds:
         seen.setdefault(hold.shape.pressure, hold)
@@ -105,7 +105,7 @@ def first_of_each_pressure(holds: list[ShapeEstimate]) -> list[ShapeEstimate]:
 
 
 def row_of(hold: ShapeEstimate) -> dict[str, float]:
-    """Return the numbers of one hold, SI."""
+    """Return the results for one hold, SI."""
     shape = hold.shape
     x, y, theta = shape.tip
     std_x, std_y = np.sqrt(np.diag(hold.tip_covariance))[:2].tolist()

@@ -118,7 +118,7 @@ def options(parser: ArgumentParser) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Read, diagnose, write."""
+    """Read the recordings, diagnose, and write the results."""
     from pneunet_ros.cli.diagnose_summary import show, show_unsettled
     from pneunet_ros.cli.provenance import versions
     from pneunet_ros.diagnosis.diagnosis import investigate, PARTS, with_tips
@@ -197,7 +197,7 @@ def run(arguments: Namespace) -> int:
 
 
 def settings_without(names: Sequence[str]) -> DiagnosisSettings:
-    """Return the settings of a diagnosis that does not consider some effects."""
+    """Return the settings of a diagnosis that excludes some effects."""
     for name in names:
         if name not in EFFECTS:
             raise RequestError(
@@ -211,9 +211,9 @@ def settings_without(names: Sequence[str]) -> DiagnosisSettings:
 def executor_for(
     scheduler: str | None, effects_path: Path | None = None
 ) -> AbstractContextManager[Executor | None]:
-    """Return where clean data are simulated: here, if that is faster than starting processes.
+    """Return the executor for simulating clean data: here, if faster than starting processes.
 
-    The workers of a cluster read the effects of a user from the same path.
+    The workers of a cluster read user effects from the same path.
     """
     if scheduler is None:
         return nullcontext()
@@ -222,7 +222,7 @@ def executor_for(
 
 
 def check_distinct(inputs: list[dict[str, str]]) -> None:
-    """Reject a recording that is given twice: it could not test the model."""
+    """Reject a recording that is given twice, because it could not test the model."""
     seen: dict[str, dict[str, str]] = {}
     for item in inputs:
         other = seen.setdefault(item['sha256'], item)

@@ -59,7 +59,7 @@ def run(arguments: Namespace) -> int:
 
 
 def lines() -> Iterator[str]:
-    """Yield the effects by the place where they act, two or more lines each."""
+    """Yield two or more lines per effect, grouped by where the effects act."""
     yield ('Effects of a model file, under `effects:`; at the neutral value they are off.')
     yield 'prior: the expected range, from which calibration and diagnosis start.'
     for place in dict.fromkeys(effect.place for effect in EFFECTS.values()):

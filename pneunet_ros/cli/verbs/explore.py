@@ -136,7 +136,7 @@ def options(parser: ArgumentParser) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Explore, and report after every recording."""
+    """Explore, reporting after every recording."""
     from pneunet_ros.cli.provenance import versions
     from pneunet_ros.diagnosis.result import Diagnosis
     from pneunet_ros.discovery.discovery import discover
@@ -240,7 +240,7 @@ def safe_set(arguments: Namespace, model: Arm) -> SafeSet:
 
 
 def writer_of(arguments: Namespace, model: Arm) -> WriteRecording:
-    """Return the recorder for the chosen kind of arm."""
+    """Return the recorder for the chosen kind of arm: live, simulated, or recorded by hand."""
     from pneunet_ros.offline.live_arm import LiveArm, NAMESPACE
     from pneunet_ros.offline.simulated_arm import SimulatedArm
 
@@ -299,7 +299,7 @@ def wait_for_recording(experiment: Experiment, safe: SafeSet, path: Path) -> Non
 def write_round(
     rounds: list[Round], safe: SafeSet, provenance: dict[str, object], folder: Path
 ) -> None:
-    """Write page, picture and numbers after a round."""
+    """Write the page, figure and results after a round."""
     from pneunet_ros.reports.exploration.report import (
         exploration_content,
         exploration_page,
@@ -334,7 +334,7 @@ def show_round(rounds: list[Round], console: Console) -> None:
 def write_end(
     last: Round, discovery: Discovery, model: Arm, provenance: dict[str, object], given: Given
 ) -> None:
-    """Write the last diagnosis as `diagnose` does, if there is one."""
+    """Write the last diagnosis, if there is one, as `diagnose` does."""
     from pneunet_ros.offline.calibration_files import inputs_of
     from pneunet_ros.reports.diagnosis.files import write_diagnosis
 

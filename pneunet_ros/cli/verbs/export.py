@@ -1,4 +1,4 @@
-"""`pneunet export`: a recording -> a table of readings, and of tips that were estimated."""
+"""`pneunet export`: a recording -> a table of readings and estimated tips."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def options(parser: ArgumentParser) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Export and summarize."""
+    """Export the recording and summarize."""
     check_suffix(arguments.output)
     arm = model_of(arguments)
     units = units_of(arguments, arm)

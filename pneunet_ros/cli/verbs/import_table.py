@@ -1,4 +1,4 @@
-"""`pneunet import`: a CSV table with named unit columns -> recording."""
+"""`pneunet import`: a CSV table with units in its column names -> recording."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def options(parser: ArgumentParser) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Import and summarize."""
+    """Import the table and summarize."""
     if arguments.table.suffix.lower() in VIDEOS:
         raise RequestError(
             f'{arguments.table} {recording_from(arguments.table)}', reason='wrong_kind'

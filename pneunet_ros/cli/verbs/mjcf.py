@@ -1,4 +1,4 @@
-"""`pneunet mjcf`: the finger as a model for MuJoCo."""
+"""`pneunet mjcf`: the finger as a MuJoCo model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`pneunet new-arm`: size and targets of an arm -> arm.yaml, and a sheet to put the dots on."""
+"""`pneunet new-arm`: size and targets of an arm -> arm.yaml, and a template for the dots."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def options(parser: ArgumentParser) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Ask, and write arm and sheet."""
+    """Ask, then write the arm file and the template."""
     from pneunet_ros.reports.target_template import write_template
 
     if arguments.output.suffix not in ('.yaml', '.yml'):
@@ -134,7 +134,7 @@ def answers(
 ) -> tuple[dict[str, float], Array]:
     """Return the sizes (SI) by name, and the positions of the targets (targets,) m.
 
-    ask: where what was not given is asked for; None: nobody is there, RequestError.
+    ask: how to ask for missing values; None: nobody can be asked, so RequestError.
     """
     targets_given = arguments.targets or arguments.places
     missing = [item.name for item in QUESTIONS if getattr(arguments, item.name) is None]
@@ -175,7 +175,7 @@ def answers(
 
 
 def positive(option: str, text: str, kind: str) -> float:
-    """Return a positive size, SI; RequestError if it is not positive."""
+    """Return a size, SI; RequestError if it is not positive."""
     value = size_of(option, text, kind)
     if not value > 0.0:
         raise RequestError(f'{option} {text} must be above zero', reason='out_of_bounds')
@@ -183,7 +183,7 @@ def positive(option: str, text: str, kind: str) -> float:
 
 
 def size_of(option: str, text: str, kind: str) -> float:
-    """Return a size, SI; RequestError for a length that must be meant in millimeters."""
+    """Return a size, SI; RequestError if a length was evidently meant in millimeters."""
     value = quantity_of(option, text, kind)
     if kind == 'length' and value > LONGEST and text[-1:].isdigit():
         raise RequestError(

@@ -1,4 +1,4 @@
-"""`pneunet predict`: one solve, from the load or from the position of the tip."""
+"""`pneunet predict`: one solution, for a load or for a position of the tip."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def solved(arm: Arm, arguments: Namespace) -> Shape:
 
 
 def solved_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
-    """Return the requested pressure as a sensor reads it, and its shape."""
+    """Return the requested pressure as read by a sensor, and the shape."""
     what, *numbers = arguments.pressure_for
     moment = arguments.moment
     force = tuple(arguments.force or (0.0, 0.0))
@@ -191,7 +191,7 @@ def solved_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
 
 
 def predict(arm: Arm, shape: Shape, arguments: Namespace) -> Prediction:
-    """Return a shape with its uncertainty; a failed one where the model knows no such load."""
+    """Return a shape with its uncertainty, or a failed one if the load is outside the model."""
     if not shape.converged:
         return Prediction(shape=shape)
     load = Load(
@@ -230,7 +230,7 @@ def predict(arm: Arm, shape: Shape, arguments: Namespace) -> Prediction:
 def estimate_uncertainty(
     estimator: Estimator, shape: Shape, pressure: float
 ) -> ShapeEstimate | None:
-    """Return the answer as the estimator gives it, with Jacobian and covariance."""
+    """Return the answer of the estimator, with Jacobian and covariance."""
     state = EstimatorState(solution=shape.solution)
     along, across, moment = wrench_read(estimator, shape, pressure)
     force = WrenchReading(
@@ -242,7 +242,7 @@ def estimate_uncertainty(
 
 
 def wrench_read(estimator: Estimator, shape: Shape, pressure: float) -> list[float]:
-    """Return F1, F2 and M that sensors show under the true load; all sensing is affine."""
+    """Return F1, F2 and M as sensors read them under the true load; all sensing is affine."""
     nothing = true_load(estimator.arm, (0.0, 0.0, 0.0, pressure))[:3]
     units = np.eye(3).tolist()
     responses = [true_load(estimator.arm, (*unit, pressure))[:3] - nothing for unit in units]
@@ -252,7 +252,7 @@ def wrench_read(estimator: Estimator, shape: Shape, pressure: float) -> list[flo
 
 
 def content(arm: Arm, prediction: Prediction, units: UnitSystem) -> dict[str, object]:
-    """Return the JSON of the contract, in these units."""
+    """Return the documented JSON content, in these units."""
     shape, estimate = prediction.shape, prediction.estimate
     length, force, moment = (getattr(units, kind).per_si for kind in ('length', 'force', 'moment'))
     curvature = units.curvature.per_si
@@ -296,7 +296,7 @@ def content(arm: Arm, prediction: Prediction, units: UnitSystem) -> dict[str, ob
 
 
 def deviations(covariance: Array) -> list[float]:
-    """Return the standard deviations in a covariance."""
+    """Return the standard deviations of a covariance."""
     found: list[float] = np.sqrt(np.diag(covariance)).tolist()
     return found
 
@@ -353,7 +353,7 @@ def show(arm: Arm, prediction: Prediction, units: UnitSystem) -> None:
 
 
 def likely_pressure(arm: Arm, pressure: float) -> str:
-    """Return a question if a pressure (Pa) is so small that another unit was probably meant."""
+    """Return a question if a pressure (Pa) is so small that probably another unit was meant."""
     record = record_of([0], [pressure])
     verdict = judge_pressure(
         record, PressureConvention(), [expected_of(arm)], moves=True, running=True

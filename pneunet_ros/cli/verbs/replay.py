@@ -76,7 +76,7 @@ def options(parser: ArgumentParser) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Replay and summarize."""
+    """Replay the recording and summarize."""
     if arguments.fuse:  # imported here: a replay without it starts a quarter of a second earlier
         from pneunet_ros.cli.replay_fuse import run_fusion
 
@@ -92,7 +92,7 @@ def run(arguments: Namespace) -> int:
 
 
 def run_estimator(arguments: Namespace) -> int:
-    """Replay through the estimator, and summarize."""
+    """Replay a recording through the estimator and summarize."""
     from pneunet_ros.cli.judged import refuse_readings
     from pneunet_ros.estimation.estimator import Estimator
     from pneunet_ros.files.model_file import model_hash
@@ -187,7 +187,7 @@ def run_estimator(arguments: Namespace) -> int:
 def motion_summary(tally: Tally) -> dict[str, float] | None:
     """Return the motion of the arm; None if the model has no motion.
 
-    settled: share of the estimates; frequency (Hz) and decay_time (s): of the last one.
+    settled: fraction of the estimates; frequency (Hz) and decay_time (s): of the last one.
     """
     motion = tally.last.motion if tally.last else None
     modes = motion.modes() if motion else None

@@ -1,4 +1,4 @@
-"""`pneunet simulate`: a scenario of the virtual lab to a recording, with its truth."""
+"""`pneunet simulate`: a scenario of the virtual lab -> a recording, with its truth."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def run(arguments: Namespace) -> int:
 
 
 def scenario_file(name: str) -> Path:
-    """Return the file of a scenario: a path, or the name of a shipped one."""
+    """Return the file of a scenario, given as a path or the name of a shipped one."""
     path = Path(name)
     if path.is_file() or path.suffix:
         return path
@@ -138,7 +138,7 @@ def scenario_file(name: str) -> Path:
 
 
 def shipped_names() -> list[str]:
-    """List the shipped scenarios, without the arm that they share."""
+    """Return the names of the shipped scenarios, without the arm file that they share."""
     return sorted(
         file.stem for file in share_path(FOLDER).glob('*.yaml') if file.stem != 'lab_arm'
     )
@@ -192,7 +192,7 @@ def show(scenario: Scenario, summary: dict[str, Any]) -> None:
 
 
 def effect_texts(scenario: Scenario) -> list[str]:
-    """Return every effect with the parameters that are not neutral."""
+    """Return a text per effect, with its parameters that are not neutral."""
     texts = []
     for effect in scenario.effects:
         set_ = [

@@ -1,4 +1,4 @@
-"""`pneunet survey`: check, calibrate and diagnose every arm of a fleet; one page over them all."""
+"""`pneunet survey`: check, calibrate and diagnose every arm of a fleet; one page about all."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ class Survey:
     def rows_of(
         self, fleet: Sequence[FleetArm], workers: int | None, scheduler: str | None
     ) -> dict[str, dict[str, Any]]:
-        """Return the row of every arm by name, finished before or now."""
+        """Return the row of every arm by name, whether finished before or now."""
         from pneunet_ros.cli.survey_arm import SurveyWork
         from pneunet_ros.offline.calibration_files import file_hash
 
@@ -205,7 +205,8 @@ class Survey:
     ) -> dict[str, Any]:
         """Store the results of an arm, and return its row.
 
-        Failures of the process, such as a worker that died, are not kept: it is tried again.
+        Failures of the process, such as a worker that died, are not stored: the arm is tried
+        again.
         """
         from pneunet_ros.cli.survey_arm import FOUND
 
@@ -224,7 +225,7 @@ class Survey:
     def data_of(
         self, source: str, fleet: Sequence[FleetArm], rows: Mapping[str, Mapping[str, Any]]
     ) -> SurveyData:
-        """Return the arms with their models, compared."""
+        """Return the arms with their models, and their comparison."""
         from pneunet_ros.reports.survey.survey_data import SurveyData, SurveyedArm
 
         arms = []
