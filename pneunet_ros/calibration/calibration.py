@@ -106,22 +106,26 @@ def calibrate(
 ) -> Calibration:
     """Calibrate an arm: kappa_p0(p, s), the moment law, and their uncertainty.
 
-    Args: unloaded: recordings with nothing attached: pressure in Pa gauge, targets in m in the
-    base frame. Optional if `earlier` is given, or if the pressure of the arm never changes.
-    loaded: recordings under end load, N and N m in the base frame; may be none. frame: an arm with
-    the length, weight, clamp, targets, effects, and everything that the recordings do not
-    determine; for a Majidi law also the cross-section. kind: the moment law to fit; None: the
-    paper's, or one stiffness if the loaded frames add no information. compare: also fit without
-    each loaded recording, and with the other laws; the error bars include the changes. earlier:
-    posterior of another calibration to continue from, with its tables. on_progress: called with
-    the stage, its progress, and its total (0: unknown). settings: thresholds and priors.
+    Args:
+        unloaded: recordings with nothing attached: pressure in Pa gauge, targets in m in the base
+            frame. Optional if `earlier` is given, or if the pressure of the arm never changes.
+        loaded: recordings under end load, N and N m in the base frame; may be none.
+        frame: an arm with the length, weight, clamp, targets, effects, and everything that the
+            recordings do not determine; for a Majidi law also the cross-section.
+        kind: the moment law to fit; None: the paper's, or one stiffness if the loaded frames add
+            no information.
+        compare: also fit without each loaded recording, and with the other laws; the error bars
+            include the changes.
+        earlier: posterior of another calibration to continue from, with its tables.
+        on_progress: called with the stage, its progress, and its total (0: unknown).
+        settings: thresholds and priors.
 
-    Returns: The arm with error bars, and its fits; use it only if `joint.converged`.
+    Returns:
+        The arm with error bars, and its fits; use it only if `joint.converged`.
 
     Raises:
         RequestError: no such law, no unloaded recording, or `earlier` does not fit.
         RecordingError: the recordings do not fit the experiments.
-
     """
     clocks, rounds = dict[str, CameraClock](), 0
     settled: tuple[Calibration, dict[str, CameraClock]] | None = None

@@ -153,14 +153,16 @@ def arm_numbers(
 ) -> ArmNumbers:
     """Return the compared quantities of a calibrated arm, with the covariance of its model file.
 
-    Args: arm: the arm, with the covariance of its model. pressure: gauge, Pa; quantities at
-    pressures above the calibrated range are omitted. loaded: whether the arm was calibrated under
-    loads, so that its stiffness was measured. settings: thresholds for comparing fleets.
+    Args:
+        arm: the arm, with the covariance of its model.
+        pressure: gauge, Pa; quantities at pressures above the calibrated range are omitted.
+        loaded: whether the arm was calibrated under loads, so that its stiffness was measured.
+        settings: thresholds for comparing fleets.
 
-    Returns: Turning angle of the unloaded arm at zero, half and full pressure, that of its outer
-    half if the curvature may vary along the arm, the bending stiffness of the whole arm at half
-    pressure, and the parameters of its effects.
-
+    Returns:
+        Turning angle of the unloaded arm at zero, half and full pressure, that of its outer half
+        if the curvature may vary along the arm, the bending stiffness of the whole arm at half
+        pressure, and the parameters of its effects.
     """
     values = evaluate(arm, pressure, loaded, settings)
     columns = [] if arm.covariance is None else arm.covariance.columns()
@@ -236,12 +238,15 @@ def compare_arms(
 ) -> Fleet:
     """Estimate center and scatter of a fleet, and its outliers.
 
-    Args: arms: the numbers of each arm, by name. pressure: of the numbers, Pa. seed: of the
-    simulated fleets. settings: thresholds for the decision.
+    Args:
+        arms: the numbers of each arm, by name.
+        pressure: of the numbers, Pa.
+        seed: of the simulated fleets.
+        settings: thresholds for the decision.
 
-    Returns: The compared arms. A number is compared if enough arms have it; center and scatter of
-    the others are medians.
-
+    Returns:
+        The compared arms. A number is compared if enough arms have it; center and scatter of the
+        others are medians.
     """
     counts = Counter(number for item in arms.values() for number in item.values)
     numbers = tuple(number for number, count in counts.items() if count >= settings.shown)
@@ -297,12 +302,14 @@ def distances(
     A robust start selects the arms to use; center and scatter are the most probable ones for
     these.
 
-    Args: values: (fleets, arms, n), NaN if unknown for an arm. covariance: of the error bars
-    (arms, n, n), the same in every fleet. settings: thresholds for comparing fleets.
+    Args:
+        values: (fleets, arms, n), NaN if unknown for an arm.
+        covariance: of the error bars (arms, n, n), the same in every fleet.
+        settings: thresholds for comparing fleets.
 
-    Returns: center (fleets, n); scatter (fleets, n, n), the covariance of alike arms beyond their
-    error bars; log probability (fleets, arms) that an arm is as far off, NaN if it has no numbers.
-
+    Returns:
+        center (fleets, n); scatter (fleets, n, n), the covariance of alike arms beyond their error
+        bars; log probability (fleets, arms) that an arm is as far off, NaN if it has no numbers.
     """
     center, scatter = robust_start(values, covariance, settings)
     chance = log_chance(values, covariance, center, scatter)

@@ -182,16 +182,20 @@ def fit(
 ) -> Fit:
     """Find the maximum a posteriori parameters of a model, given recordings.
 
-    Args: parameters: to be fitted, with their prior. runs: the recordings, frames with targets in
-    the base frame. noise: one sigma of every sensor, SI. targets: (targets,) m, arclength of the
-    targets. start: (n,) initial values; None: the mean of the prior. on_progress: called with the
-    number of each step and the cost. settings: stopping criteria.
+    Args:
+        parameters: to be fitted, with their prior.
+        runs: the recordings, frames with targets in the base frame.
+        noise: one sigma of every sensor, SI.
+        targets: (targets,) m, arclength of the targets.
+        start: (n,) initial values; None: the mean of the prior.
+        on_progress: called with the number of each step and the cost.
+        settings: stopping criteria.
 
     Returns:
         The fit with covariance; `converged` and `status` say how the search ended.
 
-    Raises: ModelError: the start is not a valid arm.
-
+    Raises:
+        ModelError: the start is not a valid arm.
     """
     posterior = Posterior(parameters, runs, noise, targets)
     scaled, size = np.zeros(posterior.prior.mean.size), posterior.prior.size

@@ -483,21 +483,24 @@ def fit_motion(
 ) -> MotionFit:
     """Fit mass at the tip and damping to recordings in which the arm swings.
 
-    Args: arm: the calibrated arm; its weight is its mass. runs: recordings with quick changes of
-    the pressure, or of an arm that was plucked and let go at constant pressure. near: start of the
-    search; None: scan a grid. nearby: arms that differ from this one by one error each, by
-    `DIFFERENCE` of a standard deviation; the sizes of these errors are fitted too. trusted_error:
-    relative error of the mass up to which a swing that suggests a lighter arm is overruled by the
-    model file.
-
     At most as many frames as in a calibration are fitted, evenly in time and pressure.
+
+    Args:
+        arm: the calibrated arm; its weight is its mass.
+        runs: recordings with quick changes of the pressure, or of an arm that was plucked and let
+            go at constant pressure.
+        near: start of the search; None: scan a grid.
+        nearby: arms that differ from this one by one error each, by `DIFFERENCE` of a standard
+            deviation; the sizes of these errors are fitted too.
+        trusted_error: relative error of the mass up to which a swing that suggests a lighter arm
+            is overruled by the model file.
 
     Returns:
         Mass and damping with standard errors.
 
-    Raises: RequestError: the arm hardly swings in the recordings, or no mass at the tip explains
-    its motion.
-
+    Raises:
+        RequestError: the arm hardly swings in the recordings, or no mass at the tip explains its
+            motion.
     """
     runs = thinned(runs, EXPERIMENTS.most_frames)
     problem = motion_problem(arm, runs)

@@ -52,13 +52,14 @@ def end_forces(
     The errors include those of targets, their placement, camera position, pressure, and the
     covariance of the model. The search starts with the measured force, if any.
 
-    Args: arm: the model, with its sensors' noise and its covariance. run: the recording; targets
-    (frames, targets) m in the base frame. tip_only: use only the last target. settings: stopping
-    criteria, and thresholds for a determined force.
+    Args:
+        arm: the model, with its sensors' noise and its covariance.
+        run: the recording; targets (frames, targets) m in the base frame.
+        tip_only: use only the last target.
+        settings: stopping criteria, and thresholds for a determined force.
 
     Returns:
         Force (frames, 2) N in the base frame and its covariance, NaN where there is none.
-
     """
     noise, targets = arm.sensors, arm.target_arclength
     used = np.zeros(targets.size, dtype=bool)

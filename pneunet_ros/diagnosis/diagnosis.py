@@ -98,23 +98,26 @@ def diagnose(
     The base model is refitted to the training recordings together with every hypothesis; held-out
     ones are used for scores and tests only. See docs/diagnosis.md.
 
-    Args: model: the arm, with the effects that are already known. training: recordings of pressure
-    (Pa), end load (N, N m) and targets (m, base frame), at least one of them without a load. The
-    position of the tip is a target if no other was seen; its heading is not used, and a note says
-    so. held_out: other recordings in the same range of pressure and force; may be empty. seed: of
-    the simulated clean data behind the thresholds. executor: runs the simulations; None: this
-    process. on_progress: called with the task, its progress, and its total (0 = unknown).
-    settings: thresholds and priors.
+    Args:
+        model: the arm, with the effects that are already known.
+        training: recordings of pressure (Pa), end load (N, N m) and targets (m, base frame), at
+            least one of them without a load. The position of the tip is a target if no other was
+            seen; its heading is not used, and a note says so.
+        held_out: other recordings in the same range of pressure and force; may be empty.
+        seed: of the simulated clean data behind the thresholds.
+        executor: runs the simulations; None: this process.
+        on_progress: called with the task, its progress, and its total (0 = unknown).
+        settings: thresholds and priors.
 
-    Returns: The answer, with the model before and after, all numbers in SI; without numbers if the
-    fit of the base model does not converge. A law outside the library may still overrule its name
-    (`discovery.discover`), as in `pneunet diagnose`.
+    Returns:
+        The answer, with the model before and after, all numbers in SI; without numbers if the fit
+        of the base model does not converge. A law outside the library may still overrule its name
+        (`discovery.discover`), as in `pneunet diagnose`.
 
     Raises:
         RequestError: no training recording is without a load.
         RecordingError: a recording has too few frames, or contradicts the model.
         ModelError: the model has no shape in most of the recordings.
-
     """
     return investigate(
         model,

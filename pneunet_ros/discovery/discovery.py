@@ -86,12 +86,15 @@ def discover(
 ) -> Discovery:
     """Search for a law of the model error that no effect of the library explains.
 
-    Args: investigation: a diagnosis with its fits. on_progress: called with the task, its
-    progress, and its total (0 = unknown). settings: thresholds and priors.
+    Args:
+        investigation: a diagnosis with its fits.
+        on_progress: called with the task, its progress, and its total (0 = unknown).
+        settings: thresholds and priors.
 
-    Returns: Confirmed laws, at most one with its rivals; none if the answer is `none` or
-    `unobservable`, or if named effects leave only noise and no law explains the recordings better.
-
+    Returns:
+        Confirmed laws, at most one with its rivals; none if the answer is `none` or
+        `unobservable`, or if named effects leave only noise and no law explains the recordings
+        better.
     """
     if investigation.selection is None or investigation.base is None:
         return NOTHING_SEARCHED

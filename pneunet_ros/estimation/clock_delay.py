@@ -183,13 +183,15 @@ def estimate_delay(
     error is by leaving out blocks of the film (jackknife), which allows for correlated residuals,
     widened by Student's t if there are few blocks.
 
-    Args: frame_time: (frames,) s, increasing. motion: (frames, coordinates) m of the targets, NaN
-    where one was not seen. reading_time: (readings,) s, increasing. inputs: (readings, 1 + loads)
-    pressure in Pa, then forces that change in N. settings: tuning constants.
+    Args:
+        frame_time: (frames,) s, increasing.
+        motion: (frames, coordinates) m of the targets, NaN where one was not seen.
+        reading_time: (readings,) s, increasing.
+        inputs: (readings, 1 + loads) pressure in Pa, then forces that change in N.
+        settings: tuning constants.
 
     Returns:
         The delay, with a sentence in `trouble` if the data do not determine it.
-
     """
     period = float(np.median(np.diff(frame_time))) if len(frame_time) > 1 else math.inf
     scores, kept = motion_components(motion, settings)

@@ -78,14 +78,14 @@ class Estimator:
     ) -> tuple[EstimatorState, Outcome]:
         """Process one reading: Eq 4 gives the shape, its linearization the covariance.
 
-        Args: state: the state after all earlier readings; unchanged. reading: a pressure (Pa) or
-        an end wrench (N, N m), with the stamp of its message header; or a reading of an
-        accelerometer on the base, or of frames.
+        Args:
+            state: the state after all earlier readings; unchanged.
+            reading: a pressure (Pa) or an end wrench (N, N m), with the stamp of its message
+                header; or a reading of an accelerometer on the base, or of frames.
 
         Returns:
             The next state, and the result: a ShapeEstimate or a Refusal for a pressure, None or a
             Refusal for any other reading. Bad readings never raise.
-
         """
         if not isinstance(reading, PressureReading | WrenchReading):
             gravity, refusal = self.gravity.take(state.gravity, reading)

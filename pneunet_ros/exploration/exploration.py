@@ -72,16 +72,19 @@ def explore(
 ) -> Iterator[Round]:
     """Record, diagnose and choose, until an effect is named or the budget is used up.
 
-    Args: model: the arm, with the effects that are already known. record: makes a recording, given
-    an experiment, the safe set and the number of the recording, starting at 0. Its stamps must
-    come after those of earlier recordings. safe: limits for the arm. seed: of the simulated clean
-    data behind the thresholds of the diagnosis. in_order: use the experiments in order instead of
-    choosing, for comparison. on_progress: called with the task, its progress, and its total (0 =
-    unknown). settings: thresholds and priors.
+    Args:
+        model: the arm, with the effects that are already known.
+        record: makes a recording, given an experiment, the safe set and the number of the
+            recording, starting at 0. Its stamps must come after those of earlier recordings.
+        safe: limits for the arm.
+        seed: of the simulated clean data behind the thresholds of the diagnosis.
+        in_order: use the experiments in order instead of choosing, for comparison.
+        on_progress: called with the task, its progress, and its total (0 = unknown).
+        settings: thresholds and priors.
 
-    Yields: Every round, the last one with the answer. It ends when a new recording confirms a
-    name, or when the budget is used up.
-
+    Yields:
+        Every round, the last one with the answer. It ends when a new recording confirms a name, or
+        when the budget is used up.
     """
     runs: list[RecordingData] = []
     choice = Choice(experiment=BEGINNING, seconds=BEGINNING.seconds, rate=0.0, divergence={})

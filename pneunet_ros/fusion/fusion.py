@@ -106,15 +106,16 @@ class Fusion:
     def step(self, state: FusionState, event: Event) -> tuple[FusionState, FusionOutcome]:
         """Take one reading or one frame of targets.
 
-        Args: state: the state after all earlier events; unchanged. event: a pressure (Pa), an end
-        wrench (N, N m) or the targets seen in a frame (m, base frame), with the stamp of its
-        message header; or a reading of the gravity direction.
+        Args:
+            state: the state after all earlier events; unchanged.
+            event: a pressure (Pa), an end wrench (N, N m) or the targets seen in a frame (m, base
+                frame), with the stamp of its message header; or a reading of the gravity
+                direction.
 
         Returns:
             The next state, and the result. A pressure gives a FusedEstimate or a Refusal. A frame
             gives None or a Refusal, or a FusedEstimate if the pressure is out of date, so that
             only the camera is used. A wrench gives None or a Refusal. Bad readings never raise.
-
         """
         state = self.settle(state)
         if isinstance(event, TargetSightings):

@@ -325,15 +325,17 @@ def judge_pressure(
 ) -> PressureVerdict | None:
     """Weigh all meanings of readings against the declared one.
 
-    Args: record: of the readings, in the unit of the sensor. declared: their declared meaning.
-    expected: pressures to expect, for one arm or for several with their shares. fit: fit of a
-    model to measured targets under a meaning; None: no targets. moves: the arm is known to bend,
-    so its pressure changes. running: readings are still to come, possibly including the largest.
-    settings: priors, and the required odds.
+    Args:
+        record: of the readings, in the unit of the sensor.
+        declared: their declared meaning.
+        expected: pressures to expect, for one arm or for several with their shares.
+        fit: fit of a model to measured targets under a meaning; None: no targets.
+        moves: the arm is known to bend, so its pressure changes.
+        running: readings are still to come, possibly including the largest.
+        settings: priors, and the required odds.
 
     Returns:
         The verdict; None if there is no reading, or all are the same number, zero.
-
     """
     if not record.count or (record.low == record.high == 0.0):
         return None

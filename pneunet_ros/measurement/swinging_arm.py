@@ -233,15 +233,18 @@ class SwingingArm:
     ) -> tuple[Known, Reference, Moved]:
         """Advance a swinging arm to a stamp with a solved equilibrium.
 
-        Args: before: the belief, its reference (None if the arm was not seen), and its stamp.
-        moved: the belief with all other unknowns propagated, and with the force if it was read.
-        solution: the equilibrium at the mean of `moved`; it is the new reference. stamp_ns: the
-        new stamp. path: between the stamps. turning: rotation of the links there per unknown;
-        None: as before, because along a straight arm an unknown force does not determine how it
-        bends next.
+        Args:
+            before: the belief, its reference (None if the arm was not seen), and its stamp.
+            moved: the belief with all other unknowns propagated, and with the force if it was
+                read.
+            solution: the equilibrium at the mean of `moved`; it is the new reference.
+            stamp_ns: the new stamp.
+            path: between the stamps.
+            turning: rotation of the links there per unknown; None: as before, because along a
+                straight arm an unknown force does not determine how it bends next.
 
-        Returns: The belief there, its reference, and the motion of the arm.
-
+        Returns:
+            The belief there, its reference, and the motion of the arm.
         """
         known, old, old_ns = before
         motion, masses, modes = self.moving.arm.motion, self.moving.masses, self.moving.modes

@@ -200,8 +200,8 @@ def judge_wrench(
         shown: the forces estimated from measured targets; None: no targets.
         settings: priors, and the odds required for a verdict.
 
-    Returns: The verdict; None if all readings are zero, or there is nothing to compare with.
-
+    Returns:
+        The verdict; None if all readings are zero, or there is nothing to compare with.
     """
     largest = float(np.max(np.abs(readings), initial=0.0))
     if largest == 0.0 or (expected is None and shown is None):

@@ -77,16 +77,22 @@ def solve_many(
 ) -> Shapes:
     """Predict the shapes of one arm at many pressures and end loads, near a known shape.
 
-    Args: arm: the calibrated arm. pressure: of the chamber, (n,) Pa gauge. force: F1, F2 on the
-    free end, (n, 2) N, in the base frame. Loads are true ones: sensing effects are not applied.
-    moment: on the free end, (n,) or one for all, N m. start: a converged shape near all of them.
-    stations: number of equally spaced points along the arm. history: as in `Arm.rods`; None: a
-    settled arm. settings: of the solver.
+    Args:
+        arm: the calibrated arm.
+        pressure: of the chamber, (n,) Pa gauge.
+        force: F1, F2 on the free end, (n, 2) N, in the base frame. Loads are true ones: sensing
+            effects are not applied.
+        moment: on the free end, (n,) or one for all, N m.
+        start: a converged shape near all of them.
+        stations: number of equally spaced points along the arm.
+        history: as in `Arm.rods`; None: a settled arm.
+        settings: of the solver.
 
-    Returns: The shapes of n rods by Eq 4, as in `solve`; NaN if there is none.
+    Returns:
+        The shapes of n rods by Eq 4, as in `solve`; NaN if there is none.
 
-    Raises: RequestError: arrays of wrong shape, NaN, infinity, or a start without solution.
-
+    Raises:
+        RequestError: arrays of wrong shape, NaN, infinity, or a start without solution.
     """
     pressure = np.atleast_1d(np.asarray(pressure, dtype=np.float64))
     loads = np.empty((pressure.size, LOADS))

@@ -149,13 +149,13 @@ def solve(
         start: a neighboring shape whose branch is followed; None: start from the unloaded arm.
         stations: number of equally spaced points along the arm.
 
-    Returns: The shape; if none was found, its arrays are NaN and `status` says why. A load beyond
-    the domain of the model is solved as if the law of the rod continued unchanged: then
-    `extrapolated` is True and `status` says so.
+    Returns:
+        The shape; if none was found, its arrays are NaN and `status` says why. A load beyond the
+        domain of the model is solved as if the law of the rod continued unchanged: then
+        `extrapolated` is True and `status` says so.
 
     Raises:
         RequestError: a value is not a finite number.
-
     """
     check_finite(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment)
     load = arm.sense(Load(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment))

@@ -62,16 +62,16 @@ class Gravity:
 def gravity_of(direction: Any, *, fixed: bool = False) -> Gravity:
     """Return the gravity for a direction.
 
-    Args: direction: `out_of_plane`; x and y of the unit vector that points down in the base frame,
-    as two numbers or as a text such as `0, -1`; `imu`; or the name of a tf frame. fixed: numbers
-    take precedence over `base_imu`.
+    Args:
+        direction: `out_of_plane`; x and y of the unit vector that points down in the base frame,
+            as two numbers or as a text such as `0, -1`; `imu`; or the name of a tf frame.
+        fixed: numbers take precedence over `base_imu`.
 
     Returns:
         The gravity.
 
     Raises:
         ModelError: anything else.
-
     """
     source, values = FIXED if fixed else '', direction
     if isinstance(direction, str):

@@ -64,17 +64,21 @@ def solve_tip(
 ) -> Shape:
     """Find the end force and the shape from pressure and the position of the tip (Figure 9 (b)).
 
-    Args: arm: the calibrated arm. pressure: reading of the sensor, held constant; Pa gauge. tip:
-    x, y of the free end, m, in the base frame. moment: on the free end, which must be known; N m.
-    start: a neighboring shape whose branch is followed. stations: number of equally spaced points
-    along the arm. settings: of the search.
+    Args:
+        arm: the calibrated arm.
+        pressure: reading of the sensor, held constant; Pa gauge.
+        tip: x, y of the free end, m, in the base frame.
+        moment: on the free end, which must be known; N m.
+        start: a neighboring shape whose branch is followed.
+        stations: number of equally spaced points along the arm.
+        settings: of the search.
 
-    Returns: The shape; its `force` is that of the surroundings on the arm. If the tip does not
-    determine the force, a failed shape whose `status` says so.
+    Returns:
+        The shape; its `force` is that of the surroundings on the arm. If the tip does not
+        determine the force, a failed shape whose `status` says so.
 
     Raises:
         RequestError: a value is not a finite number.
-
     """
     check_finite(pressure=pressure, tip_x=tip[0], tip_y=tip[1], moment=moment)
     load = arm.sense(Load(pressure=pressure, moment=moment))

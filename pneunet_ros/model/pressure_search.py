@@ -25,15 +25,18 @@ def pressure_for_tip(
 ) -> tuple[float, Shape]:
     """Find the pressure that brings the tip nearest to a point under a known load.
 
-    Args: arm: the calibrated arm. tip: x, y of the wanted position of the free end, m, in the base
-    frame. force: F1, F2 on the free end, N, in the base frame. moment: on the free end, N m.
+    Args:
+        arm: the calibrated arm.
+        tip: x, y of the wanted position of the free end, m, in the base frame.
+        force: F1, F2 on the free end, N, in the base frame.
+        moment: on the free end, N m.
 
-    Returns: The sensor reading at that pressure, Pa gauge, and the shape. Pressure alone moves the
-    tip along a curve, so the caller must check the distance from the wanted position.
+    Returns:
+        The sensor reading at that pressure, Pa gauge, and the shape. Pressure alone moves the tip
+        along a curve, so the caller must check the distance from the wanted position.
 
     Raises:
         RequestError: a value is not a finite number, or the arm has no shape under this load.
-
     """
     check_finite(tip_x=tip[0], tip_y=tip[1])
     start: list[Shape | None] = [None]
@@ -60,12 +63,13 @@ def pressure_for_force(
         tip: x, y where the free end is held, m, in the base frame.
         moment: on the free end, N m.
 
-    Returns: The sensor reading at that pressure, Pa gauge, and the shape; its `force` is that of
-    the surroundings on the arm. Of several pressures, the lowest.
+    Returns:
+        The sensor reading at that pressure, Pa gauge, and the shape; its `force` is that of the
+        surroundings on the arm. Of several pressures, the lowest.
 
-    Raises: RequestError: a value is not a finite number, or no pressure of the calibrated range
-    gives that force; the message states the nearest force.
-
+    Raises:
+        RequestError: a value is not a finite number, or no pressure of the calibrated range gives
+            that force; the message states the nearest force.
     """
     check_finite(force=force, tip_x=tip[0], tip_y=tip[1])
     start: list[Shape | None] = [None]

@@ -37,15 +37,19 @@ def starting_arm(
 ) -> Arm:
     """Return an evenly bending arm of this size, with invented numbers marked as such.
 
-    Args: name: of the model. length: from the clamp to the free end, m. weight: of the arm, N.
-    places: of its targets along it, (targets,) m. largest_pressure: in use, Pa. settings:
-    placeholder values.
+    Args:
+        name: of the model.
+        length: from the clamp to the free end, m.
+        weight: of the arm, N.
+        places: of its targets along it, (targets,) m.
+        largest_pressure: in use, Pa.
+        settings: placeholder values.
 
     Returns:
         The arm, for `calibrate --arm` and for tracking.
 
-    Raises: ModelError: the numbers are not those of a valid arm.
-
+    Raises:
+        ModelError: the numbers are not those of a valid arm.
     """
     settings = settings or StartingArmSettings()
     pressure = np.array([0.0, largest_pressure])

@@ -82,11 +82,15 @@ def solve_string(
 ) -> Shape:
     """Return the equilibrium of an arm with a string at its tip; `force` is the total load.
 
-    Args: arm: the calibrated arm. pressure: reading of the sensor, held constant; Pa gauge.
-    string: the thread. force: F1, F2 on the free end in addition to that of the string, N. moment:
-    on the free end, N m.
+    Args:
+        arm: the calibrated arm.
+        pressure: reading of the sensor, held constant; Pa gauge.
+        string: the thread.
+        force: F1, F2 on the free end in addition to that of the string, N.
+        moment: on the free end, N m.
 
-    Returns: The shape; if none was found, its arrays are NaN and `status` says why.
+    Returns:
+        The shape; if none was found, its arrays are NaN and `status` says why.
 
     Raises:
         RequestError: the eye lies on the arm.

@@ -32,15 +32,16 @@ def masses_of(arm: Arm) -> Masses:
 def vibration(arm: Arm, shape: Shape, count: int = 2) -> Modes | None:
     """Return the slowest vibrations of an arm about an equilibrium.
 
-    Args: arm: the arm; its weight is its mass, and `motion` adds that of the tip and the damping.
-    shape: the equilibrium, from `solve`. count: number of modes.
+    Args:
+        arm: the arm; its weight is its mass, and `motion` adds that of the tip and the damping.
+        shape: the equilibrium, from `solve`.
+        count: number of modes.
 
     Returns:
         Frequencies (rad/s), damping (1/s) and shapes; None if the equilibrium is not stable.
 
-    Raises: RequestError: the shape is a failed one, or count is not within 1 and the number of
-    links.
-
+    Raises:
+        RequestError: the shape is a failed one, or count is not within 1 and the number of links.
     """
     if shape.solution is None:
         raise RequestError(

@@ -59,13 +59,15 @@ class FleetArm:
 def read_fleet(source: Path, arm: Path) -> tuple[FleetArm, ...]:
     """Return the arms of a fleet.
 
-    Args: source: a folder with one folder per arm, or a CSV table with one row per arm. arm: the
-    arm file of arms without one of their own.
+    Args:
+        source: a folder with one folder per arm, or a CSV table with one row per arm.
+        arm: the arm file of arms without one of their own.
 
-    Returns: The arms, sorted by name for a folder, in the order of the rows for a table.
+    Returns:
+        The arms, sorted by name for a folder, in the order of the rows for a table.
 
-    Raises: RequestError: there is no arm, or the table is invalid.
-
+    Raises:
+        RequestError: there is no arm, or the table is invalid.
     """
     if not source.exists():
         raise RequestError(
@@ -314,11 +316,14 @@ def work_on_fleet(
     done again one by one: an arm whose process dies when it runs alone is the cause, and the
     others continue.
 
-    Args: arms: the arms of the fleet. work: the function to apply to each; it must be picklable.
-    open_workers: returns new workers. at_once: how many arms are submitted at a time.
+    Args:
+        arms: the arms of the fleet.
+        work: the function to apply to each; it must be picklable.
+        open_workers: returns new workers.
+        at_once: how many arms are submitted at a time.
 
-    Yields: The arm, and its files or the exception that was raised.
-
+    Yields:
+        The arm, and its files or the exception that was raised.
     """
     left = list(arms)
     while left:

@@ -54,14 +54,18 @@ def read_run(
     Without a pressure topic the arm has no pressure. The pose of the tip is matched with the
     nearest frame.
 
-    Args: path: of an .mcap file or a rosbag2 folder. targets: number of targets of the arm.
-    overrides: full topic name by last name. settings: meaning of readings: sign and yaw of the
-    wrench, gauge or absolute pressure. gravity: of the model, and whether a sensor measures it.
+    Args:
+        path: of an .mcap file or a rosbag2 folder.
+        targets: number of targets of the arm.
+        overrides: full topic name by last name.
+        settings: meaning of readings: sign and yaw of the wrench, gauge or absolute pressure.
+        gravity: of the model, and whether a sensor measures it.
 
-    Returns: The recording (Pa gauge; N, N m, m in the base frame), and sentences on omitted data.
+    Returns:
+        The recording (Pa gauge; N, N m, m in the base frame), and sentences on omitted data.
 
-    Raises: RecordingError: a topic is missing or invalid, or no frame is left.
-
+    Raises:
+        RecordingError: a topic is missing or invalid, or no frame is left.
     """
     recording = open_recording(path)
     sensors: list[Sensor[Any]] = [

@@ -45,10 +45,11 @@ def ranked(
 ) -> tuple[Hypothesis[Believed], ...]:
     """Return the likely hypotheses, best first.
 
-    Args: hypotheses: in any order; a constant may be common to all weights. bound: log odds
-    against the best, above which one is dropped. most: largest number kept. is_same: whether two
-    beliefs are equivalent; the less likely of them is dropped.
-
+    Args:
+        hypotheses: in any order; a constant may be common to all weights.
+        bound: log odds against the best, above which one is dropped.
+        most: largest number kept.
+        is_same: whether two beliefs are equivalent; the less likely of them is dropped.
     """
     kept: list[Hypothesis[Believed]] = []
     for one in sorted(hypotheses, key=lambda item: -item.log_weight):

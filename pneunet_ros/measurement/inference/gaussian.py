@@ -96,14 +96,15 @@ def with_prior(
 
     The information of all measurements since is kept, and the correlated unknowns follow.
 
-    Args: known: mean and root, starting from a prior on these unknowns. where: indices of the
-    unknowns, which must be constant. before, after: one sigma (k,) of the original prior, and of a
-    wider one. center: mean (k,) of both.
+    Args:
+        known: mean and root, starting from a prior on these unknowns.
+        where: indices of the unknowns, which must be constant.
+        before, after: one sigma (k,) of the original prior, and of a wider one.
+        center: mean (k,) of both.
 
-    Returns: The posterior with the other prior, and its `prior_log_odds`.
-
-    Source: evidence of a linear model, MacKay, Neural Computation 4 (1992).
-
+    Returns:
+        The posterior with the other prior, and its `prior_log_odds`. Source: evidence of a linear
+        model, MacKay, Neural Computation 4 (1992).
     """
     if not before.all():
         return known, -math.inf
