@@ -210,7 +210,7 @@ def row_at_rest(
 
 
 def _decided_within(rows: list[TargetRow], vision: VisionSettings) -> float:
-    """Return the cost up to which all rows must be known to choose among these (best first)."""
+    """Return the cost up to which all rows must be known to decide among these (best first)."""
     best, chance = rows[0], vision.rest_plane.chance
     least = _cost_of_seen(best, vision)
     others = [row for row in rows if share_of_blobs(row, best) < vision.association.alike]

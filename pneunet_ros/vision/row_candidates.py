@@ -1,8 +1,8 @@
-"""Rows of targets among blobs, of unknown place and scale, that cost no more than a limit.
+"""Rows of targets among blobs, of unknown position and scale, with costs up to a limit.
 
-In clutter nearly every pair of neighbors begins a row that goes on for long if only its total cost
-is limited. Here a limit per target ends most of them after a step or two. A row of the arm is
-still found, from the target where it begins to cost less than that on average.
+In clutter, nearly every pair of neighbors begins a long row if only its total cost is limited.
+Here a limit per target ends most of them after a step or two. A row of the arm is still found,
+starting at the target from which its average cost is lower than that.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ PARTS = 8  # of the pairs that begin rows, after each of which a search may stop
 
 
 class PlacedRow(NamedTuple):
-    """Blobs in a row (indices), and their places along the arm, from any place on."""
+    """Blobs in a row (indices), and their positions along the arm, relative to any origin."""
 
     chosen: Indices
     places: Array
 
 
 class RowCandidates:
-    """Rows of targets among blobs, found by what their seen targets cost at most.
+    """Rows of targets among blobs, found by a limit on the cost of their seen targets.
 
-    points (blobs, 2) in any coordinates that are true to shape; areas (blobs,) px^2; arclength
-    (targets,) m; shapes (blobs, 3), as `Blobs` has them, None if they are not known; costs
-    (blobs,): of each blob in a row, None if all are as good; most: stretches that are looked at.
+    points (blobs, 2) in any coordinates that preserve shapes; areas (blobs,) px^2; arclength
+    (targets,) m; shapes (blobs, 3), as in `Blobs`, None if unknown; costs (blobs,): of each blob
+    in a row, None if all are equal; most: largest number of examined parts of rows.
     """
 
     def __init__(
@@ -75,9 +75,9 @@ class RowCandidates:
 
     @functools.cached_property
     def neighbors(self) -> Pairs:
-        """Every blob with each of its neighbors, that may be the first two of a row.
+        """Pairs of a blob and one of its neighbors, which may be the first two of a row.
 
-        Where only some blobs cost nothing, the second of a row is any of these.
+        If only some blobs have no cost, the second one of a row is any of these.
         """
         x, y, _, costs = self.blobs
         apart = np.hypot(x[:, None] - x, y[:, None] - y)
@@ -94,7 +94,7 @@ class RowCandidates:
     def near(self, others: Array, limit: float) -> Indices:
         """Return which of other points (n, 2) are near rows within a limit, or their extensions.
 
-        All of them where nearly every blob begins a row.
+        Returns all of them if nearly every blob begins a row.
         """
         rows = self.rows_within(limit)
         if rows is None:
@@ -110,7 +110,7 @@ class RowCandidates:
         return np.flatnonzero(near)
 
     def ends(self, limit: float) -> Pairs:
-        """Return the pairs of blobs with which rows within a limit may begin, from either end."""
+        """Return the pairs of blobs that may begin a row within a limit, from either end."""
         rows = self.rows_within(limit) if math.isfinite(limit) else None
         if rows is None:
             return self.neighbors
@@ -125,9 +125,9 @@ class RowCandidates:
         return first, second
 
     def are_crowded(self, crowd: int, limit: float) -> bool:
-        """Whether the blobs show rows within a limit by chance, as so many parts of some.
+        """Whether rows within a limit occur by chance, because there are many parts of rows.
 
-        crowd: how many parts, none of which shares a blob with another.
+        crowd: number of parts, none of which share a blob.
         """
         if len(self.points) < self.arclength.size - 1:
             return False
@@ -143,17 +143,17 @@ class RowCandidates:
         return False
 
     def rows_within(self, limit: float) -> list[PlacedRow] | None:
-        """Find the rows within a limit; None where there are more than `most` stretches.
+        """Find the rows within a limit; None if there are more than `most` parts.
 
-        They may go on beyond their ends; where none shows all of the targets, the first or the
-        last one is missing.
+        They may continue beyond their ends; if none shows all targets, the first or last one is
+        missing.
         """
         if limit not in self._within:
             self._within[limit] = self._grown_from_stretches(limit)
         return self._within[limit]
 
     def _grown_from_stretches(self, limit: float) -> list[PlacedRow] | None:
-        """Grow stretches on, towards the beginning of the row; returns `rows_within`."""
+        """Extend parts towards the beginning of the row; returns `rows_within`."""
         targets, arclength = self.arclength.size, self.arclength
         most = self.most * len(self._firsts)
         found = dict[bytes, tuple[int, PlacedRow]]()
@@ -183,7 +183,7 @@ class RowCandidates:
         return [row for length, row in found.values() if length >= targets or not complete]
 
     def _stretches(self, limit: float) -> Iterator[tuple[int, Indices, Array]]:
-        """Yield the stretches that rows within a limit end with: first target, blobs and costs.
+        """Yield the final parts of rows within a limit: first target, blobs and costs.
 
         A stretch costs no more than `rate` a target up to each of its targets, which other blobs
         rarely do for `run` targets. In each row one begins where the cost so far exceeds that rate
@@ -238,7 +238,7 @@ def starts_of(blobs: BlobColumns, arclength: Array, pairs: Pairs) -> tuple[Array
 def near_line(points: Array, row: Array, places: Array, search: BeamSearchSettings) -> Mask:
     """Whether points are near a row (n, 2) or its extension by up to two spacings.
 
-    places (n,): of the row along the arm.
+    places (n,): positions of the row along the arm.
     """
     spacing = float(np.diff(places).min())
     beyond = row[-1] + (row[-1] - row[-2]) * 2.0 * spacing / (places[-1] - places[-2])
@@ -264,5 +264,5 @@ def blob_columns(
 
 
 def _to_last_seen(row: Indices) -> Indices:
-    """Return a row (targets,) up to its last target that is seen."""
+    """Return a row (targets,) up to its last seen target."""
     return row[: 1 + np.flatnonzero(row >= 0)[-1]]

@@ -95,7 +95,7 @@ def _search_what_stands_out(view: View, areas: RoundAreas) -> Array | Failure:
 def _search_all(view: View, blobs: Blobs) -> Array | Failure:
     """Find the targets of the arm at rest among all blobs of a frame, as `search_at_rest`.
 
-    Of a crowd only rows are looked for that cost little: others are there by chance.
+    Among many areas, only rows of low cost are searched for: others are due to chance.
     """
     arclength, settings = view.arclength, view.vision.rest_plane
     points = view.lens.undistort(blobs.centers)
@@ -117,7 +117,7 @@ def _search_all(view: View, blobs: Blobs) -> Array | Failure:
         if limits[-1] >= view.vision.beam_search.dearest(arclength.size):
             return found
         if candidates.are_crowded(settings.crowd, limit + settings.chance):
-            more = '; there are so many that only rows that fit well are looked for'
+            more = ' (among so many areas, only rows that fit well are searched for)'
             return replace(found, sentence=found.sentence + more)
         limits = (limit,)
 
@@ -125,7 +125,7 @@ def _search_all(view: View, blobs: Blobs) -> Array | Failure:
 def _candidates(
     view: View, points: Array, areas: Array, shapes: Array, known: Indices
 ) -> RowCandidates:
-    """Return the rows among some (known) of all areas of the frame, as `RowCandidates`."""
+    """Return the candidate rows among some areas (known) of the frame."""
     return RowCandidates(
         points[known],
         areas[known],
@@ -144,10 +144,10 @@ def _search_within(
     measured: Callable[[Indices], Blobs],
     found: Failure,
 ) -> Array | Failure:
-    """Find the targets of the arm at rest near rows that cost little, the cheapest first.
+    """Find the targets of the arm at rest near rows of low cost, the lowest first.
 
-    points (areas, 2): all areas, normalized; measured: gives the blobs of some; found: what there
-    is if there is no such row. Returns what `search_at_rest` does.
+    points (areas, 2): all areas, normalized; measured: returns blobs of some; found: the result
+    if there is no such row. Returns as `search_at_rest`.
     """
     chance = view.vision.rest_plane.chance
     if not len(candidates.near(points, limits[-1])):
