@@ -320,8 +320,8 @@ CALIBRATION = CalibrationSettings()
 
 
 def judging(declared: PressureConvention | None) -> CalibrationSettings:
-    """Return the settings of a calibration that judges the declared meaning of pressures.
+    """Return settings of a calibration for judging the declared unit and sign of pressures.
 
-    declared: meaning of the readings; None: it is right.
+    declared: unit and sign of the readings; None: they are correct.
     """
     return replace(CALIBRATION, preconditions=replace(PRECONDITIONS, declared=declared))

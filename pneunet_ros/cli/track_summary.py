@@ -80,9 +80,8 @@ def show(summary: dict[str, Any]) -> None:
     if summary.get('frames_repeated'):
         table.add_row(
             'frames left out',
-            f'{summary["frames_repeated"]}: the picture stands still although the pressure '
-            'changes (a lost frame was replaced by a copy, or a step lies within the error of '
-            'the delay)',
+            f'{summary["frames_repeated"]}: the image does not change although the pressure does '
+            '(a lost frame was replaced by a copy, or a step lies within the error of the delay)',
         )
     seconds, rate = summary['seconds'], summary['frames_per_second']
     table.add_row('took', f'{seconds:.2f} s, at {rate:.0f} frames/s')

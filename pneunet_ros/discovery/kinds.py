@@ -239,7 +239,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='load_beside',
-            subject='the end load acts beside the centerline',
+            subject='the end load acts off the centerline',
             amplitude='distance',
             unit='m',
             prior=0.006,

@@ -1,4 +1,4 @@
-"""A camera that does not look square to the plane of the arm."""
+"""A camera whose axis is not perpendicular to the plane of the arm."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ PRIOR = 'prior: 10 degrees, seen from a fifth of a meter'
 class CameraTilt(Effect):
     """Measured point = true point / (1 + tilt . true point), about the base.
 
-    Perspective: the scale is right at the base, and falls towards where the plane is further away.
-    The tilt is the tangent of the angle over the distance of the camera.
+    Perspective: the scale is correct at the base, and smaller where the plane is further away. The
+    tilt is the tangent of the angle divided by the distance of the camera.
     """
 
     name: ClassVar[str] = 'camera_tilt'

@@ -1,4 +1,4 @@
-"""The clamp gives way under the moment it carries."""
+"""The clamp rotates under the moment that it carries."""
 
 from __future__ import annotations
 

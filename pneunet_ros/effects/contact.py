@@ -1,4 +1,4 @@
-"""A constant push along the normal, at one place of the arm."""
+"""A constant push along the normal at one place on the arm."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ WIDTH = 0.02  # s / l, over which the force is spread: narrower than targets sho
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contact(Effect):
-    """A constant force along the normal (-sin theta, cos theta) that the arm has at a place."""
+    """A constant force along the normal (-sin theta, cos theta) of the arm at a place."""
 
     name: ClassVar[str] = 'contact'
     place: ClassVar[Place] = 'mechanics'

@@ -18,8 +18,8 @@ class Creep(Effect):
 
     kappa0 is a mixture of the rows of its table, with weights w(p) that are linear in p between
     rows; so z is a mixture, too, whose weights follow time_constant z_r' = w_r(p) - z_r, exact for
-    readings joined by straight lines. History: the last chamber pressure (Pa) and z_r, one per
-    row. Starts in equilibrium.
+    a piecewise linear pressure. History: the last chamber pressure (Pa) and z_r, one per row.
+    Starts in equilibrium.
     """
 
     name: ClassVar[str] = 'creep'
@@ -59,7 +59,7 @@ class Creep(Effect):
     def actuate(
         self, history: History, seconds: float, pressure: float, scale: PressureScale
     ) -> tuple[History, float]:
-        """Exact answer of z to a straight change of pressure, from row to row of the table."""
+        """Exact response of z to a linear change of pressure, from row to row of the table."""
         if self.time_constant == 0.0 or len(scale.rows) == 1:
             return self.initial(pressure, scale), pressure
         before, *weights = history
@@ -86,7 +86,7 @@ class Creep(Effect):
         seconds: float,
         rows: tuple[float, ...],
     ) -> None:
-        """Advance the weights in place over a straight change of pressure between two rows."""
+        """Advance the weights in place over a linear change of pressure between two rows."""
         if seconds == 0.0:
             return
         elapsed = seconds / self.time_constant
@@ -104,15 +104,15 @@ class Creep(Effect):
             weights[index] = weight
 
     def history_terms(self, history: Array, scale: PressureScale) -> Terms:
-        """Return the late part of the intrinsic curvature."""
+        """Return the delayed part of the intrinsic curvature."""
         return Terms(row_share=self.amplitude, row_weights=history[..., 1:])
 
 
 def row_below(rows: tuple[float, ...], pressure: float) -> int:
-    """Row of the table at the start of the interval of a pressure; the ends extrapolate."""
+    """Return the lower row of the interval that contains a pressure; the ends extrapolate."""
     return min(max(bisect_right(rows, pressure) - 1, 0), len(rows) - 2)
 
 
 def weight_above(rows: tuple[float, ...], row: int, pressure: float) -> float:
-    """Weight of the row after this one at a pressure."""
+    """Return the weight of the next row at a pressure."""
     return (pressure - rows[row]) / (rows[row + 1] - rows[row])

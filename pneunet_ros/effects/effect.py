@@ -1,4 +1,4 @@
-"""The contract of a physical effect: one file, one frozen dataclass, parameters declared once.
+"""The interface of a physical effect: one file, one frozen dataclass, parameters declared once.
 
 An effect changes the model in one of five places, by the methods that it implements:
 
@@ -67,9 +67,9 @@ NOTHING, UNITY = 0.0, 1.0  # what a term is that was not given
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """Gauge pressure (Pa), force (N) and moment (N m) at the free end, in the base frame.
+    """Gauge pressure (Pa), and force (N) and moment (N m) at the free end, in the base frame.
 
-    gravity: along x and y, as the base feels it, in g; None: as the model of the arm has it.
+    gravity: components along x and y of the base, in g; None: as in the model of the arm.
     """
 
     pressure: float
@@ -102,7 +102,7 @@ class Part:
     end: float
 
     def __post_init__(self) -> None:
-        """Refuse a part that is empty or not on the arm."""
+        """Reject a part that is empty or not on the arm."""
         if not 0.0 <= self.start < self.end <= 1.0:
             raise ModelError(
                 f'a part from {self.start} to {self.end} s / l is not on the arm: start and end '
@@ -136,12 +136,12 @@ class PressureScale:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Terms:
-    """Contribution of an effect to the record of the rod; contributions are summed.
+    """Terms that an effect adds to the rod; terms of all effects are summed.
 
     Only rigidity factors multiply. Each term is a number or an array (pressures,). Units:
     moment_offset N m, cubic m^2, axial_compliance 1/N, rest_strain -, line loads N/m, curvature
     1/m (of the intrinsic one), push N, clamp_angle rad, clamp_compliance rad/(N m), load_offset m.
-    They hold for the whole length, or on a part; those of clamp and load have no part. A push is
+    They apply to the whole length, or to a part; those of clamp and load have no part. A push is
     distributed evenly over its part, along the normal (-sin theta, cos theta) at its middle, for
     any shape. If the curvature does not follow from the pressure alone, the share row_share of it
     is a mixture of the rows of the table of kappa_p0, by row_weights (rows,) or (pressures, rows).
@@ -164,12 +164,12 @@ class Terms:
     row_weights: Array | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a push that has no place."""
+        """Reject a push without a place."""
         if self.push is not NOTHING and self.part is None:
             raise ModelError('a push needs the part of the arm on which it acts', reason='no_part')
 
     def differs(self, other: Terms) -> bool:
-        """Whether any term is another one."""
+        """Whether any term differs from that of the other."""
         pairs = ((getattr(self, item.name), getattr(other, item.name)) for item in fields(self))
         return not all(one is two or np.array_equal(one, two) for one, two in pairs)
 
@@ -207,7 +207,7 @@ class Terms:
 
 
 def across(term: float | Array) -> float | Array:
-    """Return a term per pressure as a column that broadcasts over the sections of a rod."""
+    """Return a term per pressure as a column, to broadcast over the sections of a rod."""
     return term[:, None] if isinstance(term, np.ndarray) else term
 
 
@@ -216,11 +216,11 @@ NO_TERMS = Terms()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effect(abc.ABC):
-    """A physical effect on top of the base model; the module names its five places.
+    """A physical effect on top of the base model, in one of the five places listed above.
 
-    law_error: standard deviation, relative, of its parameters as the law of a real arm has them:
-    no arm follows a law with few parameters exactly, and where it does not, the parameters depend
-    on how it was moved. An effect with a coarser law states so, with the reason.
+    law_error: relative standard deviation of its parameters due to the simplicity of its law: no
+    real arm follows a law with few parameters exactly, so the parameters depend on how the arm was
+    moved. An effect with a coarser law sets a larger value, with the reason.
     """
 
     name: ClassVar[str]
@@ -229,15 +229,15 @@ class Effect(abc.ABC):
     law_error: ClassVar[float] = 0.05  # invented
 
     def __post_init__(self) -> None:
-        """Refuse parameters outside their bounds."""
+        """Reject parameters outside their bounds."""
         check_quantities(self, f'effects.{self.name}')
 
     def sense(self, load: Load) -> Load:
-        """Return the true load behind a reading."""
+        """Return the true load for a reading."""
         return load
 
     def see(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return the measured places of points that truly are at x, y (m) in the base frame."""
+        """Return the measured positions of points that are truly at x, y (m, base frame)."""
         return x, y
 
     @property
@@ -246,17 +246,17 @@ class Effect(abc.ABC):
         return 0.0
 
     def initial(self, pressure: float, scale: PressureScale) -> History:
-        """History of an arm that has rested at this pressure (Pa) for ever."""
+        """Return the history of an arm that has always been at this pressure (Pa)."""
         return ()
 
     def actuate(
         self, history: History, seconds: float, pressure: float, scale: PressureScale
     ) -> tuple[History, float]:
-        """History and chamber pressure (Pa), `seconds` after the last call, at this pressure."""
+        """Return history and chamber pressure (Pa), `seconds` after the last call."""
         return history, pressure
 
     def in_play(self, history: History) -> bool:
-        """Whether a small change of the pressure at the sensor does not reach the chamber."""
+        """Whether small changes of the pressure at the sensor do not reach the chamber."""
         return False
 
     def history_terms(self, history: Array, scale: PressureScale) -> Terms:
@@ -268,7 +268,7 @@ class Effect(abc.ABC):
         return NO_TERMS
 
     def load_terms(self, loads: Loads) -> Terms:
-        """Return the terms of these (true) end loads, in addition to `terms`."""
+        """Return the terms due to these (true) end loads, in addition to `terms`."""
         return NO_TERMS
 
     def motion(self) -> tuple[float, float] | None:

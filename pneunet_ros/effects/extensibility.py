@@ -1,4 +1,4 @@
-"""The arm stretches under the force along it, the paper's suspect for its wrong F1."""
+"""The arm stretches under the force along it, which the paper suspects for its error of F1."""
 
 from __future__ import annotations
 

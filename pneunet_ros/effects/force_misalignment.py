@@ -1,4 +1,4 @@
-"""A force sensor that is mounted askew."""
+"""A misaligned force sensor."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pneunet_ros.effects.effect import Effect, Load, Place
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceMisalignment(Effect):
-    """True force = R(angle) reading; the end moment is the same about any such axes."""
+    """True force = R(angle) reading; the end moment does not change."""
 
     name: ClassVar[str] = 'force_misalignment'
     place: ClassVar[Place] = 'sensing'
@@ -28,6 +28,6 @@ class ForceMisalignment(Effect):
     )
 
     def sense(self, load: Load) -> Load:
-        """Turn the force."""
+        """Rotate the force."""
         force_x, force_y = rotate(self.angle, load.force_x, load.force_y)
         return replace(load, force_x=force_x, force_y=force_y)

@@ -1,4 +1,4 @@
-"""Pressure must turn back by some width before the chamber follows."""
+"""After a reversal, the pressure must change by some width before the chamber follows."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from pneunet_ros.effects.effect import Effect, History, Place, PressureScale
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hysteresis(Effect):
-    """Play operator: the chamber holds until the pressure is half a width away.
+    """Play operator: the chamber pressure is constant until the pressure is half a width away.
 
-    Exact for readings joined by straight lines. History: the pressure before the play and the
-    pressure in the chamber (Pa). Starts in the middle of the play.
+    Exact for a piecewise linear pressure. History: the pressures before the play and in the
+    chamber (Pa). Starts in the middle of the play.
     """
 
     name: ClassVar[str] = 'hysteresis'
@@ -30,13 +30,13 @@ class Hysteresis(Effect):
     )
 
     def initial(self, pressure: float, scale: PressureScale) -> History:
-        """Middle of the play."""
+        """Return the middle of the play."""
         return (pressure, pressure)
 
     def actuate(
         self, history: History, seconds: float, pressure: float, scale: PressureScale
     ) -> tuple[History, float]:
-        """Move the chamber pressure when the play reaches an end."""
+        """Change the chamber pressure when the play reaches an end."""
         half = 0.5 * self.width
         chamber = min(max(history[1], pressure - half), pressure + half)
         return (pressure, chamber), chamber

@@ -14,7 +14,7 @@ from pneunet_ros.effects.effect import Effect, Place
 class LensDistortion(Effect):
     """Measured = m + (true - m) (1 + radial r^2) + const, r from the middle m of the picture.
 
-    The constant leaves the base where it is, as pictures are placed by the clamp that they show.
+    The constant keeps the base in place, because images are registered by the visible clamp.
     Source: the first radial term of Brown, Photogrammetric Engineering 37 (1971), in the plane of
     the arm.
     """
@@ -52,7 +52,7 @@ class LensDistortion(Effect):
     )
 
     def see(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Move the points to or from the middle."""
+        """Move the points towards or away from the middle."""
         (moved_x, moved_y), (base_x, base_y) = self.moves(x, y), self.moves(0.0, 0.0)
         return x + (moved_x - base_x), y + (moved_y - base_y)
 

@@ -27,5 +27,5 @@ class LoadOffset(Effect):
     )
 
     def terms(self, pressure: Array) -> Terms:
-        """Return the arm of the end force."""
+        """Return the lever arm of the end force."""
         return Terms(load_offset=self.offset)

@@ -1,4 +1,4 @@
-"""A pressure sensor of wrong slope."""
+"""A pressure sensor with a gain error."""
 
 from __future__ import annotations
 

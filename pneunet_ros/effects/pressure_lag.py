@@ -1,4 +1,4 @@
-"""The line between pressure sensor and chamber fills and empties slowly."""
+"""The tube between pressure sensor and chamber fills and empties slowly."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pneunet_ros.effects.effect import Effect, History, Place, PressureScale
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureLag(Effect):
-    """First-order line: time_constant z' = p - z, exact for readings joined by straight lines.
+    """First-order lag: time_constant z' = p - z, exact for a piecewise linear pressure.
 
     History: the last pressure at the sensor and the pressure z in the chamber (Pa). Starts in
     equilibrium.
@@ -40,7 +40,7 @@ class PressureLag(Effect):
     def actuate(
         self, history: History, seconds: float, pressure: float, scale: PressureScale
     ) -> tuple[History, float]:
-        """Exact answer of the first-order line to a straight change of pressure."""
+        """Exact response of the first-order lag to a linear change of pressure."""
         before, chamber = history
         if self.time_constant == 0.0:
             return (pressure, pressure), pressure

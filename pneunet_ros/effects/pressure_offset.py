@@ -1,4 +1,4 @@
-"""A pressure sensor of wrong zero."""
+"""A pressure sensor with a zero error."""
 
 from __future__ import annotations
 

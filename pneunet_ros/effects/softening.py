@@ -1,4 +1,4 @@
-"""An arm that has been inflated further before is softer than an unconditioned one (Mullins)."""
+"""An arm that was inflated further before is softer than an unconditioned one (Mullins)."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ NOISE_BAND = 8.0  # sigma between the largest and the smallest of ten thousand r
 class Softening(Effect):
     """Rigidity x (1 - loss p_max / p_range) while p is below the largest pressure so far.
 
-    p_range is the upper end of the calibrated range, and p_max counts no further. A reading is
-    below p_max where the noise of the sensor does not explain it: an arm that rests at p_max would
-    else be soft by noise alone. History: p_max (Pa), and 1 where p is below it, else 0. Starts
-    unconditioned (no prior loading).
+    p_range is the upper end of the calibrated range and limits p_max. A reading counts as below
+    p_max only beyond sensor noise: otherwise an arm at rest at p_max would be soft due to noise
+    alone. History: p_max (Pa), and 1 if p is below it, else 0. Starts unconditioned (no prior
+    loading).
     """
 
     name: ClassVar[str] = 'softening'
@@ -51,7 +51,7 @@ class Softening(Effect):
         return (largest, float(below)), pressure
 
     def history_terms(self, history: Array, scale: PressureScale) -> Terms:
-        """Return the loss of rigidity, which small changes of pressure leave constant."""
+        """Return the loss of rigidity, which is constant for small changes of pressure."""
         if scale.top <= 0.0:  # an arm of negative pressures alone is never inflated
             return Terms()
         share = np.minimum(np.maximum(history[..., 0] / scale.top, 0.0), 1.0)

@@ -1,7 +1,7 @@
-"""User-defined effects: files of a given folder, and those that installed packages provide.
+"""User-defined effects: files of a given folder, and effects from installed packages.
 
-Effect files are code: they are run only where a person names their folder, never because a model
-file has their effects.
+Effect files are code: they are executed only if a person names their folder, never because a model
+file contains their effects.
 """
 
 from __future__ import annotations
@@ -30,19 +30,18 @@ FOREIGN = (Exception, SystemExit)  # what code of others may raise while it is i
 
 
 def add_effects(directory: str | Path) -> tuple[type[Effect], ...]:
-    """Add the effects of a folder of Python files to the table of effects, after those there.
+    """Append the effects in a folder of Python files to the table of effects.
 
     Args:
-        directory: each of its files *.py but those that begin with an underscore holds subclasses
-            of `Effect`. A file that was added before is left as it is.
+        directory: each file *.py in it, unless its name starts with an underscore, defines
+            subclasses of `Effect`. A file that was added before is not loaded again.
 
     Returns:
-        The effects of the folder, in the order of the files' names.
+        The effects of the folder, sorted by file name.
 
     Raises:
-        ModelError: there is no such folder, a file fails as it is imported or has no effect, or
-            an effect breaks the contract or has the name of another. Nothing is added then.
-
+        ModelError: the folder does not exist, a file cannot be imported or defines no effect, or
+            an effect violates the interface or has the name of another. Then nothing is added.
     """
     folder = resolved(directory)
     if not folder.is_dir():
@@ -136,8 +135,8 @@ def add_to_table(found: Iterable[tuple[Any, str]]) -> tuple[type[Effect], ...]:
 def breach(effect: Any) -> str:
     """Describe how a class violates the contract of effects; empty if it complies.
 
-    What only numbers show, such as whether its neutral value does nothing, the property suite
-    tests (`test/effects/test_effects.py`).
+    Numerical properties, e.g. that its neutral value has no influence, are tested by the property
+    suite (`test/effects/test_effects.py`).
     """
     if not (inspect.isclass(effect) and issubclass(effect, Effect)):
         return 'is not a subclass of Effect'

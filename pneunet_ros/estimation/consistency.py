@@ -63,7 +63,7 @@ class ConsistencySettings:
         0.25, 'share of recent frames beyond the limit that counts as a disagreement'
     )
     most_beyond: float = tuning(
-        0.05, 'largest share of frames beyond the limit for a model that holds'
+        0.05, 'largest share of frames beyond the limit for a correct model'
     )
     tip_level: float = tuning(
         0.05, 'share of frames whose tip leaves its ellipse by noise', source='convention'

@@ -1,1 +1,1 @@
-"""YAML, npz and JSON files, read and written whole."""
+"""Reading and writing YAML, npz and JSON files."""

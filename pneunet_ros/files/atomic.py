@@ -1,9 +1,9 @@
 """Atomic output: files and folders appear complete or not at all.
 
-Everything is written beside its final place under a hidden name and moved there at the very end.
-After an exception nothing is left, whenever an interrupt comes; after a kill only the hidden
-scratch folder is, and whoever writes there next removes it. A live run holds a lock on its scratch
-folder, which the system lets go when the run ends, however it ends.
+Everything is written under a hidden name next to its final path, and moved there at the very end.
+After an exception or interrupt nothing is left; after a kill only the hidden scratch folder, which
+the next run that writes there removes. A live run holds a lock on its scratch folder; the system
+releases it when the run ends, however it ends.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ def atomic_output(
 ) -> Iterator[Path]:
     """Write a file or folder that appears under its name only when complete.
 
-    Yields a path with the same name in a hidden folder beside the final place; write a file or
-    make a folder there. On a clean exit it takes the final name, on an exception it is removed.
+    Yields a path with the same name in a hidden folder next to the final one; write a file or make
+    a folder there. On success it is moved to its final path, on an exception it is removed.
 
-    overwrite: replace what exists, at the end and only then. inputs: files and folders being read,
-    which are never replaced. replaceable: patterns of file names; an existing folder is replaced
-    only when all it holds matches one of them, so that a wrong name never costs a folder of other
-    things.
+    overwrite: replace an existing file or folder, but only at the end. inputs: files and folders
+    being read, which are never replaced. replaceable: patterns of file names; an existing folder
+    is replaced only if all its entries match one of them, so that a mistyped name never deletes a
+    folder of other files.
 
-    Raises RecordingError at once when the place cannot be used, and later when there is no room.
+    Raises RecordingError immediately if the path cannot be used, and later if the disk is full.
     """
     output, together = None, _TOGETHER.get()
     try:
@@ -70,7 +70,7 @@ def atomic_output(
 
 @contextmanager
 def written_together() -> Iterator[None]:
-    """Let the outputs that are written inside take their names at the end, all of them or none."""
+    """Move all outputs written in this context to their final paths at its end, or none."""
     finished: list[_Output] = []
     token = _TOGETHER.set(finished)
     try:
@@ -88,7 +88,7 @@ def written_together() -> Iterator[None]:
 class _Output:
     """A pending output: the name given by the user, its scratch path, and its final path.
 
-    `lock` is the open file that holds the lock of the scratch folder.
+    lock: the open file that holds the lock on the scratch folder.
     """
 
     path: str | Path
@@ -103,7 +103,7 @@ class _Output:
         return self.scratch / self.final.name
 
     def check(self) -> None:
-        """Refuse what cannot take its place."""
+        """Raise RecordingError if the output cannot be moved to its final path."""
         if self.final.exists() and not self.overwrite:
             raise RecordingError(
                 f'{self.path} appeared in the meantime: choose another name or pass --overwrite',
@@ -257,9 +257,9 @@ def _final_place(
 
 
 def _is_replaceable(entry: Path, patterns: Iterable[str]) -> bool:
-    """Whether an entry of an output folder may come from an earlier run.
+    """Whether an entry of an output folder may be from an earlier run.
 
-    A pattern with a slash is of files in a folder there, which may hold nothing else.
+    A pattern with a slash matches files in a subfolder, which may not contain any others.
     """
     if any(fnmatch(entry.name, pattern) for pattern in patterns):
         return True
@@ -278,7 +278,7 @@ def _check_place(
     inputs: Iterable[str | Path],
     replaceable: tuple[str, ...],
 ) -> None:
-    """Refuse, before any work is done, a place that could not be used at the end."""
+    """Reject an unusable path before any work is done."""
     for name in inputs:
         source = resolved(name, RecordingError)
         if source == final or source in final.parents or final in source.parents:

@@ -50,9 +50,9 @@ def load_camera(path: str | Path) -> CameraSettings:
 
 
 def load_camera_info(path: str | Path) -> Lens:
-    """Read the camera_info YAML that camera_calibration writes; CameraError as `load_camera`.
+    """Read the camera_info YAML written by camera_calibration; CameraError like `load_camera`.
 
-    Names, rectification and projection are passed over: points of the image as it came need none.
+    Name, rectification and projection are ignored: they do not affect points of raw images.
     """
     return CALIBRATION_FILE.load(path, lens_from_mapping)
 
@@ -81,7 +81,7 @@ def settings_from_mapping(content: Any) -> CameraSettings:
 
 
 def plane_from_mapping(content: Any) -> PlaneMethod:
-    """Build the settings of the working plane, by `method`."""
+    """Build the settings of the working plane for its `method`."""
     plane = PLANES[method_of(content, 'plane', tuple(PLANES))]
     names = tuple(field.name for field in fields(plane))
     values = CAMERA_FILE.block(content, 'plane', ('method', *names))
@@ -91,7 +91,7 @@ def plane_from_mapping(content: Any) -> PlaneMethod:
 
 
 def band_from_mapping(content: Any) -> GreyBand:
-    """Build the band of grey levels, by `method`."""
+    """Build the band of grey levels for its `method`."""
     band = BANDS[method_of(content, 'grey_band', tuple(BANDS))]
     built: GreyBand = band(**CAMERA_FILE.numbers_of(band, content, 'grey_band', ('method',)))
     return built
@@ -108,7 +108,7 @@ def shutter_from_mapping(content: Any) -> Shutter:
 
 
 def method_of(content: Any, where: str, known: tuple[str, ...]) -> str:
-    """Return the method that a block names; it must be a known one."""
+    """Return the method named in a block, which must be a known one."""
     method = CAMERA_FILE.mapping(content, where).get('method')
     if not isinstance(method, str) or method not in known:
         raise CameraError(
@@ -138,6 +138,6 @@ def lens_from_mapping(content: Any) -> Lens:
 
 
 def data_of(content: Any, where: str) -> Array:
-    """Return the entries of a matrix: its `data`, row by row."""
+    """Return the entries (`data`) of a matrix, row by row."""
     data = CALIBRATION_FILE.mapping(content, where).get('data')
     return table_array(or_default(data, []), f'{where}.data', 1, CameraError)

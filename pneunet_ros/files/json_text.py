@@ -27,5 +27,5 @@ def plain(value: Any) -> Any:
 
 
 def json_text(content: Mapping[str, Any], indent: int | None = None) -> str:
-    """Return one JSON object, numbers to the last digit, with a newline at its end."""
+    """Return a JSON object with numbers in full precision, and a newline at the end."""
     return json.dumps(plain(content), allow_nan=False, indent=indent) + '\n'

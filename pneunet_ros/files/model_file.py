@@ -1,4 +1,4 @@
-"""The model file: YAML in SI <-> an immutable `Arm`; an unknown key is an error."""
+"""The model file: YAML in SI <-> an immutable `Arm`. Unknown keys are errors."""
 
 from __future__ import annotations
 
@@ -52,29 +52,27 @@ def load_model(path: str | Path) -> Arm:
     """Read a calibrated arm from a model file (YAML, SI).
 
     Args:
-        path: of the file; what it holds is in docs/model.md.
+        path: of the file; its format is described in docs/model.md.
 
     Returns:
         The arm.
 
     Raises:
-        ModelError: names the file, the key and what is allowed there.
-
+        ModelError: names the file, the key and the allowed values.
     """
     return MODEL_FILE.load(path, arm_from_mapping)
 
 
 def save_model(arm: Arm, path: str | Path, overwrite: bool = False) -> None:
-    """Write a calibrated arm to a model file, whole or not at all.
+    """Write a calibrated arm to a model file, atomically.
 
     Args:
         arm: the arm.
         path: of the file.
-        overwrite: replace a file that is there.
+        overwrite: replace an existing file.
 
     Raises:
-        PneunetError: the file is there already, or cannot be written.
-
+        PneunetError: the file exists already, or cannot be written.
     """
     yaml = YAML(typ='safe', pure=True)
     yaml.default_flow_style = None
@@ -87,7 +85,7 @@ def save_model(arm: Arm, path: str | Path, overwrite: bool = False) -> None:
 
 
 def model_hash(arm: Arm) -> str:
-    """Identity of a model: SHA-256 over its content, whatever the layout of the file."""
+    """Return the SHA-256 hash of a model's content, independent of the layout of the file."""
     canonical = json.dumps(mapping_from_arm(arm), sort_keys=True, default=str)
     return hashlib.sha256(canonical.encode()).hexdigest()
 
@@ -176,7 +174,7 @@ def mapping_from_arm(arm: Arm) -> dict[str, Any]:
 
 
 def law_from_mapping(content: Any) -> MomentLaw:
-    """Build the moment law that `kind` names."""
+    """Build the moment law named by `kind`."""
     kinds = ', '.join(MOMENT_LAWS)
     kind = MODEL_FILE.mapping(content, 'moment_law').get('kind')
     if not isinstance(kind, str) or kind not in MOMENT_LAWS:
@@ -196,7 +194,7 @@ def law_from_mapping(content: Any) -> MomentLaw:
 
 
 def effects_from_mapping(content: Any) -> tuple[Effect, ...]:
-    """Build the effects that the file names, with their parameters."""
+    """Build the effects in the file, with their parameters."""
     add_installed_effects()
     for name in MODEL_FILE.mapping(content, 'effects'):
         if name not in EFFECTS:
@@ -241,7 +239,7 @@ def covariance_from_mapping(content: Any) -> ModelCovariance:
 
 
 def placement_block(placement: PlacementKnown | None) -> dict[str, Any]:
-    """Return the block of the placement; empty if it is unknown."""
+    """Return the block for the placement; empty if it is unknown."""
     if placement is None:
         return {}
     return {'placement': {key: getattr(placement, key).tolist() for key in PLACEMENT_KEYS}}
@@ -253,7 +251,7 @@ def domain_from_mapping(content: Any) -> Domain:
 
 
 def gravity_from_mapping(content: Any) -> Gravity:
-    """Build where gravity points."""
+    """Build the direction of gravity."""
     return gravity_of(MODEL_FILE.block(content, 'gravity', ('direction',))['direction'])
 
 

@@ -1,4 +1,4 @@
-"""Archives of arrays (npz): read as data alone, and only as what each array is declared to be."""
+"""Archives of arrays (npz): loaded without pickle, and checked against declarations."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class ArchiveError(PneunetError):
 class Declared:
     """Requirements for an array of an archive.
 
-    axes: a name for the size of each axis, the same size wherever the name stands. Numbers are
+    axes: a name for the size of each axis; axes with the same name have the same size. Numbers are
     finite and below 1e30 in magnitude. increasing: strictly. definite: a covariance or information
     matrix, symmetric and positive (semi)definite. required: whether the archive must have it.
     """
@@ -63,9 +63,8 @@ def read_arrays(path: Path, declared: Mapping[str, Declared]) -> dict[str, Any]:
     """Return the declared arrays of an archive by name: float64, int64, text.
 
     Raises:
-        FileNotFoundError: there is no such file.
-        ArchiveError: it is damaged, or an array is missing or not what it was declared to be.
-
+        FileNotFoundError: the file does not exist.
+        ArchiveError: it is damaged, or an array is missing or does not match its declaration.
     """
     try:
         with open_regular(path) as stream:
@@ -129,7 +128,7 @@ def _as_declared(name: str, array: Any, what: Declared, sizes: dict[str, int]) -
 
 
 def _check_definite(name: str, matrix: Array, *, strictly: bool) -> None:
-    """Refuse a matrix that is not a covariance (strictly), or no information, up to rounding."""
+    """Reject a matrix that is not definite (covariance) or semidefinite (information)."""
     rounding = ROUNDING * np.max(np.abs(matrix), initial=0.0)
     if np.any(np.abs(matrix - matrix.T) > rounding):
         raise ArchiveError(f'{name} is not symmetric', reason='not_symmetric')

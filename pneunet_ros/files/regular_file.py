@@ -1,4 +1,4 @@
-"""Files opened for reading: regular ones alone, as a pipe may block and a device may never end."""
+"""Open files for reading, but only regular ones: a pipe may block, a device may never end."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _KINDS = (
 def open_regular(path: Path) -> BinaryIO:
     """Open a regular file for reading; OSError for pipes, devices and folders.
 
-    Standard input, too, is read where it is a file (`< file`) and refused where it is a pipe: what
-    reads files here goes back and forth in them. A name that no file can have is an OSError, too.
+    Standard input may also be a file (`< file`), but not a pipe, because readers here need random
+    access. An invalid file name is an OSError, too.
     """
     try:
         mode = path.stat().st_mode

@@ -1,4 +1,4 @@
-"""The scenario file of the virtual lab: YAML in SI -> `Scenario`; an unknown key is an error."""
+"""The scenario file of the virtual lab: YAML in SI -> `Scenario`. Unknown keys are errors."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def load_scenario(path: str | Path) -> Scenario:
 
 
 def load_lab(path: str | Path) -> Scenario:
-    """Read a scenario file, or the file of an arm alone: then the arm with the lab's defaults."""
+    """Read a scenario file, or an arm file, which gives that arm with the lab's defaults."""
     path = Path(path)
     return FILE.load(path, lambda content: lab_from_mapping(content, path.parent))
 
@@ -98,7 +98,7 @@ def scenario_from_mapping(content: Any, folder: Path) -> Scenario:
 
 
 def arm_from_mapping(content: Any, where: str) -> LabArm:
-    """Build the arm of the lab from its file, or from the block `arm` of a scenario."""
+    """Build an arm of the lab from its file or from the block `arm` of a scenario."""
     optional = {'tip_cap', 'clamp_angle', *(['schema_version'] if where else [])}
     values = FILE.block(content, where, ARM_KEYS, optional)
     FILE.check_version(values.get('schema_version', SCHEMA_VERSION), SCHEMA_VERSION)
@@ -178,14 +178,14 @@ def changes_of(pairs: Iterable[str]) -> dict[str, dict[str, float]]:
 
 
 def text(value: Any, where: str) -> str:
-    """Return a text of the file."""
+    """Return a text from the file."""
     if not isinstance(value, str) or not value:
         raise RequestError(f'{where} must be a text, not {value!r}', reason='not_a_text')
     return value
 
 
 def whole_number(value: Any, where: str) -> int:
-    """Return a whole number of the file that can be a seed."""
+    """Return an integer from the file that can be used as a seed."""
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**63:
         raise RequestError(
             f'{where} must be a whole number, 0 or more, not {value!r}', reason='not_a_number'

@@ -1,4 +1,4 @@
-"""Safe reading of hand-written YAML files; each error is one sentence with its location."""
+"""Safe reading of hand-written YAML files; each error is one sentence that names its location."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ Built = TypeVar('Built')
 
 
 class PlainConstructor(SafeConstructor):
-    """Plain values only: merge keys could grow without bound and are not needed."""
+    """YAML constructor for plain values only: merge keys could grow without bound."""
 
     def flatten_mapping(self, node: Any) -> None:
-        """Refuse merge keys."""
+        """Reject merge keys."""
         for key, _ in node.value:
             if key.tag == 'tag:yaml.org,2002:merge':
                 raise ConstructorError(
@@ -67,14 +67,14 @@ for tag, construct in (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class YamlFile:
-    """A kind of file, as sentences call it, the error they are raised as, and its numbers."""
+    """A kind of file: its name in messages, the error to raise, and its numbers."""
 
     kind: str
     error: type[PneunetError]
     number_name: str = 'a number'
 
     def load(self, path: str | Path, build: Callable[[Any], Built]) -> Built:
-        """Build something from the content of a file; the error names the file and the key."""
+        """Build an object from the content of a file; errors name the file and the key."""
         path = Path(path)
         try:
             with open_regular(path) as stream:
@@ -127,7 +127,7 @@ class YamlFile:
     def block(
         self, content: Any, where: str, known: tuple[str, ...], optional: set[str] | None = None
     ) -> dict[str, Any]:
-        """Return a mapping that holds all known keys (but the optional ones) and no other."""
+        """Return a mapping that has no unknown keys and no missing ones, except optional ones."""
         values = self.mapping(content, where)
         prefix = f'{where}.' if where else ''
         for key in values:
@@ -145,7 +145,7 @@ class YamlFile:
         return values
 
     def check_version(self, given: Any, known: int) -> None:
-        """Refuse a file that was written for another version of its layout."""
+        """Reject a file written for another version of its format."""
         if isinstance(given, bool) or given != known:
             raise self.error(
                 f'schema_version {given!r} is not supported, only {known}',
@@ -155,9 +155,9 @@ class YamlFile:
     def numbers_of(
         self, owner: type, content: Any, where: str, others: tuple[str, ...] = ()
     ) -> dict[str, float]:
-        """Return the quantities of a dataclass from a mapping; those with a default are optional.
+        """Return the fields of a dataclass from a mapping; those with a default are optional.
 
-        `others` are keys that the mapping may hold beside them; they are left out.
+        others: further keys that the mapping may have; they are ignored.
         """
         declared = quantities(owner)
         optional = {item.name for item in declared if item.default is not MISSING}
@@ -170,7 +170,7 @@ class YamlFile:
         }
 
     def number(self, value: Any, where: str) -> float:
-        """Return a number of the file."""
+        """Return a number from the file."""
         if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
             raise self.error(
                 f'{where} must be {self.number_name}, not {value!r}', reason='not_a_number'

@@ -246,8 +246,8 @@ def painted_targets(
 ) -> tuple[Array, Array]:
     """Return x, y (m) of misplaced targets, each (frames, targets).
 
-    spacing: the part of the placement proportional to arclength, which is along the arm itself.
-    The rest is small, and along its tangent.
+    spacing: the part of the errors proportional to arclength, applied along the arm. The rest is
+    small, and applied along the tangent.
     """
     x, y, theta = shape.points(places * (1.0 + spacing))
     cosine, sine = np.cos(theta), np.sin(theta)

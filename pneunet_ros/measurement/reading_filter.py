@@ -27,8 +27,8 @@ Piece = tuple[int, int]  # first and last reading of a straight line
 class ReadingFilterSettings:
     """Thresholds at which noise no longer explains a deviation from a straight line."""
 
-    corner: float = tuning(25.0, 'gain of two lines over one', unit='chi squared')
-    slope: float = tuning(9.0, 'gain of a slope over none', unit='chi squared')
+    corner: float = tuning(25.0, 'improvement by a second line', unit='chi squared')
+    slope: float = tuning(9.0, 'improvement by a slope', unit='chi squared')
     scatter: float = tuning(4.0, 'chi squared of a line above its mean', unit='std')
 
 

@@ -33,7 +33,7 @@ class WrenchJudgeSettings(JudgeSettings):
     reversed: float = tuning(
         0.05,
         'prior of the reaction instead of the load',
-        source='convention: sensors at the base of what is pulled report it',
+        source='convention: reported by sensors at the base of the pulled object',
     )
     turned: float = tuning(
         0.02, 'prior of axes turned by a right angle', source='convention: as another unit'

@@ -1,1 +1,1 @@
-"""ROS messages by field name, without ROS."""
+"""ROS messages by field name, independent of ROS."""

@@ -18,7 +18,7 @@ TRANSFORM_TYPE = 'tf2_msgs/msg/TFMessage'
 def decode_imu(message: Any) -> ImuReading:
     """Return the specific force of an Imu, unchanged; MessageError if invalid.
 
-    The first number of its covariance is -1 where an Imu measures no acceleration.
+    The first number of its covariance is -1 if the IMU does not measure acceleration.
     """
     try:
         force = message.linear_acceleration
@@ -54,9 +54,9 @@ def imu_message(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes) -
 
 
 def decode_frames(message: Any, *, fixed: bool) -> tuple[FrameReading, ...]:
-    """Return how frames are turned, of a TFMessage; MessageError on another content.
+    """Return the rotations of frames in a TFMessage; MessageError if invalid.
 
-    fixed: it comes from /tf_static.
+    fixed: whether it comes from /tf_static.
     """
     try:
         return tuple(

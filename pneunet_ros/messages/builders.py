@@ -1,7 +1,7 @@
 """Building blocks of messages: a topic, a header, a path, points, an array.
 
-Nothing of ROS is imported: the classes come through `MessageTypes`. A live node (rclpy classes)
-and a recording (classes of rosbags) use the same code, so that their messages are bitwise equal.
+ROS is not imported: the classes come from `MessageTypes`. A live node (rclpy classes) and a
+recording (rosbags classes) use the same code, so that their messages are bitwise equal.
 """
 
 from __future__ import annotations
@@ -60,9 +60,9 @@ class MessageTypes(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Input(Generic[ReadingType]):
-    """A topic that is read: its last name, its type, and how a message becomes a reading.
+    """An input topic: its last name, its type, and how a message is converted to a reading.
 
-    shared: all of a robot share the topic.
+    shared: whether all nodes of a robot share the topic.
     """
 
     direction: ClassVar[Literal['in', 'out']] = 'in'
@@ -79,11 +79,11 @@ class Input(Generic[ReadingType]):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Output(Generic[Result]):
-    """A topic that is written: its name, its type, and the one layout of its messages.
+    """An output topic: its name, its type, and the layout of its messages.
 
-    `numbers(result)` returns all numbers of a message but its stamps, row by row as they stand in
-    the serialized message; `build(numbers, header, types)` builds the message around them. A
-    `MessageSerializer` builds one for each size and from then on fills the numbers in place.
+    `numbers(result)` returns all numbers of a message except its stamps, row by row in the order
+    of the serialized message; `build(numbers, header, types)` builds the message from them. A
+    `MessageSerializer` builds one for each size and after that fills in the numbers in place.
     Without `numbers`, `build` takes the result itself, and every message is built.
     """
 
@@ -134,7 +134,7 @@ def pose_rows(x: Array, y: Array, theta: Array) -> Array:
 
 
 def path(rows: Array, heading: Any, types: MessageTypes) -> Any:
-    """Build a Path of the rows of `pose_rows`, all poses with the header `heading`."""
+    """Build a Path from the rows of `pose_rows`, all poses with the header `heading`."""
     stamped, pose = types('geometry_msgs/msg/PoseStamped'), types('geometry_msgs/msg/Pose')
     point, quaternion = types('geometry_msgs/msg/Point'), types('geometry_msgs/msg/Quaternion')
     poses = [
@@ -154,7 +154,7 @@ def multi_array(
 ) -> Any:
     """Build a 2-D Float64MultiArray; a stride counts all elements from its dimension on.
 
-    The type has no place for a header.
+    This message type has no header.
     """
     dimension = types('std_msgs/msg/MultiArrayDimension')
     rows, columns = values.shape

@@ -1,8 +1,8 @@
 """Fast CDR decoding of sensor messages, limited to the fields that are used.
 
-What is returned has the fields of the message that are read here. Only plain little-endian CDR is
-read, which is what every middleware writes on usual computers; None means an unexpected type or
-layout, which the reader of ROS then reports.
+Results have only the fields of the message that are read here. Only plain little-endian CDR is
+supported, which every middleware writes on common computers; None means an unexpected type or
+layout, which the ROS deserializer then handles.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def read_wrench(raw: bytes) -> tuple[Any, int]:
 
 
 def read_imu(raw: bytes) -> tuple[Any, int]:
-    """Read the specific force of an Imu: behind orientation and angular velocity."""
+    """Read the specific force of an Imu, which follows orientation and angular velocity."""
     header, end = read_header(raw)
     place = aligned(end, 8)
     numbers = IMU.unpack_from(raw, place)
@@ -98,7 +98,7 @@ READERS: dict[str, Callable[[bytes], tuple[Any, int]]] = {
 
 
 def read_message(raw: bytes, type_name: str) -> Any | None:
-    """Read a message of a type that is read here; None if only ROS can."""
+    """Read a message if its type is supported here; else None."""
     reader = READERS.get(type_name)
     if reader is None or raw[:2] != LITTLE_ENDIAN:
         return None
@@ -110,7 +110,7 @@ def read_message(raw: bytes, type_name: str) -> Any | None:
 
 
 def read_header(raw: bytes) -> tuple[Any, int]:
-    """Read a header; return its end offset, too."""
+    """Read a header; also returns its end offset."""
     seconds, rest = TIME.unpack_from(raw, BODY)
     frame_id, end = read_text(raw, BODY + TIME.size)
     stamp = SimpleNamespace(sec=seconds, nanosec=rest)
@@ -118,7 +118,7 @@ def read_header(raw: bytes) -> tuple[Any, int]:
 
 
 def read_text(raw: bytes, place: int) -> tuple[str, int]:
-    """Read a zero-terminated text; return its end offset, too."""
+    """Read a zero-terminated text; also returns its end offset."""
     (size,) = LENGTH.unpack_from(raw, place)
     begin = place + LENGTH.size
     end = begin + size

@@ -1,7 +1,7 @@
-"""Decoding of jpeg and png to grey levels; damaged images are refused.
+"""Decode jpeg and png images to grey levels; damaged images are rejected.
 
-The decoder fills up a jpeg that is damaged, and looks at the size of an image only when it has
-made room for it. So the header is read here first, and what the decoder complains of is caught.
+The decoder fills in missing parts of a damaged jpeg, and allocates memory before it checks the
+size of an image. So the header is read here first, and the decoder's warnings are caught.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
 
     colored: return its colors instead, (height, width, 3), blue-green-red.
 
-    Raises MessageError for other formats, a jpeg of more than 8 bits per channel, sides above
-    LARGEST_SIDE or an area above LARGEST_AREA, and for an image that is cut off or damaged.
+    Raises MessageError for other formats, a jpeg with more than 8 bits per channel, a side above
+    LARGEST_SIDE or an area above LARGEST_AREA, and for truncated or damaged images.
     """
     head = data[: len(PNG)].tobytes()
     # Some cameras fill their messages up with zeros.
@@ -80,8 +80,8 @@ def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
 def decode_heard(data: Bytes, *, colored: bool) -> tuple[Any, bytes]:
     """Decode an image file by OpenCV; returns the image (or None) and the decoder's messages.
 
-    Nothing of the latter is printed. As it was stored: a turn that a camera app noted in the file
-    is not in camera_info either.
+    The messages are not printed. The image is as stored: a rotation noted in the file by a camera
+    app is ignored, because camera_info ignores it, too.
     """
     import cv2  # readings have no use for it
 
@@ -133,7 +133,7 @@ def png_size(data: Bytes) -> tuple[int, int]:
 
 @contextmanager
 def _stderr_into(file: int) -> Iterator[None]:
-    """Redirect stderr of C libraries to a file, the only way to read their warnings."""
+    """Redirect stderr of C libraries to a file, which is the only way to read their warnings."""
     stderr = os.dup(2)
     os.dup2(file, 2)
     try:

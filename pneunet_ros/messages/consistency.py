@@ -1,4 +1,4 @@
-"""From messages of `targets` to the consistency monitor: the same lines live and in a replay."""
+"""Pass messages of `targets` to the consistency monitor; the same code live and in a replay."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def take_targets_message(
 ) -> tuple[ConsistencyState, Refusal | None]:
     """Compare a message of targets, or report why it cannot be compared.
 
-    With an arm whose model has no targets there is nothing to compare.
+    If the model has no targets there is nothing to compare.
     """
     targets = estimator.arm.target_arclength.size
     if not targets:

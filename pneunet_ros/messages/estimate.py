@@ -1,6 +1,6 @@
-"""The outputs of the estimator: an entry for each topic, with the one layout of its messages.
+"""The outputs of the estimator: an entry for each topic, with the layout of its messages.
 
-The live node and the replay use the same code on message classes of their own, so that their
+The live node and the replay use the same code with their own message classes, so that their
 messages are bitwise equal.
 """
 
@@ -105,7 +105,7 @@ def shape_points(estimate: ShapeEstimate) -> npt.NDArray[Any]:
 def tip_row(estimate: ShapeEstimate) -> Array:
     """Return one row: position (3), quaternion (4) and the 36 covariances of the free end.
 
-    What cannot move in the plane has covariance 0.
+    Components that are fixed in planar motion have covariance 0.
     """
     row = np.zeros((1, 43))
     x, y, theta = estimate.shape.tip

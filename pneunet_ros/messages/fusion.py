@@ -1,7 +1,7 @@
 """Messages of the fusion: inputs, and one entry per output topic.
 
-What is known of the shape has the layout of the estimator's topics, so that who reads these remaps
-one name.
+The shape has the layout of the estimator's topics, so that subscribers of these only need to remap
+names.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def force_cloud(fused: FusedEstimate, heading: Any, types: MessageTypes) -> Any:
 
 
 def contact_points(fused: FusedEstimate) -> npt.NDArray[Any]:
-    """Return the record of CONTACT_POINT, or none: no contact, or it may be the tip force."""
+    """Return the record of CONTACT_POINT; none without a contact or if it may be a tip force."""
     contact = fused.contact
     if contact is None or contact.ambiguous:
         return np.zeros(0, CONTACT_POINT)
@@ -148,10 +148,9 @@ FUSION_OUTPUTS: tuple[Output[FusedEstimate], ...] = (
 def fuse_message(
     fusion: Fusion, state: FusionState, sensor: Input[Any], message: Any
 ) -> tuple[FusionState, FusionOutcome]:
-    """Take a message of pressure, end wrench or targets: the same lines live and in a replay.
+    """Process a message of pressure, end wrench or targets; the same code live and in a replay.
 
-    The outcome is that of `Fusion.step`; a message that is not what its topic promises is counted
-    and gives a Refusal.
+    The outcome is that of `Fusion.step`; an invalid message is counted and gives a Refusal.
     """
     event: Event
     try:

@@ -1,4 +1,4 @@
-"""The answer of a gripper: one stamped point."""
+"""The output of a gripper: one stamped point."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ GRIPPER_STATE = Output(
 
 
 def mount_transforms(mounts: Mapping[str, Mount], frame_id: str, types: MessageTypes) -> Any:
-    """Build the message of /tf_static: where the bases of arms are, by their frames."""
+    """Build the message of /tf_static: the poses of the arms' bases, by frame."""
     stamped, transform = (
         types(f'geometry_msgs/msg/{name}') for name in ('TransformStamped', 'Transform')
     )

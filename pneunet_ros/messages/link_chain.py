@@ -1,8 +1,8 @@
-"""The arm as a chain of links, for what knows robots as a URDF and joint states.
+"""The arm as a chain of links, for tools that use a URDF and joint states.
 
-Each link is the chord between two stations: a joint turns it out of the direction of the link
-before, and a sliding joint makes it as long as the chord is, shorter where the arm bends and
-longer where it stretches. So the ends of the links lie on the centerline, exactly.
+Each link is the chord between two stations: a revolute joint turns it relative to the previous
+link, and a prismatic joint adjusts its length to the chord, which is shorter if the arm bends and
+longer if it stretches. So the ends of the links lie exactly on the centerline.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def joint_names(links: int) -> list[str]:
 
 
 def joint_positions(arclength: Array, x: Array, y: Array, theta: Array) -> Array:
-    """Return the turn (rad) and the slide (m) of every link, and the turn of the tip.
+    """Return the rotation (rad) and extension (m) of every link, and the rotation of the tip.
 
     All arrays (stations,), SI: places on the unstretched arm, coordinates in the base frame, and
     heading.

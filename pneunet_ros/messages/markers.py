@@ -1,7 +1,7 @@
-"""An estimate for the eye: markers of the arm, and the transform from its base to its tip.
+"""Visualization of an estimate: markers of the arm, and the transform from its base to its tip.
 
-Not among `OUTPUTS`, as their types are not in every installation of ROS: node and replay have them
-when asked.
+They are not in `OUTPUTS`, because not every ROS installation has their types: node and replay add
+them on request.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def marker(
     colors: list[Color] | None = None,
     action: int = ADD,
 ) -> Any:
-    """Build a Marker that is made of points of the plane; name: its namespace."""
+    """Build a Marker from points in the plane; name: its namespace."""
     point, rgba = types('geometry_msgs/msg/Point'), types('std_msgs/msg/ColorRGBA')
     vector, file = types('geometry_msgs/msg/Vector3'), types('visualization_msgs/msg/MeshFile')
     picture = types('sensor_msgs/msg/CompressedImage')

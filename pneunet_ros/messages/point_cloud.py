@@ -1,4 +1,4 @@
-"""The points of a PointCloud2 as a table of numbers, however their fields are laid out."""
+"""The points of a PointCloud2 as a table of numbers, for any layout of fields."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _KINDS = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'
 
 
 def cloud_points(message: Any) -> npt.NDArray[Any]:
-    """Return the points of a PointCloud2, one record per point, a field of it by its name.
+    """Return the points of a PointCloud2 as one record per point, with named fields.
 
-    Fields may stand in any order and anywhere in a point, in either byte order; fields of more
-    than one number are left out. Raises MessageError if the message contradicts itself.
+    Fields may be in any order and at any offset in a point, in either byte order; fields with more
+    than one number are left out. Raises MessageError if the message is inconsistent.
     """
     try:
         order = '>' if message.is_bigendian else '<'
@@ -62,8 +62,8 @@ def cloud_points(message: Any) -> npt.NDArray[Any]:
 def point_type(fields: tuple[tuple[str, str, int], ...], size: int) -> np.dtype[Any]:
     """Return the record type of fields (name, kind, offset) in a point of this many bytes.
 
-    Raises MessageError if a name stands twice, a field beyond the point, or the point is
-    larger than any.
+    Raises MessageError if a name occurs twice, a field exceeds the point, or the point is too
+    large.
     """
     if size > _LARGEST_POINT:
         raise MessageError(

@@ -1,8 +1,8 @@
-"""The sensors: for each its topic, its messages to readings and back, its readings as numbers.
+"""The sensors: for each its topic, conversion of messages to readings and back, and its numbers.
 
-`SENSORS` is the one place that names them. What replays, checks, exports, imports and writes
-recordings goes through it. Nothing of ROS is imported: a message is anything with the fields of
-its type, be it of rclpy or decoded from a recording.
+`SENSORS` is the only list of them, used by all code that replays, checks, exports, imports and
+writes recordings. ROS is not imported: a message is anything with the fields of its type, from
+rclpy or decoded from a recording.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class UnusableTopic(MessageError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Component:
-    """One number of a reading: name and kind of unit of its column, and how people see it."""
+    """One number of a reading: name and kind of unit of its column, and how it is displayed."""
 
     name: str
     kind: str
@@ -77,12 +77,12 @@ class Component:
 class Sensor(Input[ReadingType]):
     """A topic of readings, and its reading as a row of numbers: SI, gauge, base frame.
 
-    label: what a reading is called in sentences. components: what a row holds; with `per_target`
-    a row of each, an entry for each target, NaN where it was not seen; with `partial` some of the
-    components may be unknown, NaN. `message(stamp_ns, row,
-    frame_id, types)` builds the message of a row. `row(message, settings, targets)` returns stamp
-    (ns) and row, or raises MessageError; without it, a row is what the reading has under the names
-    of the components. needed: whether the estimator reads the topic by these settings.
+    label: name of a reading in sentences. components: the numbers in a row; with `per_target` an
+    array for each, with one entry per target, NaN if it was not seen; with `partial` some
+    components may be unknown (NaN). `message(stamp_ns, row, frame_id, types)` builds the message
+    of a row. `row(message, settings, targets)` returns stamp (ns) and row, or raises MessageError;
+    without it, a row consists of the fields of the reading named as the components. needed:
+    whether the estimator reads the topic with these settings.
     """
 
     label: str
@@ -96,9 +96,9 @@ class Sensor(Input[ReadingType]):
     def read(
         self, message: Any, settings: EstimatorSettings, targets: int | None = None
     ) -> tuple[int, Array]:
-        """Return stamp (ns) and row of a message; targets: how many there must be (None: any).
+        """Return stamp (ns) and row of a message; targets: their required number (None: any).
 
-        Raises MessageError, and UnusableTopic where no other message of the topic will do either.
+        Raises MessageError, or UnusableTopic if no message of the topic can be used.
         """
         if self.row is not None:
             return self.row(message, settings, targets)
@@ -110,7 +110,7 @@ class Sensor(Input[ReadingType]):
         return (len(self.components), targets) if self.per_target else (len(self.components),)
 
     def present(self, values: Array) -> npt.NDArray[np.bool_]:
-        """Return which of these rows (rows, *row_shape) are readings."""
+        """Return which of these rows (rows, *row_shape) contain readings."""
         if self.partial:
             return np.asarray(are_numbers(values).any(axis=1))
         complete = np.asarray(are_numbers(values).all(axis=1))
@@ -118,7 +118,7 @@ class Sensor(Input[ReadingType]):
 
 
 def decode_pressure(message: Any) -> PressureReading:
-    """Return the reading in a FluidPressure, even NaN; MessageError on another content."""
+    """Return the reading in a FluidPressure, even if NaN; MessageError if invalid."""
     try:
         return PressureReading(
             stamp_ns=nanoseconds(message.header.stamp),
@@ -155,8 +155,8 @@ def decode_tip_pose(message: Any) -> TipPoseReading:
     """Return the planar part of a PoseStamped, unchanged; MessageError if invalid.
 
     An invalid quaternion (all zeros, NaN) means that no heading was measured, and a position of 0,
-    0, which is the clamp, that no position was: by an inertial sensor, which measures the heading
-    alone, or by motion capture that does not see the tip, and writes no turn either.
+    0 (the clamp) that no position was measured: an inertial sensor measures only the heading, and
+    motion capture that does not see the tip measures neither.
     """
     try:
         place, turned = message.pose.position, message.pose.orientation
@@ -225,7 +225,8 @@ def targets_message(
 ) -> Any:
     """Build the PointCloud2 of targets at x, y (targets,) m in the base frame, NaN = not seen.
 
-    std: standard error (m) per axis of those seen, NaN = unknown. What only an image shows is NaN.
+    std: standard error (m) per axis of those seen, NaN = unknown. Fields that need an image are
+    NaN.
     """
     places = np.array([x, y], dtype=np.float64)
     seen = np.isfinite(places).all(axis=0)
@@ -245,10 +246,10 @@ def targets_message(
 def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> TargetSightings:
     """Return the targets in a PointCloud2, in order of their ids, NaN where one was not seen.
 
-    x, y may be float32 or float64 and the points in any order; fields beside x, y and id may be
-    missing. Trackers of tags write 0, 0 for what they do not see: no target but the one at the
-    clamp is there. Raises MessageError for another frame than `frame_id`, a missing field, ids
-    that are not 0, 1, ... once each, and another number of points than `targets` (None: any).
+    x, y may be float32 or float64 and the points in any order; fields other than x, y and id may
+    be missing. Tag trackers write 0, 0 for unseen targets, so this means "not seen" except for a
+    target at the clamp. Raises MessageError for a frame other than `frame_id`, a missing field,
+    ids that are not 0, 1, ... once each, and a number of points other than `targets` (None: any).
     """
     try:
         stamp_ns, found = nanoseconds(message.header.stamp), str(message.header.frame_id)
@@ -323,7 +324,7 @@ def targets_row(
 
 
 def tip_pose_row(message: Any, settings: EstimatorSettings, _: int | None) -> tuple[int, Array]:
-    """Return stamp and x, y (m), heading (rad) of the tip, in whatever frame they are."""
+    """Return stamp and x, y (m), heading (rad) of the tip, in the frame of the message."""
     reading = decode_tip_pose(message)
     return reading.stamp_ns, np.array([reading.x, reading.y, reading.heading])
 
@@ -457,6 +458,6 @@ def arrival_order(sensors: Iterable[Input[Any]]) -> ArrivalOrder[Any]:
 
 
 def is_estimated(topic: str) -> bool:
-    """Whether a topic is named like a sensor but holds an estimate of the fusion."""
+    """Whether a topic is named like a sensor but contains estimates of the fusion."""
     *_, space, name = ('', *topic.split('/'))
     return space == FUSED and any(name == sensor.name for sensor in SENSORS)

@@ -1,7 +1,7 @@
-"""Serialized messages filled in place: the same bytes as plain serialization, many times faster.
+"""Serialized messages filled in place: same bytes as plain serialization, many times faster.
 
-From result to result only stamps and numbers of a message change. So a message of known stamps and
-numbers is serialized once, their places are found in its bytes, and from then on only these are
+Between results only the stamps and numbers of a message change. So a message with known stamps and
+numbers is serialized once, their offsets are found in its bytes, and after that only these are
 filled in.
 """
 
@@ -28,10 +28,10 @@ _BODY = 4  # bytes of encapsulation before the body; the body is aligned, not th
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CdrTemplate:
-    """A serialized message with the places of its stamps and of its rows of numbers.
+    """A serialized message with the offsets of its stamps and rows of numbers.
 
-    `stamps` (k, 2): indices of seconds and nanoseconds among 32-bit words of the body. The rows
-    are as long as `row` and stand at `offset` (bytes) and every `stride` bytes from there.
+    stamps (k, 2): indices of seconds and nanoseconds among 32-bit words of the body. The rows have
+    the length `row` and start at `offset` (bytes), spaced by `stride` bytes.
     """
 
     raw: bytes
@@ -107,7 +107,7 @@ class MessageSerializer:
 
 
 def _stamps(raw: bytes) -> Iterator[int]:
-    """Yield the places of the stamp of the probe."""
+    """Yield the positions of the probe's stamp."""
     pattern = _STAMP.pack(*divmod(_PROBE_STAMP, NANOSECONDS_PER_SECOND))
     place = raw.find(pattern)
     while place >= 0:

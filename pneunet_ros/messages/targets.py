@@ -1,4 +1,4 @@
-"""The message `targets`: one point per target, as the tracker writes and everybody reads it."""
+"""The message `targets`: one point per target, written by the tracker and read by all others."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def target_points(sightings: TargetSightings) -> npt.NDArray[Any]:
 
 
 def _targets_cloud(sightings: TargetSightings, heading: Any, types: MessageTypes) -> Any:
-    """Build a PointCloud2: a point per target in order, NaN in all but `id` where not seen."""
+    """Build a PointCloud2: a point per target in order, all NaN except `id` if not seen."""
     is_dense = sightings.seen == len(sightings.x)
     return point_cloud(target_points(sightings), heading, types, is_dense=is_dense)
 

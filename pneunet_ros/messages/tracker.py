@@ -1,7 +1,7 @@
 """ROS messages of images, lenses and tracker outputs: the table of its topics.
 
-A message is anything with the fields of its type. A new output is one entry in the table at the
-end.
+A message is anything with the fields of its type. To add an output, add one entry to the table at
+the end.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ def decode_compressed_image(message: Any, *, colored: bool = False) -> Image:
 def decode_camera_info(message: Any) -> Lens:
     """Return the lens in a CameraInfo.
 
-    Raises MessageError for another message, CameraError for a camera that is not calibrated or not
-    known, and for an image that is binned or only a part of what the lens gives.
+    Raises MessageError for an invalid message, and CameraError for an uncalibrated or unsupported
+    camera, and for binned or cropped images.
     """
     try:
         region = message.roi
@@ -113,7 +113,7 @@ def measured_centerline_rows(curve: MeasuredCurve) -> Array:
 
 
 def measured_curvature_rows(curve: MeasuredCurve) -> Array:
-    """Return the rows named in CURVATURE_ROWS; NaN in rows that an image does not give."""
+    """Return the rows named in CURVATURE_ROWS; NaN in rows that are unknown from an image."""
     unknown = np.full(curve.arclength.size, np.nan)
     return np.stack([curve.arclength, curve.curvature, unknown, unknown, curve.std_curvature])
 

@@ -1,1 +1,1 @@
-"""CSV and npz tables, in and out."""
+"""Reading and writing CSV and npz tables."""

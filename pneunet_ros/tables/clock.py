@@ -40,7 +40,7 @@ def is_time(text: str) -> bool:
 
 
 class Clock:
-    """Parses successive dates and times of day; times without a date may pass midnight."""
+    """Parses successive dates and times of day; times without a date may cross midnight."""
 
     __slots__ = ('_days', '_midnights', 'latest')
 
@@ -51,7 +51,7 @@ class Clock:
         self._days = 0
 
     def seconds(self, text: str, line: int) -> str:
-        """Return seconds, since 1970 if there is a date; the text itself if it is not a time."""
+        """Return seconds (since 1970 if there is a date), or the text if it is not a time."""
         match = _TIME_OF_DAY.fullmatch(text)
         seconds = None if match is None else _clock_seconds(match)
         if match is None or seconds is None:
@@ -66,7 +66,7 @@ class Clock:
         return str(seconds)
 
     def sentences(self, path: Path) -> tuple[Note, ...]:
-        """Report where a day was added."""
+        """Report the lines at which a day was added."""
         if not self._midnights:
             return ()
         lines = ', '.join(str(line) for line in self._midnights[:_LINES_SHOWN])

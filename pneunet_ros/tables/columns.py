@@ -1,4 +1,4 @@
-"""Names of table columns: what is measured, of which target, and in which unit."""
+"""Names of table columns: the quantity, its target, and its unit."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ _OF_SENSOR = frozenset({'pressure', 'press', 'p', 'sensor', 'adc', 'raw', 'analo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Column:
-    """A column of numbers: its name, what it is in KINDS, its target, and SI units per unit."""
+    """A column of numbers: its name, its kind (in KINDS), its target, and SI units per unit."""
 
     name: str
     quantity: str
@@ -150,9 +150,9 @@ def column_of(name: str) -> Column | None:
 
 
 def standard_name(name: str) -> str:
-    """Return the known name that is written so: 'Pressure [kPa]' is pressure_kpa, 'Time' time_s.
+    """Return the standard form of a name: pressure_kpa for 'Pressure [kPa]', time_s for 'Time'.
 
-    Capitals, spaces and the brackets of a unit do not matter; an unknown name stays as it is.
+    Case, spaces and the brackets of a unit are ignored; an unknown name is returned unchanged.
     """
     plain = _plain(name)
     if plain == TIME:
@@ -161,7 +161,7 @@ def standard_name(name: str) -> str:
 
 
 def is_known(name: str) -> bool:
-    """Whether a column is recognized, whether it is used or ignored, in any spelling."""
+    """Whether a column is recognized in any spelling, even if it is then ignored."""
     return _is_known(_plain(name))
 
 
@@ -170,17 +170,17 @@ def _is_known(plain: str) -> bool:
 
 
 def names_no_unit(name: str) -> bool:
-    """Whether a column is a time without a unit by its name: 'Time'."""
+    """Whether a name means a time without a unit: 'Time'."""
     return _plain(name) == TIME
 
 
 def names_absolute(name: str) -> bool:
-    """Whether a column is an absolute pressure by its name: 'psia', 'P abs [kPa]'."""
+    """Whether a name means an absolute pressure: 'psia', 'P abs [kPa]'."""
     return _without_reference(_words(name))[1] in _ABSOLUTE
 
 
 def _words(name: str) -> list[str]:
-    """Return the words of a name in small letters, a unit as one word."""
+    """Return the words of a name in lower case, a unit as one word."""
     plain = _BETWEEN_WORDS.sub('_', name.strip().lower().translate(_LETTERS)).strip('_')
     for written, one in _TWO_WORDS:
         plain = written.sub(one, plain)
@@ -188,7 +188,7 @@ def _words(name: str) -> list[str]:
 
 
 def _without_reference(words: list[str]) -> tuple[list[str], str]:
-    """Split the words of a pressure into those without the reference, and the reference or ''."""
+    """Split the words for a pressure into those without the reference, and the reference or ''."""
     *head, last = words
     units = SI_PER_UNIT['pressure']
     if last not in units and last[:-1] in units and last[-1] in 'ag':
@@ -272,16 +272,16 @@ def likely_name(name: str) -> str:
 
 
 def is_raw(name: str) -> bool:
-    """Whether a column has volts or counts of a sensor by its name: 'pressure_V', 'ADC', 'raw'.
+    """Whether a name means volts or counts of a sensor: 'pressure_V', 'ADC', 'raw'.
 
-    Those of other things, as 'battery_V' or 'frame_count', are not.
+    Volts and counts of other things, e.g. 'battery_V' or 'frame_count', are not meant.
     """
     *before, last = _words(name)
     return last in _RAW and (not before or not _OF_SENSOR.isdisjoint([*before, last]))
 
 
 def known_names() -> str:
-    """Return the patterns of all known names, for a person."""
+    """Return the patterns of all known names, for messages."""
     patterns = [STAMP]
     for quantity, kind in KINDS.items():
         target = '<target>' if quantity in TOGETHER else ''
@@ -293,9 +293,9 @@ def known_names() -> str:
 def columns_of(names: Iterable[str], where: str) -> list[Column]:
     """Parse the names of columns; raises RecordingError if they are inconsistent.
 
-    Unknown names (all of them are named), one quantity twice, a target without its other
-    coordinate, an angle without its string, and end forces both resolved and by strings are
-    refused.
+    These are: unknown names (all are listed), a repeated quantity, a target with only one
+    coordinate, an angle without its string, and end forces given both as components and by
+    strings.
     """
     columns: dict[tuple[str, int | None], Column] = {}
     unknown: list[str] = []
@@ -335,7 +335,7 @@ def columns_of(names: Iterable[str], where: str) -> list[Column]:
 def _unknown_columns(names: list[str], there: Collection[str]) -> str:
     """Name all unknown columns, and the options to type.
 
-    there: the quantities of known columns, which no other column stands for.
+    there: the quantities that known columns already provide.
     """
     likely = {
         name: '' if _quantity(known) in there else known
@@ -365,14 +365,14 @@ def _unknown_columns(names: list[str], there: Collection[str]) -> str:
 
 
 def _quantity(pattern: str) -> str:
-    """Return the quantity of a known name or of several: pressure_kpa, pressure_(pa|kpa)."""
+    """Return the quantity of a name or pattern: pressure_kpa, pressure_(pa|kpa)."""
     head, several, _ = pattern.partition('_(')
     column = None if several else column_of(pattern)
     return head if column is None else column.quantity
 
 
 def _one_unit(pattern: str) -> str:
-    """Return a known name with UNIT where there are several: pressure_(pa|kpa)."""
+    """Return a known name with UNIT in place of several units: pressure_(pa|kpa)."""
     head, several, _ = pattern.partition('_(')
     return f'{head}_UNIT' if several else pattern
 

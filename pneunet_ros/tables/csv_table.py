@@ -62,11 +62,11 @@ _APART = re.compile(r"[-+]?\d{1,3}([.,'’\s])\d{3}(?:\1\d{3})*(?:[.,]\d+)?", re
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CsvTable:
-    """Columns by name: numbers (rows,), NaN where a cell is empty or NaN.
+    """Columns by name: numbers (rows,), NaN for empty cells.
 
-    exact: the same as ratios of integers for the columns that were asked for exactly. `lines` are
-    the numbers of the rows' lines in the file, `sentences` say how names were read; `written` has
-    the names in the file. clock: the times are times of day or dates.
+    exact: columns that were requested exactly, as ratios of integers. lines: line number of each
+    row in the file; sentences: how names were interpreted; written: names as in the file. clock:
+    whether times are times of day or dates.
     """
 
     numbers: Mapping[str, Array]
@@ -85,8 +85,8 @@ def read_csv(
 ) -> CsvTable:
     """Return the columns of a file by their new names; RecordingError names the place.
 
-    exact: names of columns to be read without rounding, too. check_names: sees the new names
-    before any row is read, and may raise.
+    exact: names of columns to be read without rounding as well. check_names: called with the new
+    names before any row is read, and may raise.
     """
     try:
         with open_regular(path) as binary:
@@ -220,9 +220,9 @@ def _read(
 
 
 def _check_decimals(path: Path, line: int, written: str, seen: dict[str, str]) -> None:
-    """Refuse a mark that is used both for decimals and, apparently, for thousands.
+    """Reject a mark that is used both for decimals and, apparently, for thousands.
 
-    seen: the place where each mark was first used for decimals or, it seems, thousands; updated.
+    seen: where each mark was first used for decimals or, apparently, thousands; updated.
     """
     marks = [mark for mark in '.,' if mark in written]
     if len(marks) != 1 or ':' in written:  # a time of day, or no number
@@ -276,8 +276,8 @@ def _rows(
 ) -> Iterator[tuple[int, list[str]]]:
     """Yield rows of this many cells with their line numbers; skips empty lines.
 
-    above: lines of the file that the reader has not seen. cut: the file does not end with the end
-    of a line. left_out: notes on comments and on an incomplete last row; added here.
+    above: number of lines of the file above these. cut: whether the file ends without a newline.
+    left_out: notes on comments and on an incomplete last row are appended.
     """
     comments: list[int] = []
     for cells in reader:

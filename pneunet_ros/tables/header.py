@@ -41,8 +41,8 @@ _QUOTED = re.compile(r'"[^"]*"')
 class TableRequest:
     """Options for reading a table.
 
-    select: keep only rows that hold these texts in these columns (names as in the file). rename:
-    new name by the one in the file. ignore: columns (by either name) to be left out.
+    select: keep only rows with these texts in these columns (names as in the file). rename: new
+    name by the one in the file. ignore: columns (by either name) to leave out.
     """
 
     select: Mapping[str, str] = field(default_factory=dict)
@@ -84,8 +84,8 @@ def lines_from_names(
 def _names_in(comments: list[str], mark: str, columns: int, request: TableRequest) -> list[str]:
     """Return the comment with the column names, including the next line if it has their units.
 
-    A comment with a cell for each column goes before others, then one with more known names, then
-    the last. Without any known name a comment needs one that is near to a known one.
+    A comment with a cell for each column is preferred, then one with more known names, then the
+    last. Without any known name a comment must contain one similar to a known one.
     """
     best, found = (False, 0), list[str]()
     cells = [_cells(comment, mark) for comment in comments]
@@ -114,7 +114,7 @@ def _is_number(cell: str) -> bool:
 def units_below(header: Sequence[str], cells: Sequence[str], request: TableRequest) -> list[str]:
     """Return the units of all columns from the line below the names; empty if it has none.
 
-    Such a line has a unit in one of the columns to be read, and no digit in the other ones.
+    Such a line has a unit in one of the columns to be read, and no digits in the others.
     """
     left_out = {'', *request.ignore, *request.select}
     units = [cell.strip() for cell in cells]
@@ -146,7 +146,7 @@ def renamed_columns(
 
 
 def check_no_preamble(path: Path, names: int, ahead: Sequence[str], above: int) -> None:
-    """Reject lines above a table; names: number of cells in the supposed header line.
+    """Reject a table with text above it; names: number of cells in the supposed header line.
 
     ahead: the lines below that one, which is the `above`th of the file.
     """
@@ -191,11 +191,11 @@ def check_separated(path: Path, header: Sequence[str]) -> None:
 def with_clock(
     names: Sequence[str], left_out: Collection[int], ahead: Sequence[str], mark: str
 ) -> list[str]:
-    """Return the names of the columns with that of the time, where only one holds dates or times.
+    """Return the column names with the time column named, if just one has dates or times.
 
-    That is unmistakable, whatever it is called. left_out: places of columns that are not read;
-    ahead: the lines below the names. A date that is the same in all rows is not a time of theirs.
-    Nothing changes where a column is known as the time.
+    Such a column is unambiguous, whatever its name. left_out: indices of columns that are not
+    read; ahead: the lines below the names. A date that is the same in all rows is not a time.
+    Nothing changes if a column is already known as the time.
     """
     if any(_is_time_column(name) for name in names):
         return list(names)
@@ -221,7 +221,7 @@ def _is_time_column(name: str) -> bool:
 def ask_about_time(path: Path, places: Mapping[str, int], ahead: Sequence[str], mark: str) -> None:
     """Ask which column is the time if none is named so and one increases from row to row.
 
-    places: of the columns by their names; ahead: the lines below the names.
+    places: column indices by name; ahead: the lines below the names.
     """
     if any(map(_is_time_column, places)):
         return
@@ -279,7 +279,7 @@ def check_header(
     renamed: Sequence[str],
     request: TableRequest,
 ) -> None:
-    """Refuse missing, duplicate, too many or too long names, and invalid requests."""
+    """Reject missing, duplicate, too many or too long names, and invalid requests."""
     if not header or not any(header):
         raise RecordingError(
             f'{path} is empty: the first line must name the columns', reason='empty'

@@ -1,4 +1,4 @@
-"""Numbers that stand for "no reading" in tables of loggers and trackers: 0 and 0, -1, 9999."""
+"""Numbers that stand for "no reading" in tables of loggers and trackers: 0, -1, 9999."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ NUMBERS_SHOWN = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Columns that hold a reading together or not at all: a target, the tip, or a single one.
+    """Columns that form one reading: a target, the tip, or a single column.
 
-    deciding: the columns that decide; names: all of them, which are empty then. zero: whether 0
-    can stand for "no reading": it is what a sensor reads at rest, and where the clamp is.
+    deciding: the columns whose values decide; names: all columns, which then become empty. zero:
+    whether 0 can stand for "no reading"; it may also be a sensor at rest, or the clamp.
     """
 
     label: str
@@ -34,7 +34,7 @@ class Place:
     zero: bool = False
 
     def rows(self, numbers: Mapping[str, Array], value: float) -> npt.NDArray[np.bool_]:
-        """Return the rows in which this number stands in place of a reading, (rows,)."""
+        """Return the rows in which this number stands for no reading, (rows,)."""
         if value == 0.0 and not self.zero:
             return np.zeros(numbers[self.names[0]].size, dtype=bool)
         return np.asarray(np.all([numbers[name] == value for name in self.deciding], axis=0))
@@ -43,7 +43,7 @@ class Place:
 def without_placeholders(
     numbers: Mapping[str, Array], columns: Sequence[Column], missing: Collection[float]
 ) -> tuple[dict[str, Array], int]:
-    """Return the columns with these placeholder numbers as NaN, and how many there were."""
+    """Replace these placeholder numbers by NaN; returns the columns and the number replaced."""
     changed = {name: np.array(values) for name, values in numbers.items()}
     count = 0
     for place in places_of(columns):
@@ -58,10 +58,10 @@ def without_placeholders(
 def ask_for_placeholders(
     path: object, numbers: Mapping[str, Array], columns: Sequence[Column], lines: Sequence[int]
 ) -> None:
-    """Refuse a table whose numbers seem to mean "no reading", and say how to answer.
+    """Reject a table with numbers that seem to mean "no reading", and name the option to use.
 
-    A placeholder is sometimes there and sometimes not. A pair of coordinates shows it; a
-    single number only where it stands apart from all others of its column.
+    A placeholder occurs in some rows only. In a pair of coordinates it is obvious; a single number
+    must be far from all others in its column.
     """
     for place in places_of(columns):
         found = [value for value in PLACEHOLDERS if _stands_for_nothing(place, numbers, value)]
@@ -79,7 +79,7 @@ def ask_for_placeholders(
 
 
 def places_of(columns: Sequence[Column]) -> Iterator[Place]:
-    """Yield groups of columns that hold a reading together or not at all."""
+    """Yield groups of columns that form one reading each."""
     names = {(column.quantity, column.target): column.name for column in columns}
     for target in sorted({column.target for column in columns if column.target is not None}):
         both = tuple(names[quantity, target] for quantity in TOGETHER)

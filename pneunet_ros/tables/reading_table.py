@@ -1,4 +1,4 @@
-"""Readings as a table with a row per stamp; converts from and to recordings."""
+"""Readings as a table with a row per stamp, for converting from and to recordings."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from pneunet_ros.messages.readings import Component, SENSORS, TARGETS
 class ReadingTable:
     """Readings by stamp: stamp_ns (rows,), increasing, and values by sensor.
 
-    values: for every sensor of SENSORS (rows, *row_shape), SI in the base frame, NaN where there
-    is not a reading: pressure (rows, 1), end_wrench (rows, 3), targets (rows, 2, targets). A row
-    without any target is not a frame. pressure_unit: that in which the table has the pressure;
-    absolute: the name of its column says that the pressure is counted from nothing.
+    values: for every sensor of SENSORS (rows, *row_shape), SI in the base frame, NaN without a
+    reading: pressure (rows, 1), end_wrench (rows, 3), targets (rows, 2, targets). A row without
+    any target is not a frame. pressure_unit: unit of the pressure in the table; absolute: whether
+    the name of its column says that the pressure is absolute.
     """
 
     stamp_ns: Stamps
@@ -55,7 +55,8 @@ class ReadingTable:
 def columns(table: ReadingTable, units: UnitSystem = SI) -> dict[str, npt.NDArray[np.generic]]:
     """Return the columns of a table, with units in their names; time starts at zero.
 
-    Those in SI are the names that `import` knows. What was never read has no column.
+    Names with SI units are understood by `import`. Quantities that were never measured have no
+    column.
     """
     start = int(table.stamp_ns[0]) if len(table.stamp_ns) else 0
     seconds = [seconds_since(start, stamp) for stamp in table.stamp_ns.tolist()]

@@ -1,4 +1,4 @@
-"""A CSV file with named unit columns -> readings in SI, in the base frame."""
+"""A CSV file with units in its column names -> readings in SI, in the base frame."""
 
 from __future__ import annotations
 
@@ -46,12 +46,11 @@ FIRST_STAMP = NANOSECONDS_PER_SECOND  # of a table without stamps: 0 means "no s
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportRequest(TableRequest):
-    """Request of an import: the columns to read, and what to add.
+    """Request for an import: the columns to read, offsets, placeholders and rate.
 
-    offsets: number to be added to a column (by its new name, in its unit). missing: numbers that
-    stand for "no reading", of a target or the tip in both coordinates; None: refuse a table that
-    seems to hold such, with the question. rate: rows per second
-    of a table without time.
+    offsets: number to add to a column (by its new name, in its unit). missing: numbers that stand
+    for "no reading", for a target or the tip in both coordinates; None: reject a table that seems
+    to contain such numbers, with a question. rate: rows per second of a table without time.
     """
 
     offsets: Mapping[str, float] = field(default_factory=dict)
@@ -151,7 +150,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     def values_of(sensor: Sensor[Any]) -> Array:
         """Rows of a sensor: a component without a column is 0, and without any there is none.
 
-        Where components may be unknown, such a one is unknown.
+        If components of the sensor may be unknown, a missing one is NaN.
         """
         names = [item.name for item in sensor.components]
         if sensor.per_target:
@@ -183,7 +182,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
 
 
 def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
-    """Report exactly coincident targets in a row, a mark of undetected targets in trackers.
+    """Report targets at exactly the same position, a sign of undetected targets in trackers.
 
     targets: (rows, 2, targets) m.
     """
@@ -204,7 +203,7 @@ def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
 
 
 def _absolute(column: str, table: ReadingTable) -> Note:
-    """Describe the options by which other verbs take absolute pressure."""
+    """Describe the options of other verbs for absolute pressure."""
     pressure = table.values[PRESSURE.name][:, 0]
     kept = np.isfinite(pressure)
     record = record_of(table.stamp_ns[kept].tolist(), pressure[kept].tolist())
@@ -242,7 +241,7 @@ def string_force(
 
 
 def _readings(names: Iterable[str]) -> list[str]:
-    """Return the columns except stamps and estimator outputs."""
+    """Return the columns other than stamps and estimator outputs."""
     return [name for name in names if name != STAMP and not name.startswith(ESTIMATE)]
 
 
@@ -312,7 +311,7 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
 
 
 def _check_unnamed_unit(path: Path, table: CsvTable, time: Column) -> None:
-    """Refuse a time whose column names no unit and whose rows are no seconds of a logger."""
+    """Reject a time without a unit in its name whose values are not plausible as seconds."""
     written = table.written[time.name]
     if table.clock or not names_no_unit(written):
         return
@@ -333,7 +332,7 @@ def _check_unnamed_unit(path: Path, table: CsvTable, time: Column) -> None:
 
 
 def _spreadsheet_epoch(table: CsvTable, time: Column) -> int:
-    """Return the epoch (days) to subtract: that of spreadsheets if the numbers are that large."""
+    """Return the epoch (days) to subtract: that of spreadsheets if the numbers are so large."""
     first = next((value for value in table.exact[time.name] if value is not None), Decimal(0))
     days = time.si_per_unit == SI_PER_UNIT['time']['d']
     return SPREADSHEET_EPOCH if days and first >= SPREADSHEET_EPOCH else 0

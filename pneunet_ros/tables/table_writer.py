@@ -1,4 +1,4 @@
-"""Columns of numbers by name -> a file: CSV, or arrays of numpy by the suffix .npz."""
+"""Columns of numbers by name -> a file: CSV, or NumPy arrays for the suffix .npz."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SUFFIXES = ('.csv', '.npz')
 
 
 def check_suffix(path: Path) -> None:
-    """Refuse a file name with an unknown suffix."""
+    """Reject a file name with an unknown suffix."""
     if path.suffix.lower() not in SUFFIXES:
         raise RequestError(
             f'--output {path} must end in {" or ".join(SUFFIXES)}', reason='wrong_suffix'
@@ -30,9 +30,9 @@ def write_columns(
     overwrite: bool = False,
     inputs: Iterable[Path] = (),
 ) -> None:
-    """Write columns of equal length to the last digit; NaN is an empty cell in CSV.
+    """Write columns of equal length in full precision; NaN becomes an empty cell in CSV.
 
-    Raises RequestError for another suffix, and the errors of `atomic_output`.
+    Raises RequestError for any other suffix, and the errors of `atomic_output`.
     """
     check_suffix(path)
     with atomic_output(path, overwrite=overwrite, inputs=inputs) as temporary:

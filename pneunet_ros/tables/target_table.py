@@ -47,7 +47,7 @@ class TargetTable:
 def write_table(
     path: Path, *, overwrite: bool = False, inputs: Iterable[Path] = ()
 ) -> Iterator[TargetTable]:
-    """Write a table atomically: the file appears when complete. Raises as `atomic_output` does."""
+    """Write a table atomically: the file appears when complete. Raises like `atomic_output`."""
     with (
         atomic_output(path, overwrite=overwrite, inputs=inputs) as temporary,
         temporary.open('w', encoding='utf-8', newline='') as stream,

@@ -24,9 +24,9 @@ def check_same_arm(
 ) -> None:
     """Raise RecordingError, with both names, if unloaded recordings show different arms.
 
-    length (m) of the arm. Hysteresis and creep also make one arm differ from itself: their size is
-    seen when a recording returns to a pressure. A moving arm lags behind its sensor because of the
-    line, so frames after a rest are compared if there are enough.
+    length (m) of the arm. Hysteresis and creep also make an arm differ from itself: their size is
+    measured where a recording returns to a pressure. The tube makes a moving arm lag behind its
+    sensor, so frames after a rest are compared if there are enough.
     """
     top = max((float(np.max(np.abs(run.frame_pressure))) for run in unloaded), default=0.0)
     past = [tip_distance(run, run, top, settings) for run in unloaded]
