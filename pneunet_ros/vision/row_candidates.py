@@ -33,7 +33,7 @@ from pneunet_ros.vision.beam_search import (
 )
 
 Pairs = tuple[Indices, Indices]
-PARTS = 8  # of the pairs that begin rows, after each of which a search may stop
+PARTS = 8  # of the pairs that begin rows, at most, after each of which a search may stop
 
 
 class PlacedRow(NamedTuple):
@@ -65,6 +65,7 @@ class RowCandidates:
         # Even the arm alone has some, from each pair of its targets at most.
         self.most = max(len(points) if most is None else most, arclength.size**2)
         self._within = dict[float, list[PlacedRow] | None]()
+        self._near = dict[tuple[bytes, ...], Indices]()
         self.blobs = blob_columns(points, areas, shapes, costs)
         steps = np.diff(arclength)
         self._even = bool(np.allclose(steps, steps[0]))
@@ -99,6 +100,13 @@ class RowCandidates:
         rows = self.rows_within(limit)
         if rows is None:
             return np.arange(len(others))
+        key = others.tobytes(), *(row.chosen.tobytes() for row in rows)
+        if key not in self._near:
+            self._near[key] = self._near_rows(others, rows)
+        return self._near[key]
+
+    def _near_rows(self, others: Array, rows: list[PlacedRow]) -> Indices:
+        """Return which of other points (n, 2) are near rows, or their extensions."""
         near, left = np.zeros(len(others), np.bool_), np.arange(len(others))
         for chosen, places in rows:
             row = self.points[chosen]
@@ -193,7 +201,8 @@ class RowCandidates:
         arclength, run = self.arclength, self._run
         steps = arclength.size - 2
         rate = limit / max(1, steps - run)
-        for pairs in np.array_split(np.array(self.neighbors), PARTS, axis=1):
+        parts = min(max(len(self.neighbors[0]) // self.most, 1), PARTS)
+        for pairs in np.array_split(np.array(self.neighbors), parts, axis=1):
             for first in self._firsts:
                 ahead = arclength[first:]
                 limits = rate * np.maximum(np.arange(ahead.size) - 1.0, 1.0)

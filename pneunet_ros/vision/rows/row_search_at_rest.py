@@ -113,10 +113,11 @@ def _search_all(view: View, blobs: Blobs) -> Array | Failure:
         )
         if not isinstance(row, Failure) or row.reason not in NO_ROW:
             return row
-        found, limit = row, 2.0 * limits[-1]
-        if limits[-1] >= view.vision.beam_search.dearest(arclength.size):
+        found, dearest = row, view.vision.beam_search.dearest(arclength.size)
+        if limits[-1] >= dearest:
             return found
-        if candidates.are_crowded(settings.crowd, limit + settings.chance):
+        limit = min(2.0 * limits[-1], dearest)
+        if candidates.are_crowded(settings.crowd, min(limit + settings.chance, dearest)):
             more = ' (among so many areas, only rows that fit well are searched for)'
             return replace(found, sentence=found.sentence + more)
         limits = (limit,)
@@ -149,19 +150,21 @@ def _search_within(
     points (areas, 2): all areas, normalized; measured: returns blobs of some; found: the result
     if there is no such row. Returns as `search_at_rest`.
     """
-    chance = view.vision.rest_plane.chance
-    if not len(candidates.near(points, limits[-1])):
+    settings, chance = view.vision.rest_plane, view.vision.rest_plane.chance
+    if len(limits) > 1 and not len(candidates.near(points, limits[-1])):
         return found
     for limit in limits:
         if not len(candidates.near(points, limit)):
             continue
-        blobs = measured(candidates.near(points, limit + chance))
+        more = limit + chance
+        decide: tuple[float, ...] = limit, more, more + chance, math.inf
+        if limit > settings.limits[-1]:  # those that cost more still are there by chance
+            more = min(more, view.vision.beam_search.dearest(view.arclength.size))
+            decide = limit, more
+        blobs = measured(candidates.near(points, more))
         if len(blobs) == 0:
             found = NO_AREAS
             continue
-        decide: tuple[float, ...] = limit, limit + chance
-        if limit <= view.vision.rest_plane.limits[-1]:  # else others are there by chance
-            decide = *decide, limit + 2.0 * chance, math.inf
         row = _search_once(view, blobs, decide)
         if not isinstance(row, Failure):
             return row
