@@ -114,7 +114,11 @@ def test_a_gauge_pressure_above_that_of_the_air_is_one_of_a_model_known_there():
         ),
         ([scaled(FREE[0], pressure=-1e-3)], [], 'up: .*--pressure-unit kPa --pressure-sign -1'),
         (FREE, [scaled(LOADED[0], force=1e3)], 'weights: an end force .* must be in N'),
-        ([bent(FREE[0], x=FREE[0].x[:, 1:], y=FREE[0].y[:, 1:])], [], 'up has 22 targets, but the'),
+        (
+            [bent(FREE[0], x=FREE[0].x[:, 1:], y=FREE[0].y[:, 1:])],
+            [],
+            'up has 22 targets, but the',
+        ),
         ([FREE[0].thin(2)], [], 'up: 2 frames .* need at least 3'),
         ([few_targets(FREE[0])], [], 'up shows fewer than 4 targets, and never the last'),
     ],
