@@ -245,9 +245,8 @@ def test_black_frames_bring_no_targets_and_say_so(peer):
         messages.clear()
     for index in range(20, 25):
         assert seen(show(peer, BLACK, filmed.stamp_of(index))) == 0
-    level, _, values = peer.report()
-    assert Level(level).name == 'ERROR'
-    assert values['reason'] == 'no_areas'
+    level, said, values = peer.report()
+    assert (Level(level).name, values.get('reason')) == ('ERROR', 'no_areas'), said
     assert int(values['unexplained/no_areas']) >= 5
     assert (values['seen'], values['missing']) == ('0', str(COUNT))
     assert peer.outputs() == {'targets': 5, 'measured_centerline': 0, 'measured_curvature': 0}
@@ -263,8 +262,8 @@ def test_what_is_refused_is_counted_by_reason_and_brings_nothing(peer):
         peer.images.publish(frame(picture, filmed.stamp_of(index)))
     peer.infos.publish(info(binning_x=2, binning_y=2))
     peer.barrier()
-    level, _, after = peer.report()
-    assert Level(level).name == 'ERROR'
+    level, said, after = peer.report()
+    assert Level(level).name == 'ERROR', said
     reasons = {name.partition('/')[2] for name in after if name.startswith('rejected/')}
     counts = {name: rejected(after, name) - rejected(before, name) for name in reasons}
     assert {name: count for name, count in counts.items() if count} == {
@@ -273,7 +272,7 @@ def test_what_is_refused_is_counted_by_reason_and_brings_nothing(peer):
         'duplicate': 1,
         'older': 1,
         'wrong_camera_info': 1,
-    }
+    }, said
     assert len(peer.received['targets']) == len(FILM)
     assert seen(show(peer, LAST, filmed.stamp_of(20))) == COUNT
 
@@ -288,8 +287,8 @@ def test_a_target_that_is_hidden_is_missing(peer):
     assert not peer.received['targets'][-1].is_dense
     assert peer.received['targets'][-2].is_dense
     assert peer.spin_until(lambda: len(peer.received['measured_centerline']) > 0)
-    level, _, values = peer.report()
-    assert Level(level).name == 'WARN'
+    level, said, values = peer.report()
+    assert Level(level).name == 'WARN', said
     assert (values['seen'], values['missing'], values['missing_ids']) == ('22', '1', '9')
 
 
