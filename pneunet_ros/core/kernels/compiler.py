@@ -3,14 +3,16 @@
 By default, numba runs the optimization passes of LLVM up to three times, to remove reference
 counts of lists and arrays early. Kernels have few of those and are not inlined into their callers
 (`core.kernels.links`): the last run suffices if loops have the form that can be vectorized, which
-saves a tenth of the time. A change of this file recompiles the kernels, because this line makes it
-one of those with a core.kernels.jit import (see its `fingerprint`).
+saves a tenth of the time.
 """
 
 from __future__ import annotations
 
 from functools import cache
 from typing import Any
+
+# The next line makes this file one of those that recompile the kernels (`jit.fingerprint`):
+# core.kernels.jit import
 
 
 @cache

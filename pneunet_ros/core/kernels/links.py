@@ -2,9 +2,7 @@
 
 By default, numba copies all callees into a function, because its cache entries must run alone;
 nearly half of the compiled code were copies. Here a kernel has its own symbol in the process, its
-callers know only this symbol, and their cache entries list the kernels to load first. A change of
-this file recompiles the kernels, because this line makes it one of those with a core.kernels.jit
-import (see `core.kernels.jit.fingerprint`).
+callers know only this symbol, and their cache entries list the kernels to load first.
 """
 
 from __future__ import annotations
@@ -17,6 +15,9 @@ from pickle import UnpicklingError
 from typing import Any
 
 from pneunet_ros.core.interrupt import interrupted_afterwards
+
+# The next line makes this file one of those that recompile the kernels (`jit.fingerprint`):
+# core.kernels.jit import
 
 # By what it is called with, too, a kernel is compiled: its name here, and the types.
 KERNELS: dict[str, Any] = {}
