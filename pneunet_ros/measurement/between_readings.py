@@ -17,7 +17,7 @@ from pneunet_ros.core.kernels.jit import inlined, inner, kernel
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import Stamps
 
-# What the line between two readings tells of a value at a stamp, rows of `line_between`:
+# Rows of `line_between`:
 VALUE, NOISE, MISSED, FURTHEST = range(4)
 NEVER = 1e-6  # share of the time between two readings in which nothing jumps
 SIGMA_OF_SECOND = math.sqrt(6.0)  # of a second difference, over that of a reading
@@ -148,7 +148,7 @@ def missed_by_lines(
 
 @inner
 def line_between(shown_ns: int, stamp_ns: Stamps, values: Array, least: Array, out: Array) -> None:
-    """Compute all that the line between two readings tells at one stamp, into out (4, columns).
+    """Interpolate at one stamp, with noise and errors, into out (4, columns).
 
     values (readings, columns); least (columns,): as of `explained_changes`. Rows: VALUE, as of
     `interpolate`; NOISE, as of `interpolated_noise`; MISSED, as of `interpolation_error`;
