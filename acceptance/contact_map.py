@@ -54,7 +54,7 @@ def posterior(
     fusion: Fusion, place: float, pressure: float, force: tuple[float, float], way: str
 ) -> Belief | None:
     """Return what one frame tells around the truth; None where there is no stable shape."""
-    arm, unknowns = fusion.arm, fusion.bench.unknowns
+    arm, unknowns = fusion.arm, fusion.model.unknowns
     prior = with_any_contact(unknowns, first_belief(unknowns, 0))
     tip, push = unknowns.at(TipForce), unknowns.at(Push)
     if way == 'read':
@@ -68,7 +68,7 @@ def posterior(
     nothing = np.full(count, np.nan)
     names = ('std', 'u', 'v', 'area', 'major', 'minor', 'angle')
     problem = FrameProblem(
-        table=fusion.bench.table,
+        table=fusion.model.table,
         unknowns=unknowns,
         settings=fusion.settings,
         prior=dataclasses.replace(prior, mean=freeze(mean)),
@@ -80,7 +80,7 @@ def posterior(
             moment=0.0,
             moment_std=0.0,
             by_column=np.zeros(unknowns.law_columns),
-            late=np.zeros(len(fusion.bench.discrepancy.lag_times) + 1),
+            late=np.zeros(len(fusion.model.discrepancy.lag_times) + 1),
         ),
         sightings=TargetSightings(
             stamp_ns=0,
@@ -121,7 +121,7 @@ def map_of(arm: Arm) -> Array:
         way, pressure, force, place = index
         belief = posterior(fusion, PLACES[place], PRESSURES[pressure], FORCES[force], WAYS[way])
         if belief is not None:
-            found[index] = numbers_of(fusion.bench.unknowns, belief)
+            found[index] = numbers_of(fusion.model.unknowns, belief)
     return found
 
 

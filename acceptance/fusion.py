@@ -270,7 +270,7 @@ def fuse(fusion: Fusion, recording: LabRecording, way: Way, seed: int) -> Array:
             if isinstance(fused, FusedEstimate):
                 row = row_of(fused, place, truth.force[instant], pressure)
                 right = fused.mode in right_modes(way, time, fusion)
-                first = first_force(state, fusion.bench.unknowns, fused, truth, instant)
+                first = first_force(state, fusion.model.unknowns, fused, truth, instant)
                 rows[instant] = [*row, float(right), *first, *missed_alone]
     return rows
 

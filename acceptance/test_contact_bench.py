@@ -63,7 +63,7 @@ def test_a_known_tip_force_tells_a_contact_better():
     for way in contact_map.WAYS:
         belief = contact_map.posterior(fusion, 0.6, 20e3, (0.1, 0.05), way)
         assert belief is not None
-        numbers[way] = contact_map.numbers_of(fusion.bench.unknowns, belief)
+        numbers[way] = contact_map.numbers_of(fusion.model.unknowns, belief)
     (blind, _, alike, _), (read, _, told, _) = (numbers[way] for way in contact_map.WAYS)
     assert read < 0.5 * blind
     assert told < alike

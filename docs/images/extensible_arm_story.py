@@ -173,7 +173,7 @@ def placed(fit: Fit, recordings: Recorded) -> Recorded:
     series = ForwardModel(arm.target_arclength)
     series.solve(arm, inputs_of(arm, [run])[0])
     fields = series.fields
-    moved = in_plane(paint(fields[:, THETA], fields[:, CURVATURE], fit.placement).beside)
+    moved = in_plane(paint(fields[:, THETA], fields[:, CURVATURE], fit.placement).displacement)
     run = replace(run, x=run.x - moved[:, 0], y=run.y - moved[:, 1])
     return replace(recordings, held_out=run)
 

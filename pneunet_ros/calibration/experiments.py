@@ -395,7 +395,7 @@ def squared_errors(arm: Arm, run: RecordingData, placement: Array | None = None)
     beside = run.points - model.points
     if placement is not None:
         fields = model.fields
-        beside -= in_plane(paint(fields[:, THETA], fields[:, CURVATURE], placement).beside)
+        beside -= in_plane(paint(fields[:, THETA], fields[:, CURVATURE], placement).displacement)
         if np.isfinite(beside[solved]).any(axis=(0, 2)).all():
             beside -= np.nanmedian(beside[solved], axis=(0, 2), keepdims=True)
     apart = np.nan_to_num(beside) ** 2

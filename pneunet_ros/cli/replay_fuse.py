@@ -104,7 +104,7 @@ def run_fusion(arguments: Namespace) -> int:
         'beyond_noise': tally.beyond,
         'of_the_bench': {sentence: count for sentence, count in tally.said.items() if count},
         'std_leaves_out': error_left_out(arm.covariance, arm.sources),
-        'settings': settings_used(fusion.settings, *fusion.bench.unknowns.blocks),
+        'settings': settings_used(fusion.settings, *fusion.model.unknowns.blocks),
         'seconds': time.perf_counter() - begun,
         'verdicts': verdicts.summary,
         'sentences': [

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between, seconds_since
 
 BACKWARD_JUMP = 1.0  # s; a stamp older by more is a new start of time, by less a late message
-STARTS_ANEW = 'starts_anew'
+RESTARTED = 'starts_anew'
 AHEAD = 'ahead'  # of a message whose stamp was wrong, as the next one showed
 LATEST_STAMP = 2**31 * NANOSECONDS_PER_SECOND  # a header holds its seconds in 32 bits
 
@@ -34,7 +34,7 @@ def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str
     back = seconds_between(stamp_ns, last_ns)
     if back <= BACKWARD_JUMP:
         return 'older', f'{what} {back:.3g} s older than the one before'
-    return STARTS_ANEW, f'time jumped back by {back:.3g} s: state reset'
+    return RESTARTED, f'time jumped back by {back:.3g} s: state reset'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +54,7 @@ class StampGate:
         The key `AHEAD` means that it can, but that the last one must be left out.
         """
         reason, sentence = stamp_fault(what, self.last_ns, stamp_ns)
-        if reason == STARTS_ANEW and self.before_ns is not None and stamp_ns > self.before_ns:
+        if reason == RESTARTED and self.before_ns is not None and stamp_ns > self.before_ns:
             return AHEAD, f'a {what} was stamped ahead of its time: left out'
         return reason, sentence
 

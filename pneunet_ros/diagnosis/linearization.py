@@ -309,7 +309,9 @@ class Linearization:
             # A frame without equilibrium carries no information: as if the model were right there.
             as_seen = block.run.points + block.tangent.reshape(block.run.points.shape)
             fields = block.model.fields
-            beside = paint(fields[:, THETA], fields[:, CURVATURE], self.point.placement).beside
+            beside = paint(
+                fields[:, THETA], fields[:, CURVATURE], self.point.placement
+            ).displacement
             points = block.model.points + in_plane(beside) + self.point.origin[:, None]
             out.append(np.where(lost[:, None, None], as_seen, points) - block.placed)
         return out

@@ -14,7 +14,7 @@ from pneunet_ros.core.frame_tree import FrameTree
 from pneunet_ros.core.frames import is_rotation, Quaternion, rotation_matrix, UNTURNED
 from pneunet_ros.core.outcome import drop, Refusal, refuse
 from pneunet_ros.core.readings import BaseReading, FrameReading, ImuReading
-from pneunet_ros.core.stamps import stamp_fault, STARTS_ANEW
+from pneunet_ros.core.stamps import RESTARTED, stamp_fault
 from pneunet_ros.core.units import seconds_between, STANDARD_GRAVITY
 from pneunet_ros.estimation.settings import EstimatorSettings, turn_of
 from pneunet_ros.model.gravity import FIXED, Gravity, IMU
@@ -111,7 +111,7 @@ class GravitySource:
             return drop(stamp_ns, 'not_finite', f'{WHAT} contains NaN or infinity')
         last = None if known.reading is None else known.reading.stamp_ns
         reason, sentence = stamp_fault(WHAT, last, stamp_ns)
-        if reason and reason != STARTS_ANEW:
+        if reason and reason != RESTARTED:
             return drop(stamp_ns, reason, sentence)
         size = math.hypot(*force)
         if not reading.known:

@@ -304,10 +304,10 @@ def motion_components(motion: Array, settings: ClockDelaySettings) -> tuple[Arra
     They are from the targets that are nearly always seen, in the frames that show all of these.
     """
     seen = np.isfinite(motion)
-    looked_at = seen.any(axis=1)
-    if not looked_at.any():
+    with_targets = seen.any(axis=1)
+    if not with_targets.any():
         return np.zeros((0, settings.components)), np.zeros(0, dtype=np.int64)
-    often = seen[looked_at].mean(axis=0) >= settings.seen
+    often = seen[with_targets].mean(axis=0) >= settings.seen
     kept = np.flatnonzero(seen[:, often].all(axis=1) & often.any())
     points = motion[kept][:, often]
     points = points - points.mean(axis=0) if kept.size else points

@@ -26,13 +26,13 @@ from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import (
     AHEAD,
     count_reason,
+    RESTARTED,
     StampGate,
-    STARTS_ANEW,
 )
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.estimation.frame_prediction import BESIDE, predict_frame
+from pneunet_ros.estimation.frame_prediction import NEIGHBORS, predict_frame
 from pneunet_ros.estimation.persistent_errors import FrameEvidence, PersistentErrors
 from pneunet_ros.measurement.inference.adequacy import chi_square_limit
 from pneunet_ros.measurement.innovation import innovation
@@ -322,7 +322,7 @@ def take_targets(
     """Process a frame; return why it is out of sequence, or None."""
     state = replace(state, compared=())
     reason, sentence = state.frame_stamps.fault('frame of targets', sightings.stamp_ns)
-    if reason == STARTS_ANEW:
+    if reason == RESTARTED:
         state = state.fresh()
     elif reason == AHEAD:
         state = state.without_frames_after(sightings.stamp_ns)
@@ -347,7 +347,7 @@ def compare_waiting(
     if not state.estimates:
         return state
     delay_ns = round(estimator.arm.frame_delay * NANOSECONDS_PER_SECOND)
-    last = state.estimates[-BESIDE:]
+    last = state.estimates[-NEIGHBORS:]
     if all(
         one.stamp_ns - delay_ns > last[0].stamp_ns
         and not any(is_at(estimate, one.stamp_ns - delay_ns) for estimate in last)
@@ -362,14 +362,14 @@ def compare_waiting(
         shown_ns = sightings.stamp_ns - delay_ns
         after = bisect_left(stamps, shown_ns)
         behind = len(stamps) - after
-        beside = slice(max(after - 1, 0), after + 1)
-        nearest = min(range(len(stamps))[beside], key=lambda one: abs(stamps[one] - shown_ns))
+        neighbors = slice(max(after - 1, 0), after + 1)
+        nearest = min(range(len(stamps))[neighbors], key=lambda one: abs(stamps[one] - shown_ns))
         near = abs(stamps[nearest] - shown_ns) <= reach
         estimate = state.estimates[nearest]
         at_reading = near and is_at(estimate, shown_ns)
-        if near and (at_reading or behind >= BESIDE):
-            beside = slice(max(nearest - BESIDE, 0), nearest + BESIDE + 1)
-            known = (estimate,) if at_reading else state.estimates[beside]
+        if near and (at_reading or behind >= NEIGHBORS):
+            neighbors = slice(max(nearest - NEIGHBORS, 0), nearest + NEIGHBORS + 1)
+            known = (estimate,) if at_reading else state.estimates[neighbors]
             predicted = predict_frame(estimator, known, shown_ns)
             if predicted is None:
                 state = state.count_unmatched('unsteady')
@@ -377,7 +377,7 @@ def compare_waiting(
             running, frame = add_frame(state.running, sightings, estimate, predicted, estimator)
             compared = (*state.compared, frame)
             state = replace(state, running=running, compared=compared, matched=state.matched + 1)
-        elif behind < BESIDE and (near or not behind):
+        elif behind < NEIGHBORS and (near or not behind):
             state = replace(state, waiting=(*state.waiting, sightings))
         else:
             state = state.count_unmatched('no_estimate')

@@ -140,10 +140,10 @@ class Estimator:
             history = self.arm.initial_history(load.pressure)
         history, chamber = self.arm.actuate(history, elapsed, load.pressure)
         position = locate_load(self.arm, load, chamber, self.reading_std(reading))
-        beside = out_of_plane(self.arm, self.settings, wrench)
+        off_plane = out_of_plane(self.arm, self.settings, wrench)
         other = state.watch.refusal(reading.stamp_ns)
         refusal = other or refusal or unknown
-        refusal = refusal or self.forbidden(state, reading, position, beside)
+        refusal = refusal or self.forbidden(state, reading, position, off_plane)
         if refusal is not None and (other or position.reason == OUT_OF_RANGE):
             return state.with_impossible(reading.stamp_ns), refusal
         if refusal is not None:
@@ -183,7 +183,7 @@ class Estimator:
             position=position,
             wrench_age=age,
             gravity=gravity,
-            notes=[*notes, *([beside.note] if beside.warns else [])],
+            notes=[*notes, *([off_plane.note] if off_plane.warns else [])],
         )
         return state.with_estimate(reading.stamp_ns, history, solution, moving), estimate
 
@@ -192,11 +192,11 @@ class Estimator:
         state: EstimatorState,
         reading: PressureReading,
         position: DomainPosition,
-        beside: OutOfPlane,
+        off_plane: OutOfPlane,
     ) -> Refusal | None:
         """Return why there is no estimate under a load; None if there is one."""
-        if beside.stops:
-            return refuse(reading.stamp_ns, 'out_of_plane', beside.sentence)
+        if off_plane.stops:
+            return refuse(reading.stamp_ns, 'out_of_plane', off_plane.sentence)
         if not position.reason:
             return None
         hint = ''

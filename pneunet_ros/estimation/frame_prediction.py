@@ -38,7 +38,7 @@ from pneunet_ros.measurement.predicted_targets import (
 )
 from pneunet_ros.solver.columns import LOADS
 
-BESIDE = 2  # estimates on either side of a frame, for interpolation
+NEIGHBORS = 2  # estimates on either side of a frame, for interpolation
 
 
 def predict_frame(
@@ -52,7 +52,7 @@ def predict_frame(
     """
     stamps = np.array([estimate.stamp_ns for estimate in estimates])
     behind = int(np.searchsorted(stamps, shown_ns))
-    near = slice(max(behind - BESIDE, 0), behind + BESIDE)
+    near = slice(max(behind - NEIGHBORS, 0), behind + NEIGHBORS)
     estimates, stamps = estimates[near], stamps[near]
     nearest = estimates[int(np.argmin(np.abs(stamps - shown_ns)))]
     curved = nearest.second_order
@@ -71,7 +71,7 @@ def predict_frame(
     wrench_ns, wrench = wrenches_of(estimates)
     size = np.ones(len(predicted.errors))
     std = np.maximum(np.diag(nearest.noise)[: PRESSURE + 1], SMALLEST_STD)
-    strayed = move_to_frame(
+    distance = move_to_frame(
         shown_ns,
         stamps,
         np.array([[estimate.chamber_pressure] for estimate in estimates]),
@@ -85,7 +85,7 @@ def predict_frame(
         moved,
         size,
     )
-    if strayed**2 > estimator.arm.length * estimator.arm.sensors.target_std:
+    if distance**2 > estimator.arm.length * estimator.arm.sensors.target_std:
         return None
     still = replace(
         predicted,
@@ -124,19 +124,19 @@ def move_to_frame(
     line_between(shown_ns, wrench_ns, wrench, least[:LOADS].copy(), loads)
     line_between(shown_ns, stamps, chamber, least[LOADS:].copy(), pressure)
     last = moved.shape[1] - 1
-    astray_x, astray_y = 0.0, 0.0
+    error_x, error_y = 0.0, 0.0
     for source in range(LOADS + 1):
         line = loads[:, source] if source < LOADS else pressure[:, 0]
         missed = line[MISSED] / std[source]
-        astray_x += missed * line[FURTHEST] * abs(errors[source, 0, last])
-        astray_y += missed * line[FURTHEST] * abs(errors[source, 1, last])
+        error_x += missed * line[FURTHEST] * abs(errors[source, 0, last])
+        error_y += missed * line[FURTHEST] * abs(errors[source, 1, last])
         size[source] = math.hypot(line[NOISE], missed)
     for axis in range(2):
         for target in range(last + 1):
             for i in range(LOADS):
                 beyond = loads[VALUE, i] - used[i]
                 moved[axis, target] += beyond * by_load[i, axis, target]
-    return max(math.hypot(astray_x, astray_y), math.hypot(moved[0, last], moved[1, last]))
+    return max(math.hypot(error_x, error_y), math.hypot(moved[0, last], moved[1, last]))
 
 
 def in_motion(
@@ -154,17 +154,17 @@ def in_motion(
     places = estimator.target_places
     if places is None or nearest.motion is None:
         return predicted
-    beside = np.zeros((3, predicted.x.size))
+    deviation = np.zeros((3, predicted.x.size))
     for estimate, share in zip(pair, shares, strict=True):
         if estimate.motion is not None:
-            beside += share * estimate.motion.beside(places)
+            deviation += share * estimate.motion.deviation(places)
     see = partial(estimator.arm.see_moves, predicted.x, predicted.y)
     errors, shapes = (
         np.stack(see(moves[:, 0], moves[:, 1]), axis=1)
         for moves in (nearest.motion.errors(places), nearest.motion.shapes(places))
     )
     late = late_parts(predicted.errors[: PRESSURE + 1], shapes)
-    return predicted.moved(*see(beside[0], beside[1]), np.concatenate([errors, late]))
+    return predicted.moved(*see(deviation[0], deviation[1]), np.concatenate([errors, late]))
 
 
 def load_of(estimate: ShapeEstimate) -> Array:

@@ -75,9 +75,9 @@ class PressureWatch:
 
         verdict = judged(record)
         if since.seconds >= watch.first:
-            lately = judged(since)
-            if lately is not None and lately.confirmed:
-                record, verdict = since, lately
+            recent = judged(since)
+            if recent is not None and recent.confirmed:
+                record, verdict = since, recent
             since = PressureRecord()
         return PressureWatch(
             record=record, judged_ns=reading.stamp_ns, verdict=verdict, since=since

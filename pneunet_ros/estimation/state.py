@@ -14,8 +14,8 @@ from pneunet_ros.core.stamps import (
     AHEAD,
     BACKWARD_JUMP,
     count_reason,
+    RESTARTED,
     stamp_fault,
-    STARTS_ANEW,
 )
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.effects.effect import History
@@ -155,8 +155,8 @@ def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refu
     last = state.pressure_stamp_ns
     if isinstance(reading, WrenchReading):
         last = None if state.wrench is None else state.wrench.stamp_ns
-        beside = reading.force_z, reading.moment_x, reading.moment_y  # NaN: not measured
-        known = (part for part in beside if not math.isnan(part))
+        off_plane = reading.force_z, reading.moment_x, reading.moment_y  # NaN: not measured
+        known = (part for part in off_plane if not math.isnan(part))
         values: tuple[float, ...] = (reading.force_x, reading.force_y, reading.moment, *known)
     else:
         values = (reading.pressure, reading.variance)
@@ -166,7 +166,7 @@ def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refu
         reason = 'not_finite'
     else:
         reason, sentence = stamp_fault(f'{what} reading', last, stamp_ns)
-    if reason == STARTS_ANEW:
+    if reason == RESTARTED:
         resumed = resume(state, reading)
         if resumed is None:
             return state.fresh(), None, sentence

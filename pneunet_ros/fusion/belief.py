@@ -92,11 +92,11 @@ def reset_to_prior(unknowns: Unknowns, belief: Belief) -> Belief:
     )
 
 
-def with_strange_targets(
-    unknowns: Unknowns, settings: FusionSettings, belief: Belief, strange: npt.NDArray[np.intp]
+def with_outlier_targets(
+    unknowns: Unknowns, settings: FusionSettings, belief: Belief, outliers: npt.NDArray[np.intp]
 ) -> Belief:
     """Widen the positions of targets that their gate rejected: they have moved."""
-    where = unknowns.at(Placement).start + unknowns.block(Placement).of_dots(strange)
+    where = unknowns.at(Placement).start + unknowns.block(Placement).of_dots(outliers)
     return forget(belief, where, math.sqrt(settings.target_gate) * unknowns.std[where])
 
 

@@ -13,11 +13,11 @@ from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import estimate_of, ShapeEstimate
 from pneunet_ros.estimation.out_of_plane import out_of_plane
 from pneunet_ros.fusion.belief import Belief, first_belief, FORCE_SENSOR
-from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.bent_arm import bend_arm, BentArm, causes_with_contact
 from pneunet_ros.fusion.causes import CAMERA, CAUSES
 from pneunet_ros.fusion.contact import Contact, correlation_with_tip
 from pneunet_ros.fusion.estimate import ForceSensorFault, FusedEstimate, Mode
+from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.fusion.readings import load_read, NearWrench, path_of, PressureInstant
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.fusion.swinging import swinging_estimate, SwingingEstimate, swung_on
@@ -32,7 +32,7 @@ from pneunet_ros.measurement.errors.propagated_errors import (
     propagate_errors,
     SeenShape,
 )
-from pneunet_ros.measurement.inference.bank import Hypothesis, odds_beside_first
+from pneunet_ros.measurement.inference.bank import Hypothesis, odds_relative_to_first
 from pneunet_ros.measurement.inference.gaussian import compress
 from pneunet_ros.measurement.swinging_arm import Passed
 from pneunet_ros.model.domain_position import DomainPosition, locate_load
@@ -44,7 +44,7 @@ STIFFNESS_UNKNOWN = (
     'the model was calibrated without loads, so its stiffness is unknown and no force can be '
     'estimated: calibrate with loads'
 )
-OF_THE_BENCH = (
+SETUP_PROBLEMS = (
     *(one.sentence for one in CAUSES if one.sentence),
     STIFFNESS_UNKNOWN,
 )  # what to mend there
@@ -85,7 +85,7 @@ def unknown_swing(state: FusionState, belief: Belief, mode: Mode) -> str:
 
 
 def estimate_at(
-    bench: Bench,
+    model: PreparedModel,
     state: FusionState,
     instant: PressureInstant,
     read: NearWrench | None,
@@ -99,13 +99,13 @@ def estimate_at(
     stamp_ns = instant.stamp_ns
     used = None if FORCE_SENSOR in state.causes else read
     if used is not None:
-        beside = out_of_plane(bench.arm, bench.sensors, used.reading)
-        if beside.stops:
-            return state.answered(), refuse(stamp_ns, 'out_of_plane', beside.sentence)
-        notes = [*notes, *([beside.note] if beside.warns else [])]
+        off_plane = out_of_plane(model.arm, model.sensors, used.reading)
+        if off_plane.stops:
+            return state.answered(), refuse(stamp_ns, 'out_of_plane', off_plane.sentence)
+        notes = [*notes, *([off_plane.note] if off_plane.warns else [])]
     start = state.solution if mode is Mode.PREDICTION else None
-    every, bench = bench, bench.of(state.causes)
-    arm = arm_at(bench, state, instant, used, start)
+    every, model = model, model.of(state.causes)
+    arm = arm_at(model, state, instant, used, start)
     if not arm.bent.shape.converged:
         return replace(state.answered(), solution=None), refuse(
             stamp_ns, 'no_equilibrium', arm.bent.shape.status
@@ -116,31 +116,31 @@ def estimate_at(
     if arm.position.reason:
         refusal = refuse(stamp_ns, arm.position.reason, arm.position.sentence)
         return state.answered(), refusal
-    notes = [*notes, *said_of_bench(bench, state)]
+    notes = [*notes, *setup_problems(model, state)]
     wrench_age = None if used is None else used.age
-    estimate = shape_estimate(bench, arm, stamp_ns, mode, wrench_age, notes)
+    estimate = shape_estimate(model, arm, stamp_ns, mode, wrench_age, notes)
     if isinstance(estimate, Refusal):
         return state.answered(), estimate
-    for odds, other in others_likely(every, state, arm, instant, mode):
+    for odds, other in likely_alternatives(every, state, arm, instant, mode):
         estimate = holding(estimate, other, odds)
-    determinable = mode is not Mode.PREDICTION and not bench.stiffness_unknown
-    contact = contact_at(bench, state, arm, used) if determinable else None
+    determinable = mode is not Mode.PREDICTION and not model.stiffness_unknown
+    contact = contact_at(model, state, arm, used) if determinable else None
     ambiguous = state.search.ambiguous or (contact is not None and contact.ambiguous)
-    unknown = ambiguous or bench.stiffness_unknown
+    unknown = ambiguous or model.stiffness_unknown
     fault = None
-    if FORCE_SENSOR in state.sure_causes:
-        fault = sensor_fault(bench, arm.belief, instant, read, unknown=unknown)
-    force, covariance = known_force(bench, state, arm, fault, unknown=unknown)
-    lacking = bench.unknowns.as_pressure(arm.inputs)
-    lacking_root = lacking @ arm.belief.root
+    if FORCE_SENSOR in state.certain_causes:
+        fault = sensor_fault(model, arm.belief, instant, read, unknown=unknown)
+    force, covariance = known_force(model, state, arm, fault, unknown=unknown)
+    as_pressure = model.unknowns.as_pressure(arm.inputs)
+    pressure_root = as_pressure @ arm.belief.root
     fused = FusedEstimate(
         estimate=estimate,
         mode=mode,
         force=force,
         force_covariance=covariance,
         contact=contact,
-        pressure_bias=float(lacking @ arm.belief.mean),
-        pressure_bias_std=math.sqrt(lacking_root @ lacking_root),
+        pressure_bias=float(as_pressure @ arm.belief.mean),
+        pressure_bias_std=math.sqrt(pressure_root @ pressure_root),
         force_sensor=fault,
         ambiguous=ambiguous,
         nis=math.nan if state.nis is None else state.nis.mean,
@@ -151,7 +151,7 @@ def estimate_at(
 
 
 def arm_at(
-    bench: Bench,
+    model: PreparedModel,
     state: FusionState,
     instant: PressureInstant,
     wrench: NearWrench | None,
@@ -162,34 +162,34 @@ def arm_at(
     start: starting point of the rod, None: the rod at the last frame.
     """
     stamp_ns = instant.stamp_ns
-    belief = state.belief or first_belief(bench.unknowns, stamp_ns, state.lasting)
-    inputs = bench.inputs_at(instant, wrench)
+    belief = state.belief or first_belief(model.unknowns, stamp_ns, state.lasting)
+    inputs = model.inputs_at(instant, wrench)
     unseen = np.zeros((belief.mean.size, 0))
     before, moved = belief, None
-    causes = bench.unknowns.causes_at(inputs)
+    causes = model.unknowns.causes_at(inputs)
     start = start or belief.solution
     if belief.stamp_ns != stamp_ns or not belief.frames:
         pressed = abs(instant.chamber - belief.chamber)
         pressed = pressed if math.isfinite(pressed) else 0.0
         columns = belief.root.shape[1]
         noise = (inputs.moment_std, inputs.chamber_std)
-        walk = None if bench.swinging is None else belief.walk.largest
-        belief = bench.move(belief, stamp_ns, pressed, noise, bench.size_of(belief), walk)
+        walk = None if model.swinging is None else belief.walk.largest
+        belief = model.move(belief, stamp_ns, pressed, noise, model.size_of(belief), walk)
         unseen = belief.root[:, columns:].copy()
-        unseen[bench.unknowns.white] = 0.0
+        unseen[model.unknowns.white] = 0.0
     if wrench is not None and wrench.reading.stamp_ns != state.wrench_used_ns:
-        belief = bench.with_wrench(belief, wrench, instant.gauge)
-    bent = bent_at(bench, belief, inputs, causes, start)
+        belief = model.with_wrench(belief, wrench, instant.gauge)
+    bent = bent_at(model, belief, inputs, causes, start)
     if stamp_ns != before.stamp_ns:
         path: list[Passed] = []
-        if bench.swinging is not None:
-            pulls = bench.pulled(() if wrench is None else state.force.kept, instant.gauge)
+        if model.swinging is not None:
+            pulls = model.pulled(() if wrench is None else state.force.kept, instant.gauge)
             path = path_of(state.pressures, pulls, before.stamp_ns, before.chamber, instant)
         every = None
-        if bench.swinging and bent.shape.converged and not bench.knows_force(belief):
-            every = causes_with_contact(bench.unknowns, causes, bent.contact)
-        belief, moved = swung_on(bench.swinging, before, belief, bent, path, every)
-    ratio = 1.0 if state.nis is None else state.nis.birge_ratio(bench.settings.frame_gate)
+        if model.swinging and bent.shape.converged and not model.knows_force(belief):
+            every = causes_with_contact(model.unknowns, causes, bent.contact)
+        belief, moved = swung_on(model.swinging, before, belief, bent, path, every)
+    ratio = 1.0 if state.nis is None else state.nis.birge_ratio(model.settings.frame_gate)
     if ratio > 1.0:  # no hypothesis explains the last frames
         belief, unseen = replace(belief, root=freeze(ratio * belief.root)), ratio * unseen
     return BelievedArm(
@@ -198,50 +198,58 @@ def arm_at(
         inputs=inputs,
         causes=causes,
         bent=bent,
-        position=position_of(bench, belief, bent, inputs),
-        swinging=swinging_estimate(bench.swinging, belief, bent, moved),
+        position=position_of(model, belief, bent, inputs),
+        swinging=swinging_estimate(model.swinging, belief, bent, moved),
     )
 
 
 def bent_at(
-    bench: Bench, belief: Belief, inputs: FrameInputs, causes: Array, start: SolverNodes | None
+    model: PreparedModel,
+    belief: Belief,
+    inputs: FrameInputs,
+    causes: Array,
+    start: SolverNodes | None,
 ) -> BentArm:
     """Solve the rod at the mean of the belief; causes: derivatives by the unknowns."""
     return bend_arm(
-        bench.table,
+        model.table,
         inputs,
         causes @ belief.mean,
         start,
-        bench.arclength,
+        model.arclength,
         quick=False,
-        contact=bench.held_contact(belief),
+        contact=model.held_contact(belief),
     )
 
 
-def others_likely(
-    bench: Bench, state: FusionState, arm: BelievedArm, instant: PressureInstant, mode: Mode
+def likely_alternatives(
+    model: PreparedModel,
+    state: FusionState,
+    arm: BelievedArm,
+    instant: PressureInstant,
+    mode: Mode,
 ) -> list[tuple[float, Shape]]:
     """Return the alternative shapes, with their odds against the best one."""
     if mode is Mode.PREDICTION:
         return []
     found = []
-    for odds, other in zip(odds_beside_first(state.bank), state.bank[1:], strict=True):
-        shape = other_shape(bench, other.belief, instant)
+    for odds, other in zip(odds_relative_to_first(state.bank), state.bank[1:], strict=True):
+        shape = other_shape(model, other.belief, instant)
         found += [] if shape is None else [(odds, shape)]
     if CAMERA in arm.belief.causes:  # a model error may look like that
-        found.append((1.0, shape_in_place(bench, arm.bent.shape, arm.belief)))
+        found.append((1.0, shape_in_place(model, arm.bent.shape, arm.belief)))
     return found
 
 
-def said_of_bench(bench: Bench, state: FusionState) -> list[str]:
+def setup_problems(model: PreparedModel, state: FusionState) -> list[str]:
     """Return sentences about problems of the setup that the user can fix."""
-    sure = state.sure_causes
-    said = [one.sentence for one in CAUSES if one.name in sure]
-    return [*said, STIFFNESS_UNKNOWN] if bench.stiffness_unknown else said
+    causes = state.certain_causes
+    said = [one.sentence for one in CAUSES if one.name in causes]
+    return [*said, STIFFNESS_UNKNOWN] if model.stiffness_unknown else said
 
 
 def contact_at(
-    bench: Bench, state: FusionState, arm: BelievedArm, wrench: NearWrench | None
+    model: PreparedModel, state: FusionState, arm: BelievedArm, wrench: NearWrench | None
 ) -> Contact | None:
     """Return the likely contact; None if there is none.
 
@@ -252,12 +260,12 @@ def contact_at(
     if bent.contact is None or not state.bank:
         return None
     force, place = bent.contact.force, bent.contact.place
-    if abs(force) < bench.settings.contact_least * bench.force_scale:
+    if abs(force) < model.settings.contact_least * model.force_scale:
         return None
-    push = bench.unknowns.at(Push)
-    shape, correlation = bent.shape, correlation_with_tip(bench.unknowns, belief)
+    push = model.unknowns.at(Push)
+    shape, correlation = bent.shape, correlation_with_tip(model.unknowns, belief)
     free = [one.log_weight for one in state.bank if not one.belief.touched]
-    alike = wrench is None and not bench.settings.free_tip
+    force_unmeasured = wrench is None and not model.settings.free_tip
     return Contact(
         x=float(np.interp(place, shape.arclength, shape.x)),
         y=float(np.interp(place, shape.arclength, shape.y)),
@@ -265,22 +273,22 @@ def contact_at(
         std_arclength=belief.std(push.stop - 1),
         force=force,
         std_force=belief.std(push.start),
-        log_odds=state.bank[0].log_weight - max(free, default=-bench.settings.bound),
+        log_odds=state.bank[0].log_weight - max(free, default=-model.settings.bound),
         correlation=correlation,
-        ambiguous=alike or not all(is_there(bench, place, one) for one in state.bank),
+        ambiguous=force_unmeasured or not all(is_there(model, place, one) for one in state.bank),
     )
 
 
-def is_there(bench: Bench, place: float, other: Hypothesis[Belief]) -> bool:
+def is_there(model: PreparedModel, place: float, other: Hypothesis[Belief]) -> bool:
     """Whether a hypothesis, if it is likely, also has a contact at a place (m)."""
     belief = other.belief
-    apart = abs(float(belief.mean[bench.unknowns.at(Push).stop - 1]) - place)
-    at_place = apart <= bench.settings.contact_apart * bench.arm.length
-    return not other.is_alike or (belief.touched and at_place)
+    apart = abs(float(belief.mean[model.unknowns.at(Push).stop - 1]) - place)
+    at_place = apart <= model.settings.contact_apart * model.arm.length
+    return not other.is_about_as_likely or (belief.touched and at_place)
 
 
 def position_of(
-    bench: Bench, belief: Belief, bent: BentArm, inputs: FrameInputs
+    model: PreparedModel, belief: Belief, bent: BentArm, inputs: FrameInputs
 ) -> DomainPosition:
     """Return where the estimated load lies relative to the domain of the model."""
     shape = bent.shape
@@ -290,13 +298,13 @@ def position_of(
         force_y=shape.force[1],
         moment=shape.end_moment,
     )
-    force_x, force_y = np.sqrt(np.diagonal(bench.force_covariance(belief))).tolist()
+    force_x, force_y = np.sqrt(np.diagonal(model.force_covariance(belief))).tolist()
     std = (force_x, force_y, inputs.moment_std, inputs.chamber_std)
-    return locate_load(bench.arm, load, shape.pressure, std)
+    return locate_load(model.arm, load, shape.pressure, std)
 
 
 def shape_estimate(
-    bench: Bench,
+    model: PreparedModel,
     arm: BelievedArm,
     stamp_ns: int,
     mode: Mode,
@@ -306,27 +314,27 @@ def shape_estimate(
     """Return the shape with its errors from the belief, to second order."""
     bent, position = arm.bent, arm.position
     sensitivity = bent.linearize()
-    causes = causes_with_contact(bench.unknowns, arm.causes, bent.contact)
+    causes = causes_with_contact(model.unknowns, arm.causes, bent.contact)
     noise = compress(causes @ arm.belief.root).T.copy()
     if mode is Mode.PREDICTION:
         widened = with_extrapolation_error(noise, position)
-        errors = propagate_errors(sensitivity, widened, bench.arclength)
+        errors = propagate_errors(sensitivity, widened, model.arclength)
     else:
-        seen = seen_shape(bench, causes @ arm.unseen, sensitivity)
-        errors = propagate_errors(sensitivity, noise, bench.arclength, seen)
+        seen = seen_shape(model, causes @ arm.unseen, sensitivity)
+        errors = propagate_errors(sensitivity, noise, model.arclength, seen)
     largest, held = math.inf, mode is not Mode.PREDICTION
     if errors is not None and not held:
         largest = math.sqrt(np.linalg.eigvalsh(errors.tip_covariance[:2, :2])[-1])
-        held = largest <= bench.settings.largest_tip_std
+        held = largest <= model.settings.largest_tip_std
     if errors is None or not held:
         known = f'{1e3 * largest:.3g} mm'
-        if largest > bench.arm.length:
+        if largest > model.arm.length:
             known = 'more than the length of the arm'
         return refuse(
             stamp_ns,
             'too_uncertain',
             f'the tip uncertainty is {known}, but largest_tip_std allows only '
-            f'{1000.0 * bench.settings.largest_tip_std:.3g} mm'
+            f'{1000.0 * model.settings.largest_tip_std:.3g} mm'
             + (': no target was visible recently' if mode is Mode.PREDICTION else ''),
             awaits_others=True,
         )
@@ -340,7 +348,7 @@ def shape_estimate(
         shape=shape,
         motion=motion,
         chamber_pressure=bent.shape.pressure,
-        jacobian=jacobian_of(bench.arm, sensitivity, arm.inputs.history or ()),
+        jacobian=jacobian_of(model.arm, sensitivity, arm.inputs.history or ()),
         noise=freeze(noise),
         errors=errors,
         position=position,
@@ -349,23 +357,23 @@ def shape_estimate(
     )
 
 
-def other_shape(bench: Bench, other: Belief, instant: PressureInstant) -> Shape | None:
+def other_shape(model: PreparedModel, other: Belief, instant: PressureInstant) -> Shape | None:
     """Return the shape for another belief at a pressure; None if there is none."""
-    bench = bench.of(other.causes)
-    inputs = bench.inputs_at(instant, None)
-    causes = bench.unknowns.causes_at(inputs)
-    bent = bent_at(bench, other, inputs, causes, other.solution)
+    model = model.of(other.causes)
+    inputs = model.inputs_at(instant, None)
+    causes = model.unknowns.causes_at(inputs)
+    bent = bent_at(model, other, inputs, causes, other.solution)
     if not bent.shape.converged:
         return None
     moved = replace(other, stamp_ns=instant.stamp_ns)
-    swung, _ = swung_on(bench.swinging, other, moved, bent)
-    there = swinging_estimate(bench.swinging, swung, bent, None)
+    swung, _ = swung_on(model.swinging, other, moved, bent)
+    there = swinging_estimate(model.swinging, swung, bent, None)
     return bent.shape if there is None else there.swung.shape(bent.shape)
 
 
-def shape_in_place(bench: Bench, shape: Shape, belief: Belief) -> Shape:
+def shape_in_place(model: PreparedModel, shape: Shape, belief: Belief) -> Shape:
     """Return the shape if a camera that seems to have moved is still where it was."""
-    x, y, turn = belief.mean[bench.unknowns.at(Camera)][Camera.PLACE.start :].tolist()
+    x, y, turn = belief.mean[model.unknowns.at(Camera)][Camera.PLACE.start :].tolist()
     there = np.array([x, y])
     x, y = np.stack(rotate(turn, shape.x, shape.y)) + there[:, None]
     return replace(shape, x=freeze(x), y=freeze(y), theta=freeze(shape.theta + turn))
@@ -388,26 +396,26 @@ def holding(estimate: ShapeEstimate, there: Shape, odds: float) -> ShapeEstimate
     )
 
 
-def seen_shape(bench: Bench, unseen: Array, sensitivity: Sensitivity) -> SeenShape:
+def seen_shape(model: PreparedModel, unseen: Array, sensitivity: Sensitivity) -> SeenShape:
     """Return the arclengths at which the camera saw the shape, and their present accuracy.
 
     unseen (causes, errors): changes since then.
     """
-    noise = bench.arm.sensors
+    noise = model.arm.sensors
     variance = target_std(noise) ** 2 + noise.registration_std**2 + noise.drift_std**2
-    changes = sensitivity.stations(bench.places)
-    by_cause = changes[:, :2].take(bench.of_targets, axis=2).reshape(len(unseen), -1)
+    changes = sensitivity.stations(model.places)
+    by_cause = changes[:, :2].take(model.of_targets, axis=2).reshape(len(unseen), -1)
     moved = ((unseen.T @ by_cause) ** 2).sum(axis=0).reshape(2, -1)
     return SeenShape(
-        at=PlaceChanges(arclength=bench.places, changes=changes),
-        stations=bench.of_stations,
-        seen=bench.of_targets,
+        at=PlaceChanges(arclength=model.places, changes=changes),
+        stations=model.of_stations,
+        seen=model.of_targets,
         std=np.sqrt(variance + moved),
     )
 
 
 def sensor_fault(
-    bench: Bench,
+    model: PreparedModel,
     belief: Belief,
     instant: PressureInstant,
     read: NearWrench | None,
@@ -417,19 +425,19 @@ def sensor_fault(
     """Return the reading of a rejected force sensor and the estimate without it."""
     reading = np.full(2, np.nan)
     if read is not None:
-        true = bench.arm.sense(load_read(read.reading, instant.gauge))
+        true = model.arm.sense(load_read(read.reading, instant.gauge))
         reading = np.array([true.force_x, true.force_y])
-    std = np.sqrt(np.diagonal(bench.force_covariance(belief)))
-    untold = np.full(2, unknown) | (std > bench.largest_force_std)
+    std = np.sqrt(np.diagonal(model.force_covariance(belief)))
+    undetermined = np.full(2, unknown) | (std > model.largest_force_std)
     return ForceSensorFault(
         reading=freeze(reading),
-        targets=freeze(np.where(untold, np.nan, belief.mean[bench.unknowns.at(TipForce)])),
-        targets_std=freeze(np.where(untold, np.nan, std)),
+        targets=freeze(np.where(undetermined, np.nan, belief.mean[model.unknowns.at(TipForce)])),
+        targets_std=freeze(np.where(undetermined, np.nan, std)),
     )
 
 
 def known_force(
-    bench: Bench,
+    model: PreparedModel,
     state: FusionState,
     arm: BelievedArm,
     fault: ForceSensorFault | None,
@@ -441,18 +449,18 @@ def known_force(
     The covariance includes the other hypotheses. fault: of a force sensor that is not used. The
     sensor may be right and the model wrong: while it has readings, the covariance includes both.
     """
-    tip = bench.unknowns.at(TipForce)
+    tip = model.unknowns.at(TipForce)
     force = arm.belief.mean[tip]
-    covariance = bench.force_covariance(arm.belief)
+    covariance = model.force_covariance(arm.belief)
     for axis, error in enumerate(arm.position.error[:2]):
         covariance[axis, axis] += error**2
-    for odds, other in zip(odds_beside_first(state.bank), state.bank[1:], strict=True):
+    for odds, other in zip(odds_relative_to_first(state.bank), state.bank[1:], strict=True):
         apart = other.belief.mean[tip] - state.bank[0].belief.mean[tip]
         covariance += odds * np.outer(apart, apart)
     if fault is not None and np.isfinite(fault.reading).all():
         apart = fault.reading - force
         covariance += np.outer(apart, apart)
-    determined = np.sqrt(np.diagonal(covariance)) <= bench.largest_force_std
+    determined = np.sqrt(np.diagonal(covariance)) <= model.largest_force_std
     if unknown:
         determined = np.zeros(2, dtype=bool)
     if determined.all():

@@ -74,13 +74,13 @@ def bend_arm(
         moment=inputs.moment + moment,
         gravity=inputs.gravity,
     )
-    rods, beside = table.at(pressure, inputs.history, load)
+    rods, perturbation = table.at(pressure, inputs.history, load)
     amounts = changes[PRESSURE:].copy()
     amounts[0] = 0.0  # the pressure stands in the record already
-    rods = beside.moved(rods, amounts)
+    rods = perturbation.moved(rods, amounts)
     pushed = rods if contact is None else with_part_load(rods, contact)
     shape = solve_rod(table.arm, pushed, load, start, arclength, FOLLOWING, quick)
-    return BentArm(rods=rods, changes=beside, shape=shape, contact=contact)
+    return BentArm(rods=rods, changes=perturbation, shape=shape, contact=contact)
 
 
 def causes_with_contact(unknowns: Unknowns, causes: Array, contact: PartLoad | None) -> Array:

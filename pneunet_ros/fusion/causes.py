@@ -24,10 +24,10 @@ from pneunet_ros.fusion.belief import (
     PRESSURE,
     reset_to_prior,
 )
-from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.contact import differs_from_zero, find_contacts, without_contact
 from pneunet_ros.fusion.frame_update import excess, force_at, misfits, with_fit
-from pneunet_ros.fusion.taken_frame import taken_by, taken_once, TakenFrame
+from pneunet_ros.fusion.prepared_model import PreparedModel
+from pneunet_ros.fusion.taken_frame import take_with_best_walk, take_with_walk, TakenFrame
 from pneunet_ros.measurement.blocks.camera import Camera
 from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.placement import Placement
@@ -43,7 +43,7 @@ from pneunet_ros.measurement.inference.gaussian import (
 )
 
 CAMERA, TARGETS, TILT = 'camera', 'targets', 'tilt'
-ANEW = 2.0  # times `odds_against`: the log odds against a belief that is all wrong
+RESET_RARITY = 2.0  # times `odds_against`: the log odds against a belief that is all wrong
 Alternative = tuple[TakenFrame, float]  # and its log odds, but for the evidence of the frame
 
 
@@ -59,16 +59,16 @@ class Cause(abc.ABC):
     sentence: ClassVar[str]
     rarity: ClassVar[float] = 1.0
 
-    def is_told(self, bench: Bench, belief: Belief) -> float:
+    def log_odds_so_far(self, model: PreparedModel, belief: Belief) -> float:
         """Return the log odds of the cause from the belief after all frames so far."""
         return -math.inf
 
     @abc.abstractmethod
-    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
         """Whether this cause may explain a frame that no hypothesis, or only a contact, fits."""
 
     @abc.abstractmethod
-    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
         """Yield updates by the frame with this cause added.
 
         Each comes with the log odds (nats) by which earlier frames favor it; 0 if they are
@@ -76,8 +76,8 @@ class Cause(abc.ABC):
         """
 
 
-def retaken(
-    bench: Bench, taken: TakenFrame, before: Belief, walk: float | None = None
+def take_again(
+    model: PreparedModel, taken: TakenFrame, before: Belief, walk: float | None = None
 ) -> TakenFrame:
     """Return the update of another belief by the same frame, starting at any last shape.
 
@@ -85,10 +85,10 @@ def retaken(
     """
     if walk is None and before.frames and taken.problem.swinging is not None:
         walk = taken.problem.prior.walk.recent
-    return taken_once(bench, taken.frame, before, walk)
+    return take_with_walk(model, taken.frame, before, walk)
 
 
-def relearned(taken: TakenFrame, after: Belief) -> TakenFrame:
+def with_posterior(taken: TakenFrame, after: Belief) -> TakenFrame:
     """Return the frame with the belief that another prior, used from the start, would give."""
     return replace(taken, update=replace(taken.update, belief=after))
 
@@ -100,17 +100,17 @@ class ContactCause(Cause):
     name: ClassVar = CONTACT
     sentence: ClassVar = ''
 
-    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
         """Return whether there is a fit to start from; the score test decides."""
         return taken.update.fit is not None
 
-    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
         """Search for a contact along the arm, starting without any current one."""
         fit, frame, before = taken.update.fit, taken.frame, taken.before
         if fit is None:
             return
         if before.touched:
-            free = taken_by(bench, frame, without_contact(bench.unknowns, before))
+            free = take_with_best_walk(model, frame, without_contact(model.unknowns, before))
             yield free, 0.0
             if free.update.fit is None or excess(fit) <= 1.0:
                 return
@@ -121,19 +121,19 @@ class ContactCause(Cause):
             there = TakenFrame(frame=frame, before=before, problem=taken.problem, update=update)
             yield there, 0.0
 
-    def is_sure(self, bench: Bench, taken: TakenFrame) -> bool:
+    def is_sure(self, model: PreparedModel, taken: TakenFrame) -> bool:
         """Whether a contact is still certain, because it fits the frame and the measured force.
 
         Without a force sensor, even a large contact force proves nothing: another tip force may
         fit without a contact.
         """
         fit = taken.update.fit
-        read = bench.settings.free_tip or taken.frame.wrench is not None
+        read = model.settings.free_tip or taken.frame.wrench is not None
         return (
             read
             and fit is not None
             and excess(fit) <= 1.0
-            and differs_from_zero(fit, bench.settings.contact_gone)
+            and differs_from_zero(fit, model.settings.contact_gone)
         )
 
 
@@ -149,29 +149,29 @@ class CameraCause(Cause):
         'if the camera did not move, run pneunet diagnose'
     )
 
-    def priors(self, bench: Bench) -> tuple[slice, Array, Array, Array]:
+    def priors(self, model: PreparedModel) -> tuple[slice, Array, Array, Array]:
         """Return its unknowns, one sigma if it stays and if it moved, and the mean."""
-        unknowns = bench.unknowns
+        unknowns = model.unknowns
         where = slice(unknowns.at(Camera, Camera.PLACE).start, unknowns.at(Camera).stop)
         center = unknowns.block(Camera).prior.mean[Camera.PLACE.start :]
         return where, unknowns.std[where], unknowns.block(Camera).moved_std, center
 
-    def is_told(self, bench: Bench, belief: Belief) -> float:
+    def log_odds_so_far(self, model: PreparedModel, belief: Belief) -> float:
         """Weigh a rotation too small to cause a misfit, because a tip force looks similar."""
-        if not bench.tells_camera or not bench.knows_force(belief):
+        if not model.camera_is_observable or not model.knows_force(belief):
             return -math.inf  # an undetermined force leaves the turn undetermined too
-        where, before, after, _ = self.priors(bench)
+        where, before, after, _ = self.priors(model)
         turn = slice(where.stop - 1, where.stop)
-        innocent = np.array([bench.settings.turn_tolerance])
-        return told_beyond(belief, turn, before[-1:], innocent, after[-1:])
+        innocent = np.array([model.settings.turn_tolerance])
+        return log_odds_beyond(belief, turn, before[-1:], innocent, after[-1:])
 
-    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
         """Return whether the model error is known, because it looks similar."""
-        return bench.tells_camera
+        return model.camera_is_observable
 
-    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
         """Try a camera that moved since the last frame, or that was misplaced from the start."""
-        yield from lately_or_always(bench, taken, self, self.priors(bench))
+        yield from recent_or_initial(model, taken, self, self.priors(model))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -184,17 +184,17 @@ class TargetsCause(Cause):
         'positions. Calibrate again, or remove covariance.placement from the model file'
     )
 
-    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
         """Return whether the calibration knows the targets."""
-        return bench.unknowns.block(Placement).known is not None
+        return model.unknowns.block(Placement).known is not None
 
-    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
         """Try a repainted row, then individually repainted targets."""
-        unknowns = bench.unknowns
+        unknowns = model.unknowns
         row = unknowns.at(TargetRow)
         for where in (row, slice(unknowns.at(Placement).start, row.stop)):
             other = forget(taken.before, where, unknowns.std[where])
-            yield retaken(bench, taken, replace_causes(other, TARGETS)), 0.0
+            yield take_again(model, taken, replace_causes(other, TARGETS)), 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -208,22 +208,22 @@ class TiltCause(Cause):
         'direction of gravity (parameter gravity, --gravity), and reset'
     )
 
-    def is_told(self, bench: Bench, belief: Belief) -> float:
+    def log_odds_so_far(self, model: PreparedModel, belief: Belief) -> float:
         """Weigh a tilt that a tip force nearly hides in each frame."""
-        tilt, where = bench.unknowns.block(Tilt), bench.unknowns.at(Tilt)
-        if not bench.tells_camera or self.name in belief.causes:
+        tilt, where = model.unknowns.block(Tilt), model.unknowns.at(Tilt)
+        if not model.camera_is_observable or self.name in belief.causes:
             return -math.inf
-        return told_beyond(belief, where, tilt.std, 2.0 * tilt.std, tilt.tilted_std)
+        return log_odds_beyond(belief, where, tilt.std, 2.0 * tilt.std, tilt.tilted_std)
 
-    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
         """Return whether the model error is known, because it looks similar."""
-        return bench.tells_camera
+        return model.camera_is_observable
 
-    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
         """Try a base that tilted since the last frame, or that was tilted from the start."""
-        tilt = bench.unknowns.block(Tilt)
-        priors = bench.unknowns.at(Tilt), tilt.std, tilt.tilted_std, np.zeros(tilt.std.size)
-        yield from lately_or_always(bench, taken, self, priors)
+        tilt = model.unknowns.block(Tilt)
+        priors = model.unknowns.at(Tilt), tilt.std, tilt.tilted_std, np.zeros(tilt.std.size)
+        yield from recent_or_initial(model, taken, self, priors)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -240,28 +240,28 @@ class ForceSensorCause(Cause):
         'unloaded and reset, or run pneunet diagnose'
     )
 
-    def is_told(self, bench: Bench, belief: Belief) -> float:
+    def log_odds_so_far(self, model: PreparedModel, belief: Belief) -> float:
         """Weigh a sensor error that is small in each frame."""
-        sensor, where = bench.unknowns.block(ForceSensor), bench.unknowns.at(ForceSensor)
+        sensor, where = model.unknowns.block(ForceSensor), model.unknowns.at(ForceSensor)
         if FORCE_SENSOR in belief.causes:
             return -math.inf
-        return told_beyond(belief, where, sensor.std, sensor.innocent_std, sensor.off_std)
+        return log_odds_beyond(belief, where, sensor.std, sensor.innocent_std, sensor.off_std)
 
-    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
         """Return whether a sensor is used."""
-        return taken.frame.wrench is not None and not bench.settings.free_tip
+        return taken.frame.wrench is not None and not model.settings.free_tip
 
-    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
         """Try a sensor that failed since the last frame, or that was faulty from the start."""
-        sensor, where = bench.unknowns.block(ForceSensor), bench.unknowns.at(ForceSensor)
+        sensor, where = model.unknowns.block(ForceSensor), model.unknowns.at(ForceSensor)
         if not sensor.std.all():
             return
         now = replace_causes(taken.before, FORCE_SENSOR)
-        yield retaken(bench, taken, now), 0.0
-        if self.is_told(bench, taken.after) > 0.0:
-            always, told = with_prior(taken.after, where, sensor.std, sensor.off_std)
-            always = replace_causes(always, FORCE_SENSOR)
-            yield relearned(taken, always), told
+        yield take_again(model, taken, now), 0.0
+        if self.log_odds_so_far(model, taken.after) > 0.0:
+            initial, earlier = with_prior(taken.after, where, sensor.std, sensor.off_std)
+            initial = replace_causes(initial, FORCE_SENSOR)
+            yield with_posterior(taken, initial), earlier
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -276,13 +276,13 @@ class PressureCause(Cause):
         'sensor is right, run pneunet diagnose'
     )
 
-    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
         """Return False between readings too far apart to interpolate the pressure."""
         frame = taken.frame
-        missed = frame.instant.missed > bench.arm.sensors.pressure_std
-        return bench.tells_camera and not frame.alone and not missed
+        missed = frame.instant.missed > model.arm.sensors.pressure_std
+        return model.camera_is_observable and not frame.alone and not missed
 
-    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
         """Try ignoring the pressure from now on, or restarting without it after wrong readings.
 
         They compete with a belief that is reset but keeps the sensor, because the belief itself
@@ -290,16 +290,21 @@ class PressureCause(Cause):
         """
         frame, before = taken.frame, taken.before
         now = replace_causes(before, PRESSURE)
-        yield retaken(bench, taken, now), 0.0
+        yield take_again(model, taken, now), 0.0
         if not before.frames:
             return
-        anew = reset_to_prior(bench.of(taken.after.causes).unknowns, taken.after)
-        lost = -ANEW * bench.settings.odds_against
-        yield retaken(bench, taken, replace_causes(anew, PRESSURE)), lost
+        restarted = reset_to_prior(model.of(taken.after.causes).unknowns, taken.after)
+        lost = -RESET_RARITY * model.settings.odds_against
+        yield take_again(model, taken, replace_causes(restarted, PRESSURE)), lost
         if math.isinf(frame.instant.step):  # it may be coarse, and not off
-            frame = frame.with_pressure_std(bench.coarsest_pressure)
-        again = TakenFrame(frame=frame, before=anew, problem=taken.problem, update=taken.update)
-        yield retaken(bench, again, anew), lost + self.rarity * bench.settings.odds_against
+            frame = frame.with_pressure_std(model.coarsest_pressure)
+        again = TakenFrame(
+            frame=frame, before=restarted, problem=taken.problem, update=taken.update
+        )
+        yield (
+            take_again(model, again, restarted),
+            lost + self.rarity * model.settings.odds_against,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -312,17 +317,17 @@ class MirroredCause(Cause):
         'the camera driver, or calibrate base_from_camera again, and reset'
     )
 
-    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
         """Return whether the arm is bent enough to show it.
 
         False for an arm that swings with a model of unknown error: far from its predicted shape,
         an arm may be on either side.
         """
-        return bench.of(taken.before.causes).swinging is None or bench.tells_camera
+        return model.of(taken.before.causes).swinging is None or model.camera_is_observable
 
-    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
         """Try the mirrored targets."""
-        yield retaken(bench, taken, replace_causes(taken.before, MIRRORED)), 0.0
+        yield take_again(model, taken, replace_causes(taken.before, MIRRORED)), 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -335,28 +340,31 @@ class MotionCause(Cause):
         'weight, and a typical damping. Calibrate with --motion'
     )
 
-    def is_possible(self, bench: Bench, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
         """Return whether the model has no motion."""
-        return bench.moving is not None
+        return model.moving is not None
 
-    def alternatives(self, bench: Bench, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
         """Try a swing since the last frame, by an unknown force, or from the start."""
         before, fit = taken.before, taken.update.fit
         if fit is None:
             return
         causes = before.causes | {self.name}
-        unknowns = bench.of(causes).unknowns
+        unknowns = model.of(causes).unknowns
         first = first_belief(unknowns, before.stamp_ns, causes)
         force = unknowns.at(TipForce)
-        lately = extended(widen(before, force, unknowns.std[force]), first)
-        mean = lately.mean.copy()
+        recent = extended(widen(before, force, unknowns.std[force]), first)
+        mean = recent.mean.copy()
         mean[force] = force_at(fit[0], fit[1].trial)  # the search begins there
         solution = fit[1].trial.bent.solution
-        lately = replace(lately, mean=freeze(mean), solution=solution)
-        for other, told in ((lately, 0.0), (first, -ANEW * bench.settings.odds_against)):
-            there = retaken(bench, taken, other)
+        recent = replace(recent, mean=freeze(mean), solution=solution)
+        for other, earlier in (
+            (recent, 0.0),
+            (first, -RESET_RARITY * model.settings.odds_against),
+        ):
+            there = take_again(model, taken, other)
             if not there.misfits:  # else it is noise that nobody knows, and no swing
-                yield there, told
+                yield there, earlier
 
 
 def extended(known: Belief, first: Belief) -> Belief:
@@ -371,8 +379,11 @@ def extended(known: Belief, first: Belief) -> Belief:
     )
 
 
-def lately_or_always(
-    bench: Bench, taken: TakenFrame, cause: Cause, priors: tuple[slice, Array, Array, Array]
+def recent_or_initial(
+    model: PreparedModel,
+    taken: TakenFrame,
+    cause: Cause,
+    priors: tuple[slice, Array, Array, Array],
 ) -> Iterator[Alternative]:
     """Yield the frame with a wider prior of some unknowns, since the last frame or from the start.
 
@@ -380,13 +391,16 @@ def lately_or_always(
     the prior of the belief, one sigma of the wide prior, and the mean of both.
     """
     where, _, wide, _ = priors
-    yield retaken(bench, taken, replace_causes(widen(taken.before, where, wide), cause.name)), 0.0
-    if cause.is_told(bench, taken.after) > 0.0:
-        always, told = with_prior(taken.after, *priors)
-        yield relearned(taken, replace_causes(always, cause.name)), told
+    yield (
+        take_again(model, taken, replace_causes(widen(taken.before, where, wide), cause.name)),
+        0.0,
+    )
+    if cause.log_odds_so_far(model, taken.after) > 0.0:
+        initial, earlier = with_prior(taken.after, *priors)
+        yield with_posterior(taken, replace_causes(initial, cause.name)), earlier
 
 
-def told_beyond(
+def log_odds_beyond(
     belief: Belief, where: slice, before: Array, innocent: Array, after: Array
 ) -> float:
     """Return the log odds of a wide prior from all frames so far, if an error is not harmless.

@@ -100,10 +100,10 @@ class Closing:
         touches, places = self.gripper.touches(seen), self.places(command.width)
         most, after = self.rate * elapsed, {}
         for name, pressure in pressures.items():
-            wanted = self.missing(
+            missing_pressure = self.missing(
                 name, seen[name], touches[name], places[name], pressure, command.force
             )
-            moved = pressure + float(np.clip(self.gain * elapsed * wanted, -most, most))
+            moved = pressure + float(np.clip(self.gain * elapsed * missing_pressure, -most, most))
             low, high = self.reaches[name].pressure[[0, -1]].tolist()
             after[name] = min(max(moved, low), high)
         return after
@@ -124,9 +124,9 @@ class Closing:
         if slope <= 0.0 or give <= 0.0:  # inside a play gap
             return by_model
         left = (place - float(inward @ mount.origin + side @ touch.point)) / slope
-        wanted = max(by_model, left, key=abs) if by_model * left > 0.0 else left
-        felt = touch.force if touch.is_touching else np.nan_to_num(seen.fused.force)
-        return min(wanted, (force - float(np.linalg.norm(felt))) * give / slope)
+        missing_pressure = max(by_model, left, key=abs) if by_model * left > 0.0 else left
+        grip_force = touch.force if touch.is_touching else np.nan_to_num(seen.fused.force)
+        return min(missing_pressure, (force - float(np.linalg.norm(grip_force))) * give / slope)
 
     def is_stalled(
         self,

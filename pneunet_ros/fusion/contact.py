@@ -192,8 +192,8 @@ def find_contacts(
         fit = again
     scores = score_pushes(problem, fit)
     likely = scores.gain >= settings.contact_score
-    asked = likely.any() and np.any(likely & (scores.evidence() > 0.0))
-    if not asked and not unexplained:
+    indicated = likely.any() and np.any(likely & (scores.evidence() > 0.0))
+    if not indicated and not unexplained:
         return []
     padded = np.concatenate([[0.0], scores.gain, [0.0]])
     peaks = np.flatnonzero((scores.gain >= padded[:-2]) & (scores.gain >= padded[2:]))
@@ -202,13 +202,15 @@ def find_contacts(
     touched = replace(problem, prior=prior)
     tried = [search_at(touched, fit, scores, int(panel)) for panel in starts]
     seen = problem.used.size
-    foreseen = 2.0 * float(scores.gain.max())  # beyond it nothing is linear, nor is a force's std
+    predicted_gain = 2.0 * float(
+        scores.gain.max()
+    )  # beyond it nothing is linear, nor is a force's std
 
     free = evidence_cost((problem, fit), seen) - 2.0 * settings.odds_against
 
     def is_needed(item: Fit) -> bool:
         left = item[1].cost + left_out_cost(item, seen)
-        beyond = unexplained and excess(item) <= 1.0 and fit.cost - left > foreseen
+        beyond = unexplained and excess(item) <= 1.0 and fit.cost - left > predicted_gain
         return beyond or evidence_cost(item, seen) < free
 
     # A contact of no force is another minimum without one, or a tip force.

@@ -58,7 +58,7 @@ class Trial:
     """A trial point of the search: unknowns xi, the arm, the whitened residual, and the cost.
 
     Targets are complex, x + i y. seen (targets,) m: predicted positions relative to the clamp in
-    the camera; beside: nominal positions before the rotation of the camera; back (targets,):
+    the camera; painted: nominal positions before the rotation of the camera; back (targets,):
     rotation from the camera to the directions along and across the arm. residual (coordinates,):
     along and across the arm, target by target. solved: xi at which the arm was solved; xi itself
     may be one linear step further. swung: offset of a swinging arm's targets from equilibrium.
@@ -68,7 +68,7 @@ class Trial:
     solved: Array
     bent: BentArm
     seen: Complex
-    beside: PaintedTargets
+    painted: PaintedTargets
     back: Complex
     residual: Array
     cost: float
@@ -85,9 +85,9 @@ def solve_factored(factor: Array, sides: Array) -> Array:
 class FrameLinearization:
     """A trial with its Jacobian with respect to xi, the innovation, and its covariance.
 
-    jacobian (coordinates, unknowns): of the prediction, whitened; lacking (coordinates, errors):
-    effect of a model error of size 1; innovation (coordinates,): residual at the mean of the
-    prior, to first order; factor: Cholesky factor of its covariance; weighed (coordinates,):
+    jacobian (coordinates, unknowns): of the prediction, whitened; by_model_error (coordinates,
+    errors): effect of a model error of size 1; innovation (coordinates,): residual at the mean of
+    the prior, to first order; factor: Cholesky factor of its covariance; weighed (coordinates,):
     inverse of that covariance times the innovation; force (2, 2) N^2: posterior covariance of the
     tip force; step (unknowns,): Gauss-Newton step in xi, and its gain. turning (causes, links):
     rotation of the links of a swinging arm by each cause.
@@ -95,7 +95,7 @@ class FrameLinearization:
 
     trial: Trial
     jacobian: Array
-    lacking: Array
+    by_model_error: Array
     innovation: Array
     factor: Array
     weighed: Array
@@ -115,7 +115,7 @@ class FrameLinearization:
 
     def size_information(self, growth: ErrorGrowth) -> tuple[Array, Array]:
         """Return H^T S^-1 v (errors,) and H^T S^-1 H for the changes of errors of unknown size."""
-        moved = self.lacking * growth.grown
+        moved = self.by_model_error * growth.grown
         return moved.T @ self.weighed, moved.T @ self.solve(moved)
 
     def newton_step(self) -> tuple[Array, float]:
@@ -131,7 +131,7 @@ class FrameLinearization:
             bent=trial.bent,
             swung=trial.swung,
             seen=trial.seen,
-            beside=trial.beside,
+            painted=trial.painted,
             back=trial.back,
             residual=trial.residual - self.jacobian @ self.step,
             cost=self.cost - self.gain,
@@ -139,7 +139,7 @@ class FrameLinearization:
         return FrameLinearization(
             trial=there,
             jacobian=self.jacobian,
-            lacking=self.lacking,
+            by_model_error=self.by_model_error,
             innovation=self.innovation,
             factor=self.factor,
             weighed=self.weighed,
@@ -291,19 +291,19 @@ class FrameProblem:
         there_x, there_y, theta, swung = shape.x, shape.y, shape.theta, self.swung(bent, x)
         curvature = shape.curvature
         if swung is not None:
-            moved_x, moved_y, turned, bends = swung.beside
+            moved_x, moved_y, turned, bends = swung.deviation
             curvature = curvature + bends
             if self.left_out is not None:
                 off = xi[self.left_out : self.left_out + ERRORS]
                 off_x, off_y = np.tensordot(off, swung.left_out, axes=1)
                 moved_x, moved_y = moved_x + off_x, moved_y + off_y
             there_x, there_y, theta = there_x + moved_x, there_y + moved_y, theta + turned
-        beside = paint(theta, curvature, unknowns.dots_moved(x))
+        painted = paint(theta, curvature, unknowns.dots_moved(x))
         clamp_x, clamp_y, angle = (unknowns.camera @ x).tolist()
         clamp, turn = complex(clamp_x, clamp_y), cmath.rect(1.0, angle)
         seen_x, seen_y = arm.see(there_x, there_y)
-        seen = turn * (seen_x + 1j * seen_y + beside.beside)
-        back = beside.to_arm / turn
+        seen = turn * (seen_x + 1j * seen_y + painted.displacement)
+        back = painted.to_arm / turn
         residual = self.whiten((self.measured - clamp - seen) * back)
         cost = float(xi @ xi + residual @ residual)
         if not math.isfinite(cost):
@@ -314,7 +314,7 @@ class FrameProblem:
             bent=bent,
             swung=swung,
             seen=seen,
-            beside=beside,
+            painted=painted,
             back=back,
             residual=residual,
             cost=cost,
@@ -354,15 +354,15 @@ class FrameProblem:
         moves (n, 4, targets): x, y (m) of their nominal positions, before the rotation of the
         camera, and heading (rad) and curvature (1/m) of the arm there.
         """
-        beside = trial.beside
+        painted = trial.painted
         moved = moves[:, 0] + 1j * moves[:, 1]
-        moved += beside.by_theta * moves[:, 2]
-        moved += beside.by_curvature * moves[:, 3]
-        return np.asarray(moved * beside.to_arm)
+        moved += painted.by_theta * moves[:, 2]
+        moved += painted.by_curvature * moves[:, 3]
+        return np.asarray(moved * painted.to_arm)
 
     def stretch(self, trial: Trial) -> Array:
         """Return derivatives of targets by their placement, (coordinates,): along and across."""
-        along = (trial.beside.by_along * trial.beside.to_arm).real
+        along = (trial.painted.by_along * trial.painted.to_arm).real
         stretch = np.ones(self.std.size)
         stretch[::2] = along if self.counting is None else along[self.counting]
         return stretch
@@ -404,7 +404,7 @@ class FrameProblem:
         return FrameLinearization(
             trial=trial,
             jacobian=jacobian,
-            lacking=whitened[:known].T @ self.sized_causes,
+            by_model_error=whitened[:known].T @ self.sized_causes,
             innovation=innovation,
             factor=factor,
             weighed=weighed,
@@ -510,19 +510,22 @@ class FrameProblem:
             reference=self.reference_after(fit),
         )
 
-    def consider(self, mean: Array, root: Array, axis: Array, told: float) -> tuple[Array, Array]:
+    def consider(
+        self, mean: Array, root: Array, axis: Array, reliability: float
+    ) -> tuple[Array, Array]:
         """Return a posterior using a share of the information on a direction of the tip force.
 
         All other unknowns are updated with the prior uncertainty of that force (Schmidt's filter).
-        axis (2, 1); told: the share. Source: Brink, J. Guidance, Control, and Dynamics 40 (2017).
+        axis (2, 1); reliability: the share. Source: Brink, J. Guidance, Control, and Dynamics 40
+        (2017).
         """
         tip = self.unknowns.at(TipForce)
         before, after = axis.T @ self.root[tip], axis.T @ root[tip]
         kept = max(float(np.sum(before**2) - np.sum(after**2)), 0.0)
         column = np.zeros((len(root), 1))
-        column[tip] = math.sqrt((1.0 - told) * kept) * axis
+        column[tip] = math.sqrt((1.0 - reliability) * kept) * axis
         mean = mean.copy()
-        mean[tip] -= (1.0 - told) * axis[:, 0] * float(axis[:, 0] @ (mean - self.mean)[tip])
+        mean[tip] -= (1.0 - reliability) * axis[:, 0] * float(axis[:, 0] @ (mean - self.mean)[tip])
         return mean, np.hstack([root, column])
 
     def walk_information(self, fit: FrameLinearization) -> tuple[Array, Array, float] | None:

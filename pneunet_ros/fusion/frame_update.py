@@ -52,7 +52,7 @@ class ColdSearch:
     def looked(self, fit: Fit) -> ColdSearch:
         """Return the state after one frame's share of the search for alternatives to a fit."""
         settings = fit[0].settings
-        gain, round_ = look_elsewhere(fit, self.round)
+        gain, round_ = search_other_force(fit, self.round)
         clear = 0 if gain > -settings.rival else self.clear + 1
         whole = settings.restart_frames + settings.starts_followed
         return ColdSearch(
@@ -269,10 +269,10 @@ def consider_force(found: Fit) -> Fit:
     bending = known_bending(problem)
     if bending is None:
         return found
-    axis, told = bending
+    axis, reliability = bending
     along = problem.root[problem.unknowns.at(TipForce)].T @ axis
     along /= np.linalg.norm(along)
-    less = 1.0 - math.sqrt(told)
+    less = 1.0 - math.sqrt(reliability)
     root = problem.root - less * (problem.root @ along) @ along.T
     held = replace(problem, prior=replace(problem.prior, root=root))
     again = held.search(np.zeros(root.shape[1]), problem.prior.solution)
@@ -307,11 +307,11 @@ def known_bending(problem: FrameProblem) -> tuple[Array, float] | None:
         return None
     along = pull / std
     step = DERIVATIVE * problem.unknowns.block(TipForce).scale / std
-    beside = turning_at(problem, start + step * along[:, 0])
-    if beside is None:  # it buckles
+    nearby = turning_at(problem, start + step * along[:, 0])
+    if nearby is None:  # it buckles
         return axis, 0.0
     root = problem.cause_root[: turning.shape[1]]
-    change = (beside - turning) @ root / step
+    change = (nearby - turning) @ root / step
     change -= (change @ along) @ along.T
     error, squared = float(np.sum(change**2)), float(np.sum((turning @ root @ along) ** 2))
     return axis, 1.0 - error / squared if squared > error else 0.0
@@ -360,7 +360,7 @@ def laplace_cost(fit: Fit) -> float:
     return fit[1].log_evidence_cost
 
 
-def look_elsewhere(fit: Fit, round_: ColdRound) -> tuple[float, ColdRound]:
+def search_other_force(fit: Fit, round_: ColdRound) -> tuple[float, ColdRound]:
     """Return the advantage of the best other solution over a fit, and the round.
 
     -inf if none is found. It processes one frame's share of a round of cold starts.

@@ -22,7 +22,7 @@ from pneunet_ros.core.readings import (
     TargetSightings,
     WrenchReading,
 )
-from pneunet_ros.core.stamps import AHEAD, STARTS_ANEW
+from pneunet_ros.core.stamps import AHEAD, RESTARTED
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between, seconds_since
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.base_gravity import GravitySource
@@ -35,14 +35,14 @@ from pneunet_ros.fusion.belief import (
     FORCE_SENSOR,
     PRESSURE,
     reset_to_prior,
-    with_strange_targets,
+    with_outlier_targets,
     with_walk,
 )
 from pneunet_ros.fusion.belief_estimate import estimate_at
-from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.causes import PressureCause, TARGETS
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.frame_update import ColdSearch
+from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.fusion.readings import (
     followed_by,
     nearest_to,
@@ -55,7 +55,7 @@ from pneunet_ros.fusion.readings import (
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState, PendingFrame, RunningNis
 from pneunet_ros.fusion.taken_frame import TakenFrame
-from pneunet_ros.fusion.weighing import is_copy, take, walk_told, weigh
+from pneunet_ros.fusion.weighing import estimate_walk, is_copy, take, weigh
 from pneunet_ros.measurement.between_readings import error_between
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
@@ -91,17 +91,17 @@ class Fusion:
     sensors: EstimatorSettings = field(default_factory=EstimatorSettings)
     settings: FusionSettings = FUSION
     unknowns: Unknowns | None = None
-    bench: Bench = field(init=False, repr=False)
+    model: PreparedModel = field(init=False, repr=False)
     gravity: GravitySource = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Prepare the bench."""
+        """Prepare the model."""
         source = GravitySource(settings=self.sensors, gravity=self.arm.gravity)
         object.__setattr__(self, 'gravity', source)
-        bench = Bench(
+        model = PreparedModel(
             arm=self.arm, sensors=self.sensors, settings=self.settings, given=self.unknowns
         )
-        object.__setattr__(self, 'bench', bench)
+        object.__setattr__(self, 'model', model)
 
     def step(self, state: FusionState, event: Event) -> tuple[FusionState, FusionOutcome]:
         """Take one reading or one frame of targets.
@@ -186,13 +186,13 @@ class Fusion:
             refusal = refuse(reading.stamp_ns, position.reason, position.sentence + hint)
             readings = state.readings.with_impossible(reading.stamp_ns)
             return replace(state, readings=readings).count_rejected(refusal.reason), refusal
-        ready = [item for item in state.waiting if self.bench.shown_ns(item) <= instant.stamp_ns]
+        ready = [item for item in state.waiting if self.model.shown_ns(item) <= instant.stamp_ns]
         state = replace(
             state,
             readings=state.readings.with_reading(reading.stamp_ns, instant.history),
             pressures=followed_by(state.pressures, instant, PRESSURES_KEPT),
             waiting=tuple(
-                item for item in state.waiting if self.bench.shown_ns(item) > instant.stamp_ns
+                item for item in state.waiting if self.model.shown_ns(item) > instant.stamp_ns
             ),
         )
         for sightings in ready:
@@ -227,7 +227,7 @@ class Fusion:
         """Report that frames are stamped long before their pressure."""
         last_ns = state.pressures[-1].stamp_ns
         before_ns = state.pressures[max(len(state.pressures) - 2, 0)].stamp_ns
-        shown = [self.bench.shown_ns(sightings) for sightings in state.waiting]
+        shown = [self.model.shown_ns(sightings) for sightings in state.waiting]
         if state.belief is not None and state.belief.frames:
             shown.append(state.belief.stamp_ns)
         ahead = max((seconds_since(last_ns, ns) for ns in shown), default=0.0)
@@ -255,7 +255,7 @@ class Fusion:
         if reading.variance > 0.0:
             std = self.sensors.pressure.size * math.sqrt(reading.variance)
         else:
-            rounding = self.bench.pressure_rounding(step)
+            rounding = self.model.pressure_rounding(step)
             std = with_rounding(self.arm.sensors.pressure_std, rounding)
         memory = () if last is None else last.memory
         return PressureInstant(
@@ -264,7 +264,7 @@ class Fusion:
             chamber=chamber,
             std=std,
             history=history,
-            memory=self.bench.discrepancy.remember(memory, chamber, elapsed),
+            memory=self.model.discrepancy.remember(memory, chamber, elapsed),
             step=step,
         )
 
@@ -277,7 +277,7 @@ class Fusion:
         if len(sightings.x) != targets:
             reason = 'wrong_targets'
             sentence = f'the frame has {len(sightings.x)} targets, but the model has {targets}'
-        if reason == STARTS_ANEW:
+        if reason == RESTARTED:
             state = state.without_frames()
         elif reason == AHEAD:
             state = state.without_frames_after(stamp_ns)
@@ -285,13 +285,13 @@ class Fusion:
             refusal = Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=False)
             return state.count_unused(reason), refusal
         state = replace(state, frame_stamps=state.frame_stamps.after(stamp_ns))
-        shown_ns = self.bench.shown_ns(sightings)
+        shown_ns = self.model.shown_ns(sightings)
         if state.pressures and shown_ns <= state.pressures[-1].stamp_ns:
             return self.use_frame(state, sightings), None
         if state.pressures:
             since_ns = state.pressures[-1].stamp_ns
         else:
-            since_ns = self.bench.shown_ns(state.waiting[0] if state.waiting else sightings)
+            since_ns = self.model.shown_ns(state.waiting[0] if state.waiting else sightings)
         alone = state.unpressed and not state.pressures
         gap = state.frame_stamps.before_ns is not None  # the next one says if this one is ahead
         if not alone and (not self.is_stale(since_ns, shown_ns) or (gap and not state.waiting)):
@@ -307,7 +307,7 @@ class Fusion:
         waiting, state = state.waiting, replace(state, waiting=())
         for earlier in (*waiting, sightings):
             state = self.use_frame(state, earlier)
-        belief, shown_ns = state.belief, self.bench.shown_ns(sightings)
+        belief, shown_ns = state.belief, self.model.shown_ns(sightings)
         if belief is None or belief.stamp_ns != shown_ns:
             return state, None
         instant = replace(self.pressure_at(state, shown_ns), std=0.0)
@@ -324,7 +324,7 @@ class Fusion:
         """
         known = state.pressures
         if not known:
-            return self.bench.unread(stamp_ns)
+            return self.model.unread(stamp_ns)
         after = bisect_left(known, stamp_ns, key=stamp_of)
         if after in (0, len(known)):
             return replace(known[min(after, len(known) - 1)], stamp_ns=stamp_ns)
@@ -385,7 +385,10 @@ class Fusion:
 
     def force_std(self, state: FusionState) -> float:
         """Return one sigma (N) of the force sensor: that of the model, or a larger estimate."""
-        known, rounding = self.arm.sensors.force_std, self.bench.force_rounding(state.force.step)
+        known, rounding = (
+            self.arm.sensors.force_std,
+            self.model.force_rounding(state.force.step),
+        )
         return with_rounding(state.force.noise or known, rounding)
 
     def estimate_force_noise(self, state: FusionState) -> float:
@@ -409,7 +412,7 @@ class Fusion:
         noise, force = self.estimate_force_noise(state), state.force
         known = max(force.largest_noise, self.arm.sensors.force_std)
         if noise > self.settings.noise_ratio * known and FORCE_SENSOR not in state.causes:
-            before = reset_to_prior(self.bench.of(before.causes).unknowns, before)
+            before = reset_to_prior(self.model.of(before.causes).unknowns, before)
             state = replace(state, bank=(Hypothesis(belief=before),))
         force = replace(force, noise=noise, largest_noise=max(force.largest_noise, noise))
         return before, replace(state, force=force)
@@ -428,11 +431,11 @@ class Fusion:
 
     def coarse_sensors(self, state: FusionState) -> dict[str, Note]:
         """Return a sentence per sensor whose steps are coarser than the noise of the model."""
-        noise, bench, sentences = self.arm.sensors, self.bench, {}
+        noise, model, sentences = self.arm.sensors, self.model, {}
         pressure_step = state.pressures[-1].step if state.pressures else math.inf
         for name, unit, step, std, rounding_of in (
-            ('pressure', 'Pa', pressure_step, noise.pressure_std, bench.pressure_rounding),
-            ('force', 'N', state.force.step, noise.force_std, bench.force_rounding),
+            ('pressure', 'Pa', pressure_step, noise.pressure_std, model.pressure_rounding),
+            ('force', 'N', state.force.step, noise.force_std, model.force_rounding),
         ):
             rounding = rounding_of(step)
             if rounding > std:
@@ -450,10 +453,10 @@ class Fusion:
         """Estimate shape and force; with targets, only a wrench that a frame confirmed is used."""
         seen = mode is not Mode.PREDICTION and state.belief is not None and state.belief.frames > 0
         wrench = self.wrench_at(state, instant.stamp_ns, with_targets=seen)
-        checked = state.wrench_used_ns is not None or self.bench.trusts_force(state.belief)
+        checked = state.wrench_used_ns is not None or self.model.trusts_force(state.belief)
         if seen and not checked and not self.settings.free_tip:
             wrench = None
-        return estimate_at(self.bench, state, instant, wrench, mode, notes)
+        return estimate_at(self.model, state, instant, wrench, mode, notes)
 
     def with_pressure(self, state: FusionState) -> FusionState:
         """Return the state after the pressure is available again."""
@@ -468,7 +471,7 @@ class Fusion:
     def with_pressure_read(self, state: FusionState, belief: Belief) -> Belief:
         """Update the belief of a frame without pressure, now that a reading has arrived."""
         belief = self.condition_on_pressure(state, belief)
-        belief = self.bench.without(belief, self.bench.unknowns.at(PressureError))
+        belief = self.model.without(belief, self.model.unknowns.at(PressureError))
         return replace(belief, chamber=self.pressure_at(state, belief.stamp_ns).chamber)
 
     def condition_on_pressure(self, state: FusionState, belief: Belief) -> Belief:
@@ -488,18 +491,18 @@ class Fusion:
             return belief
         instant = self.pressure_at(state, belief.stamp_ns)
         response = np.zeros((1, belief.mean.size))
-        bias = self.bench.unknowns.at(PressureError).start
+        bias = self.model.unknowns.at(PressureError).start
         response[0, bias] = 1.0
         value = np.array([instant.chamber - before.chamber])
-        size = self.bench.size_of(belief)
-        lacking = float(self.bench.unknowns.scaled_std(size)[bias])
-        std = math.hypot(instant.std, lacking)
+        size = self.model.size_of(belief)
+        model_error_std = float(self.model.unknowns.scaled_std(size)[bias])
+        std = math.hypot(instant.std, model_error_std)
         innovation = float(value[0] - belief.mean[bias]) / math.hypot(std, belief.std(bias))
         if innovation**2 > self.settings.target_gate:
             return belief
         conditioned = take_measurement(belief, response, value, np.array([std]))
         determined = (
-            np.trace(self.bench.force_covariance(conditioned)) <= self.bench.largest_force_std**2
+            np.trace(self.model.force_covariance(conditioned)) <= self.model.largest_force_std**2
         )
         return conditioned if determined else belief
 
@@ -508,8 +511,8 @@ class Fusion:
         state = self.weigh_pending(state)
         if not sightings.seen:
             return state.count_unused('not_seen')
-        shown_ns = self.bench.shown_ns(sightings)
-        unknowns = self.bench.of(state.lasting).unknowns
+        shown_ns = self.model.shown_ns(sightings)
+        unknowns = self.model.of(state.lasting).unknowns
         before = state.belief or first_belief(unknowns, shown_ns, state.lasting)
         if before.frames and shown_ns < before.stamp_ns:
             return state.count_unused('older')
@@ -518,23 +521,23 @@ class Fusion:
         seen = state.seen
         if seen is None or not seen.is_same(sightings):
             seen = SeenFrame(x=sightings.x, y=sightings.y, chamber=frame.instant.chamber)
-        elif is_copy(self.bench, seen, frame):
+        elif is_copy(self.model, seen, frame):
             return state.count_unused('repeated')
         state = replace(state, seen=seen)
-        taken = take(self.bench, state, frame, before)
+        taken = take(self.model, state, frame, before)
         if taken.explained:
             rest = state.bank[1:]
             weight = state.bank[0].log_weight if state.bank else 0.0
             bank = (Hypothesis(belief=self.learned(taken), log_weight=weight), *rest)
             return self.after_frame(replace(state, bank=bank), taken, pending=taken)
-        bank, taken = weigh(self.bench, state, taken)
+        bank, taken = weigh(self.model, state, taken)
         if taken.update.belief is None:
             return self.with_nis(state, taken).count_unused(taken.update.reason, lost=1)
         return self.after_frame(self.with_learned(state, bank, taken), taken)
 
     def read_frame(self, state: FusionState, sightings: TargetSightings) -> ReadFrame:
         """Return a frame with the sensor readings at the time when it was taken."""
-        shown_ns = self.bench.shown_ns(sightings)
+        shown_ns = self.model.shown_ns(sightings)
         wrench = self.wrench_at(state, shown_ns, with_targets=True)
         turn = not state.counts.frames % self.settings.still_frames
         return ReadFrame(
@@ -546,8 +549,8 @@ class Fusion:
             or self.is_stale(nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns),
             pressure_still=self.is_still(state) and turn,
             wrench=wrench,
-            before=state.pressures if self.bench.swings else (),
-            pulls=state.force.kept if self.bench.swings and wrench is not None else (),
+            before=state.pressures if self.model.swings else (),
+            pulls=state.force.kept if self.model.swings and wrench is not None else (),
         )
 
     def is_still(self, state: FusionState) -> bool:
@@ -588,15 +591,15 @@ class Fusion:
 
     def learned(self, taken: TakenFrame) -> Belief:
         """Return the belief after a frame, with the random walk of the force and odd targets."""
-        update, unknowns = taken.update, self.bench.unknowns
-        if self.bench.of(taken.after.causes).swinging is None:
+        update, unknowns = taken.update, self.model.unknowns
+        if self.model.of(taken.after.causes).swinging is None:
             belief = with_walk(unknowns, taken.before, taken.after)
         else:
-            belief = replace(taken.after, walk=walk_told(taken))
+            belief = replace(taken.after, walk=estimate_walk(taken))
         known = unknowns.block(Placement).known is not None and TARGETS not in belief.causes
         if known and update.left_out and update.fit:
-            strange = np.flatnonzero(taken.problem.used & ~update.fit[0].used)
-            belief = with_strange_targets(unknowns, self.settings, belief, strange)
+            outliers = np.flatnonzero(taken.problem.used & ~update.fit[0].used)
+            belief = with_outlier_targets(unknowns, self.settings, belief, outliers)
         return belief
 
     def with_learned(
@@ -618,7 +621,7 @@ class Fusion:
         unchecked = pending.unchecked
         state = replace(state, pending=None)
         if pending.taken is not None:
-            bank, taken = weigh(self.bench, state, pending.taken)
+            bank, taken = weigh(self.model, state, pending.taken)
             if taken is not pending.taken:
                 unchecked = taken.update.unchecked
             state = self.with_learned(state, bank, taken)

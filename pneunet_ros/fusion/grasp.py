@@ -124,11 +124,11 @@ def seen_arm(fusion: Fusion, state: FusionState) -> SeenArm | None:
         return None
     instant = fusion.pressure_at(state, belief.stamp_ns)
     wrench = fusion.wrench_at(state, belief.stamp_ns, with_targets=True)
-    _, fused = estimate_at(fusion.bench, state, instant, wrench, Mode.FUSED, [])
+    _, fused = estimate_at(fusion.model, state, instant, wrench, Mode.FUSED, [])
     if not isinstance(fused, FusedEstimate):
         return None
     settings = fusion.settings
-    least = settings.contact_least * fusion.bench.force_scale
+    least = settings.contact_least * fusion.model.force_scale
     return SeenArm(fused=fused, least=least, score=settings.contact_score)
 
 

@@ -152,8 +152,8 @@ def forces_at(pulls: tuple[WrenchReading, ...], stamps: list[int]) -> Array:
 def nearest_to(known: tuple[Stamped, ...], stamp_ns: int) -> Stamped:
     """Return the reading nearest to a stamp; of two equally near, the earlier one."""
     after = bisect_left(known, stamp_ns, key=stamp_of)
-    beside = known[max(after - 1, 0) : after + 1]
-    return min(beside, key=lambda one: abs(one.stamp_ns - stamp_ns))
+    neighbors = known[max(after - 1, 0) : after + 1]
+    return min(neighbors, key=lambda one: abs(one.stamp_ns - stamp_ns))
 
 
 def load_read(wrench: WrenchReading, gauge: float) -> Load:

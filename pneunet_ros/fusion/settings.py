@@ -54,7 +54,7 @@ class FusionSettings:
         5, 'identical pressure readings after which the sensor is tested for being frozen'
     )
     still_frames: int = tuning(5, 'one test per so many frames: an idle sensor may clip at zero')
-    most_lacking: float = tuning(
+    most_model_error: float = tuning(
         0.05,
         'size of the model error beyond which the pressure is not used; invented',
         unit='of the range',

@@ -149,10 +149,10 @@ class FusionState:
         return self.bank[0].belief.causes if self.bank else self.lasting
 
     @property
-    def sure_causes(self) -> frozenset[str]:
+    def certain_causes(self) -> frozenset[str]:
         """Causes that all likely hypotheses share; the lasting ones if none is likely."""
-        alike = [one.belief.causes for one in self.bank if one.is_alike]
-        return frozenset.intersection(*alike) if alike else self.lasting
+        likely = [one.belief.causes for one in self.bank if one.is_about_as_likely]
+        return frozenset.intersection(*likely) if likely else self.lasting
 
     @property
     def unpressed(self) -> bool:

@@ -40,7 +40,7 @@ def swung_on(
     if arm is None:
         return moved, None
     if not bent.shape.converged:
-        return replace(arm.begun_anew(moved), reference=None), None
+        return replace(arm.with_restarted_swing(moved), reference=None), None
     known = before, before.reference, before.stamp_ns
     turning = None
     if causes is not None:
@@ -49,7 +49,7 @@ def swung_on(
         known, moved, bent.solution, moved.stamp_ns, path, turning
     )
     if not np.isfinite(reference.left_out).all():  # no such arm can be followed
-        return replace(arm.begun_anew(moved), reference=None), None
+        return replace(arm.with_restarted_swing(moved), reference=None), None
     return replace(swung, reference=reference), motion
 
 
@@ -101,10 +101,10 @@ class SwingingEstimate:
         moved[where] = self.belief.root[where] @ leading
         solution, places = self.bent.solution, self.arm.stations
         before, after = (
-            self.arm.swung(solution, mean + sign * moved, self.reference, places).beside
+            self.arm.swung(solution, mean + sign * moved, self.reference, places).deviation
             for sign in (-1.0, 1.0)
         )
-        return second_order_factor(1.0) * (before + after - 2.0 * self.swung.beside)
+        return second_order_factor(1.0) * (before + after - 2.0 * self.swung.deviation)
 
     def motion(self, errors: PropagatedErrors) -> MotionEstimate | None:
         """Return the estimated motion of the arm; errors: propagated errors of its shape."""
@@ -116,7 +116,7 @@ class SwingingEstimate:
         damping_time = moving.arm.motion.damping_time
         return MotionEstimate(
             velocity=freeze(moved.velocity),
-            settled=is_settled(self.swung.beside[:2, -1], on, errors.tip_covariance),
+            settled=is_settled(self.swung.deviation[:2, -1], on, errors.tip_covariance),
             swing=Swing(
                 state=self.belief.mean[where].reshape(2, -1),
                 covariance=covariance,

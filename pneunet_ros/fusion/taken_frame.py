@@ -9,7 +9,6 @@ import math
 import numpy as np
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.fusion.belief import Belief
-from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.bent_arm import bend_arm, causes_with_contact
 from pneunet_ros.fusion.frame_fit import FrameProblem
 from pneunet_ros.fusion.frame_update import (
@@ -22,6 +21,7 @@ from pneunet_ros.fusion.frame_update import (
     take_frame,
     with_belief,
 )
+from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.fusion.readings import path_of, ReadFrame
 from pneunet_ros.fusion.swinging import swung_on
 from pneunet_ros.measurement.blocks.block import FrameInputs
@@ -82,8 +82,8 @@ class TakenFrame:
         return math.inf if fit is None else fit[1].cost / fit[1].trial.residual.size
 
 
-def taken_by(
-    bench: Bench,
+def take_with_best_walk(
+    model: PreparedModel,
     frame: ReadFrame,
     before: Belief,
     *,
@@ -97,13 +97,13 @@ def taken_by(
     likely of the candidate walks is used. The fastest walk fits everything that a slower one fits:
     if it has no consistent fit, or no wide search is due, the slower ones are not tried.
     """
-    once = partial(taken_once, bench, frame, before, found_better=found_better, widely=widely)
+    once = partial(take_with_walk, model, frame, before, found_better=found_better, widely=widely)
     taken = once()
-    own = bench.of(before.causes)
-    read = bench.used(frame, before.causes).wrench is not None
+    own = model.of(before.causes)
+    read = model.used(frame, before.causes).wrench is not None
     if own.swinging is None or read or not before.frames:
         return taken
-    if taken.explained and not tells_another_walk(taken):
+    if taken.explained and not indicates_other_walk(taken):
         return taken
     *slower, fastest = own.unknowns.block(TipForce).walks.sizes
     freest = once(fastest, believed=False)
@@ -117,21 +117,21 @@ def taken_by(
     return replace(best, update=with_belief(best.problem, best.update))
 
 
-def tells_another_walk(taken: TakenFrame) -> bool:
+def indicates_other_walk(taken: TakenFrame) -> bool:
     """Whether a frame alone makes another random walk more likely than the recent one."""
     fit = taken.update.fit
-    told = None if fit is None else fit[0].walk_information(fit[1])
-    if told is None or not taken.before.frames:
+    information = None if fit is None else fit[0].walk_information(fit[1])
+    if information is None or not taken.before.frames:
         return False
     walks = taken.problem.unknowns.block(TipForce).walks
-    growth = ErrorGrowth(size=told[2], grown=np.ones(2), seconds=0.0)
-    likeliest = int(walks.after(walks.first, growth, told[:2]).argmax())
+    growth = ErrorGrowth(size=information[2], grown=np.ones(2), seconds=0.0)
+    likeliest = int(walks.after(walks.first, growth, information[:2]).argmax())
     recent = np.abs(np.log(walks.sizes) - math.log(taken.before.walk.recent)).argmin()
     return likeliest != int(recent)
 
 
-def taken_once(
-    bench: Bench,
+def take_with_walk(
+    model: PreparedModel,
     frame: ReadFrame,
     before: Belief,
     walk: float | None = None,
@@ -145,12 +145,12 @@ def taken_once(
     walk (N/sqrt(s)): random walk of the tip force, see `problem_of`; found_better, widely,
     believed: see `take_frame`. widely=None searches widely only for the first frame of a belief.
     """
-    problem, cold = problem_of(bench, frame, before, walk), not before.frames
+    problem, cold = problem_of(model, frame, before, walk), not before.frames
     update = take_frame(
         problem,
         cold=cold,
         found_better=found_better,
-        force_read=bench.used(frame, before.causes).wrench is not None,
+        force_read=model.used(frame, before.causes).wrench is not None,
         widely=cold if widely is None else widely,
         believed=believed,
     )
@@ -158,7 +158,7 @@ def taken_once(
 
 
 def problem_of(
-    bench: Bench, frame: ReadFrame, belief: Belief, walk: float | None = None
+    model: PreparedModel, frame: ReadFrame, belief: Belief, walk: float | None = None
 ) -> FrameProblem:
     """Return the estimation problem of a frame: its measurements and the propagated prior.
 
@@ -167,27 +167,27 @@ def problem_of(
     that as evidence. A single frame does not determine the force on a swinging arm. There the
     force is a random walk of strength `walk` (N/sqrt(s)); None: the strength of its recent motion.
     """
-    bench = bench.of(belief.causes)
-    frame = bench.used(frame, belief.causes)
+    model = model.of(belief.causes)
+    frame = model.used(frame, belief.causes)
     instant = replace(frame.instant, std=0.0) if frame.alone else frame.instant
-    inputs = bench.inputs_at(instant, frame.wrench)
+    inputs = model.inputs_at(instant, frame.wrench)
     pressed = abs(instant.chamber - belief.chamber)
     pressed = 0.0 if frame.alone or not math.isfinite(pressed) else pressed
-    unknowns, size = bench.unknowns, bench.size_of(belief)
-    prior = bench.move(
+    unknowns, size = model.unknowns, model.size_of(belief)
+    prior = model.move(
         belief,
         frame.stamp_ns,
         pressed,
         noise=(inputs.moment_std, inputs.chamber_std),
         size=size,
         walk=unknowns.block(TipForce).free_walk
-        if walk is None and bench.swinging is None
+        if walk is None and model.swinging is None
         else walk,
     )
-    if bench.swinging is not None:
+    if model.swinging is not None:
         if frame.wrench is not None:  # a swing follows the force that is read
-            prior = bench.with_wrench(prior, frame.wrench, instant.gauge)
-        prior = swung_to(bench, belief, prior, frame, inputs)
+            prior = model.with_wrench(prior, frame.wrench, instant.gauge)
+        prior = swung_to(model, belief, prior, frame, inputs)
     growth = None
     seconds = seconds_between(belief.stamp_ns, frame.stamp_ns) if belief.frames else math.inf
     if frame.alone:
@@ -197,49 +197,49 @@ def problem_of(
     else:
         growth = ErrorGrowth(size=size, grown=unknowns.growth(seconds, pressed), seconds=seconds)
         if belief.unpressed:
-            prior = bench.without(prior, unknowns.at(PressureError))
-    if frame.wrench is not None and bench.swinging is None:
-        prior = bench.with_wrench(prior, frame.wrench, instant.gauge)
+            prior = model.without(prior, unknowns.at(PressureError))
+    if frame.wrench is not None and model.swinging is None:
+        prior = model.with_wrench(prior, frame.wrench, instant.gauge)
     left_out = None
     if prior.reference is not None:  # of this frame alone
         left_out = prior.root.shape[1]
         prior = replace(prior, root=with_columns(prior.root, ERRORS))
     sightings = frame.sightings
     return FrameProblem(
-        table=bench.table,
+        table=model.table,
         unknowns=unknowns,
-        settings=bench.settings,
+        settings=model.settings,
         prior=prior,
         growth=growth,
         inputs=inputs,
         sightings=sightings,
         used=np.isfinite(sightings.x) & np.isfinite(sightings.y),
-        swinging=bench.swinging,
-        late=None if bench.swinging is None or frame.wrench else belief.root.shape[1],
-        answered=1.0 if bench.swinging is None else bench.swinging.answered(seconds),
+        swinging=model.swinging,
+        late=None if model.swinging is None or frame.wrench else belief.root.shape[1],
+        answered=1.0 if model.swinging is None else model.swinging.answered(seconds),
         left_out=left_out,
     )
 
 
 def swung_to(
-    bench: Bench, before: Belief, moved: Belief, frame: ReadFrame, inputs: FrameInputs
+    model: PreparedModel, before: Belief, moved: Belief, frame: ReadFrame, inputs: FrameInputs
 ) -> Belief:
     """Return a belief propagated to a frame, with the swing of the arm."""
-    causes = bench.unknowns.causes_at(inputs)
-    contact = bench.held_contact(moved)
+    causes = model.unknowns.causes_at(inputs)
+    contact = model.held_contact(moved)
     bent = bend_arm(
-        bench.table,
+        model.table,
         inputs,
         causes @ moved.mean,
         before.solution,
-        bench.arm.target_arclength,
+        model.arm.target_arclength,
         quick=True,
         contact=contact,
     )
-    pulls = bench.pulled(frame.pulls, frame.instant.gauge)
+    pulls = model.pulled(frame.pulls, frame.instant.gauge)
     path = path_of(frame.before, pulls, before.stamp_ns, before.chamber, frame.instant)
     every = None
-    if bent.shape.converged and not bench.knows_force(moved):
-        every = causes_with_contact(bench.unknowns, causes, contact)
-    swung, _ = swung_on(bench.swinging, before, moved, bent, path, every)
+    if bent.shape.converged and not model.knows_force(moved):
+        every = causes_with_contact(model.unknowns, causes, contact)
+    swung, _ = swung_on(model.swinging, before, moved, bent, path, every)
     return replace(swung, solution=bent.solution if bent.shape.converged else before.solution)

@@ -13,11 +13,18 @@ import math
 
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.fusion.belief import Belief, CONTACT, first_belief, FORCE_SENSOR, MOTION, PRESSURE
-from pneunet_ros.fusion.bench import Bench
-from pneunet_ros.fusion.causes import Alternative, ANEW, Cause, CAUSES, CONTACTS, retaken
+from pneunet_ros.fusion.causes import (
+    Alternative,
+    Cause,
+    CAUSES,
+    CONTACTS,
+    RESET_RARITY,
+    take_again,
+)
+from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.fusion.readings import ReadFrame, SeenFrame
 from pneunet_ros.fusion.state import FusionState
-from pneunet_ros.fusion.taken_frame import taken_by, taken_once, TakenFrame
+from pneunet_ros.fusion.taken_frame import take_with_best_walk, take_with_walk, TakenFrame
 from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.tip_force import TipForce, Walk
 from pneunet_ros.measurement.inference.bank import Hypothesis, ranked
@@ -25,40 +32,40 @@ from pneunet_ros.measurement.inference.bank import Hypothesis, ranked
 FREE = 2.0  # chi squared by which a frame fits better, on average, with a force that is free
 
 
-def is_copy(bench: Bench, seen: SeenFrame, frame: ReadFrame) -> bool:
+def is_copy(model: PreparedModel, seen: SeenFrame, frame: ReadFrame) -> bool:
     """Whether a bit-identical frame is a copy, because the pressure has changed meanwhile."""
     pressed = abs(frame.instant.chamber - seen.chamber)
-    return not frame.alone and pressed > bench.settings.frozen * frame.instant.std
+    return not frame.alone and pressed > model.settings.frozen * frame.instant.std
 
 
-def take(bench: Bench, state: FusionState, frame: ReadFrame, before: Belief) -> TakenFrame:
+def take(model: PreparedModel, state: FusionState, frame: ReadFrame, before: Belief) -> TakenFrame:
     """Return the update of the leading hypothesis by a frame.
 
     If consecutive frames were not used, only a few of them are searched over all forces.
     """
     widely = is_due(state) or not before.frames
     found_better = state.search.found_better
-    return taken_by(bench, frame, before, found_better=found_better, widely=widely)
+    return take_with_best_walk(model, frame, before, found_better=found_better, widely=widely)
 
 
-def walk_told(taken: TakenFrame) -> Walk:
+def estimate_walk(taken: TakenFrame) -> Walk:
     """Return the walk of the tip force after a frame of an arm that swings."""
     walk, fit = taken.problem.prior.walk, taken.update.fit
-    told = None if fit is None else fit[0].walk_information(fit[1])
-    if told is None or not taken.before.frames:
+    information = None if fit is None else fit[0].walk_information(fit[1])
+    if information is None or not taken.before.frames:
         return replace(walk, taken=0.0)
     seconds = seconds_between(taken.before.stamp_ns, taken.frame.stamp_ns)
     force = taken.problem.unknowns.block(TipForce)
-    after = force.walk_told(walk, *told, seconds, taken.before.frames)
+    after = force.estimate_walk(walk, *information, seconds, taken.before.frames)
     return replace(after, taken=walk.recent)
 
 
-def with_walk_told(bench: Bench, taken: TakenFrame) -> Belief:
+def with_estimated_walk(model: PreparedModel, taken: TakenFrame) -> Belief:
     """Return the belief after a frame of a swinging arm, with its estimated random walk."""
     after = taken.after
-    if taken.update.belief is None or bench.of(after.causes).swinging is None:
+    if taken.update.belief is None or model.of(after.causes).swinging is None:
         return after
-    return replace(after, walk=walk_told(taken))
+    return replace(after, walk=estimate_walk(taken))
 
 
 def is_due(state: FusionState) -> bool:
@@ -70,7 +77,7 @@ def is_due(state: FusionState) -> bool:
 
 
 def weigh(
-    bench: Bench, state: FusionState, taken: TakenFrame
+    model: PreparedModel, state: FusionState, taken: TakenFrame
 ) -> tuple[tuple[Hypothesis[Belief], ...], TakenFrame]:
     """Return the likely hypotheses after a frame, and its update by the best one.
 
@@ -78,29 +85,29 @@ def weigh(
     """
     leading, *others = state.bank or (Hypothesis(belief=taken.before),)
     weighed = [(taken, leading.log_weight)]
-    by = taken_by if is_due(state) else taken_once
-    weighed += [(by(bench, taken.frame, one.belief), one.log_weight) for one in others]
+    by = take_with_best_walk if is_due(state) else take_with_walk
+    weighed += [(by(model, taken.frame, one.belief), one.log_weight) for one in others]
     best = best_of(weighed)
     if best[0].update.fit is not None or is_due(state):
-        touches = contacts_beside(bench, weighed, best)
+        touches = contact_alternatives(model, weighed, best)
         weighed += touches
-        if is_asked(bench, best[0], weighed, touches):
-            weighed += causes_beside(bench, state, weighed, best)
+        if should_test_causes(model, best[0], weighed, touches):
+            weighed += cause_alternatives(model, state, weighed, best)
     likeliest, _ = best_of(weighed)
     if likeliest.update.belief is None:  # nothing explains it: it says nothing
         return state.bank or (leading,), taken
-    weights = log_weights(bench, weighed, max(likeliest.cost_per_coordinate, 1.0))
-    after = [with_walk_told(bench, one) for one, _ in weighed]
+    weights = log_weights(model, weighed, max(likeliest.cost_per_coordinate, 1.0))
+    after = [with_estimated_walk(model, one) for one, _ in weighed]
     candidates = [
         Hypothesis(belief=belief, log_weight=weight)
         for belief, weight in zip(after, weights, strict=True)
     ]
-    settings = bench.settings
+    settings = model.settings
     bank = ranked(
         candidates,
         settings.bound,
         settings.most_hypotheses,
-        lambda one, other: is_same(bench, one, other),
+        lambda one, other: is_same(model, one, other),
     )
     bank = with_pressure_first(bank)
     led = next(which for which, belief in enumerate(after) if belief is bank[0].belief)
@@ -115,7 +122,7 @@ def with_pressure_first(bank: tuple[Hypothesis[Belief], ...]) -> tuple[Hypothesi
     """
     if PRESSURE not in bank[0].belief.causes:
         return bank
-    if any(one.is_alike and PRESSURE not in one.belief.causes for one in bank):
+    if any(one.is_about_as_likely and PRESSURE not in one.belief.causes for one in bank):
         return tuple(sorted(bank, key=lambda one: PRESSURE in one.belief.causes))
     return tuple(one for one in bank if PRESSURE in one.belief.causes)
 
@@ -126,21 +133,22 @@ def best_of(weighed: list[Alternative]) -> Alternative:
     return max(used or weighed, key=lambda one: one[1] + one[0].log_evidence)
 
 
-def log_weights(bench: Bench, weighed: list[Alternative], temper: float) -> list[float]:
+def log_weights(model: PreparedModel, weighed: list[Alternative], temper: float) -> list[float]:
     """Return the log weights after a frame.
 
     temper: divides the log evidence of a frame that no hypothesis fits well.
     """
-    swings = bench.moving is not None and any(MOTION in one.after.causes for one, _ in weighed)
+    swings = model.moving is not None and any(MOTION in one.after.causes for one, _ in weighed)
     weights = [
-        weight + (evidence_beside_swing(bench, one) if swings else one.log_evidence) / temper
+        weight
+        + (evidence_comparable_with_swing(model, one) if swings else one.log_evidence) / temper
         if one.update.belief is not None
         else -math.inf
         for one, weight in weighed
     ]
     used = [one.update.belief is not None for one, _ in weighed]
     rests = [
-        which for which, (one, _) in enumerate(weighed) if used[which] and is_open(bench, one)
+        which for which, (one, _) in enumerate(weighed) if used[which] and is_open(model, one)
     ]
     if not rests:
         return weights
@@ -150,12 +158,12 @@ def log_weights(bench: Bench, weighed: list[Alternative], temper: float) -> list
             gain = 0.5 * (weighed[contact][0].cost - one.cost - FREE)
             level = weights[contact] - weighed[contact][1]
             weights[which] = weight + level + gain / temper
-            if not one.after.touched and gain > -bench.settings.bound:
+            if not one.after.touched and gain > -model.settings.bound:
                 weights[which] = max(weights[which], weights[contact])
     return weights
 
 
-def evidence_beside_swing(bench: Bench, taken: TakenFrame) -> float:
+def evidence_comparable_with_swing(model: PreparedModel, taken: TakenFrame) -> float:
     """Return the log evidence of a frame, comparable with that of a swinging arm.
 
     Without a swing, the force is free from frame to frame, which reduces the evidence even under a
@@ -164,11 +172,11 @@ def evidence_beside_swing(bench: Bench, taken: TakenFrame) -> float:
     before = taken.before
     if MOTION in before.causes or not before.frames:
         return taken.log_evidence
-    steady = retaken(bench, taken, before, before.walk.recent)
+    steady = take_again(model, taken, before, before.walk.recent)
     return max(taken.log_evidence, steady.log_evidence)
 
 
-def is_open(bench: Bench, taken: TakenFrame) -> bool:
+def is_open(model: PreparedModel, taken: TakenFrame) -> bool:
     """Whether a contact relies on a force sensor that no frame has confirmed.
 
     The error of such a sensor may follow any law, so its reading is no evidence for a contact. A
@@ -176,41 +184,44 @@ def is_open(bench: Bench, taken: TakenFrame) -> bool:
     contact as long as it fits the frames nearly as well.
     """
     belief = taken.after
-    read = bench.used(taken.frame, belief.causes).wrench is not None
+    read = model.used(taken.frame, belief.causes).wrench is not None
     return (
         belief.touched
         and read
-        and not bench.settings.free_tip
-        and not bench.trusts_force(taken.before)
+        and not model.settings.free_tip
+        and not model.trusts_force(taken.before)
     )
 
 
-def contacts_beside(
-    bench: Bench, weighed: list[Alternative], best: Alternative
+def contact_alternatives(
+    model: PreparedModel, weighed: list[Alternative], best: Alternative
 ) -> list[Alternative]:
     """Return updates with a contact, and without one that may have ended."""
     taken = best[0]
-    if not CONTACTS.is_possible(bench, taken):
+    if not CONTACTS.is_possible(model, taken):
         return []
     if taken.before.touched:
         rest = taken.before.causes - {CONTACT}
         known = any(one.before.causes == rest for one, _ in weighed)
-        if known or CONTACTS.is_sure(bench, taken):
+        if known or CONTACTS.is_sure(model, taken):
             return []
     elif any(one.before.touched and not one.misfits for one, _ in weighed):
         return []  # it is where it was
-    return beside(bench, CONTACTS, best)
+    return with_cause(model, CONTACTS, best)
 
 
-def beside(bench: Bench, cause: Cause, base: Alternative) -> list[Alternative]:
+def with_cause(model: PreparedModel, cause: Cause, base: Alternative) -> list[Alternative]:
     """Return alternatives in which one cause is added to a hypothesis."""
     taken, weight = base
-    against = weight - cause.rarity * bench.settings.odds_against
-    return [(one, against + told) for one, told in cause.alternatives(bench, taken)]
+    against = weight - cause.rarity * model.settings.odds_against
+    return [(one, against + earlier) for one, earlier in cause.alternatives(model, taken)]
 
 
-def is_asked(
-    bench: Bench, taken: TakenFrame, weighed: list[Alternative], touches: list[Alternative]
+def should_test_causes(
+    model: PreparedModel,
+    taken: TakenFrame,
+    weighed: list[Alternative],
+    touches: list[Alternative],
 ) -> bool:
     """Whether to test causes other than the current hypothesis.
 
@@ -220,43 +231,46 @@ def is_asked(
     touched = any(one.after.touched for one, _ in touches)
     if touched or taken.misfits or taken.frame.pressure_still:
         return True
-    if is_open(bench, taken) and not any(FORCE_SENSOR in one.after.causes for one, _ in weighed):
+    if is_open(model, taken) and not any(FORCE_SENSOR in one.after.causes for one, _ in weighed):
         return True
-    if bench.size_of(taken.after) > bench.settings.most_lacking:
+    if model.size_of(taken.after) > model.settings.most_model_error:
         return True
-    return any(is_told(bench, cause, taken.after) for cause in CAUSES)
+    return any(is_indicated(model, cause, taken.after) for cause in CAUSES)
 
 
-def is_told(bench: Bench, cause: Cause, belief: Belief) -> bool:
+def is_indicated(model: PreparedModel, cause: Cause, belief: Belief) -> bool:
     """Whether all frames together make a cause more likely than not."""
     if cause.name in belief.causes:
         return False
-    return cause.is_told(bench, belief) > cause.rarity * bench.settings.odds_against
+    return cause.log_odds_so_far(model, belief) > cause.rarity * model.settings.odds_against
 
 
-def causes_beside(
-    bench: Bench, state: FusionState, weighed: list[Alternative], best: Alternative
+def cause_alternatives(
+    model: PreparedModel, state: FusionState, weighed: list[Alternative], best: Alternative
 ) -> list[Alternative]:
     """Return updates with each possible cause, and with a reset belief if frames are lost."""
     base = without_touch(weighed, best)
-    found = all_beside(bench, base)
-    if state.counts.lost >= bench.settings.frames_lost and best_of([*weighed, *found])[0].misfits:
+    found = all_alternatives(model, base)
+    if state.counts.lost >= model.settings.frames_lost and best_of([*weighed, *found])[0].misfits:
         taken, weight = base
-        unknowns = bench.of(state.lasting).unknowns
+        unknowns = model.of(state.lasting).unknowns
         first = first_belief(unknowns, taken.frame.stamp_ns, state.lasting)
-        anew = retaken(bench, taken, first), weight - ANEW * bench.settings.odds_against
-        found += [anew, *all_beside(bench, anew)]
+        restarted = (
+            take_again(model, taken, first),
+            weight - RESET_RARITY * model.settings.odds_against,
+        )
+        found += [restarted, *all_alternatives(model, restarted)]
     return found
 
 
-def all_beside(bench: Bench, base: Alternative) -> list[Alternative]:
+def all_alternatives(model: PreparedModel, base: Alternative) -> list[Alternative]:
     """Return alternatives in which any one possible cause is added to a hypothesis."""
     taken = base[0]
     return [
         one
         for cause in CAUSES
-        if cause.name not in taken.before.causes and cause.is_possible(bench, taken)
-        for one in beside(bench, cause, base)
+        if cause.name not in taken.before.causes and cause.is_possible(model, taken)
+        for one in with_cause(model, cause, base)
     ]
 
 
@@ -269,10 +283,10 @@ def without_touch(weighed: list[Alternative], best: Alternative) -> Alternative:
     return next((one for one in weighed if one[0].after.causes == causes), best)
 
 
-def is_same(bench: Bench, one: Belief, other: Belief) -> bool:
+def is_same(model: PreparedModel, one: Belief, other: Belief) -> bool:
     """Whether two hypotheses are the same: equal causes, and a contact at the same place."""
     if one.causes != other.causes:
         return False
-    place = bench.unknowns.at(Push).stop - 1
+    place = model.unknowns.at(Push).stop - 1
     apart = abs(float(one.mean[place] - other.mean[place]))
-    return apart <= bench.settings.contact_apart * bench.arm.length
+    return apart <= model.settings.contact_apart * model.arm.length

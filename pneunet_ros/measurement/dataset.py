@@ -351,8 +351,8 @@ def frames_in_jumps(
     changes = np.abs(np.diff(pressure))
     noise = SIGMA_OF_MEDIAN * float(np.median(np.abs(np.diff(pressure, 2)))) / np.sqrt(6.0)
     padded = np.pad(changes, 1)
-    beside = np.maximum(padded[:-2], padded[2:])
-    jumped = changes > settings.neighbors * beside
+    neighbors_change = np.maximum(padded[:-2], padded[2:])
+    jumped = changes > settings.neighbors * neighbors_change
     jumped &= changes > max(settings.noise * noise, settings.span * float(np.ptp(pressure)))
     after = np.clip(np.searchsorted(stamp_ns, shown), 1, len(stamp_ns) - 1)
     apart = np.maximum(stamp_ns[after] - stamp_ns[after - 1], 1)

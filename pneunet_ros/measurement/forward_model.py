@@ -281,10 +281,10 @@ class ForwardModel:
         """
         sides = []
         for inputs in (low, high):
-            beside = self.subset(np.arange(len(inputs.loads)))
-            solved = beside.solve(arm, inputs)
-            moved = beside.points.reshape(len(solved), -1)
-            side = np.column_stack([moved, beside.fields[:, THETA, -1]])
+            stepped = self.subset(np.arange(len(inputs.loads)))
+            solved = stepped.solve(arm, inputs)
+            moved = stepped.points.reshape(len(solved), -1)
+            side = np.column_stack([moved, stepped.fields[:, THETA, -1]])
             sides.append(np.where(solved[:, None], side, np.nan))
         return sides[1] - sides[0]
 
@@ -294,9 +294,9 @@ class ForwardModel:
         for step in np.diag(LOAD_STEP * arm.weight * np.array([1.0, 1.0, arm.length])):
             sides = []
             for sign in (-1.0, 1.0):
-                beside = self.subset(frames)
-                beside.solve(arm, inputs.with_loads(inputs.loads + sign * step))
-                sides.append(beside.fields)
+                stepped = self.subset(frames)
+                stepped.solve(arm, inputs.with_loads(inputs.loads + sign * step))
+                sides.append(stepped.fields)
             by_load.append((sides[1] - sides[0]) / (2.0 * step.sum()))
         return np.stack(by_load, axis=1)
 

@@ -69,7 +69,7 @@ def innovation(
 
 @kernel
 def compare_targets(
-    beside: Array,
+    residuals: Array,
     white: Array,
     seen: Indices,
     placed: Array,
@@ -82,9 +82,9 @@ def compare_targets(
 ) -> tuple[float, float]:
     """Compute `innovation`; returns chi squared of all coordinates seen, and that of the tip.
 
-    beside (2, targets) m: measured minus predicted; white (targets,) m: one sigma of each target;
-    seen: which were; placed, placed_std: as of PredictedTargets; placement_std, camera_std m: one
-    sigma of where others are painted, and of the camera; errors (n, 2, targets) m; share
+    residuals (2, targets) m: measured minus predicted; white (targets,) m: one sigma of each
+    target; seen: which were; placed, placed_std: as of PredictedTargets; placement_std, camera_std
+    m: one sigma of where others are painted, and of the camera; errors (n, 2, targets) m; share
     (targets,). Fills at_targets (targets,).
     """
     count, sources = seen.size, len(errors)
@@ -105,7 +105,7 @@ def compare_targets(
         for axis in range(2):
             for i in range(count):
                 place, k = seen[i], axis * count + i
-                residual[k] = beside[axis, place] - rival * placed[axis, place]
+                residual[k] = residuals[axis, place] - rival * placed[axis, place]
                 own = placed_std[place] if rival else placement_std
                 std[k] = max(math.hypot(white[place], own), SMALLEST_STD)
                 cost += 2.0 * math.log(std[k])
@@ -117,13 +117,13 @@ def compare_targets(
         own = placed_std[place] if likelier else placement_std
         variance = max(math.hypot(white[place], own), SMALLEST_STD) ** 2
         at_targets[place] = 0.5 * distance_in_plane(
-            beside[0, place] - likelier * placed[0, place],
-            beside[1, place] - likelier * placed[1, place],
+            residuals[0, place] - likelier * placed[0, place],
+            residuals[1, place] - likelier * placed[1, place],
             columns[:, i].copy(),
             columns[:, count + i].copy(),
             variance,
         )
-    return chi_square, tip_distance(beside, white, seen, placed, placed_std, errors, share)
+    return chi_square, tip_distance(residuals, white, seen, placed, placed_std, errors, share)
 
 
 @inner
@@ -201,7 +201,7 @@ def distance_in_plane(x: float, y: float, by_x: Array, by_y: Array, variance: fl
 
 @inner
 def tip_distance(
-    beside: Array,
+    residuals: Array,
     white: Array,
     seen: Indices,
     placed: Array,
@@ -239,8 +239,8 @@ def tip_distance(
         weight = 0.0
         for j in range(3):
             weight += bend(s, j) * tip[j, 0] / std**2
-        x += weight * (beside[0, place] - placed[0, place])
-        y += weight * (beside[1, place] - placed[1, place])
+        x += weight * (residuals[0, place] - placed[0, place])
+        y += weight * (residuals[1, place] - placed[1, place])
         noise += (weight * std) ** 2
         for source in range(sources):
             by_x[source] += weight * errors[source, 0, place]

@@ -133,7 +133,7 @@ def predict(
         inputs=inputs,
         fields=fields,
         points=model.points.copy(),
-        disturbance=in_plane(targets.beside) + camera_path(run, disturbance),
+        disturbance=in_plane(targets.displacement) + camera_path(run, disturbance),
         whitened=np.zeros(len(solved)),
         dof=np.zeros(len(solved), dtype=np.int64),
         solved=solved,

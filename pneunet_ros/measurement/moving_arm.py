@@ -111,7 +111,7 @@ class MotionEstimate:
     left_out: float
     modes: functools.partial[Modes | None]
 
-    def beside(self, places: Places) -> Array:
+    def deviation(self, places: Places) -> Array:
         """Return the deviation of x, y (m), theta (rad) from equilibrium, (3, places)."""
         return np.asarray(self.at_nodes[:3] @ places.nodes)
 
@@ -447,12 +447,12 @@ def unloaded_modes(arm: Arm) -> Modes | None:
     return None if shape.stable is not True else vibration(arm, shape, SHAPES)
 
 
-def is_settled(beside: Array, swing: Array, covariance: Array) -> bool:
+def is_settled(deviation: Array, swing: Array, covariance: Array) -> bool:
     """Whether the tip is at rest in its equilibrium, within its uncertainty.
 
-    beside (2,) m: offset from the equilibrium; swing (2,) m: amplitude due to the present velocity
-    if the equilibrium stopped; covariance (3, 3): of the tip. Both together must be within 1.96
+    deviation (2,) m: from the equilibrium; swing (2,) m: amplitude due to the present velocity if
+    the equilibrium stopped; covariance (3, 3): of the tip. Both together must be within 1.96
     standard deviations of its position, like 95 % of the reading errors.
     """
-    far = beside @ beside + swing @ swing
+    far = deviation @ deviation + swing @ swing
     return bool(far <= WITHIN_95**2 * (covariance[0, 0] + covariance[1, 1]))

@@ -18,11 +18,12 @@ Complex = npt.NDArray[np.complex128]
 class PaintedTargets:
     """Offsets of targets from their nominal positions, x + i y (.., targets) m in the base frame.
 
-    by_theta (m), by_curvature (m^2): derivatives of `beside` by angle and curvature of the arm at
-    the target; by_along, by_across (-): derivatives by the placement along and across the arm.
+    by_theta (m), by_curvature (m^2): derivatives of `displacement` by angle and curvature of the
+    arm at the target; by_along, by_across (-): derivatives by the placement along and across the
+    arm.
     """
 
-    beside: Complex
+    displacement: Complex
     by_theta: Complex
     by_curvature: Complex
     by_along: Complex
@@ -55,11 +56,11 @@ def paint(theta: Array, curvature: Array, placement: Array) -> PaintedTargets:
     """
     along, across = placement
     chord, heading = along_the_arc(theta, curvature, along)
-    beside = chord + 1j * heading * across
+    displacement = chord + 1j * heading * across
     half = np.exp(1j * (theta + 0.5 * curvature * along))
     return PaintedTargets(
-        beside=beside,
-        by_theta=1j * beside,
+        displacement=displacement,
+        by_theta=1j * displacement,
         by_curvature=0.5j * along * chord - heading * along * across,
         by_along=half * (1.0 + 0.5j * curvature * along) - curvature * across * heading,
         by_across=1j * heading,
@@ -67,7 +68,7 @@ def paint(theta: Array, curvature: Array, placement: Array) -> PaintedTargets:
 
 
 def painted_at(theta: Array, curvature: Array, placement: Array) -> Complex:
-    """Return `beside` of `paint` alone, (.., targets) m."""
+    """Return `displacement` of `paint` alone, (.., targets) m."""
     along, across = placement
     chord, heading = along_the_arc(theta, curvature, along)
     return np.asarray(chord + 1j * heading * across)

@@ -71,7 +71,7 @@ def predict_targets(
     errors = np.concatenate([linear, further[None]])
     x, y = arm.see(true_x, true_y)
     share = arm.target_arclength / max(float(arm.target_arclength[-1]), 1e-12)
-    placed, placed_std = painted_beside(arm, theta, curvature)
+    placed, placed_std = target_displacement(arm, theta, curvature)
     return PredictedTargets(
         x=x,
         y=y,
@@ -90,7 +90,7 @@ def seen_targets(arm: Arm, sensitivity: Sensitivity) -> tuple[Array, Array]:
     return arm.see(true_x, true_y)
 
 
-def painted_beside(arm: Arm, theta: Array, curvature: Array) -> tuple[Array, Array]:
+def target_displacement(arm: Arm, theta: Array, curvature: Array) -> tuple[Array, Array]:
     """Return the misplacement of targets (.., 2, targets) m, and its std (targets,) m.
 
     theta (rad), curvature (1/m), both (.., targets): of the arm at their places. Both are from the
@@ -100,9 +100,9 @@ def painted_beside(arm: Arm, theta: Array, curvature: Array) -> tuple[Array, Arr
     if known is None:
         nothing = np.zeros((*theta.shape[:-1], 2, theta.shape[-1]))
         return nothing, np.full(theta.shape[-1], arm.sensors.placement_std)
-    beside = painted_at(theta, curvature, known.mean.reshape(2, -1))
+    displacement = painted_at(theta, curvature, known.mean.reshape(2, -1))
     std = np.sqrt(np.mean(known.std.reshape(2, -1) ** 2, axis=0))
-    return in_plane(beside) + known.origin[:, None], std
+    return in_plane(displacement) + known.origin[:, None], std
 
 
 def target_jacobian(table: PerturbationTable, sensitivity: Sensitivity) -> Array:

@@ -84,10 +84,10 @@ def probable_load_errors(
         solved = model.solve(arm, inputs.with_loads(inputs.loads + shift))
         shift[read & ~solved] = 0.0
         there = distance_to_targets(model, measured)
-        gone = np.flatnonzero((there > far) & (settings.nearer * there > here))
-        if gone.size:  # a step too far: over the edge where it snaps
-            shift[gone] = before[gone]
-            model.at_solutions(from_here.subset(gone), gone)
+        overshot = np.flatnonzero((there > far) & (settings.nearer * there > here))
+        if overshot.size:  # a step too far: over the edge where it snaps
+            shift[overshot] = before[overshot]
+            model.at_solutions(from_here.subset(overshot), overshot)
             model.solve(arm, inputs.with_loads(inputs.loads + shift))
     return shift
 
@@ -114,14 +114,14 @@ def shift_where_seen(
     now = inputs.subset(snapped)
     for angle in np.arange(DIRECTIONS) * (2.0 * np.pi / DIRECTIONS):
         aside = settings.around * std[snapped] * [np.cos(angle), np.sin(angle), 0.0]
-        beside = model.subset(snapped)
-        beside.known[:] = False  # from the measured shape
-        beside.solve(arm, now.with_loads(now.loads + aside))
-        there = distance_to_targets(beside, measured[snapped])
+        stepped = model.subset(snapped)
+        stepped.known[:] = False  # from the measured shape
+        stepped.solve(arm, now.with_loads(now.loads + aside))
+        there = distance_to_targets(stepped, measured[snapped])
         better = there < limit
         limit = np.where(better, there, limit)
         shift[snapped[better]] = aside[better]
-        model.at_solutions(beside.subset(np.flatnonzero(better)), snapped[better])
+        model.at_solutions(stepped.subset(np.flatnonzero(better)), snapped[better])
     model.solve(arm, inputs.with_loads(inputs.loads + shift))
     return shift
 

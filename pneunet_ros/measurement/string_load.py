@@ -20,7 +20,7 @@ def with_string(run: RecordingData, arm: Arm, string: String) -> tuple[Recording
     Those frames are left out. Raises RecordingError if no frame shows the tip, and RequestError if
     the eye lies on the arm.
     """
-    string.check_beside(run.x, run.y, radius_of(arm))
+    string.check_clearance(run.x, run.y, radius_of(arm))
     places, points = arm.target_arclength, run.points
     tips = tips_of(points, places, arm.reach)
     if run.tip_pose is not None:

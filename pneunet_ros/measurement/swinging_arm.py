@@ -112,7 +112,7 @@ class Reference:
 class Swung:
     """Deviation of an arm from equilibrium at some positions, and its derivatives.
 
-    links: of the equilibrium. Rows: x, y (m), theta (rad), curvature (1/m). beside (4, places);
+    links: of the equilibrium. Rows: x, y (m), theta (rad), curvature (1/m). deviation (4, places);
     by_link (links, 4, places): per rotation of each link of the equilibrium, at constant shape
     coordinates; by_shape (shapes, 4, places); moment (places,) N m relative to the equilibrium.
     at_tip (shapes, 2) m: of the tip; left_out (ERRORS, 2, places) m: one sigma. along (2, links +
@@ -121,7 +121,7 @@ class Swung:
     """
 
     links: Links
-    beside: Array
+    deviation: Array
     by_link: Array
     by_shape: Array
     moment: Array
@@ -132,8 +132,8 @@ class Swung:
 
     def shape(self, equilibrium: Shape) -> Shape:
         """Return the shape of the arm, at the points of its equilibrium."""
-        bent = np.stack([self.beside[3], self.moment])
-        return moved_shape(equilibrium, self.beside[:3], bent)
+        bent = np.stack([self.deviation[3], self.moment])
+        return moved_shape(equilibrium, self.deviation[:3], bent)
 
     def moves(self, headings: Array) -> Array:
         """Return the derivatives of the deviation from equilibrium, (causes, 4, places).
@@ -206,13 +206,13 @@ class SwingingArm:
         compliance[0] = compliance[1]  # the first stands for half a link, and for the clamp
         bent = moments * compliance * LINKS / self.moving.arm.reach
         shapes[:, 3] = bent @ at_joints[:-1]
-        beside = np.empty((4, at_nodes.shape[1]))
-        beside[:3], beside[3] = nodes @ at_nodes, q @ shapes[:, 3]
+        deviation = np.empty((4, at_nodes.shape[1]))
+        deviation[:3], deviation[3] = nodes @ at_nodes, q @ shapes[:, 3]
         by_link = -np.tensordot(reference.projection.T, shapes, axes=1)
         by_link[:, :2] += np.tensordot(along - still, at_nodes, axes=(1, 0)).transpose(1, 0, 2)
         return Swung(
             links=links,
-            beside=beside,
+            deviation=deviation,
             by_link=by_link,
             by_shape=shapes,
             moment=q @ moments @ at_joints[:-1],
@@ -285,7 +285,7 @@ class SwingingArm:
         if old is None or since is None:
             return moved, reference, moving
         if not np.hypot(*moving.at_nodes[:2, -1]) < 2.0 * self.moving.arm.length:
-            return self.begun_anew(moved), replace(reference, lost=True), moving
+            return self.with_restarted_swing(moved), replace(reference, lost=True), moving
         seconds = seconds_between(old_ns, stamp_ns)
         early, on = responses_to(rates, seconds)
         pull = (np.eye(len(on)) - on)[:, Q_ROWS] @ np.linalg.inv(-rates[P_ROWS, Q_ROWS])
@@ -334,7 +334,7 @@ class SwingingArm:
         start.state[P] = swing[P_ROWS]
         return MovingState(stamp_ns=stamp_ns, links=links, swing=start, turned=old.turned)
 
-    def begun_anew(self, known: Known) -> Known:
+    def with_restarted_swing(self, known: Known) -> Known:
         """Return the belief with the swing reset to an uninformed prior."""
         return forget(known, self.part(Motion.SWING), self.start)
 

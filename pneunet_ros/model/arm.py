@@ -266,16 +266,16 @@ class Arm:
         knots = self.length * self.intrinsic_curvature.arclength
         return np.append(knots, self.reach) if self.tip_cap else knots
 
-    def add_gravity(self, sections: Array, clamp: Array, beside: Array) -> None:
+    def add_gravity(self, sections: Array, clamp: Array, change: Array) -> None:
         """Add to rod records the weight for a gravity direction other than that of the arm.
 
-        beside (n, 2): difference of gravity, in g.
+        change (n, 2): difference of gravity, in g.
         """
         soft = sections[:, : sections.shape[1] - 1] if self.tip_cap else sections
         for part, column, end in ((0, LOAD_X, END_X), (1, LOAD_Y, END_Y)):
-            soft[:, :, column] += self.weight / self.length * beside[:, part, None]
+            soft[:, :, column] += self.weight / self.length * change[:, part, None]
             if self.inertia is not None:
-                clamp[:, end] += self.inertia.tip_mass * STANDARD_GRAVITY * beside[:, part]
+                clamp[:, end] += self.inertia.tip_mass * STANDARD_GRAVITY * change[:, part]
 
     def on_knots(self, rotation: Array) -> Array:
         """Return rotation (..., pieces, 5) of the soft part on all knots; the cap is straight."""
@@ -473,7 +473,7 @@ class Arm:
         sections, rotation = self.table.at(pressure)
         clamp = np.tile(self.clamp_record, (pressure.size, 1))
         if gravity is not None:
-            self.add_gravity(sections, clamp, self.gravity.beside(gravity))
+            self.add_gravity(sections, clamp, self.gravity.difference(gravity))
         record = Record.without_pushes(sections, clamp, rotation)
 
         def mixed(weights: Array) -> Array:

@@ -47,7 +47,7 @@ class Gravity:
         """Whether only a sensor or a frame gives the direction of gravity."""
         return self.source not in ('', FIXED)
 
-    def beside(self, measured: Array) -> Array:
+    def difference(self, measured: Array) -> Array:
         """Return the difference of gravity (..., 2), in g, from this one."""
         return np.asarray(measured - np.array([self.x, self.y]))
 

@@ -274,7 +274,7 @@ class PerturbationTable:
         gravity = gravity_of(load, 1)
         if gravity is not None:
             # Of the arm itself also for its neighbors: their error is one of what was measured.
-            gravity, clamp = arm.gravity.beside(gravity), clamp.copy()
+            gravity, clamp = arm.gravity.difference(gravity), clamp.copy()
             for side, one in enumerate(self.sides):
                 own = slice(side, side + 1)
                 one.add_gravity(sections[own], clamp[own], gravity)

@@ -52,7 +52,7 @@ class String:
         along = way / length
         return np.asarray(self.tension / length * (np.outer(along, along) - np.eye(2)))
 
-    def check_beside(self, x: Array, y: Array, radius: float) -> None:
+    def check_clearance(self, x: Array, y: Array, radius: float) -> None:
         """Reject an eye on an arm: nearer than a radius (m) to the line through points (m).
 
         x, y: (places,), or (shapes, places) of several shapes.
@@ -98,12 +98,12 @@ def solve_string(
     The direction follows the tip, by Newton's method with the compliance of the tip; the tension
     is increased in smaller steps if this does not converge.
     """
-    beside = np.array(force)
+    other_force = np.array(force)
     shape = solve(arm, pressure, force, moment)
     share, step, steps = 0.0, 1.0, 0
     while shape.converged and share < 1.0 and steps < MOST_STEPS:
         pulled = String(tension=min(share + step, 1.0) * string.tension, x=string.x, y=string.y)
-        found, used = settle(arm, pressure, pulled, beside, moment, shape)
+        found, used = settle(arm, pressure, pulled, other_force, moment, shape)
         steps += used
         if found is not None:
             shape, share = found, share + step
@@ -112,7 +112,7 @@ def solve_string(
         else:
             step *= 0.5
     if shape.converged:
-        string.check_beside(shape.x, shape.y, radius_of(arm))
+        string.check_clearance(shape.x, shape.y, radius_of(arm))
     if shape.converged and share < 1.0:
         near = math.hypot(string.x, string.y) <= arm.reach
         raise RequestError(
@@ -129,19 +129,19 @@ def settle(
     arm: Arm,
     pressure: float,
     string: String,
-    beside: Array,
+    other_force: Array,
     moment: float,
     start: Shape,
 ) -> tuple[Shape | None, int]:
     """Iterate from a nearby shape until the force is that of the string; count the steps."""
     shape = start
-    force = beside + string.pull(np.array(shape.tip[:2]))
+    force = other_force + string.pull(np.array(shape.tip[:2]))
     for step in range(1, 1 + MOST_STEPS // 3):
         shape = solve(arm, pressure, (force[0], force[1]), moment, shape)
         if not shape.converged:
             return None, step
         tip = np.array(shape.tip[:2])
-        off = beside + string.pull(tip) - force
+        off = other_force + string.pull(tip) - force
         if float(np.hypot(*off)) <= EXACT * string.tension:
             return shape, step
         per_force = tip_jacobian(arm, shape)[:2, 1:3]

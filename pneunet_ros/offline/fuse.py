@@ -9,7 +9,7 @@ from typing import Any
 
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.estimation.base_gravity import GravitySource
-from pneunet_ros.fusion.belief_estimate import OF_THE_BENCH
+from pneunet_ros.fusion.belief_estimate import SETUP_PROBLEMS
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.health import FusionHealth
@@ -155,7 +155,7 @@ class FusionTally:
     ambiguous: int = 0
     contacts: list[int] = field(default_factory=lambda: [0, 0])
     beyond: int = 0
-    said: dict[str, int] = field(default_factory=lambda: dict.fromkeys(OF_THE_BENCH, 0))
+    said: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SETUP_PROBLEMS, 0))
 
     def count(self, step: FusionStep) -> None:
         """Count one step."""

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze, LARGEST
 from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.notes import Note
-from pneunet_ros.core.stamps import AHEAD, match_stamps, StampGate, Stamps, STARTS_ANEW
+from pneunet_ros.core.stamps import AHEAD, match_stamps, RESTARTED, StampGate, Stamps
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.messages.builders import IMAGE_TYPE, Input, UNREADABLE
 from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
@@ -35,7 +35,7 @@ REASONS = {
     'duplicate': 'with the same stamp as the one before',
     'older': 'older than the one before',
     AHEAD: 'stamped ahead of time',
-    STARTS_ANEW: 'on the other side of a jump back in time',
+    RESTARTED: 'on the other side of a jump back in time',
 }
 
 
@@ -179,20 +179,20 @@ def _in_order(
             reason = 'not_finite'
         else:
             reason, _ = gate.fault(sensor.label, stamp_ns)
-        if reason == STARTS_ANEW:
+        if reason == RESTARTED:
             stretches.append([])
         elif reason:
             counts[reason] += 1
         if reason == AHEAD:  # the last one was, not this one
             stretches[-1].pop()
-        elif reason and reason != STARTS_ANEW:
+        elif reason and reason != RESTARTED:
             continue
         gate = gate.after(stamp_ns)
         stretches[-1].append(index)
     kept = max(stretches, key=len)
     jumped = sum(len(stretch) for stretch in stretches) - len(kept)
     if jumped:
-        counts[STARTS_ANEW] = jumped
+        counts[RESTARTED] = jumped
     shape = rows[0].shape if rows else sensor.row_shape(0)
     return ReadingSeries(
         sensor=sensor,

@@ -41,7 +41,7 @@ class Response(NamedTuple):
     node_changes: Array
 
 
-class Beside(NamedTuple):
+class SideNodes(NamedTuple):
     """The rods on both sides of a solution: panels, nodes and rotation (2, ...)."""
 
     panels: Array
@@ -49,7 +49,7 @@ class Beside(NamedTuple):
     rotation: Array
 
     @classmethod
-    def of(cls, response: Response) -> Beside:
+    def of(cls, response: Response) -> SideNodes:
         """Return storage for the rods on both sides of a solution."""
         return cls(
             panels=np.empty((2, *response.panels.shape)),
@@ -123,7 +123,7 @@ def solve_sides(
     steps: Array,
     most_iterations: int,
     tolerance: float,
-    beside: Beside,
+    sides: SideNodes,
 ) -> int:
     """Solve the rods on both sides of a solution; returns the index of the step, or -1.
 
@@ -140,7 +140,7 @@ def solve_sides(
     count = len(panels)
     panel_way, node_way = np.zeros_like(panels), np.zeros_like(nodes)
     rotation_way = np.zeros_like(rotation)
-    end_way, ends_beside = np.zeros_like(ends), np.empty_like(ends)
+    end_way, side_ends = np.zeros_like(ends), np.empty_like(ends)
     add_changes(direction, col.LOADS, response.panel_changes, panel_way)
     add_changes(direction, FIRST_LOAD, response.node_changes, node_way)
     add_changes(direction, col.LOADS, response.rotation_changes, rotation_way)
@@ -166,14 +166,14 @@ def solve_sides(
         for side in range(2):
             share = step if side else -step
             for i in range(ends.size):
-                ends_beside[i] = ends[i] + share * end_way[i]
-            move(panels, share, panel_way, beside.panels[side])
-            move(nodes, share, node_way, beside.nodes[side])
-            move(rotation, share, rotation_way, beside.rotation[side])
+                side_ends[i] = ends[i] + share * end_way[i]
+            move(panels, share, panel_way, sides.panels[side])
+            move(nodes, share, node_way, sides.nodes[side])
+            move(rotation, share, rotation_way, sides.rotation[side])
             both = both and settle(
-                beside.panels[side],
-                ends_beside,
-                beside.nodes[side],
+                sides.panels[side],
+                side_ends,
+                sides.nodes[side],
                 step * turned,
                 kind,
                 most_iterations,
@@ -186,7 +186,7 @@ def solve_sides(
 
 @kernel
 def second_difference(
-    response: Response, beside: Beside, arclength: Array, factor: float, out: Array
+    response: Response, sides: SideNodes, arclength: Array, factor: float, out: Array
 ) -> None:
     """Set out (3, n) to factor (r(+) + r(-) - 2 r(0)): x, y, theta at increasing places (m)."""
     knots, fields = response.knots, np.empty((col.FIELD_COUNT, arclength.size))
@@ -195,7 +195,7 @@ def second_difference(
         for i in range(arclength.size):
             out[field, i] = -2.0 * fields[field, i]
     for side in range(2):
-        panels, nodes, rotation = beside.panels[side], beside.nodes[side], beside.rotation[side]
+        panels, nodes, rotation = sides.panels[side], sides.nodes[side], sides.rotation[side]
         at_stations(panels, nodes, knots, rotation, arclength, fields)
         for field in range(len(out)):
             for i in range(arclength.size):

@@ -400,7 +400,7 @@ def go_on(
 
 
 @inner
-def put_beside(links: Links, q: Array, turns: Array, at_nodes: Array) -> None:
+def add_deviation(links: Links, q: Array, turns: Array, at_nodes: Array) -> None:
     """Fill the first rows of at_nodes of `follow_swing`: the displacement by q."""
     count, size = q.size, links.heading.size
     at_nodes[0, 0], at_nodes[1, 0], at_nodes[2, 0] = 0.0, 0.0, 0.0
@@ -479,7 +479,7 @@ def follow_series(
                     for a in range(count):
                         state[row, a] = 0.0
             slopes(state, 0.0, 1.0, after, after, masses, damping_time, moments, room, room.rates)
-        put_beside(after, state[Q], room.turns, at_nodes[which])
+        add_deviation(after, state[Q], room.turns, at_nodes[which])
         for i in range(links):
             before.heading[i], before.length[i] = after.heading[i], after.length[i]
             before.compliance[i] = after.compliance[i]
@@ -533,7 +533,7 @@ def follow_swing(
                 at_nodes[3 + 3 * a + axis, i] = 0.0 if i == 0 else room.way[1 + a, axis, i - 1]
             turns = room.turns[1 + a, min(i, links) - 1] if i else 0.0
             at_nodes[5 + 3 * a, i] = turns
-    put_beside(after, q, room.turns, at_nodes)
+    add_deviation(after, q, room.turns, at_nodes)
     reach = 0.0
     for p in range(len(panels)):
         reach += panels[p, col.PANEL_LENGTH]

@@ -14,7 +14,7 @@ from pneunet_ros.core.errors import CameraError, ModelError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import TargetSightings, unseen_targets
-from pneunet_ros.core.stamps import AHEAD, count_reason, StampGate, STARTS_ANEW
+from pneunet_ros.core.stamps import AHEAD, count_reason, RESTARTED, StampGate
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.vision.camera.camera_model import Lens
@@ -475,7 +475,7 @@ class Tracker:
     def _admitted(self, state: TrackerState, image: Image) -> tuple[TrackerState, Refusal | None]:
         """Whether an image can be processed; it may reset the tracker."""
         reason, sentence = state.stamps.fault('image', image.stamp_ns)
-        if reason == STARTS_ANEW:
+        if reason == RESTARTED:
             state, reason = self.reset(state), ''
         elif reason == AHEAD:  # what moved since is not known, where the camera is has not changed
             state, reason = replace(state, row=None).count_rejected(AHEAD), ''

@@ -59,7 +59,7 @@ def estimated(fusion: Fusion, state: FusionState) -> FusedEstimate:
 
 
 def test_at_the_stamp_of_a_frame_the_force_is_that_of_the_belief(fusion, known):
-    found, tip = estimated(fusion, known), fusion.bench.unknowns.at(TipForce)
+    found, tip = estimated(fusion, known), fusion.model.unknowns.at(TipForce)
     root = known.belief.root[tip]
     assert found.force == pytest.approx(known.belief.mean[tip], rel=1e-12)
     assert found.force_covariance == pytest.approx(root @ root.T, rel=1e-9)
@@ -70,7 +70,7 @@ def test_at_the_stamp_of_a_frame_the_force_is_that_of_the_belief(fusion, known):
 
 @pytest.mark.parametrize('odds', [1.0, 0.1, 1e-3])
 def test_another_hypothesis_widens_the_errors_by_its_odds(fusion, known, odds):
-    tip, apart = fusion.bench.unknowns.at(TipForce), np.array([4e-3, -6e-3])
+    tip, apart = fusion.model.unknowns.at(TipForce), np.array([4e-3, -6e-3])
     mean = known.belief.mean.copy()
     mean[tip] += apart
     rival = Hypothesis(belief=replace(known.belief, mean=mean), log_weight=np.log(odds))
@@ -82,7 +82,7 @@ def test_another_hypothesis_widens_the_errors_by_its_odds(fusion, known, odds):
     wider = both.force_covariance - alone.force_covariance
     assert wider == pytest.approx(odds * np.outer(apart, apart), abs=1e-12)
     wider = both.estimate.tip_covariance - alone.estimate.tip_covariance
-    off = fusion.bench.arm.sensors.target_std  # a force of 7 mN moves the tip by more
+    off = fusion.model.arm.sensors.target_std  # a force of 7 mN moves the tip by more
     assert np.trace(wider) > odds * off**2
 
 
@@ -103,19 +103,19 @@ def test_an_estimate_that_holds_another_shape_is_its_second_moment(fusion, known
 
 def test_a_shape_seen_by_a_camera_that_did_not_move_is_turned_and_shifted(fusion, known):
     shape, mean = solve(fusion.arm, PRESSURE), known.belief.mean.copy()
-    place = mean[fusion.bench.unknowns.at(Camera)][Camera.PLACE.start :]
+    place = mean[fusion.model.unknowns.at(Camera)][Camera.PLACE.start :]
     place[:] = 2e-3, -1e-3, 0.1
-    mean[fusion.bench.unknowns.at(Camera)][Camera.PLACE.start :] = place
-    seen = shape_in_place(fusion.bench, shape, replace(known.belief, mean=mean))
+    mean[fusion.model.unknowns.at(Camera)][Camera.PLACE.start :] = place
+    seen = shape_in_place(fusion.model, shape, replace(known.belief, mean=mean))
     turned = (shape.x + 1j * shape.y) * np.exp(0.1j) + 2e-3 - 1e-3j
     assert seen.x + 1j * seen.y == pytest.approx(turned)
     assert seen.theta == pytest.approx(shape.theta + 0.1)
 
 
 def test_a_force_that_is_not_determined_is_not_said(fusion, known):
-    tip = fusion.bench.unknowns.at(TipForce)
+    tip = fusion.model.unknowns.at(TipForce)
     root = known.belief.root.copy()
-    root[tip.start] += 10.0 * fusion.bench.largest_force_std / np.sqrt(root.shape[1])
+    root[tip.start] += 10.0 * fusion.model.largest_force_std / np.sqrt(root.shape[1])
     vague = replace(known.belief, root=root)
     found = estimated(fusion, replace(known, bank=(Hypothesis(belief=vague),)))
     assert np.isnan(found.force).tolist() == [True, False]

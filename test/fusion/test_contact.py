@@ -205,7 +205,7 @@ def test_the_point_says_what_was_found_and_there_is_none_without_a_contact():
 
 
 def test_the_correlation_with_the_tip_force_is_that_of_the_covariance():
-    unknowns = Fusion(arm=arm()).bench.unknowns
+    unknowns = Fusion(arm=arm()).model.unknowns
     belief = with_any_contact(unknowns, first_belief(unknowns, 0))
     assert correlation_with_tip(unknowns, belief) == 0.0
     root = belief.root.copy()

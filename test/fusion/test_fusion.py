@@ -284,7 +284,7 @@ def test_a_target_that_was_painted_over_is_learned_anew_and_the_others_stay():
     painted = recorded().truth.placement.T.ravel()
     filter_ = with_placement(painted)
     belief = fuse(filter_, change=repainted, frames=range(12)).state.belief
-    off = belief.mean[filter_.bench.unknowns.at(Placement)] - painted
+    off = belief.mean[filter_.model.unknowns.at(Placement)] - painted
     assert TARGETS not in belief.causes
     assert np.hypot(off[moved], off[23 + moved]) == pytest.approx(by, rel=0.3)
     others = np.delete(off, [moved, 23 + moved])
@@ -320,7 +320,7 @@ def test_what_the_model_lacks_is_covered(effect, with_wrench):
 
 def test_creep_outside_the_model_is_measured():
     creeping, sound = usual(with_wrench=True, effects=(CREEP,)), usual(with_wrench=True)
-    memory = fusion().bench.unknowns.at(ModelDiscrepancy, slice(2, 5))
+    memory = fusion().model.unknowns.at(ModelDiscrepancy, slice(2, 5))
     late = slice(memory.start, memory.stop - 1)
     assert creeping.state.belief.mean[late].sum() == pytest.approx(CREEP.amplitude, abs=0.05)
     assert sound.state.belief.mean[late].sum() == pytest.approx(0.0, abs=0.05)
@@ -460,7 +460,7 @@ def test_a_force_sensor_in_order_is_never_called_off():
         fuse(with_wrench=True, hidden=lambda frame: range(12)),
     ):
         assert not any(one.force_sensor for one in found.estimates)
-        assert fusion().bench.trusts_force(found.state.belief)
+        assert fusion().model.trusts_force(found.state.belief)
 
 
 def noisy(frame, *, std: float, seed: int) -> WrenchReading:
@@ -564,7 +564,7 @@ def test_a_contact_is_not_told_from_a_sensor_that_reads_a_fifth_too_little():
 
 
 def test_a_sensor_that_is_known_to_a_hair_is_trusted_for_ever():
-    arm, unknowns = fusion().arm, fusion().bench.unknowns
+    arm, unknowns = fusion().arm, fusion().model.unknowns
     exact = replace(unknowns.block(ForceSensor), offset_std=0.0, gain_std=0.0)
     found = fuse(
         Fusion(arm=arm, unknowns=unknowns.changed(exact)), with_wrench=True, frames=range(50)
@@ -584,19 +584,19 @@ def test_a_straight_arm_says_nothing_of_the_force_sensor():
             state, _ = fusion().step(state, event)
     assert state.counts.frames > 190
     assert not state.causes
-    assert not fusion().bench.trusts_force(state.belief)
+    assert not fusion().model.trusts_force(state.belief)
 
 
 def test_a_belief_that_keeps_all_frames_out_is_forgotten():
     state = fusion().settle(fuse(frames=range(60, 70)).state)
-    mean, column = state.belief.mean.copy(), fusion().bench.unknowns.at(ModelColumns).start
+    mean, column = state.belief.mean.copy(), fusion().model.unknowns.at(ModelColumns).start
     mean[column] = 300.0  # sigma: what no arm is
     root = state.belief.root.copy()
     root[column] = 0.0
     known = Hypothesis(belief=replace(state.belief, mean=mean, root=root))
     state = replace(state, bank=(known, *state.bank[1:]))
     used = state.counts.frames
-    still = Fusion(arm=fusion().arm, unknowns=fusion().bench.unknowns)  # it knows no motion
+    still = Fusion(arm=fusion().arm, unknowns=fusion().model.unknowns)  # it knows no motion
     for frame in range(70, 90):
         for event in (sightings(frame), pressure(frame)):
             state, _ = still.step(state, event)
@@ -627,7 +627,7 @@ def test_a_camera_that_is_moved_is_found_and_the_tip_stays_right(turn, along, wi
     change = partial(moved_camera, turn=turn, along=along)
     found = fuse(calibrated(), change=change, with_wrench=with_wrench, frames=range(120))
     if max(abs(turn), along) > 1e-3:  # of 0.3 mm nobody knows: what was learned may be wrong
-        assert found.state.sure_causes == {CAMERA}
+        assert found.state.certain_causes == {CAMERA}
         assert CameraCause.sentence in found.estimates[-1].estimate.warnings
     assert not any(CameraCause.sentence in one.estimate.warnings for one in found.estimates[:60])
     covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in found.estimates])
@@ -757,7 +757,7 @@ def test_a_coarse_force_sensor_is_not_taken_for_a_fine_one():
 
 def test_steps_that_are_commanded_tell_nothing_of_a_sensor():
     """Nor does a sensor that has not changed yet."""
-    bench, step = calibrated().bench, np.inf
+    bench, step = calibrated().model, np.inf
     assert bench.pressure_rounding(step) == bench.force_rounding(step) == 0.0
     for change in (0.0, -2.0 * bench.coarsest_pressure, 1e9, 0.0):
         step = smallest_change(step, change)
@@ -1025,5 +1025,5 @@ def test_a_mirrored_image_is_told_and_the_shape_is_right():
         return replace(seen, y=-seen.y)
 
     found = fuse(change=mirrored, frames=range(40, 80))
-    assert found.state.sure_causes == {'mirrored'}
+    assert found.state.certain_causes == {'mirrored'}
     assert found.tip_covered() > 0.9

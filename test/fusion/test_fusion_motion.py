@@ -178,9 +178,9 @@ def test_an_arm_that_swings_by_a_model_without_motion_accuses_nothing_else():
 
 def test_without_motion_in_the_model_nothing_swings():
     arm = dataclasses.replace(fusion().arm, motion=None)
-    bench = Fusion(arm=arm).bench
+    bench = Fusion(arm=arm).model
     assert bench.swinging is None
-    assert bench.unknowns.std.size == fusion().bench.unknowns.std.size - 6
+    assert bench.unknowns.std.size == fusion().model.unknowns.std.size - 6
 
 
 def test_a_peg_in_the_way_of_a_moving_arm_is_found_where_it_is():
@@ -262,7 +262,7 @@ def test_a_straight_arm_tells_nothing_of_a_force_along_it():
         if instant >= LATE and not (instant - LATE) % EVERY:
             frame = sightings(recording, instant - LATE)
             if state.belief is not None and truth.time[instant - LATE] > 0.4:
-                problem = problem_of(by.bench, by.read_frame(state, frame), state.belief)
+                problem = problem_of(by.model, by.read_frame(state, frame), state.belief)
                 bending = known_bending(problem)
                 assert bending is not None
                 axis, told = bending

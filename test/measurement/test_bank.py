@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pneunet_ros.measurement.inference.bank import Hypothesis, odds_beside_first, ranked
+from pneunet_ros.measurement.inference.bank import Hypothesis, odds_relative_to_first, ranked
 from pneunet_ros.measurement.inference.gaussian import (
     Gaussian,
     prior_log_odds,
@@ -79,8 +79,8 @@ def test_the_best_comes_first_and_what_is_unlikely_or_the_same_is_dropped():
     kept = ranked(given, 7.0, 4, is_same)
     assert [one.belief.mean[0] for one in kept] == [2.0, 3.0, 4.0]
     assert [one.log_weight for one in kept] == [0.0, -3.0, -4.0]
-    assert [one.is_alike for one in kept] == [True, True, False]
+    assert [one.is_about_as_likely for one in kept] == [True, True, False]
     assert len(ranked(given, 7.0, 2, is_same)) == 2
-    odds = odds_beside_first(kept)
+    odds = odds_relative_to_first(kept)
     assert odds == pytest.approx([math.exp(-3.0), math.exp(-4.0)])
-    assert odds_beside_first(tuple(reversed(kept))) == [1.0, 1.0]
+    assert odds_relative_to_first(tuple(reversed(kept))) == [1.0, 1.0]

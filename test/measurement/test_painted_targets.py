@@ -29,15 +29,18 @@ def test_every_derivative_is_a_difference():
         'across': 5e-3 * random.normal(size=3),
     }
 
-    def beside(**changed: np.ndarray) -> np.ndarray:
+    def displacement(**changed: np.ndarray) -> np.ndarray:
         now = {**at, **changed}
         placement = np.stack([now['along'], now['across']])
-        return paint(now['theta'], now['curvature'], placement).beside
+        return paint(now['theta'], now['curvature'], placement).displacement
 
     painted = paint(at['theta'], at['curvature'], np.stack([at['along'], at['across']]))
-    assert {item.name for item in fields(painted)} == {'beside', *(f'by_{name}' for name in at)}
+    assert {item.name for item in fields(painted)} == {
+        'displacement',
+        *(f'by_{name}' for name in at),
+    }
     for name, value in at.items():
-        sides = [beside(**{name: value + sign * STEP}) for sign in (-1.0, 1.0)]
+        sides = [displacement(**{name: value + sign * STEP}) for sign in (-1.0, 1.0)]
         found = getattr(painted, f'by_{name}')
         assert found == pytest.approx((sides[1] - sides[0]) / (2.0 * STEP), abs=1e-8), name
 

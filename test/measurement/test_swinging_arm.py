@@ -31,7 +31,7 @@ def swinging():
     arm = load_model(share_path('config/paper_arm.yaml'))
     arm = replace(arm, motion=Motion(damping_time=DAMPING_TIME))
     arm = replace(arm, target_arclength=np.linspace(0.01, arm.length, 12))
-    return Fusion(arm=arm).bench.swinging, arm
+    return Fusion(arm=arm).model.swinging, arm
 
 
 def reference_at(solution, unknowns):
@@ -66,7 +66,7 @@ def there(force, place):
         np.interp(arm.target_arclength, shape.arclength, row)
         for row in (shape.x, shape.y, shape.theta)
     )
-    return np.stack([x, y, theta]) + swung.beside[:3], swung, shape
+    return np.stack([x, y, theta]) + swung.deviation[:3], swung, shape
 
 
 @pytest.mark.parametrize('place', [(0.0, 0.0), (2e-3, 5e-5)])

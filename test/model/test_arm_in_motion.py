@@ -163,7 +163,7 @@ def test_a_step_of_pressure_lets_the_arm_swing_and_settle():
     assert np.abs(velocity - seen)[32:].max() < 0.03 * np.abs(seen).max()
     widths = [np.sqrt(np.trace(one.tip_covariance[:2, :2])) for one in found]
     assert max(widths) > 1.05 * widths[-1]
-    at_tip = found[60].motion.beside(Estimator(arm=arm, settings=UNLOADED).target_places)
+    at_tip = found[60].motion.deviation(Estimator(arm=arm, settings=UNLOADED).target_places)
     assert at_tip[:2, -1] == pytest.approx(tips[60, :2] - rested[:2], rel=0.2)
 
 
@@ -332,9 +332,9 @@ def test_an_error_in_two_shapes_is_larger_beside_its_direction_and_as_large_alon
     weights = np.array([1.0, 1.0, LENGTH])
     added, along = parted(error) * np.outer(weights, weights), (weights * error)[0]
     assert added @ along == pytest.approx(np.zeros(3), abs=1e-15)
-    beside = np.cross(*(weights * SHAPES_AT_TIP))  # of neither
-    assert added @ beside == pytest.approx(np.zeros(3), abs=1e-15)
-    across = np.cross(along, beside) / np.linalg.norm(np.cross(along, beside))
+    deviation = np.cross(*(weights * SHAPES_AT_TIP))  # of neither
+    assert added @ deviation == pytest.approx(np.zeros(3), abs=1e-15)
+    across = np.cross(along, deviation) / np.linalg.norm(np.cross(along, deviation))
     sizes = np.array([0.9, 0.5]) * (weights * SHAPES_AT_TIP @ across)
     assert across @ added @ across == pytest.approx(np.sum(sizes**2), rel=1e-9)
 

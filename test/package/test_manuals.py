@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
-from pneunet_ros.core.stamps import AHEAD, STARTS_ANEW
+from pneunet_ros.core.stamps import AHEAD, RESTARTED
 from pneunet_ros.estimation.consistency import ConsistencyState
 from pneunet_ros.estimation.pressure_watch import OTHER_PRESSURE
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -181,7 +181,7 @@ REASONS = {
 
 @pytest.mark.parametrize('node', NODES)
 def test_reasons_are_those_of_the_code(node):
-    known = reasons_in('core/stamps') - {STARTS_ANEW}
+    known = reasons_in('core/stamps') - {RESTARTED}
     for item in REASONS[node]:
         known |= {item} if isinstance(item, str) else item
     written = [reason for reason, *_ in rows(node, 'reason')]

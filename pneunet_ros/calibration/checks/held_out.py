@@ -10,7 +10,7 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
 from pneunet_ros.measurement.painted_targets import in_plane, paint
-from pneunet_ros.measurement.predicted_targets import painted_beside
+from pneunet_ros.measurement.predicted_targets import target_displacement
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.solver.columns import CURVATURE, THETA
 
@@ -49,9 +49,9 @@ def score(
     solved = model.solve(arm, inputs)
     theta, curvature = model.fields[:, THETA], model.fields[:, CURVATURE]
     if placement is None:
-        beside, _ = painted_beside(arm, theta, curvature)
+        beside, _ = target_displacement(arm, theta, curvature)
     else:
-        beside = in_plane(paint(theta, curvature, placement).beside)
+        beside = in_plane(paint(theta, curvature, placement).displacement)
     error = run.points - model.points - beside
     error = np.where(solved[:, None, None], error, np.nan)
     missing = float(1.0 - solved.mean()) if solved.size else 1.0

@@ -232,7 +232,7 @@ def tip_of(fit: Fit, pressure: Array) -> tuple[Places, Array]:
     solved = model.solve(fit.arm, inputs)
     points = np.where(solved[:, None, None], model.points, np.nan)
     heading = np.asarray(model.fields[:, THETA, -1])
-    placed = painted_tip(fit, model).beside[:, 0] + complex(*fit.origin)
+    placed = painted_tip(fit, model).displacement[:, 0] + complex(*fit.origin)
     return np.array(points[:, 0, -1] + 1j * points[:, 1, -1] + placed), heading
 
 

@@ -125,7 +125,7 @@ class TipForce(Block):
         walks = tuple(self.first_walk * 10.0 ** (0.5 * half) * self.scale for half in range(-1, 5))
         return SizeGrid(sizes=walks, fall=0.0, time=self.walk_time)
 
-    def walk_told(
+    def estimate_walk(
         self,
         walk: Walk,
         score: Array,

@@ -20,7 +20,7 @@ from pneunet_ros.measurement.errors.second_order import (
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.settings import FRAME_ITERATIONS, SOLVER
-from pneunet_ros.solver.sides import Beside, Response, second_difference, solve_sides
+from pneunet_ros.solver.sides import Response, second_difference, SideNodes, solve_sides
 
 Indices = npt.NDArray[np.intp]
 NO_SIDES, UNBOUNDED = -1, -2  # why errors are not carried to second order, or not at all
@@ -84,7 +84,7 @@ def propagate_errors(
         at = seen.at
     covariance, std = np.empty((3, 3)), np.empty((3, at.arclength.size))
     response = sensitivity.for_kernels()
-    beside = Beside.of(response)
+    sides = SideNodes.of(response)
     which = carry_errors(
         noise,
         sensitivity.tip,
@@ -98,7 +98,7 @@ def propagate_errors(
         at.changes,
         NOTHING_SEEN if seen is None else seen.seen,
         NO_STD if seen is None else seen.std,
-        beside,
+        sides,
         covariance,
         std,
     )
@@ -106,7 +106,7 @@ def propagate_errors(
         return None
     curved = None
     if which != NO_SIDES:
-        curved = SecondOrder(sensitivity=sensitivity, beside=beside, step=DEFAULTS.steps[which])
+        curved = SecondOrder(sensitivity=sensitivity, sides=sides, step=DEFAULTS.steps[which])
     if seen is not None:
         std = std.take(seen.stations, axis=1)
     return PropagatedErrors(
@@ -128,7 +128,7 @@ def carry_errors(
     changes: Array,
     seen: Indices,
     seen_std: Array,
-    beside: Beside,
+    sides: SideNodes,
     covariance: Array,
     std: Array,
 ) -> int:
@@ -143,11 +143,11 @@ def carry_errors(
     direction = leading_error(tip, noise)
     if mixing.size:
         direction = single_causes(direction, mixing)
-    which = solve_sides(response, direction, kind, steps, most_iterations, tolerance, beside)
+    which = solve_sides(response, direction, kind, steps, most_iterations, tolerance, sides)
     further = np.zeros((col.CURVATURE, arclength.size))
     if which >= 0:
         factor = second_order_factor(steps[which])
-        second_difference(response, beside, arclength, factor, further)
+        second_difference(response, sides, arclength, factor, further)
         square = 0.0
         for i in range(2):
             for k in range(seen.size):

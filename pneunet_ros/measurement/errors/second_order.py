@@ -20,7 +20,7 @@ from pneunet_ros.core.kernels.jit import inner
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.solver.columns import CURVATURE
-from pneunet_ros.solver.sides import Beside, NOT_DEFINED, second_difference, STABLE, UNSTABLE
+from pneunet_ros.solver.sides import NOT_DEFINED, second_difference, SideNodes, STABLE, UNSTABLE
 
 SECOND_MOMENT = 3.0  # E[xi^4] of a normal xi
 
@@ -48,7 +48,7 @@ class SecondOrder:
     """
 
     sensitivity: Sensitivity
-    beside: Beside
+    sides: SideNodes
     step: float
 
     def stations(self, arclength: Array) -> Array:
@@ -56,7 +56,7 @@ class SecondOrder:
         error = np.empty((CURVATURE, arclength.size))
         factor = second_order_factor(self.step)
         response = self.sensitivity.for_kernels()
-        second_difference(response, self.beside, frozen_array(arclength), factor, error)
+        second_difference(response, self.sides, frozen_array(arclength), factor, error)
         return error
 
 

@@ -32,7 +32,7 @@ class Hypothesis(Generic[Believed]):
     log_weight: float = 0.0
 
     @property
-    def is_alike(self) -> bool:
+    def is_about_as_likely(self) -> bool:
         """Whether the hypothesis is about as likely as the best one."""
         return self.log_weight > -ALIKE
 
@@ -62,7 +62,7 @@ def ranked(
     return tuple(replace(one, log_weight=one.log_weight - kept[0].log_weight) for one in kept)
 
 
-def odds_beside_first(hypotheses: tuple[Hypothesis[Believed], ...]) -> list[float]:
+def odds_relative_to_first(hypotheses: tuple[Hypothesis[Believed], ...]) -> list[float]:
     """Return the odds of every other hypothesis against the first one, at most 1.
 
     They weight the distances by which the errors of the first hypothesis are widened: the second

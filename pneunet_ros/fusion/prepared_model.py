@@ -46,12 +46,12 @@ FAR = 1e3  # force scales: what reads more says no more
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Bench:
+class PreparedModel:
     """A calibrated arm with its sensors and painted targets, prepared for the fusion.
 
     arclength (stations,) m of an estimate; places (n,) m: stations and targets in order along the
     arm, of_stations and of_targets: their indices. given: the unknowns, None for `unknowns_of` the
-    arm; moving: the bench for a swinging arm whose model has no motion. Raises ModelError if the
+    arm; moving: the same for a swinging arm whose model has no motion. Raises ModelError if the
     arm has no targets.
     """
 
@@ -66,7 +66,7 @@ class Bench:
     table: PerturbationTable = field(init=False, repr=False)
     unknowns: Unknowns = field(init=False, repr=False)
     swinging: SwingingArm | None = field(init=False, repr=False)
-    moving: Bench | None = field(init=False, repr=False)
+    moving: PreparedModel | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Prepare stations, the table of the model's neighbors, and the unknowns."""
@@ -102,8 +102,8 @@ class Bench:
         object.__setattr__(self, 'swinging', swinging)
         object.__setattr__(self, 'moving', self._moving())
 
-    def _moving(self) -> Bench | None:
-        """Return the bench with a likely inertia; None if the inertia is known or not used."""
+    def _moving(self) -> PreparedModel | None:
+        """Return the model with a likely inertia; None if the inertia is known or not used."""
         if self.arm.motion is not None or self.given is not None:
             return None
         motion = likely_motion(self.arm)
@@ -114,8 +114,8 @@ class Bench:
         """Whether the arm may swing."""
         return self.swinging is not None or self.moving is not None
 
-    def of(self, causes: frozenset[str]) -> Bench:
-        """Return the bench with some causes active: the arm may swing."""
+    def of(self, causes: frozenset[str]) -> PreparedModel:
+        """Return the model with some causes active: the arm may swing."""
         return self.moving if self.moving is not None and MOTION in causes else self
 
     def without(self, belief: Belief, where: slice) -> Belief:
@@ -297,7 +297,7 @@ class Bench:
         return domain is not None and domain.largest_force == domain.largest_end_moment == 0.0
 
     @property
-    def tells_camera(self) -> bool:
+    def camera_is_observable(self) -> bool:
         """Whether the model error is known; otherwise it would look like a moved camera."""
         return self.arm.covariance is not None
 
