@@ -141,6 +141,7 @@ REASONS: Mapping[str, str] = MappingProxyType({
     # Images
     'behind_camera': 'the plane is behind the camera',
     'beyond_lens': 'a point lies beyond what the lens can see',
+    'compiling': 'the kernels are being compiled',
     'no_areas': 'no area of the image could be a target',
     'no_camera_info': 'the camera is not known',
     'no_colors': 'the image has no colors',

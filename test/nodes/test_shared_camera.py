@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 import os
 import signal
+from types import SimpleNamespace
 
 import numpy as np
 from pneunet_ros.core.errors import CameraError
+from pneunet_ros.core.kernels import jit
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.messages.builders import IMAGE_TYPE
@@ -26,6 +28,7 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from pneunet_ros.nodes.gripper.configuration import check_blocks  # noqa: E402
 from pneunet_ros.nodes.ros_types import message_class  # noqa: E402
+from pneunet_ros.nodes.tracker.camera import Camera, COMPILING  # noqa: E402
 from support.dds_peer import Peer, running_node, START_TIMEOUT  # noqa: E402
 
 DOMAIN = int(os.environ['ROS_DOMAIN_ID'])
@@ -141,3 +144,15 @@ def test_arms_of_one_camera_without_a_row_of_their_own_are_refused_before_they_s
             check_blocks(given | blocks | {'lower': blocks['lower'] | changed})
     own = {'image_raw': '/other/image_raw', 'camera_info': '/other/camera_info'}
     check_blocks(given | blocks | {'lower': {'topics': own}})
+
+
+def test_no_image_is_searched_until_the_kernels_are_compiled(monkeypatch):
+    refused = []
+    node = SimpleNamespace(
+        note_message=lambda topic, info: None, refuse=lambda reason, error: refused.append(reason)
+    )
+    camera = object.__new__(Camera)
+    camera.nodes, camera.topic, camera.decode = {'arm': node}, IMAGES, pytest.fail
+    monkeypatch.setattr(jit, 'is_waiting', lambda: True)
+    camera.take_image(message=None, info={})
+    assert refused == [COMPILING]

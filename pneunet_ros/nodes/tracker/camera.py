@@ -7,6 +7,7 @@ from typing import Any
 
 from pneunet_ros.core.errors import CameraError, MessageError
 from pneunet_ros.core.image import Image
+from pneunet_ros.core.kernels import jit
 from pneunet_ros.messages.builders import IMAGE_TYPE, UNREADABLE
 from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
 from pneunet_ros.messages.tracker import (
@@ -19,7 +20,8 @@ from pneunet_ros.nodes.following import FollowingSubscription
 from pneunet_ros.vision.several_rows import check_rows, step_rows
 
 FOLLOW_PERIOD = 0.5  # s; how soon another quality of service of the camera is noticed
-WRONG_CAMERA_INFO = 'wrong_camera_info'  # reason of a refusal, beside those of the tracker
+# Reasons of refusals, besides those of the tracker.
+WRONG_CAMERA_INFO, COMPILING = 'wrong_camera_info', 'compiling'
 COMPRESSED = 'compressed'
 
 
@@ -66,6 +68,10 @@ class Camera:
         nodes = list(self.nodes.values())
         for node in nodes:
             node.note_message(self.topic, info)
+        if jit.is_waiting():  # plain Python takes minutes for an image
+            sentence = 'compiling the kernels (once only): images are not searched until then'
+            self.refuse(COMPILING, CameraError(sentence, reason=COMPILING))
+            return
         try:
             image = self.decode(message)
         except MessageError as error:

@@ -10,6 +10,7 @@ import time
 from typing import ClassVar
 
 from pneunet_ros.core.image import Image
+from pneunet_ros.core.kernels import jit
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.messages import builders
 from pneunet_ros.messages.builders import header, IMAGE_TYPE
@@ -53,7 +54,9 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         self.serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=self.configuration.node.frame_id
         )
-        trouble = warm_up(self.configuration.tracker, self.serializer)
+        trouble = ''
+        if not jit.is_waiting():
+            trouble = warm_up(self.configuration.tracker, self.serializer)
         if trouble:
             self.get_logger().warning(f'the self-test on a drawn arm failed: {trouble}')
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +15,7 @@ Integers = npt.NDArray[np.int64]
 # its slopes. The first eight move the edge.
 UNKNOWNS, MOVING = 11, 8
 # Columns after them: what is left of a pixel, and how its grey level changes as the edge moves.
-LEFT, EDGE, COLUMNS = 11, 12, 13
+LEFT, EDGE = 11, 12
 # The pixels near an edge stand in blocks: BLOCK numbers for each of these columns, one column
 # after the other in one array, so that loops over the pixels are vectorized. A pixel is covered by
 # as much as the plateau changes it; the columns up to DRAWN are sums over moments.
@@ -57,22 +56,6 @@ def exposure_tables(most: int) -> tuple[Array, Array]:
 
 
 TIMES, PARTS = exposure_tables(MOST_MOMENTS)
-
-
-class Linearized(NamedTuple):
-    """Sums over the pixels near the edges of some ellipses, at their present estimates.
-
-    products (m, UNKNOWNS + 1, UNKNOWNS + 1): of the derivatives and the residual, weighted;
-    weights (m,); behind (m, sectors): grey levels of the background; edges (m, sectors, COLUMNS):
-    derivatives, residual and weight of an edge, each times that weight; covered (pixels,): share
-    of each pixel that ellipses cover, 0 if the pixel does not count.
-    """
-
-    products: Array
-    weights: Array
-    behind: Array
-    edges: Array
-    covered: Array
 
 
 @inlined

@@ -1,7 +1,6 @@
 """Fit ellipses to edges: one loop that cuts out pixels, fits, and reports visible edges.
 
-The compiled twin of the numpy code in `ellipse_fit`, with the same results. It is several times as
-fast, because it stores no intermediate arrays.
+It stores no intermediate arrays.
 """
 
 from __future__ import annotations
@@ -271,7 +270,7 @@ def median_where(values: Array, which: Mask) -> float:
 def move_ellipse(
     now: Array, off: Array, shape: Array, slopes: Array, step: Array, moves: bool, settings: Any
 ) -> bool:
-    """Change an ellipse by a step (UNKNOWNS,), as `ellipse_fit` does; return whether it is valid.
+    """Change an ellipse by a step (UNKNOWNS,), keeping its axes symmetric; whether it is valid.
 
     now (10,), off (2,), shape (3,), slopes (2,): of one ellipse; moves: during an exposure.
     """
@@ -322,9 +321,10 @@ def fit_edge(
     """Fit an ellipse until it converges.
 
     rim, many, blocks: as in `linearize_edge`; start (FITTED,). Updates now (10,) and off (2,), the
-    displacement of the center. Fills found: behind, edges and stds (sectors,) as in
-    `ellipse_fit.Solution`. Returns the error of the center, px (NaN if the fit does not converge),
-    and the number of pixels in the blocks.
+    displacement of the center. Fills found: behind (sectors,), grey levels of the background;
+    edges, stds (sectors,) px: distance of an edge outside of the outline, and its std. Returns the
+    error of the center, px (NaN if the fit does not converge), and the number of pixels in the
+    blocks.
     """
     behind, edges, stds = found
     count = behind.size
