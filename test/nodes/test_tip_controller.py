@@ -32,6 +32,7 @@ MODEL = share_path('config/lab_arm.yaml')
 DOMAIN = int(os.environ['ROS_DOMAIN_ID'])
 PATH = [(0.1038, 0.0363), (0.0896, 0.0572), (0.0462, 0.0812)]
 PRESS = 0.01  # N
+RATE = 50.0  # Hz, of the readings
 
 
 @pytest.fixture(scope='module')
@@ -280,7 +281,7 @@ def test_it_drives_the_virtual_arm_presses_a_wall_and_goes_safe_without_a_fusion
     said = tmp_path / 'controller'
     fuse = ('-p', f'model_file:={MODEL}', '-p', 'use_wrench:=false')
     with (
-        running_node(tmp_path / 'arm', DOMAIN, node='virtual_arm') as arm,
+        running_node(tmp_path / 'arm', DOMAIN, '-p', f'rate:={RATE}', node='virtual_arm') as arm,
         running_node(tmp_path / 'fusion', DOMAIN, *fuse, node='fusion') as fusion,
         running_example(WALL, tmp_path / 'wall') as wall,
     ):
