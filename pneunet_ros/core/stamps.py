@@ -23,7 +23,7 @@ def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str
     """Return why a reading cannot follow the last one of its kind: a key and a sentence.
 
     Both are empty if it can. A stamp that jumps back by more than a second (a looping bag, a
-    restarted simulation) is a new start of time, with the key `STARTS_ANEW`.
+    restarted simulation) is a new start of time, with the key `RESTARTED`.
     """
     if stamp_ns <= 0:
         return 'no_stamp', f'{what} without a header stamp'

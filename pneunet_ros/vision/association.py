@@ -44,7 +44,7 @@ class AssociationSettings:
     )
     least_followed: int = tuning(4, 'fewest targets seen of a row; all of an arm with fewer')
     least_share: float = tuning(0.4, 'smallest share of targets seen of a row')
-    alike: float = tuning(0.5, 'share of blobs that two readings of one row have in common')
+    common_share: float = tuning(0.5, 'share of blobs that two readings of one row have in common')
 
 
 ASSOCIATION = AssociationSettings()
@@ -145,7 +145,7 @@ def rows_anywhere(
     blobs, limits = candidates.blobs, np.full(arclength.size, limit)
     chosen, costs = grown_from_pairs(blobs, arclength, candidates.ends(limit), search, limits)
     order = np.argsort(costs, kind='stable')
-    rows = Readings(len(points), settings.alike)
+    rows = Readings(len(points), settings.common_share)
     for place in order[np.isfinite(costs[order])].tolist():
         row = TargetRow(chosen[place], float(costs[place]))
         readings = _readings(row, arclength)
@@ -197,12 +197,12 @@ def share_of_blobs(row: TargetRow, other: TargetRow) -> float:
 class Readings:
     """Rows found so far, each once: the same blobs read from either end are two rows.
 
-    alike: share of blobs that two readings of one row have in common.
+    common_share: share of blobs that two readings of one row have in common.
     """
 
-    def __init__(self, blobs: int, alike: float) -> None:
+    def __init__(self, blobs: int, common_share: float) -> None:
         self.rows: list[TargetRow] = []
-        self.alike = alike
+        self.common_share = common_share
         self._ranks = np.zeros((ENOUGH + 1, blobs))  # of the blobs of each, from the middle on
         self._belong = np.zeros((ENOUGH + 1, blobs), np.bool_)
         self._chosen: Array = np.empty((0, 0))
@@ -221,13 +221,13 @@ class Readings:
         if not count:
             return False
         same = np.count_nonzero((self._chosen == row.chosen) & (row.chosen >= 0), axis=1)
-        if (same >= self.alike * row.seen).any():
+        if (same >= self.common_share * row.seen).any():
             return True
         # Read from the same end, but a target off.
         seen, ranks = _ranks(row)
         forward = self._ranks[:count, seen] @ ranks > 0.0
         share = self._belong[:count, seen].mean(axis=1)
-        return bool((forward & (share >= self.alike)).any())
+        return bool((forward & (share >= self.common_share)).any())
 
 
 def _ranks(row: TargetRow) -> tuple[Indices, Array]:

@@ -54,7 +54,7 @@ class BeamSearchSettings:
         source='convention: 5 % of what is normal; up to two are cheaper than a missing target',
     )  # fmt: skip
     memory: float = tuning(0.7, 'weight of the row so far in its spacing and its size')
-    alike: float = tuning(1.5, 'cost of a blob beyond the end, below which the row goes on')
+    continues: float = tuning(1.5, 'cost of a blob beyond the end, below which the row goes on')
     curl: float = tuning(
         7.0, 'turn of an arm where it bends most, as if it did so from end to end', unit='rad',
         source='measured: 6.2 between two pins of a public photograph of a pneu-net',

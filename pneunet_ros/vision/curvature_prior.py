@@ -81,12 +81,12 @@ class CurvaturePrior:
 
     def covariance(self, first: Array, second: Array) -> Array:
         """Return the covariance (1/m^2) of curvature at arclengths (n,) and (m,) in m; (n, m)."""
-        alike = np.exp(-0.5 * ((first[:, None] - second) / self.length_scale) ** 2)
+        correlation = np.exp(-0.5 * ((first[:, None] - second) / self.length_scale) ** 2)
         if not self.splits.size:
-            return np.asarray(self.std**2 * alike)
+            return np.asarray(self.std**2 * correlation)
         further = np.maximum(first[:, None], second)
         before = 1.0 - np.searchsorted(self.splits, further, side='right') / self.splits.size
-        return np.asarray((self.std**2 + before * self.break_std**2) * alike)
+        return np.asarray((self.std**2 + before * self.break_std**2) * correlation)
 
     def nodes(self, places: Array) -> tuple[Array, Array]:
         """Return nodes (m) and weights (m) for integration over arclength between these places."""
@@ -101,7 +101,7 @@ def twice_integrated(places: Array, nodes: Array, weights: Array) -> Array:
     return np.asarray(np.maximum(places[:, None] - nodes, 0.0) * weights)
 
 
-def once_integrated(places: Array, nodes: Array, weights: Array) -> Array:
+def integrated(places: Array, nodes: Array, weights: Array) -> Array:
     """Return weights (places, nodes) of the integral from the first node's cell on."""
     return np.asarray((places[:, None] > nodes) * weights)
 
@@ -153,10 +153,10 @@ def learn_prior(
         named = dict(zip(_LEARNT, values.tolist(), strict=False))
         return CurvaturePrior(**named, splits=splits)
 
-    asked = 3 if splits.size else 2
+    fitted = 3 if splits.size else 2
     start, bounds = np.log(START), np.log(BOUNDS)
     if not bent:
-        return prior_of(start[:asked])
+        return prior_of(start[:fitted])
     nodes, weights = prior_of(start).nodes(targets)
     integral = line_free.T @ twice_integrated(targets, nodes, weights)
 
@@ -168,7 +168,7 @@ def learn_prior(
         return float(np.sum(squares / variance) + len(seen) * np.sum(np.log(variance)))
 
     found = scipy.optimize.minimize(
-        misfit, start[:asked], method='L-BFGS-B', jac='3-point', bounds=bounds[:asked]
+        misfit, start[:fitted], method='L-BFGS-B', jac='3-point', bounds=bounds[:fitted]
     )
     return prior_of(np.round(found.x, DIGITS))
 

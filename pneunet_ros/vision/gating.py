@@ -326,10 +326,10 @@ def consistent_size(
     """
     size = area / usual
     one = np.ones_like(area)
-    alike, longer = size / local_median(size, one), elongation / local_median(elongation, one)
+    relative, longer = size / local_median(size, one), elongation / local_median(elongation, one)
     return np.asarray(
-        (alike >= gating.largest_loss)
-        & (alike <= gating.largest_growth)
+        (relative >= gating.largest_loss)
+        & (relative <= gating.largest_growth)
         & (longer <= gating.longer)
     )
 

@@ -95,8 +95,8 @@ def _mark_others(picture: Any, tracking: Tracking, size: float) -> None:
             place = round(missing.u), round(missing.v)
             side = round(2.0 * AREA * size)
             cv2.drawMarker(picture, place, BAD, cv2.MARKER_TILTED_CROSS, side, round(size))
-            beside = missing.u + 1.5 * AREA * size, missing.v + 0.6 * AREA * size
-            _text(picture, f'{target}: {missing.cause}', beside, 0.4 * size, BAD, centered=False)
+            label = missing.u + 1.5 * AREA * size, missing.v + 0.6 * AREA * size
+            _text(picture, f'{target}: {missing.cause}', label, 0.4 * size, BAD, centered=False)
 
 
 def _write(picture: Any, text: str, color: tuple[int, int, int], size: float) -> None:

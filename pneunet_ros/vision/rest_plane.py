@@ -53,7 +53,7 @@ class RestAverage:
         average = before + moved / np.maximum(seen, 1)[:, None]
         return RestAverage(frames=self.frames + 1, points=freeze(average), seen=seen)
 
-    def lacks(self, wanted: int) -> str:
+    def missing_frames(self, wanted: int) -> str:
         """Describe why an average of this many frames is not usable; empty if it is."""
         if self.frames >= wanted:
             return ''
@@ -76,9 +76,9 @@ class RestSearch:
         """The number of frames of the most frequent position."""
         return max((place.frames for place in self.places), default=0)
 
-    def lacks(self, wanted: int) -> str:
+    def missing_frames(self, wanted: int) -> str:
         """Describe why the latest position is not usable; empty if it is, or if there is none."""
-        return self.places[0].lacks(wanted) if self.places else ''
+        return self.places[0].missing_frames(wanted) if self.places else ''
 
     def with_frame(
         self, points: Array, spacing: float, settings: RestPlaneSettings = VISION.rest_plane
@@ -213,7 +213,7 @@ def _decided_within(rows: list[TargetRow], vision: VisionSettings) -> float:
     """Return the cost up to which all rows must be known to decide among these (best first)."""
     best, chance = rows[0], vision.rest_plane.chance
     least = _cost_of_seen(best, vision)
-    others = [row for row in rows if share_of_blobs(row, best) < vision.association.alike]
+    others = [row for row in rows if share_of_blobs(row, best) < vision.association.common_share]
     nearest = min((_cost_of_seen(row, vision) for row in others), default=math.inf)
     if nearest <= least + 0.5 * chance:
         return least  # there are several, whatever else is found
@@ -233,7 +233,7 @@ def _best_row(
     """Return the row of the arm among rows (best first); other arguments as in `row_at_rest`."""
     count, best = rows[0].chosen.size, rows[0]
     rows = _rivals(best, rows, vision)
-    if any(share_of_blobs(row, best) < vision.association.alike for row in rows):
+    if any(share_of_blobs(row, best) < vision.association.common_share for row in rows):
         return Failure(
             reason='several_rows',
             sentence=f'there is more than one row of {count} targets: move the arm, so that it '
@@ -323,7 +323,7 @@ def _rivals(best: TargetRow, rows: list[TargetRow], vision: VisionSettings) -> l
     """
     least, settings = _cost_of_seen(best, vision), vision.rest_plane
     worse = settings.chance
-    others = [row for row in rows if share_of_blobs(row, best) < vision.association.alike]
+    others = [row for row in rows if share_of_blobs(row, best) < vision.association.common_share]
     if len(others) >= settings.crowd:
         costs = np.maximum([row.cost for row in others], 1e-9)
         falling = np.log(costs.max() / costs).sum()

@@ -256,8 +256,8 @@ def near_line(points: Array, row: Array, places: Array, search: BeamSearchSettin
     way = [np.interp(at, places, row[:, axis]) for axis in range(2)]
     away = np.hypot(points[:, :1] - way[0], points[:, 1:] - way[1]).min(axis=1)
     scale = np.median(np.hypot(*np.diff(row, axis=0).T) / np.diff(places))
-    beside = search.farthest * (search.along_std + search.across_std)
-    return np.asarray(away <= beside * scale * spacing)
+    tolerance = search.farthest * (search.along_std + search.across_std)
+    return np.asarray(away <= tolerance * scale * spacing)
 
 
 def blob_columns(

@@ -104,22 +104,22 @@ def continues_beyond(
     spacing = _spacing_at(arclength, arclength.size - 1)
     unit = float(row[SCALE]) * spacing
     of_row = (cost - search.missing * (chosen.size - seen.size)) / seen.size
-    alike = min(search.alike, search.odd**2 * of_row)
+    continues = min(search.continues, search.odd**2 * of_row)
     numbers = search_numbers(search)
-    return bool(_any_alike(blobs.table, row, b, spacing, unit, alike, numbers))
+    return bool(_continues(blobs.table, row, b, spacing, unit, continues, numbers))
 
 
 @kernel
-def _any_alike(
+def _continues(
     blobs: Array,
     row: Array,
     last: int,
     spacing: float,
     unit: float,
-    alike: float,
+    continues: float,
     search: BeamSearchSettings,
 ) -> bool:
-    """Whether a blob continues a row at a cost below `alike`; last: the blob at its end.
+    """Whether a blob continues a row at a cost below `continues`; last: the blob at its end.
 
     blobs (BLOB_ROWS, blobs): x, y, appearance and costs; row (LAST + 1,); spacing m; unit: the
     spacing in the image.
@@ -130,7 +130,7 @@ def _any_alike(
             continue
         along, across = off_arc(x, y, row, spacing)
         cost = misfit(along / unit, across / unit, 0.0, search)
-        if cost + look_cost(blobs, blob, row, search) < alike:
+        if cost + look_cost(blobs, blob, row, search) < continues:
             return True
     return False
 

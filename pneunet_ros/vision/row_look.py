@@ -168,10 +168,10 @@ def looks_of_neighbors(
 
 
 def _looks_of(
-    table: Array, places: Array, own: Array, tell: Mask, settings: RowLookSettings
+    table: Array, places: Array, own: Array, reliable: Mask, settings: RowLookSettings
 ) -> Array:
     """Return the appearance of targets (targets,) predicted from reliable neighbors."""
-    whole = np.flatnonzero(tell)
+    whole = np.flatnonzero(reliable)
     away = (whole - np.arange(len(table))[:, None]).astype(np.float64)
     distance = np.where(away == 0.0, np.inf, np.abs(away))
     nearest = np.argsort(distance, axis=1, kind='stable')[:, : settings.neighbors]
@@ -181,7 +181,7 @@ def _looks_of(
     away, near = np.take_along_axis(away, nearest, axis=1), whole[nearest]
     radius, one = np.sqrt(table[:, AREA] / math.pi), np.isfinite(own)
     own_radius = np.sqrt(own / math.pi)
-    larger = (radius / own_radius)[tell & one]
+    larger = (radius / own_radius)[reliable & one]
     own_radius[~one] = radius[~one] / (np.median(larger) if larger.size else 1.0)
     on_line = np.column_stack([
         axes_of(table) / radius[:, None], own_radius, radius / own_radius,
@@ -307,15 +307,17 @@ def believable_parts(
     grey level and its own edge; it makes a target smaller, never larger.
     """
     off = np.abs(found[:, LEVEL] - expected[:, PLATEAU])
-    alike = off <= settings.level * (expected[:, PLATEAU] - expected[:, BEHIND])
-    alike &= np.abs(found[:, BLUR] - expected[:, WIDTH]) <= settings.blur
+    similar = off <= settings.level * (expected[:, PLATEAU] - expected[:, BEHIND])
+    similar &= np.abs(found[:, BLUR] - expected[:, WIDTH]) <= settings.blur
     edge = (share >= gating.largest_loss) | (found[:, SEEN] >= settings.seen)
     within = found[:, BEYOND] <= settings.beyond
     size = share_of_area(found, expected)
     differs = settings.differ * 2.0 * expected[:, SIZE_STD]
     sized = np.abs(np.log(size)) <= differs - math.log(gating.largest_loss)
-    sure = found[:, STD] <= settings.unsure * np.sqrt(found[:, AREA] / math.pi)
-    return np.asarray(alike & edge & within & sized & sure & (found[:, FILLED] >= settings.filled))
+    precise = found[:, STD] <= settings.unsure * np.sqrt(found[:, AREA] / math.pi)
+    return np.asarray(
+        similar & edge & within & sized & precise & (found[:, FILLED] >= settings.filled)
+    )
 
 
 def part_stds(found: Array, expected: Array, settings: RowLookSettings = ROW_LOOK) -> Array:

@@ -34,8 +34,8 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import DEFAULT_STATIONS, station_arclength
 from pneunet_ros.vision.curvature_prior import (
     CurvaturePrior,
+    integrated,
     learn_priors,
-    once_integrated,
     PRIOR,
     PriorSettings,
     twice_integrated,
@@ -209,7 +209,7 @@ class Covariances:
         return Covariances(
             points=points,
             line=at_targets @ with_targets,
-            theta=once_integrated(points, nodes, weights) @ with_targets,
+            theta=integrated(points, nodes, weights) @ with_targets,
             curvature=prior.covariance(points, nodes) @ at_targets.T,
             variance=np.diagonal(prior.covariance(points, points)).copy(),
         )

@@ -69,21 +69,23 @@ class StillAreas:
         )  # fmt: skip
 
 
-def is_moved(gone: Mask, row: Counts, odds: float) -> bool:
+def is_moved(vanished: Mask, row: Counts, odds: float) -> bool:
     """Whether a row of areas (indices) disappeared because it moved, rather than by chance.
 
-    gone (areas,): mask of areas that disappeared. Fisher's exact test for the best of ENOUGH rows;
-    odds: of chance.
+    vanished (areas,): mask of areas that disappeared. Fisher's exact test for the best of ENOUGH
+    rows; odds: of chance.
     """
     return (
-        ENOUGH * _chance_of_more(len(gone), int(gone.sum()), len(row), int(gone[row].sum())) < odds
+        ENOUGH
+        * _chance_of_more(len(vanished), int(vanished.sum()), len(row), int(vanished[row].sum()))
+        < odds
     )
 
 
-def _chance_of_more(areas: int, gone: int, row: int, gone_of_row: int) -> float:
+def _chance_of_more(areas: int, vanished: int, row: int, vanished_of_row: int) -> float:
     """Return the chance that at least as many of a row disappeared (hypergeometric)."""
     ways = sum(
-        math.comb(gone, many) * math.comb(areas - gone, row - many)
-        for many in range(gone_of_row, min(row, gone) + 1)
+        math.comb(vanished, many) * math.comb(areas - vanished, row - many)
+        for many in range(vanished_of_row, min(row, vanished) + 1)
     )
     return ways / math.comb(areas, row)

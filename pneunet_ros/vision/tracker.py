@@ -392,15 +392,17 @@ class Tracker:
         if isinstance(found, Failure):
             if not view.shallow:
                 state, found = self._at_rest_before(state, view, found, polarity)
-            lacks = state.rest.lacks(wanted)
-            sentence = f'{found.sentence}; so far {lacks}' if lacks else found.sentence
+            missing_frames = state.rest.missing_frames(wanted)
+            sentence = (
+                f'{found.sentence}; so far {missing_frames}' if missing_frames else found.sentence
+            )
             return state, replace(found, sentence=sentence)
         spacing = spacing_of(found, self.arclength)
         rest = state.rest.with_frame(found, spacing, settings)
-        lacks, plane = rest.lacks(wanted), None
-        if not lacks:
+        missing_frames, plane = rest.missing_frames(wanted), None
+        if not missing_frames:
             plane = plane_at_rest(rest.places[0].points, self.arclength, self.settings.plane)
-        failure = Failure(reason=RESTING, sentence=f'scale and base frame: {lacks}')
+        failure = Failure(reason=RESTING, sentence=f'scale and base frame: {missing_frames}')
         return replace(state, rest=rest, plane=plane), failure
 
     def _at_rest_before(

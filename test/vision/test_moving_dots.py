@@ -17,7 +17,7 @@ from pneunet_ros.vision.dots.moving_dots import (
     known_by,
     moves_far,
     MOVING_DOTS,
-    nothing_known,
+    prior_alone,
 )
 import pytest
 
@@ -95,7 +95,7 @@ def test_a_dot_is_found_whatever_is_behind_the_arm(way, end):
 def test_a_dot_tells_its_size_where_nothing_else_does():
     start = outline((0.0, 12.0))
     start[2:5] *= 0.94
-    nothing = nothing_known(start, 70.0, MOVING_DOTS)
+    nothing = prior_alone(start, 70.0, MOVING_DOTS)
     dot = fit_moving_dot(picture((0.0, 12.0)), start, ALONG, math.inf, nothing)
     assert dot.size == pytest.approx(1.0 / 0.94, abs=0.02)
     assert dot.way == pytest.approx([0.0, 12.0], abs=0.5)

@@ -72,8 +72,8 @@ def test_two_rows_alike_are_refused_unless_the_clamp_is_told():
     result = found(mixture)
     assert isinstance(result, Failure)
     assert result.reason == 'several_rows'
-    told = found(mixture, clamp_pixel=tuple(FOCAL * row[0] + ORIGIN))
-    assert mixture.named(told.chosen).tolist() == TARGETS.tolist()
+    given = found(mixture, clamp_pixel=tuple(FOCAL * row[0] + ORIGIN))
+    assert mixture.named(given.chosen).tolist() == TARGETS.tolist()
 
 
 def test_a_second_row_whose_targets_are_not_alike_is_there_by_chance():
@@ -156,7 +156,7 @@ def test_one_bad_frame_does_not_begin_the_rest_anew():
     rest = averaged([*frames[:3], frames_at_rest(1, at=(-0.1, 0.1))[0], *frames[3:]])
     assert rest.places[0].frames == 5
     assert rest.places[0].points == pytest.approx(frames.mean(axis=0), abs=1e-15)
-    assert rest.lacks(5) == ''
+    assert rest.missing_frames(5) == ''
 
 
 def test_only_so_many_places_are_remembered_and_the_richest_among_them():
@@ -173,13 +173,13 @@ def test_targets_may_be_missing_in_frames_of_the_rest():
     place = averaged(frames).places[0]
     assert place.seen.tolist() == [5] * 4 + [4] + [5] * 17 + [3]
     assert place.points[22] == pytest.approx(frames[[0, 1, 4], 22].mean(axis=0), abs=1e-15)
-    assert place.lacks(5) == ''
+    assert place.missing_frames(5) == ''
 
 
 def test_what_is_missing_is_said():
     frames = frames_at_rest(5)
     frames[:, 7] = np.nan
-    said = averaged(frames[:3]).lacks(5)
+    said = averaged(frames[:3]).missing_frames(5)
     assert ('3 of 5 ' in said, 'target 7 ' in said) == (True, True)
 
 
@@ -188,7 +188,7 @@ def test_the_outermost_targets_that_are_seen_give_the_scale():
     whole = plane_at_rest(averaged(frames).places[0].points, ARCLENGTH, RestPlane())
     frames[:, [0, 21, 22]] = np.nan
     place = averaged(frames).places[0]
-    assert place.lacks(5) == ''
+    assert place.missing_frames(5) == ''
     plane = plane_at_rest(place.points, ARCLENGTH, RestPlane())
     assert plane.points(frames[0, 1:21]) == pytest.approx(whole.points(frames[0, 1:21]), abs=1e-12)
 
@@ -222,5 +222,5 @@ def test_an_upright_row_has_no_left_end(turn):
     result = found(mixture)
     assert isinstance(result, Failure)
     assert result.reason == 'upright' and 'clamp_pixel' in result.sentence
-    told = found(mixture, clamp_pixel=tuple(FOCAL * row[0] + ORIGIN))
-    assert mixture.named(told.chosen).tolist() == TARGETS.tolist()
+    given = found(mixture, clamp_pixel=tuple(FOCAL * row[0] + ORIGIN))
+    assert mixture.named(given.chosen).tolist() == TARGETS.tolist()

@@ -214,10 +214,10 @@ def test_the_tracker_node_is_told_the_clamp():
     def configured(clamp, current=None):
         return configured_tracker(PARAMETERS.completed({'clamp_pixel': clamp}), current)
 
-    told = configured('200, 180')
-    assert told.tracker.settings.clamp_pixel == (200.0, 180.0)
-    assert configured('[200 180.5]', told).tracker.settings.clamp_pixel == (200.0, 180.5)
-    assert configured('', told).tracker.settings.clamp_pixel is None
+    given = configured('200, 180')
+    assert given.tracker.settings.clamp_pixel == (200.0, 180.0)
+    assert configured('[200 180.5]', given).tracker.settings.clamp_pixel == (200.0, 180.5)
+    assert configured('', given).tracker.settings.clamp_pixel is None
     for wrong in ('200', 'u, v', '1, 2, 3'):
         with refused(CameraError, 'wrong_shape'):
             configured(wrong)

@@ -90,7 +90,7 @@ class BlobSettings:
         ),
     )
     twice: float = tuning(0.8, 'between blobs that are one', unit='radius of the larger')
-    astray: float = tuning(0.25, 'center of an area off that of its blob', unit='diameter')
+    off_blob: float = tuning(0.25, 'center of an area off that of its blob', unit='diameter')
 
 
 BLOBS = BlobSettings()

@@ -102,15 +102,15 @@ def nearest_blobs(
     nearest = np.full((len(places), COLUMNS), np.nan)
     grey = image.grey()
     half = math.ceil(reach + across) + 1
-    asked = np.flatnonzero(
+    possible = np.flatnonzero(
         (np.abs(places - 0.5 * np.array([image.width, image.height])) < 1e5).all(axis=1)
     )
-    if not len(asked):
+    if not len(possible):
         return nearest
-    corners = np.rint(places[asked]).astype(np.int64) - half
+    corners = np.rint(places[possible]).astype(np.int64) - half
     side = 2 * half + 1
     # Pieces of the image one below the other, with a dark line between them.
-    pieces = np.zeros((len(asked), side + 1, side), np.uint8)
+    pieces = np.zeros((len(possible), side + 1, side), np.uint8)
     for piece, (left, top) in zip(pieces, corners.tolist(), strict=True):
         right, bottom = min(left + side, image.width), min(top + side, image.height)
         from_u, from_v = max(left, 0), max(top, 0)
@@ -122,17 +122,17 @@ def nearest_blobs(
     which, down = np.divmod(areas.centers[:, 1], side + 1.0)
     piece_of = which.astype(np.int64)
     centers: Array = np.column_stack([areas.centers[:, 0], down]) + corners[piece_of]
-    away = np.hypot(*(centers - places[asked][piece_of]).T)
-    near = away <= reach + appearance.blobs.astray * across
+    away = np.hypot(*(centers - places[possible][piece_of]).T)
+    near = away <= reach + appearance.blobs.off_blob * across
     clear = np.isin(np.arange(len(near)), areas.stand_out(appearance))
     areas = areas._replace(centers=centers)
     # Most are found by what stands out; only what is left costs more.
-    for looked_at in (np.flatnonzero(near & clear), np.flatnonzero(near & ~clear)):
-        left = np.isnan(nearest[asked[piece_of[looked_at]], U])
-        some = looked_at[left]
+    for group in (np.flatnonzero(near & clear), np.flatnonzero(near & ~clear)):
+        left = np.isnan(nearest[possible[piece_of[group]], U])
+        some = group[left]
         rows = _measured(grey, areas.only(some).starts(appearance), appearance)
         for number in np.unique(piece_of[some]).tolist():
-            place = asked[number]
+            place = possible[number]
             mine = _distinct(rows[piece_of[some] == number], appearance.blobs)
             distance = np.hypot(mine[:, U] - places[place, 0], mine[:, V] - places[place, 1])
             if len(mine) and distance.min() <= reach:
@@ -148,7 +148,7 @@ def blobs_at(image: Image, starts: Array, appearance: Appearance) -> Array:
 def _measured(grey: Bytes, starts: Array, appearance: Appearance) -> Array:
     """Return rows (n, COLUMNS) of the blobs at outlines, NaN where there is none."""
     rows = measure_outlines(grey, starts, appearance.look, appearance.ellipse)
-    rows[~(rows[:, SEEN] >= appearance.ellipse.told)] = np.nan
+    rows[~(rows[:, SEEN] >= appearance.ellipse.visible)] = np.nan
     return rows
 
 

@@ -109,7 +109,7 @@ class EllipseSettings:
             'blur: tip rms px 0.115 -> 0.0845'
         ),
     )
-    told: float = tuning(
+    visible: float = tuning(
         0.5,
         'smallest share of sectors with a visible edge, and of these with one on the outline',
         source='sweep: halved: hand and blur: tip error/std 0.992 -> 0.985; doubled: nothing',

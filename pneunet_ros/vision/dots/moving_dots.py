@@ -94,7 +94,7 @@ class MovingDotSettings:
     )
     way_std: float = tuning(0.2, 'std of the motion predicted by the row', unit='way')
     fit_std: float = tuning(0.1, 'std of size and motion from other fits', unit='radius, way')
-    alike: int = tuning(
+    informing: int = tuning(
         3,
         'nearest neighbors that give the prior of size and contrast',
         source=(
@@ -390,7 +390,7 @@ def _spread(values: Array) -> float:
     return float(np.sqrt(np.mean((values - np.median(values)) ** 2)))
 
 
-def nothing_known(outline: Array, contrast: float, settings: MovingDotSettings) -> Known:
+def prior_alone(outline: Array, contrast: float, settings: MovingDotSettings) -> Known:
     """Return the prior of a dot from its outline (FITTED,) alone."""
     return Known(
         contrast=contrast,
@@ -404,8 +404,8 @@ def nothing_known(outline: Array, contrast: float, settings: MovingDotSettings) 
 
 def is_dot(dot: MovingDot, known: Known, settings: MovingDotSettings = MOVING_DOTS) -> bool:
     """Whether a fit is a dot: similar to its neighbors, and without unexplained light."""
-    alike = 1.0 / settings.differs <= dot.contrast / known.contrast <= settings.differs
-    return alike and dot.left <= settings.most_left * dot.contrast
+    similar = 1.0 / settings.differs <= dot.contrast / known.contrast <= settings.differs
+    return similar and dot.left <= settings.most_left * dot.contrast
 
 
 def moves_far(outlines: Array) -> Mask:

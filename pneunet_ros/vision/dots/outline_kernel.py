@@ -91,7 +91,7 @@ def fit_outlines(
         result[U], result[V], result[ERROR] = start[U] + off[0], start[V] + off[1], error
         result[BEHIND] = median_where(behind, reached)
         result[WITHIN] = plain_within(result, blocks, near, settings)
-        tell_edges(result, edges, stds, reached, settings)
+        edge_shares(result, edges, stds, reached, settings)
 
 
 @inner
@@ -190,22 +190,22 @@ def plain_within(one: Array, blocks: Array, near: int, settings: Any) -> float:
 
 
 @inner
-def tell_edges(one: Array, edges: Array, stds: Array, reached: Mask, settings: Any) -> None:
+def edge_shares(one: Array, edges: Array, stds: Array, reached: Mask, settings: Any) -> None:
     """Fill in the shares of the edge that are near the ellipse, on it, and clearly outside it."""
     radius = math.sqrt(one[XX] * one[YY] - one[XY] * one[XY])
     near = settings.near_edge + settings.near_edge_share * radius
     on = max(settings.on_edge, settings.on_edge_share * radius)
-    told = seen = exact = outside = there = 0
+    visible = seen = exact = outside = there = 0
     for sector in range(edges.size):
         there += reached[sector]
         if stds[sector] >= settings.knows:
             continue
         unsure = 2.0 * stds[sector]
-        told += 1
+        visible += 1
         seen += abs(edges[sector]) < near + unsure
         exact += abs(edges[sector]) < on + unsure
         outside += edges[sector] > near + unsure
-    one[NEAR] = seen / max(told, 1) if told >= settings.told * there else 0.0
+    one[NEAR] = seen / max(visible, 1) if visible >= settings.visible * there else 0.0
     one[ON], one[OUTSIDE] = exact / edges.size, outside / edges.size
 
 
@@ -371,9 +371,9 @@ def fit_edge(
         for block in range(0, near, BLOCK):
             add_edges(blocks[block // BLOCK], min(near - block, BLOCK), step, by_sector)
         for sector in range(count):
-            tells = max(by_sector[sector, 1], 1e-9)
-            edges[sector] = by_sector[sector, 0] / tells
-            stds[sector] = math.sqrt(variance / tells)
+            information = max(by_sector[sector, 1], 1e-9)
+            edges[sector] = by_sector[sector, 0] / information
+            stds[sector] = math.sqrt(variance / information)
         if not move_ellipse(now, off, shape, slopes, step, moments > 1, settings):
             return math.nan, near
         way = max(abs(step[0]), abs(step[1]))

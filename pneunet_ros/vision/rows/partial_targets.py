@@ -27,7 +27,7 @@ from pneunet_ros.vision.dots.moving_dots import (
     known_by,
     moves_far,
     MovingDot,
-    nothing_known,
+    prior_alone,
 )
 from pneunet_ros.vision.gating import Mask
 from pneunet_ros.vision.row_look import (
@@ -77,9 +77,9 @@ def with_partial(
         found[moving] = _moving_at(view, row, moving, swept, starts, last)[moving]
     for places in starts:
         expected[:, [CENTER_U, CENTER_V]] = places
-        looked_at = partial & ~moving & np.isfinite(places[:, 0])
-        if looked_at.any():
-            part = _parts_at(view, row, usual, looked_at, expected, last)
+        fitted_now = partial & ~moving & np.isfinite(places[:, 0])
+        if fitted_now.any():
+            part = _parts_at(view, row, usual, fitted_now, expected, last)
             better = np.isfinite(part[:, U]) & ~(found[:, STD] <= part[:, STD])
             found[better] = part[better]
     believed = np.isfinite(found[:, U])
@@ -162,26 +162,26 @@ def _moving_at(
     along /= np.hypot(*along.T)[:, None]
     ends = np.full(len(along), math.inf)
     ends[-1] = end_of_arm(expected[-1], along[-1], settings)
-    tell = np.flatnonzero(whole_targets(row.table, expected, look)).tolist()
-    if not tell:
+    informing = np.flatnonzero(whole_targets(row.table, expected, look)).tolist()
+    if not informing:
         return np.full_like(row.table, np.nan)
     fitted: dict[int, MovingDot | None] = {}
     found = np.full_like(row.table, np.nan)
-    away = np.abs(np.arange(len(moving))[:, None] - tell).min(axis=1)
+    away = np.abs(np.arange(len(moving))[:, None] - informing).min(axis=1)
     for target in sorted(np.flatnonzero(moving).tolist(), key=lambda it: int(away[it])):
-        nearest = sorted(tell, key=lambda it: abs(it - target))[: settings.alike]
+        nearest = sorted(informing, key=lambda it: abs(it - target))[: settings.informing]
         for other in nearest:
             if other not in fitted:
                 outline = expected[other].copy()
                 outline[[CENTER_U, CENTER_V]] = row.table[other, :2]
-                nothing = nothing_known(outline, row.table[other, CONTRAST], settings)
+                nothing = prior_alone(outline, row.table[other, CONTRAST], settings)
                 fitted[other] = fit_moving_dot(
                     grey, outline, along[other], ends[other], nothing, settings
                 )
-        alike = [dot for it in nearest if (dot := fitted[it]) is not None]
-        if len(alike) < settings.fewest:
+        dots = [dot for it in nearest if (dot := fitted[it]) is not None]
+        if len(dots) < settings.fewest:
             continue
-        known = known_by(alike, settings)
+        known = known_by(dots, settings)
         for places in starts:
             outline = expected[target].copy()
             outline[[CENTER_U, CENTER_V]] = places[target]
@@ -195,11 +195,11 @@ def _moving_at(
             fitting = rows_of(as_fitted(outline, dot)[None])[0]
             radius = math.sqrt(fitting[AREA] / math.pi)
             off = math.hypot(*(dot.center - places[target]))
-            sure = dot.std <= look.unsure * radius and not found[target, STD] <= dot.std
-            if sure and off <= radius:
+            precise = dot.std <= look.unsure * radius and not found[target, STD] <= dot.std
+            if precise and off <= radius:
                 found[target], fitted[target] = fitting, dot
         if target in fitted:  # skin and light change along the arm: the nearest predicts best
-            tell.append(target)
+            informing.append(target)
     found[~is_possible(found, view.appearance.look, grey.shape)] = np.nan
     if last is not None:
         worse = found[:, STD] > look.unclear * np.nanmedian(row.table[:, STD])

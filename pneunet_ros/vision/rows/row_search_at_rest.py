@@ -165,7 +165,7 @@ def _search_within(
         if len(blobs) == 0:
             found = NO_AREAS
             continue
-        row = _search_once(view, blobs, decide)
+        row = _search_cached(view, blobs, decide)
         if not isinstance(row, Failure):
             return row
         found = replace(row, found=blobs.centers)
@@ -174,8 +174,8 @@ def _search_within(
     return found
 
 
-def _search_once(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Failure:
-    """Find the targets of the arm at rest, as `_search_anew`; the same blobs are searched once.
+def _search_cached(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Failure:
+    """Find the targets of the arm at rest, as `_search`; the same blobs are searched once.
 
     If there are many areas, the salient ones may be all there are.
     """
@@ -183,10 +183,10 @@ def _search_once(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array |
         'at rest', limits, view.settings, view.vision, view.clamp_angle, view.arclength.tobytes(),
         view.taken.tobytes(), blobs.table.tobytes(),
     )  # fmt: skip
-    return view.image.once(key, lambda: _search_anew(view, blobs, limits))
+    return view.image.once(key, lambda: _search(view, blobs, limits))
 
 
-def _search_anew(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Failure:
+def _search(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Failure:
     """Find the targets of the arm at rest from this frame alone, as in `search_at_rest`.
 
     limits: as in `row_at_rest`. The row must be found again from its clamp once it has determined
@@ -248,9 +248,9 @@ def search_what_moved(view: View, still: StillAreas, wanted: int) -> RestAverage
     moves. None if nothing moved, or if the moved areas are not a row of all targets.
     """
     known = still.only(still.seen >= wanted)
-    gone, search = known.unseen >= wanted, view.vision.beam_search
-    most_of_all = np.argsort(~gone, kind='stable')[: view.arclength.size]
-    if not is_moved(gone, most_of_all, view.vision.rest_plane.odds):
+    vanished, search = known.unseen >= wanted, view.vision.beam_search
+    most_of_all = np.argsort(~vanished, kind='stable')[: view.arclength.size]
+    if not is_moved(vanished, most_of_all, view.vision.rest_plane.odds):
         return None
     straight = view.rest_straightness * (view.arclength.size - 1) / search.farthest
     straight_rows = replace(search, across_std=min(search.across_std, straight))
@@ -264,9 +264,9 @@ def search_what_moved(view: View, still: StillAreas, wanted: int) -> RestAverage
         view.rest_straightness,
         replace(view.vision, beam_search=straight_rows),
         known.shapes,
-        np.where(gone, 0.0, search.missing),
+        np.where(vanished, 0.0, search.missing),
     )
-    if isinstance(row, Failure) or not _has_moved(view, row, points, gone):
+    if isinstance(row, Failure) or not _has_moved(view, row, points, vanished):
         return None
     seen = np.where(row.chosen >= 0, known.seen[row.chosen], 0)
     return RestAverage(
@@ -274,22 +274,22 @@ def search_what_moved(view: View, still: StillAreas, wanted: int) -> RestAverage
     )
 
 
-def _has_moved(view: View, row: TargetRow, points: Array, gone: Mask) -> bool:
+def _has_moved(view: View, row: TargetRow, points: Array, vanished: Mask) -> bool:
     """Whether a row among points (areas, 2) moved like an arm, with all of its targets.
 
-    gone (areas,): mask of areas that disappeared. For an arm these are all targets except some at
-    the clamp, and no area disappeared where the next target beyond its tip would be.
+    vanished (areas,): mask of areas that disappeared. For an arm these are all targets except some
+    at the clamp, and no area disappeared where the next target beyond its tip would be.
     """
     chosen = row.chosen[row.chosen >= 0]
-    if np.any(np.diff(gone[chosen].astype(np.int64)) < 0):
+    if np.any(np.diff(vanished[chosen].astype(np.int64)) < 0):
         return False
     step = np.diff(view.arclength)[-1] / np.ptp(view.arclength)
     beyond = points[chosen[-1]] + step * (points[chosen[-1]] - points[chosen[0]])
     reach = view.vision.beam_search.farthest * view.vision.beam_search.along_std
     reach *= spacing_of(row_points(row, points), view.arclength)
-    if np.any(np.hypot(*(points[gone] - beyond).T) <= reach):
+    if np.any(np.hypot(*(points[vanished] - beyond).T) <= reach):
         return False
-    return is_moved(gone, chosen, view.vision.rest_plane.odds)
+    return is_moved(vanished, chosen, view.vision.rest_plane.odds)
 
 
 def _row_at_rest(
