@@ -11,15 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pneunet_ros.calibration.settings import CalibrationSettings, judging
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.quantity_option import quantity_of, string_of
-from pneunet_ros.cli.verb import (
-    add_settings,
-    add_topics,
-    progress_of,
-    SENSOR_SETTINGS,
-    settings_of,
-    topics_of,
-)
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.paths import resolved
 from pneunet_ros.core.progress import heard
@@ -93,13 +86,13 @@ def add_experiments(parser: ArgumentParser) -> None:
         help='a known tension of a thread from the tip over a fixed eye or pulley at X, Y (base '
         'frame; m, or with a unit, e.g. 300mm); like --end-load; may be repeated',
     )
-    add_topics(parser)
-    add_settings(parser, SENSOR_SETTINGS)
+    verb.add_topics(parser)
+    verb.add_settings(parser, verb.SENSOR_SETTINGS)
 
 
 def calibration_settings(arguments: Namespace) -> CalibrationSettings:
     """Return the settings of a calibration according to the options."""
-    settings = settings_of(arguments)
+    settings = verb.settings_of(arguments)
     return judging(settings.pressure if settings.judge_readings else None)
 
 
@@ -133,13 +126,13 @@ def read_experiments(
             'remove it from one of them',
             reason='exclusive',
         )
-    topics = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
+    topics = verb.topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
     left_out: list[str] = []
     unloaded: list[str] = []
 
     def read(path: Path) -> RecordingData:
         run, sentences = read_run(
-            path, frame.target_arclength.size, topics, settings_of(arguments), frame.gravity
+            path, frame.target_arclength.size, topics, verb.settings_of(arguments), frame.gravity
         )
         left_out.extend(f'{path.name}: {sentence}' for sentence in sentences)
         run = replace(run, static=arguments.static)
@@ -158,7 +151,7 @@ def read_experiments(
             return run.without_load()
         return run
 
-    with heard(progress_of(bar, 'reading')):
+    with heard(verb.progress_of(bar, 'reading')):
         runs = tuple(tuple(read(path) for path in group) for group in groups)
     flat, found = in_base_frame(list(itertools.chain(*runs)), frame)
     left_out += found

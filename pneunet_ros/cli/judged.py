@@ -6,7 +6,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-from pneunet_ros.cli.verb import NEGATIVE, output_console, print_json
+from pneunet_ros.cli import verb
 from pneunet_ros.offline.judge import Verdicts
 
 
@@ -29,9 +29,9 @@ def refuse_readings(arguments: Namespace, path: Path, verdicts: Verdicts) -> int
         'sentences': [sentence],
     }
     if arguments.json:
-        print_json(summary)
+        verb.print_json(summary)
     else:
-        console = output_console()
+        console = verb.output_console()
         console.print(sentence)
         console.print('Nothing was estimated and nothing was written.')
-    return NEGATIVE
+    return verb.NEGATIVE

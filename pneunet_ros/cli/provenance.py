@@ -9,7 +9,7 @@ import platform
 from typing import TYPE_CHECKING
 
 from pneunet_ros import __version__
-from pneunet_ros.cli.verb import PAPER_ARM
+from pneunet_ros.cli import verb
 from pneunet_ros.core.printable import printable
 from pneunet_ros.core.settings import settings_changed
 
@@ -29,7 +29,7 @@ def provenance_of(
     return {
         'source': f'pneunet calibrate {__version__}',
         'recordings': inputs_of(paths),
-        'arm': printable((arguments.arm or arguments.earlier or Path(PAPER_ARM)).name),
+        'arm': printable((arguments.arm or arguments.earlier or Path(verb.PAPER_ARM)).name),
         'continued': None if arguments.earlier is None else printable(arguments.earlier.name),
         'chi_squared_per_coordinate': round(joint.chi_squared / joint.dof, 4),
         'coordinates': joint.dof,

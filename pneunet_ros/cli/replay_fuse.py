@@ -7,19 +7,9 @@ from contextlib import ExitStack
 from dataclasses import replace
 import time
 
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.judged import refuse_readings
-from pneunet_ros.cli.verb import (
-    DONE,
-    model_of,
-    NEGATIVE,
-    output_console,
-    print_json,
-    progress_bar,
-    reading_bar,
-    settings_of,
-    topics_of,
-)
 from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.files.model_file import model_hash
@@ -42,14 +32,14 @@ from rich.table import Table
 
 def run_fusion(arguments: Namespace) -> int:
     """Fuse the recording and summarize."""
-    arm = model_of(arguments)
+    arm = verb.model_of(arguments)
     settings = replace(FUSION, free_tip=arguments.free_tip)
-    fusion = Fusion(arm=arm, sensors=settings_of(arguments), settings=settings)
-    overrides = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
+    fusion = Fusion(arm=arm, sensors=verb.settings_of(arguments), settings=settings)
+    overrides = verb.topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
     recording = open_recording(arguments.recording)
     wrench = not (arguments.no_wrench or arguments.free_tip)
     topics = fusion_topics(recording, overrides, wrench=wrench, gravity=fusion.gravity)
-    with reading_bar(shown=not arguments.json):
+    with verb.reading_bar(shown=not arguments.json):
         verdicts = judge_recording(
             recording,
             arm,
@@ -64,7 +54,7 @@ def run_fusion(arguments: Namespace) -> int:
     tally = FusionTally()
     begun = time.perf_counter()
     with ExitStack() as stack:
-        bar = stack.enter_context(progress_bar(shown=not arguments.json))
+        bar = stack.enter_context(verb.progress_bar(shown=not arguments.json))
         task = bar.add_task('fusing', total=recording.count(list(topics)))
 
         def on_progress(step: FusionStep) -> None:
@@ -115,15 +105,15 @@ def run_fusion(arguments: Namespace) -> int:
         'last_refusal': tally.refusal.sentence if tally.refusal else None,
     }
     if arguments.json:
-        print_json(summary)
+        verb.print_json(summary)
     else:
         show(summary, tally)
-    return DONE if state.counts.estimates else NEGATIVE
+    return verb.DONE if state.counts.estimates else verb.NEGATIVE
 
 
 def show(summary: dict[str, object], tally: FusionTally) -> None:
     """Print the summary for people."""
-    console = output_console()
+    console = verb.output_console()
     table = Table(title=f'{summary["recording"]} through {summary["model"]}', show_header=False)
     table.add_column()
     table.add_column()

@@ -13,9 +13,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from pneunet_ros.calibration.calibration import calibrate
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.experiments import read_experiments
 from pneunet_ros.cli.provenance import provenance_of, versions
-from pneunet_ros.cli.verb import progress_bar, settings_of, topics_of
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.diagnosis.diagnosis import investigate
 from pneunet_ros.diagnosis.result import UnsettledDiagnosis
@@ -78,7 +78,7 @@ class SurveyWork:
             add_effects(self.request.effects_path)
         frame = load_model(arm.arm)
         checks = self.check(arm, frame)
-        with TemporaryDirectory() as place, progress_bar(shown=False) as bar:
+        with TemporaryDirectory() as place, verb.progress_bar(shown=False) as bar:
             asked, of_heldout = (
                 self.request.arguments(some) for some in (arm.roles['unloaded'], ())
             )
@@ -112,8 +112,8 @@ class SurveyWork:
         asked = self.request.arguments(())
         request = UseRequest(
             arm=frame,
-            settings=settings_of(asked),
-            overrides=topics_of(asked.topic, [sensor.name for sensor in SENSORS]),
+            settings=verb.settings_of(asked),
+            overrides=verb.topics_of(asked.topic, [sensor.name for sensor in SENSORS]),
         )
         found = [check_recording(path, request) for path in arm.recordings]
         return [

@@ -11,16 +11,9 @@ import time
 from typing import Any
 
 import numpy as np
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.track_film import film_readings, joined, reading_doubts
 from pneunet_ros.cli.track_summary import show, summary_of
-from pneunet_ros.cli.verb import (
-    DONE,
-    model_of,
-    NEGATIVE,
-    print_json,
-    progress_bar,
-    topics_of,
-)
 from pneunet_ros.core.errors import CameraError, RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.image import Image
@@ -57,7 +50,7 @@ Follower = Callable[[TrackStep], None]
 
 def track(arguments: Namespace) -> int:
     """Track the images and summarize."""
-    arm = model_of(arguments)
+    arm = verb.model_of(arguments)
     settings = load_camera(arguments.camera or share_path(CAMERA))
     if arguments.clamp_pixel is not None:
         settings = replace(settings, clamp_pixel=tuple(arguments.clamp_pixel))
@@ -65,7 +58,7 @@ def track(arguments: Namespace) -> int:
     request = SourceRequest(
         camera_info=arguments.camera_info,
         rate=arguments.rate,
-        topics=topics_of(arguments.topic, TOPIC_NAMES),
+        topics=verb.topics_of(arguments.topic, TOPIC_NAMES),
         colored=settings.dot_color is not None,
     )
     stream = open_images(arguments.source, request)
@@ -86,7 +79,7 @@ def track(arguments: Namespace) -> int:
         trackings: list[Tracking] = []
         on_tracking = [trackings.append] if readings is not None else tabulate
         followers = [tally.count, *looks]
-        bar = stack.enter_context(progress_bar(shown=not arguments.json))
+        bar = stack.enter_context(verb.progress_bar(shown=not arguments.json))
         task = bar.add_task('looking for the arm at rest', total=stream.frames)
         seen_ahead: list[TrackStep] = []
 
@@ -145,11 +138,11 @@ def track(arguments: Namespace) -> int:
     if film and not film['frames_covered']:
         summary['output'] = None
     if arguments.json:
-        print_json(summary)
+        verb.print_json(summary)
     else:
         show(summary)
     done = tally.explained and film.get('frames_covered', 1) and not doubts
-    return DONE if done else NEGATIVE
+    return verb.DONE if done else verb.NEGATIVE
 
 
 def output_writer(arguments: Namespace) -> AbstractContextManager[RecordingWriter]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from argparse import Namespace
 from typing import Any
 
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.fitted_table import print_table
-from pneunet_ros.cli.verb import output_console
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.model.arm import Arm
@@ -49,7 +49,7 @@ def summary_of(
 
 def show(summary: dict[str, Any]) -> None:
     """Print the summary for people."""
-    console = output_console()
+    console = verb.output_console()
     table = Table(title=f'{summary["source"]} through {summary["model"]}', show_header=False)
     table.add_column()
     table.add_column()

@@ -9,6 +9,7 @@ from pathlib import Path
 import time
 from typing import TYPE_CHECKING
 
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.experiments import (
     add_experiments,
     as_measured,
@@ -16,20 +17,6 @@ from pneunet_ros.cli.experiments import (
     read_experiments,
 )
 from pneunet_ros.cli.provenance import provenance_of
-from pneunet_ros.cli.verb import (
-    add_effects_path,
-    add_gravity,
-    add_json,
-    add_overwrite,
-    DONE,
-    NEGATIVE,
-    output_console,
-    PAPER_ARM,
-    print_json,
-    progress_bar,
-    progress_of,
-    with_gravity,
-)
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.atomic import written_together
@@ -99,11 +86,11 @@ def options(parser: ArgumentParser) -> None:
         'laws: takes about half the time, but the error bars do not include the effect of '
         'leaving out a recording',
     )
-    add_overwrite(parser)
+    verb.add_overwrite(parser)
     add_experiments(parser)
-    add_effects_path(parser)
-    add_gravity(parser, 'file after --arm')
-    add_json(parser)
+    verb.add_effects_path(parser)
+    verb.add_gravity(parser, 'file after --arm')
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -119,14 +106,14 @@ def run(arguments: Namespace) -> int:
     from pneunet_ros.reports.calibration.report import write_report
 
     started = time.perf_counter()
-    frame = load_model(arguments.arm or arguments.earlier or share_path(PAPER_ARM))
-    frame = with_gravity(frame, arguments)
+    frame = load_model(arguments.arm or arguments.earlier or share_path(verb.PAPER_ARM))
+    frame = verb.with_gravity(frame, arguments)
     earlier = None
     if arguments.earlier is not None:
         earlier = load_knowledge(arguments.earlier)
         frame = replace(frame, domain=load_model(arguments.earlier).domain)
     check_outputs(arguments)
-    with written_together(), progress_bar(shown=not arguments.json) as bar:
+    with written_together(), verb.progress_bar(shown=not arguments.json) as bar:
         read = read_experiments(
             (arguments.unloaded, arguments.loaded, arguments.motion), frame, arguments, bar
         )
@@ -135,7 +122,7 @@ def run(arguments: Namespace) -> int:
         if not unloaded:
             unloaded = tuple(run for run in loaded if not run.loaded)
             loaded = tuple(run for run in loaded if run.loaded)
-        on_progress = progress_of(bar, 'fitting')
+        on_progress = verb.progress_of(bar, 'fitting')
         calibration = calibrate(
             unloaded,
             loaded,
@@ -180,11 +167,11 @@ def run(arguments: Namespace) -> int:
         | read.summary
     )
     if arguments.json:
-        print_json(summary | {'provenance': provenance})
+        verb.print_json(summary | {'provenance': provenance})
     else:
         notes = (*read.sentences, *([motion_note] if motion_note else []))
-        show(calibration, summary, notes, output_console())
-    return DONE if summary['verdict']['fits'] else NEGATIVE
+        show(calibration, summary, notes, verb.output_console())
+    return verb.DONE if summary['verdict']['fits'] else verb.NEGATIVE
 
 
 def fitted_motion(arm: Arm, runs: Sequence[RecordingData]) -> tuple[MotionFit | None, str]:

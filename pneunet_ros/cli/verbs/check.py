@@ -6,22 +6,8 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Any
 
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.fitted_table import print_table
-from pneunet_ros.cli.verb import (
-    add_json,
-    add_model,
-    add_settings,
-    add_topics,
-    DONE,
-    model_of,
-    NEGATIVE,
-    output_console,
-    print_json,
-    reading_bar,
-    SENSOR_SETTINGS,
-    settings_of,
-    topics_of,
-)
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.messages.readings import SENSORS
 from rich.console import Console
@@ -35,10 +21,10 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         'recordings', nargs='+', type=Path, metavar='REC', help='.mcap files or rosbag2 folders'
     )
-    add_model(parser)
-    add_topics(parser)
-    add_settings(parser, SENSOR_SETTINGS)
-    add_json(parser)
+    verb.add_model(parser)
+    verb.add_topics(parser)
+    verb.add_settings(parser, verb.SENSOR_SETTINGS)
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -49,19 +35,21 @@ def run(arguments: Namespace) -> int:
     from pneunet_ros.recordings.image_sources import TOPIC_NAMES
 
     request = UseRequest(
-        arm=model_of(arguments),
+        arm=verb.model_of(arguments),
         own_model=arguments.model is not None,
-        settings=settings_of(arguments),
-        overrides=topics_of(arguments.topic, [*(sensor.name for sensor in SENSORS), *TOPIC_NAMES]),
+        settings=verb.settings_of(arguments),
+        overrides=verb.topics_of(
+            arguments.topic, [*(sensor.name for sensor in SENSORS), *TOPIC_NAMES]
+        ),
     )
-    with reading_bar(shown=not arguments.json):
+    with verb.reading_bar(shown=not arguments.json):
         found = [check_recording(path, request) for path in arguments.recordings]
     verdicts = [verdict for content in found for verdict in content['verdicts'].values()]
-    code = NEGATIVE if any(verdict['doubted'] for verdict in verdicts) else DONE
+    code = verb.NEGATIVE if any(verdict['doubted'] for verdict in verdicts) else verb.DONE
     if arguments.json:
-        print_json({'model': request.arm.name, 'recordings': found})
+        verb.print_json({'model': request.arm.name, 'recordings': found})
         return code
-    console = output_console()
+    console = verb.output_console()
     for content in found:
         show(content, console)
     return code

@@ -8,19 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.fitted_table import print_table
-from pneunet_ros.cli.verb import (
-    add_json,
-    add_model,
-    add_overwrite,
-    DONE,
-    model_of,
-    NEGATIVE,
-    output_console,
-    print_json,
-    reading_bar,
-    topics_of,
-)
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.estimation.shape_error import Comparison
@@ -60,7 +49,7 @@ def options(parser: ArgumentParser) -> None:
         metavar='FILE',
         help='draw shapes, and errors over arclength and time (.png, .svg or .pdf)',
     )
-    add_model(parser)
+    verb.add_model(parser)
     parser.add_argument(
         '--topic',
         action='append',
@@ -70,8 +59,8 @@ def options(parser: ArgumentParser) -> None:
         'reads the measured targets of a recording B that also contains estimates); may be '
         f'repeated; NAME is {", ".join(SHAPE_TOPICS[:-1])} or {SHAPE_TOPICS[-1]}',
     )
-    add_overwrite(parser)
-    add_json(parser)
+    verb.add_overwrite(parser)
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -80,7 +69,7 @@ def run(arguments: Namespace) -> int:
         raise RequestError(
             f'--plot {arguments.plot} must end in {", ".join(PLOTS)}', reason='wrong_suffix'
         )
-    arm = model_of(arguments)
+    arm = verb.model_of(arguments)
     a_topics, b_topics = side_topics(arguments.topic)
     request = CompareRequest(
         a=arguments.a,
@@ -91,7 +80,7 @@ def run(arguments: Namespace) -> int:
         target_arclength=arm.target_arclength,
         length=arm.length if arguments.model is not None else None,
     )
-    with reading_bar(shown=not arguments.json):
+    with verb.reading_bar(shown=not arguments.json):
         comparisons = compare_files(request)
     found = [item for item in comparisons if item.tip is not None or item.shape is not None]
     plot = arguments.plot if found else None
@@ -107,12 +96,12 @@ def run(arguments: Namespace) -> int:
         for item, content in zip(comparisons, contents, strict=True):
             content['sentences'] += places_assumed(item, arm)
     if arguments.json:
-        print_json({'comparisons': contents, 'plot': plot})
+        verb.print_json({'comparisons': contents, 'plot': plot})
     else:
         show(contents)
         if plot is not None:
-            output_console().print(f'wrote {plot}')
-    return DONE if len(found) == len(comparisons) else NEGATIVE
+            verb.output_console().print(f'wrote {plot}')
+    return verb.DONE if len(found) == len(comparisons) else verb.NEGATIVE
 
 
 def places_assumed(comparison: Comparison, arm: Arm) -> list[str]:
@@ -129,7 +118,7 @@ def places_assumed(comparison: Comparison, arm: Arm) -> list[str]:
 def side_topics(pairs: list[str]) -> tuple[dict[str, str], dict[str, str]]:
     """Return the chosen topics of A and of B, by last name."""
     of_one = [f'{side}.{name}' for side in SIDES for name in SHAPE_TOPICS]
-    chosen = topics_of(pairs, [*SHAPE_TOPICS, *of_one])
+    chosen = verb.topics_of(pairs, [*SHAPE_TOPICS, *of_one])
     both = {name: topic for name, topic in chosen.items() if name in SHAPE_TOPICS}
     a, b = (
         both
@@ -141,7 +130,7 @@ def side_topics(pairs: list[str]) -> tuple[dict[str, str], dict[str, str]]:
 
 def show(contents: list[dict[str, Any]]) -> None:
     """Print the errors, the number of matched frames, and the compared topics."""
-    console = output_console()
+    console = verb.output_console()
     for content in contents:
         console.print(f'{content["of"]}\nagainst {content["to"]}')
         table = Table()

@@ -6,19 +6,19 @@ from argparse import ArgumentParser, Namespace
 import gc
 import time
 
-from pneunet_ros.cli.verb import add_json, DONE, output_console, print_json, progress_bar
+from pneunet_ros.cli import verb
 from pneunet_ros.core.kernels.cache import alone, cache_folder, kernels_kept, note_kept
 
 
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
-    add_json(parser)
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
     """Compile the missing kernels."""
     begun = time.process_time()
-    with alone(), progress_bar(shown=not arguments.json) as bar:
+    with alone(), verb.progress_bar(shown=not arguments.json) as bar:
         there = kernels_kept()
         if not there:
             # What waits for its turn need not have imported all that has kernels.
@@ -34,9 +34,9 @@ def run(arguments: Namespace) -> int:
             note_kept()
     seconds = time.process_time() - begun
     if arguments.json:
-        print_json({'folder': cache_folder(), 'compiled': not there, 'cpu_seconds': seconds})
+        verb.print_json({'folder': cache_folder(), 'compiled': not there, 'cpu_seconds': seconds})
     elif there:
-        output_console().print(f'the kernels are already compiled, in {cache_folder()}')
+        verb.output_console().print(f'the kernels are already compiled, in {cache_folder()}')
     else:
-        output_console().print(f'compiled into {cache_folder()}: {seconds:.0f} s of CPU')
-    return DONE
+        verb.output_console().print(f'compiled into {cache_folder()}: {seconds:.0f} s of CPU')
+    return verb.DONE

@@ -12,18 +12,8 @@ from pathlib import Path
 import sys
 
 import numpy as np
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.fitted_table import print_table
-from pneunet_ros.cli.verb import (
-    add_json,
-    add_model,
-    add_overwrite,
-    DONE,
-    model_of,
-    NEGATIVE,
-    output_console,
-    print_json,
-    progress_bar,
-)
 from pneunet_ros.core.kernels.cache import kernels_kept
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals, millimeters
@@ -42,7 +32,7 @@ RECORDING = 'bags/table1'
 
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
-    add_model(parser)
+    verb.add_model(parser)
     parser.add_argument(
         '--output',
         type=Path,
@@ -50,13 +40,13 @@ def options(parser: ArgumentParser) -> None:
         metavar='DIR',
         help='folder for table1.mcap and shapes.png (default: demo)',
     )
-    add_overwrite(parser)
-    add_json(parser)
+    verb.add_overwrite(parser)
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
     """Replay the shipped recording, print its holds, write recording and picture."""
-    arm = model_of(arguments)
+    arm = verb.model_of(arguments)
     estimator = Estimator(arm=arm)
     recording = open_recording(share_path(RECORDING))
     topics = input_topics(recording, estimator, {})
@@ -65,7 +55,7 @@ def run(arguments: Namespace) -> int:
     with (
         atomic_output(picture, overwrite=arguments.overwrite) as temporary,
         write_recording(mcap, overwrite=arguments.overwrite) as writer,
-        progress_bar(shown=not arguments.json) as bar,
+        verb.progress_bar(shown=not arguments.json) as bar,
     ):
         compiled = kernels_kept()
         if not compiled and not arguments.json:
@@ -90,10 +80,10 @@ def run(arguments: Namespace) -> int:
     left_out = error_left_out(arm.covariance, arm.sources)
     if arguments.json:
         counted = {'estimates': len(estimates), 'files': [mcap, picture]}
-        print_json({'holds': rows, 'std_leaves_out': left_out, **counted})
+        verb.print_json({'holds': rows, 'std_leaves_out': left_out, **counted})
     else:
         show(rows, left_out, len(estimates), mcap, picture)
-    return DONE if holds else NEGATIVE
+    return verb.DONE if holds else verb.NEGATIVE
 
 
 def first_of_each_pressure(holds: list[ShapeEstimate]) -> list[ShapeEstimate]:
@@ -127,7 +117,7 @@ def show(
     rows: list[dict[str, float]], left_out: str, estimates: int, mcap: Path, picture: Path
 ) -> None:
     """Print the holds as a table."""
-    console = output_console()
+    console = verb.output_console()
     table = Table(title=f'The {len(rows)} holds of Table 1, as the estimator sees the arm')
     for name in (
         'p (kPa)', 'F1 (N)', 'F2 (N)', 'tip x (mm)', 'tip y (mm)', 'heading (deg)',

@@ -11,25 +11,13 @@ from functools import partial
 from pathlib import Path
 import time
 
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.experiments import (
     add_experiments,
     calibration_settings,
     read_experiments,
 )
 from pneunet_ros.cli.quantity_option import seed
-from pneunet_ros.cli.verb import (
-    add_effects_path,
-    add_gravity,
-    add_json,
-    add_overwrite,
-    DONE,
-    NEGATIVE,
-    output_console,
-    print_json,
-    progress_bar,
-    progress_of,
-    with_gravity,
-)
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.executor import open_executor
 from pneunet_ros.core.paths import resolved
@@ -110,11 +98,11 @@ def options(parser: ArgumentParser) -> None:
         metavar='ADDRESS',
         help='simulate on the Dask cluster of this scheduler (default: on this machine)',
     )
-    add_overwrite(parser)
+    verb.add_overwrite(parser)
     add_experiments(parser)
-    add_effects_path(parser)
-    add_gravity(parser)
-    add_json(parser)
+    verb.add_effects_path(parser)
+    verb.add_gravity(parser)
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -129,7 +117,7 @@ def run(arguments: Namespace) -> int:
     from pneunet_ros.reports.diagnosis.report import Given
 
     started = time.perf_counter()
-    frame = with_gravity(load_model(arguments.model), arguments)
+    frame = verb.with_gravity(load_model(arguments.model), arguments)
     recordings = (*arguments.train, *arguments.heldout)
     sha256 = model_hash(frame)
     check_recordings(recordings)
@@ -142,12 +130,12 @@ def run(arguments: Namespace) -> int:
             inputs=(arguments.model, *recordings),
             replaceable=REPLACEABLE,
         ) as folder,
-        progress_bar(shown=not arguments.json) as bar,
+        verb.progress_bar(shown=not arguments.json) as bar,
     ):
         read = read_experiments((arguments.train, arguments.heldout), frame, arguments, bar)
         frame, training, held_out, tips = with_tips(frame, *read.groups)
         read = replace(read, left_out=(*read.left_out, *tips))
-        on_progress = progress_of(bar, 'diagnosing')
+        on_progress = verb.progress_of(bar, 'diagnosing')
         with executor_for(arguments.scheduler, arguments.effects_path) as executor:
             investigation = investigate(
                 frame,
@@ -188,12 +176,12 @@ def run(arguments: Namespace) -> int:
         )
     if arguments.json:
         seconds = time.perf_counter() - started
-        print_json(content | {'output': arguments.output, 'seconds': seconds} | read.summary)
+        verb.print_json(content | {'output': arguments.output, 'seconds': seconds} | read.summary)
     elif isinstance(found, UnsettledDiagnosis):
-        show_unsettled(found, read.sentences, arguments.output, output_console())
+        show_unsettled(found, read.sentences, arguments.output, verb.output_console())
     else:
-        show(found, discovery, read.sentences, arguments.output, output_console())
-    return DONE if found.answer in CLEAR else NEGATIVE
+        show(found, discovery, read.sentences, arguments.output, verb.output_console())
+    return verb.DONE if found.answer in CLEAR else verb.NEGATIVE
 
 
 def settings_without(names: Sequence[str]) -> DiagnosisSettings:

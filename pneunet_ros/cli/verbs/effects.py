@@ -8,7 +8,7 @@ from dataclasses import Field
 import textwrap
 from typing import Any
 
-from pneunet_ros.cli.verb import add_effects_path, add_json, DONE, output_console, print_json
+from pneunet_ros.cli import verb
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Place
@@ -27,15 +27,15 @@ PLACES: dict[Place, str] = {
 
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
-    add_effects_path(parser)
-    add_json(parser)
+    verb.add_effects_path(parser)
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
     """Print the table."""
     add_installed_effects()
     if arguments.json:
-        print_json(
+        verb.print_json(
             {
                 'effects': [
                     {
@@ -51,11 +51,11 @@ def run(arguments: Namespace) -> int:
                 ]
             }
         )
-        return DONE
-    console = output_console()
+        return verb.DONE
+    console = verb.output_console()
     for line in lines():
         console.print(line, soft_wrap=True)
-    return DONE
+    return verb.DONE
 
 
 def lines() -> Iterator[str]:

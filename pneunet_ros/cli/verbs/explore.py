@@ -10,17 +10,8 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.quantity_option import quantity_type, seed
-from pneunet_ros.cli.verb import (
-    add_effects_path,
-    add_json,
-    DONE,
-    NEGATIVE,
-    output_console,
-    print_json,
-    progress_bar,
-    progress_of,
-)
 from pneunet_ros.core.errors import ModelError, RecordingError, RequestError
 from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.share import share_path
@@ -131,8 +122,8 @@ def options(parser: ArgumentParser) -> None:
         metavar='N',
         help=('random seed of noise and thresholds (default: 0)'),
     )
-    add_effects_path(parser)
-    add_json(parser)
+    verb.add_effects_path(parser)
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -162,7 +153,7 @@ def run(arguments: Namespace) -> int:
     if folder.exists():
         raise RecordingError(f'{folder} exists already: choose another name', reason='exists')
     folder.mkdir(parents=True)
-    console = Console(stderr=True, quiet=True) if arguments.json else output_console()
+    console = Console(stderr=True, quiet=True) if arguments.json else verb.output_console()
     console.print(f'within {safe_sentence(safe)}')
     notes: list[str] = []
 
@@ -183,8 +174,8 @@ def run(arguments: Namespace) -> int:
         'settings': settings_used(settings),
     }
     rounds: list[Round] = []
-    with progress_bar(shown=not (arguments.json or arguments.by_hand)) as bar:
-        on_progress = progress_of(bar, 'exploring')
+    with verb.progress_bar(shown=not (arguments.json or arguments.by_hand)) as bar:
+        on_progress = verb.progress_of(bar, 'exploring')
         for item in explore(
             model, record, safe, seed=arguments.seed, on_progress=on_progress, settings=settings
         ):
@@ -205,7 +196,7 @@ def run(arguments: Namespace) -> int:
     last = rounds[-1].investigation.diagnosis
     if arguments.json:
         content = exploration_content(rounds, safe, provenance)
-        print_json(content | {'output': folder, 'seconds': time.perf_counter() - started})
+        verb.print_json(content | {'output': folder, 'seconds': time.perf_counter() - started})
     else:
         console.print(last_sentence(rounds))
         if isinstance(last, Diagnosis):
@@ -214,7 +205,7 @@ def run(arguments: Namespace) -> int:
         for name in (PAGE, NUMBERS, f'{DIAGNOSIS}/report.html'):
             if (folder / name).exists():
                 console.print(f'wrote {folder / name}')
-    return DONE if is_clear(rounds) else NEGATIVE
+    return verb.DONE if is_clear(rounds) else verb.NEGATIVE
 
 
 def safe_set(arguments: Namespace, model: Arm) -> SafeSet:

@@ -6,24 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 import numpy as np
-from pneunet_ros.cli.verb import (
-    add_dimensionless,
-    add_json,
-    add_model,
-    add_overwrite,
-    add_settings,
-    add_topics,
-    DONE,
-    model_of,
-    output_console,
-    print_json,
-    reading_bar,
-    scales_sentence,
-    SENSOR_SETTINGS,
-    settings_of,
-    topics_of,
-    units_of,
-)
+from pneunet_ros.cli import verb
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.stamps import Stamps
@@ -52,26 +35,26 @@ def options(parser: ArgumentParser) -> None:
         required=True,
         help='write the table here; a .npz file gets arrays with the same names',
     )
-    add_overwrite(parser)
-    add_topics(parser)
-    add_settings(parser, SENSOR_SETTINGS)
-    add_dimensionless(parser, 'write')
-    add_model(parser)
-    add_json(parser)
+    verb.add_overwrite(parser)
+    verb.add_topics(parser)
+    verb.add_settings(parser, verb.SENSOR_SETTINGS)
+    verb.add_dimensionless(parser, 'write')
+    verb.add_model(parser)
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
     """Export the recording and summarize."""
     check_suffix(arguments.output)
-    arm = model_of(arguments)
-    units = units_of(arguments, arm)
+    arm = verb.model_of(arguments)
+    units = verb.units_of(arguments, arm)
     if arguments.model is not None and not arguments.dimensionless:
         raise RequestError(
             '--model only sets the scales of --dimensionless: give both options, or neither',
             reason='missing',
         )
     names = [sensor.name for sensor in SENSORS]
-    overrides = topics_of(arguments.topic, [*names, TIP])
+    overrides = verb.topics_of(arguments.topic, [*names, TIP])
     recording = open_recording(arguments.recording)
     topics = find_all_series(recording, overrides)
     tip_topic = overrides.get(TIP)
@@ -85,8 +68,8 @@ def run(arguments: Namespace) -> int:
         )
     sentences = [*recording.sentences]
     tips = None
-    with reading_bar(shown=not arguments.json):
-        settings = mounted(recording, topics, settings_of(arguments))
+    with verb.reading_bar(shown=not arguments.json):
+        settings = mounted(recording, topics, verb.settings_of(arguments))
         series = read_series(recording, topics, settings)
         for item in series.values():
             sentences += item.sentences()
@@ -114,15 +97,18 @@ def run(arguments: Namespace) -> int:
         'sentences': sentences,
     }
     if arguments.json:
-        print_json(summary)
-        return DONE
+        verb.print_json(summary)
+        return verb.DONE
 
-    console = output_console()
+    console = verb.output_console()
     console.print(f'{len(table.stamp_ns)} rows of {len(content)} columns: {", ".join(content)}')
-    for sentence in [*sentences, *([scales_sentence(arm)] if arguments.dimensionless else [])]:
+    for sentence in [
+        *sentences,
+        *([verb.scales_sentence(arm)] if arguments.dimensionless else []),
+    ]:
         console.print(f'note: {sentence}')
     console.print(f'wrote {arguments.output}')
-    return DONE
+    return verb.DONE
 
 
 def tip_columns(tips: Tips, stamp_ns: Stamps, units: UnitSystem) -> dict[str, Array]:

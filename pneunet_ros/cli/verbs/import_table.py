@@ -5,19 +5,8 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.table_options import add_table_options, table_request
-from pneunet_ros.cli.verb import (
-    add_json,
-    add_model,
-    add_overwrite,
-    add_settings,
-    DONE,
-    model_of,
-    NEGATIVE,
-    output_console,
-    print_json,
-    reading_bar,
-)
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.measurement.pressure_judge import ANY_ACTUATOR, expected_of
@@ -42,14 +31,14 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--output', type=Path, metavar='REC.mcap', required=True, help='write the recording here'
     )
-    add_overwrite(parser)
+    verb.add_overwrite(parser)
     add_table_options(parser)
     parser.add_argument(
         '--rate', type=float, metavar='HZ', help='rows per second of a table without a time column'
     )
-    add_model(parser, 'model to judge the readings by (default: any soft actuator)')
-    add_settings(parser, ['judge_readings'])
-    add_json(parser)
+    verb.add_model(parser, 'model to judge the readings by (default: any soft actuator)')
+    verb.add_settings(parser, ['judge_readings'])
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -64,15 +53,15 @@ def run(arguments: Namespace) -> int:
             reason='wrong_kind',
         )
     request = table_request(arguments, rate=arguments.rate)
-    with reading_bar(shown=not arguments.json):
+    with verb.reading_bar(shown=not arguments.json):
         table, sentences = read_table(arguments.table, request)
-    expected = ANY_ACTUATOR if arguments.model is None else [expected_of(model_of(arguments))]
+    expected = ANY_ACTUATOR if arguments.model is None else [expected_of(verb.model_of(arguments))]
     doubts: tuple[str, ...] = ()
     if arguments.judge_readings:
         doubts = table_doubts(table, expected)
         sentences = (*table_hints(table, expected), *sentences)
     with (
-        reading_bar(shown=not arguments.json),
+        verb.reading_bar(shown=not arguments.json),
         write_recording(
             arguments.output, overwrite=arguments.overwrite, inputs=[arguments.table]
         ) as writer,
@@ -89,12 +78,12 @@ def run(arguments: Namespace) -> int:
         'sentences': [*doubts, *sentences],
     }
     if arguments.json:
-        print_json(summary)
-        return NEGATIVE if doubts else DONE
-    console = output_console()
+        verb.print_json(summary)
+        return verb.NEGATIVE if doubts else verb.DONE
+    console = verb.output_console()
     counts = ', '.join(f'{count} of {name}' for name, count in topics.items())
     console.print(f'{len(table.stamp_ns)} rows over {seconds:g} s: {counts}')
     for sentence in (*doubts, *sentences):
         console.print(f'note: {sentence}')
     console.print(f'wrote {arguments.output}')
-    return NEGATIVE if doubts else DONE
+    return verb.NEGATIVE if doubts else verb.DONE

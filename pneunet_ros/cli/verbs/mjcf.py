@@ -5,17 +5,8 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.quantity_option import quantity_type
-from pneunet_ros.cli.verb import (
-    add_gravity,
-    add_json,
-    add_model,
-    add_overwrite,
-    DONE,
-    output_console,
-    print_json,
-    still_model_of,
-)
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.model.hinge_chain import hinge_chain
@@ -27,8 +18,8 @@ FEWEST_LINKS, MOST_LINKS = 4, 400
 
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
-    add_model(parser)
-    add_gravity(parser)
+    verb.add_model(parser)
+    verb.add_gravity(parser)
     parser.add_argument(
         '--links',
         type=int,
@@ -54,13 +45,13 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--output', type=Path, required=True, metavar='FILE', help='MJCF file to write, .xml'
     )
-    add_overwrite(parser)
-    add_json(parser)
+    verb.add_overwrite(parser)
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
     """Write the MJCF."""
-    arm = still_model_of(arguments)
+    arm = verb.still_model_of(arguments)
     if not FEWEST_LINKS <= arguments.links <= MOST_LINKS:
         raise RequestError(
             f'--links must lie between {FEWEST_LINKS} and {MOST_LINKS}', reason='out_of_bounds'
@@ -75,7 +66,7 @@ def run(arguments: Namespace) -> int:
     with atomic_output(arguments.output, overwrite=arguments.overwrite) as temporary:
         temporary.write_text(mjcf(chain), encoding='utf-8')
     if arguments.json:
-        print_json(
+        verb.print_json(
             {
                 'output': arguments.output,
                 'model': arm.name,
@@ -87,8 +78,8 @@ def run(arguments: Namespace) -> int:
             }
         )
     else:
-        output_console().print(
+        verb.output_console().print(
             f'wrote {arguments.output}: {arm.name} with {chain.hinge.size} hinges and '
             f'{1e3 * (chain.mass + chain.tip_mass):.1f} g, damping time {chain.damping_time:g} s'
         )
-    return DONE
+    return verb.DONE

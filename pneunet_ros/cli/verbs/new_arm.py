@@ -10,8 +10,8 @@ import sys
 from typing import Any
 
 import numpy as np
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.quantity_option import quantity_of
-from pneunet_ros.cli.verb import add_json, add_overwrite, DONE, output_console, print_json
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
@@ -83,8 +83,8 @@ def options(parser: ArgumentParser) -> None:
         help='write the arm here (default: arm.yaml), and the sheet next to it, as .pdf',
     )
     parser.add_argument('--no-template', action='store_true', help='write no sheet of dots')
-    add_overwrite(parser)
-    add_json(parser)
+    verb.add_overwrite(parser)
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -112,9 +112,9 @@ def run(arguments: Namespace) -> int:
         'target_arclength': places,
     }
     if arguments.json:
-        print_json(summary)
-        return DONE
-    console = output_console()
+        verb.print_json(summary)
+        return verb.DONE
+    console = verb.output_console()
     shown = ', '.join(f'{millimeters(place):g}' for place in places.tolist())
     console.print(
         f'{name}: {millimeters(arm.length):g} mm, {arm.weight:.4g} N, up to '
@@ -126,7 +126,7 @@ def run(arguments: Namespace) -> int:
     )
     if template is not None:
         console.print(f'wrote {template}: print at 100 % and check its ruler')
-    return DONE
+    return verb.DONE
 
 
 def answers(

@@ -7,21 +7,9 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.quantity_option import quantity_of, quantity_type, string_of
-from pneunet_ros.cli.verb import (
-    add_dimensionless,
-    add_gravity,
-    add_json,
-    add_model,
-    DONE,
-    NEGATIVE,
-    output_console,
-    print_json,
-    scales_sentence,
-    still_model_of,
-    units_of,
-)
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
@@ -63,8 +51,8 @@ class Prediction:
 
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
-    add_model(parser)
-    add_gravity(parser)
+    verb.add_model(parser)
+    verb.add_gravity(parser)
     parser.add_argument(
         '--pressure',
         type=quantity_type('pressure'),
@@ -117,8 +105,8 @@ def options(parser: ArgumentParser) -> None:
         help='standard deviation of X and of Y in --tip (default: that of a target in the '
         "model's `sensors`)",
     )
-    add_dimensionless(parser, 'print')
-    add_json(parser)
+    verb.add_dimensionless(parser, 'print')
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -143,13 +131,13 @@ def run(arguments: Namespace) -> int:
         raise RequestError(
             'give --pressure (e.g. 31kPa) or --pressure-for (e.g. tip 95mm 40mm)', reason='missing'
         )
-    arm = still_model_of(arguments)
+    arm = verb.still_model_of(arguments)
     prediction = predict(arm, solved(arm, arguments), arguments)
     if arguments.json:
-        print_json(content(arm, prediction, units_of(arguments, arm)))
+        verb.print_json(content(arm, prediction, verb.units_of(arguments, arm)))
     else:
-        show(arm, prediction, units_of(arguments, arm, SHOWN_SI))
-    return DONE if prediction.shape.converged else NEGATIVE
+        show(arm, prediction, verb.units_of(arguments, arm, SHOWN_SI))
+    return verb.DONE if prediction.shape.converged else verb.NEGATIVE
 
 
 def solved(arm: Arm, arguments: Namespace) -> Shape:
@@ -303,7 +291,7 @@ def deviations(covariance: Array) -> list[float]:
 
 def show(arm: Arm, prediction: Prediction, units: UnitSystem) -> None:
     """Print the answer for people."""
-    console = output_console()
+    console = verb.output_console()
     shape, estimate = prediction.shape, prediction.estimate
     residual = f' (residual {shape.residual:.1e} rad)' if shape.converged else ''
     console.print(f'{shape.status}{residual}')
@@ -344,7 +332,7 @@ def show(arm: Arm, prediction: Prediction, units: UnitSystem) -> None:
     add('moment at the clamp', float(shape.moment[0]), None, moment, 4)
     print_table(console, table)
     if units.name == DIMENSIONLESS:
-        console.print(scales_sentence(arm))
+        console.print(verb.scales_sentence(arm))
     left_out = error_left_out(arm.covariance, arm.sources)
     if left_out:
         console.print(f'note: {left_out}')

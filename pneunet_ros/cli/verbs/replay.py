@@ -9,24 +9,8 @@ from pathlib import Path
 import time
 from typing import TYPE_CHECKING
 
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.fitted_table import print_table
-from pneunet_ros.cli.verb import (
-    add_gravity,
-    add_json,
-    add_model,
-    add_overwrite,
-    add_settings,
-    add_topics,
-    DONE,
-    model_of,
-    NEGATIVE,
-    output_console,
-    print_json,
-    progress_bar,
-    reading_bar,
-    settings_of,
-    topics_of,
-)
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
 from rich.table import Table
@@ -41,8 +25,8 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         'recording', type=Path, metavar='REC', help='an .mcap file or a rosbag2 folder'
     )
-    add_model(parser)
-    add_gravity(parser)
+    verb.add_model(parser)
+    verb.add_gravity(parser)
     parser.add_argument(
         '--output',
         type=Path,
@@ -69,10 +53,10 @@ def options(parser: ArgumentParser) -> None:
         action='store_true',
         help='with --fuse: no load acts at the tip; estimate contacts along the arm instead',
     )
-    add_overwrite(parser)
-    add_topics(parser)
-    add_settings(parser)
-    add_json(parser)
+    verb.add_overwrite(parser)
+    verb.add_topics(parser)
+    verb.add_settings(parser)
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -111,14 +95,14 @@ def run_estimator(arguments: Namespace) -> int:
     from pneunet_ros.recordings.recording import open_recording
     from pneunet_ros.recordings.recording_writer import write_recording
 
-    arm = model_of(arguments)
-    estimator = Estimator(arm=arm, settings=settings_of(arguments))
-    overrides = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
+    arm = verb.model_of(arguments)
+    estimator = Estimator(arm=arm, settings=verb.settings_of(arguments))
+    overrides = verb.topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
     recording = open_recording(arguments.recording)
     topics = input_topics(recording, estimator, overrides)
     targets = targets_topic(recording, estimator, overrides)
     pressure_topic = next(name for name, sensor in topics.items() if sensor is PRESSURE)
-    with reading_bar(shown=not arguments.json):
+    with verb.reading_bar(shown=not arguments.json):
         verdicts = judge_recording(
             recording,
             arm,
@@ -131,7 +115,7 @@ def run_estimator(arguments: Namespace) -> int:
     tally = Tally()
     begun = time.perf_counter()
     with ExitStack() as stack:
-        bar = stack.enter_context(progress_bar(shown=not arguments.json))
+        bar = stack.enter_context(verb.progress_bar(shown=not arguments.json))
         task = bar.add_task(
             'replaying', total=recording.count([*topics, *([targets] if targets else [])])
         )
@@ -178,10 +162,10 @@ def run_estimator(arguments: Namespace) -> int:
         'last_refusal': tally.refusal.sentence if tally.refusal else None,
     }
     if arguments.json:
-        print_json(summary)
+        verb.print_json(summary)
     else:
         show(summary, tally, agreement)
-    return DONE if summary['estimates'] else NEGATIVE
+    return verb.DONE if summary['estimates'] else verb.NEGATIVE
 
 
 def motion_summary(tally: Tally) -> dict[str, float] | None:
@@ -214,7 +198,7 @@ def consistency_summary(tally: Tally, agreement: Agreement | None) -> dict[str, 
 
 def show(summary: dict[str, object], tally: Tally, agreement: Agreement | None) -> None:
     """Print the summary for people."""
-    console = output_console()
+    console = verb.output_console()
     table = Table(title=f'{summary["recording"]} through {summary["model"]}', show_header=False)
     table.add_column()
     table.add_column()

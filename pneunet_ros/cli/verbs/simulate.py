@@ -9,16 +9,9 @@ import time
 from typing import Any
 
 import numpy as np
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.quantity_option import seed
-from pneunet_ros.cli.verb import (
-    add_json,
-    add_overwrite,
-    DONE,
-    output_console,
-    print_json,
-    progress_bar,
-)
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals, millimeters
@@ -48,7 +41,7 @@ def options(parser: ArgumentParser) -> None:
         help='write the recording here, an .mcap file or a rosbag2 folder, and the ground truth '
         'next to it: x.truth.npz for x.mcap',
     )
-    add_overwrite(parser)
+    verb.add_overwrite(parser)
     parser.add_argument(
         '--seed',
         type=seed,
@@ -84,7 +77,7 @@ def options(parser: ArgumentParser) -> None:
         'its motion; with both, the base moves as described by the block `motion` of the '
         'scenario (default: mujoco if there is such a block)',
     )
-    add_json(parser)
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -103,7 +96,7 @@ def run(arguments: Namespace) -> int:
     started = time.perf_counter()
     recording = simulate(scenario, memory)
     seconds = time.perf_counter() - started
-    with progress_bar(shown=not arguments.json) as bar:
+    with verb.progress_bar(shown=not arguments.json) as bar:
         task = bar.add_task('writing', total=message_count(recording))
         truth = write_lab(
             recording,
@@ -117,10 +110,10 @@ def run(arguments: Namespace) -> int:
         'seconds': seconds,
     }
     if arguments.json:
-        print_json(summary | {'scenario': describe(scenario)})
+        verb.print_json(summary | {'scenario': describe(scenario)})
     else:
         show(scenario, summary)
-    return DONE
+    return verb.DONE
 
 
 def scenario_file(name: str) -> Path:
@@ -185,7 +178,7 @@ def show(scenario: Scenario, summary: dict[str, Any]) -> None:
     table.add_row('tip travels over', f'{millimeters(summary["tip_travel"]):.1f} mm')
     table.add_row('seeds', f'noise {scenario.seed}, arm {scenario.arm.seed}')
     table.add_row('took', f'{summary["seconds"]:.2f} s')
-    console = output_console()
+    console = verb.output_console()
     print_table(console, table)
     for name in ('output', 'truth'):
         console.print(f'wrote {summary[name]}')

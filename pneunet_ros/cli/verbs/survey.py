@@ -12,24 +12,10 @@ import time
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.provenance import versions
 from pneunet_ros.cli.quantity_option import seed
-from pneunet_ros.cli.verb import (
-    add_effects_path,
-    add_json,
-    add_overwrite,
-    add_settings,
-    add_topics,
-    DONE,
-    NEGATIVE,
-    output_console,
-    PAPER_ARM,
-    print_json,
-    progress_bar,
-    SENSOR_SETTINGS,
-    topics_of,
-)
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.executor import open_executor
 from pneunet_ros.core.paths import resolved
@@ -112,11 +98,11 @@ def options(parser: ArgumentParser) -> None:
         help='run on the Dask cluster of this scheduler; its workers need the same version of '
         'this package, and the recordings under the same paths',
     )
-    add_overwrite(parser)
-    add_effects_path(parser)
-    add_topics(parser)
-    add_settings(parser, SENSOR_SETTINGS)
-    add_json(parser)
+    verb.add_overwrite(parser)
+    verb.add_effects_path(parser)
+    verb.add_topics(parser)
+    verb.add_settings(parser, verb.SENSOR_SETTINGS)
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -125,13 +111,13 @@ def run(arguments: Namespace) -> int:
     from pneunet_ros.reports.survey.report import REPLACEABLE
 
     started = time.perf_counter()
-    arm = resolved(arguments.arm or share_path(PAPER_ARM))
+    arm = resolved(arguments.arm or share_path(verb.PAPER_ARM))
     fleet = read_fleet(resolved(arguments.source), arm)
-    topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
+    verb.topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
     request = SurveyRequest(
         static=arguments.static,
         topic=tuple(arguments.topic),
-        sensors={name: getattr(arguments, name) for name in SENSOR_SETTINGS},
+        sensors={name: getattr(arguments, name) for name in verb.SENSOR_SETTINGS},
         seed=arguments.seed,
         effects_path=''
         if arguments.effects_path is None
@@ -139,7 +125,7 @@ def run(arguments: Namespace) -> int:
     )
     folder = SurveyFolder(path=arguments.output, overwrite=arguments.overwrite)
     folder.check(REPLACEABLE)
-    with progress_bar(shown=not arguments.json) as bar:
+    with verb.progress_bar(shown=not arguments.json) as bar:
         survey = Survey(folder=folder, request=request, bar=bar)
         rows = survey.rows_of(fleet, arguments.workers, arguments.scheduler)
         data = survey.data_of(str(arguments.source), fleet, rows)
@@ -147,10 +133,12 @@ def run(arguments: Namespace) -> int:
         content = survey.write(data, provenance)
     if arguments.json:
         seconds = time.perf_counter() - started
-        print_json(content | {'output': arguments.output, 'kept': survey.kept, 'seconds': seconds})
+        verb.print_json(
+            content | {'output': arguments.output, 'kept': survey.kept, 'seconds': seconds}
+        )
     else:
         show(data, survey.kept, arguments.output)
-    return NEGATIVE if any(item.failed for item in data.arms) else DONE
+    return verb.NEGATIVE if any(item.failed for item in data.arms) else verb.DONE
 
 
 @dataclass(slots=True, kw_only=True)
@@ -302,7 +290,7 @@ def show(data: SurveyData, kept: int, output: Path) -> None:
     """Print the results of a survey."""
     from pneunet_ros.reports.survey.report import arm_row, NUMBERS, PAGE, survey_sentences
 
-    console = output_console()
+    console = verb.output_console()
     table = Table(title=f'{len(data.arms)} arms, {kept} of them done before')
     for column in ('arm', 'missing', 'before (mm)', 'after (mm)', 'p as alike'):
         table.add_column(column, justify='left' if column in ('arm', 'missing') else 'right')

@@ -5,8 +5,8 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
+from pneunet_ros.cli import verb
 from pneunet_ros.cli.table_options import add_table_options, AUTO
-from pneunet_ros.cli.verb import add_json, add_model, add_overwrite, add_settings, add_topics
 from pneunet_ros.recordings.file_kinds import FOLDER_RATE, NO_LENS
 
 
@@ -18,7 +18,7 @@ def options(parser: ArgumentParser) -> None:
         metavar='REC_OR_IMAGES',
         help='an .mcap file, a rosbag2 folder, a video file, or a folder of images',
     )
-    add_model(parser)
+    verb.add_model(parser)
     parser.add_argument(
         '--camera',
         type=Path,
@@ -40,7 +40,7 @@ def options(parser: ArgumentParser) -> None:
         metavar='OUT.mcap',
         help='write the tracker topics, and the other topics of a recording, here',
     )
-    add_overwrite(parser)
+    verb.add_overwrite(parser)
     parser.add_argument(
         '--with-images', action='store_true', help='copy the images of a recording, too'
     )
@@ -79,9 +79,9 @@ def options(parser: ArgumentParser) -> None:
         help='frames per second of a video or a folder (default: as stated in the video; '
         f'{FOLDER_RATE:g} for a folder)',
     )
-    add_topics(parser, 'image_raw=/my/topic')
+    verb.add_topics(parser, 'image_raw=/my/topic')
     add_film_options(parser)
-    add_json(parser)
+    verb.add_json(parser)
 
 
 def add_film_options(parser: ArgumentParser) -> None:
@@ -116,7 +116,7 @@ def add_film_options(parser: ArgumentParser) -> None:
         'frame; m, or with a unit, e.g. 300mm), if no sensor measured the load',
     )
     add_table_options(parser)
-    add_settings(parser, ['judge_readings'])
+    verb.add_settings(parser, ['judge_readings'])
 
 
 def run(arguments: Namespace) -> int:

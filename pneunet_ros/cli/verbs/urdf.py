@@ -5,15 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from pneunet_ros.cli.verb import (
-    add_json,
-    add_model,
-    add_overwrite,
-    DONE,
-    model_of,
-    output_console,
-    print_json,
-)
+from pneunet_ros.cli import verb
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.files.atomic import atomic_output
@@ -26,7 +18,7 @@ DEFAULTS = EstimatorSettings()
 
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
-    add_model(parser)
+    verb.add_model(parser)
     parser.add_argument(
         '--stations',
         type=int,
@@ -52,13 +44,13 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--output', type=Path, required=True, metavar='FILE', help='URDF file to write'
     )
-    add_overwrite(parser)
-    add_json(parser)
+    verb.add_overwrite(parser)
+    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
     """Write the URDF."""
-    arm = model_of(arguments)
+    arm = verb.model_of(arguments)
     if not 2 <= arguments.stations <= 2000:
         raise RequestError('--stations must lie between 2 and 2000', reason='out_of_bounds')
     arclength = station_arclength(arm.reach, arguments.stations)
@@ -67,7 +59,9 @@ def run(arguments: Namespace) -> int:
         temporary.write_text(text, encoding='utf-8')
     links = link_ends(arguments.stations).size - 1
     if arguments.json:
-        print_json({'output': arguments.output, 'model': arm.name, 'links': links})
+        verb.print_json({'output': arguments.output, 'model': arm.name, 'links': links})
     else:
-        output_console().print(f'wrote {arguments.output}: {arm.name} as a chain of {links} links')
-    return DONE
+        verb.output_console().print(
+            f'wrote {arguments.output}: {arm.name} as a chain of {links} links'
+        )
+    return verb.DONE
