@@ -11,12 +11,12 @@ from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.checks.left_out_levels import LeftOutLevels
 from pneunet_ros.calibration.checks.stiffness_variation import StiffnessVariation
 from pneunet_ros.calibration.target_row import target_row
-from pneunet_ros.cli.fitted_table import print_table
+from pneunet_ros.cli import verb
+from pneunet_ros.cli.fitted_table import print_rows
 from pneunet_ros.core.arrays import root_mean_square
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
-from pneunet_ros.reports.calibration import tables
-from pneunet_ros.reports.calibration.tables import law_rows, number_rows, Row
+from pneunet_ros.reports.calibration.tables import curvature_table, law_rows, number_rows, Row
 from pneunet_ros.reports.calibration.verdict import (
     bending_stiffness,
     Files,
@@ -24,7 +24,6 @@ from pneunet_ros.reports.calibration.verdict import (
     verdict_of,
 )
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 
@@ -109,13 +108,9 @@ def show(
     if motion is not None:
         console.print(motion.left_out)
     console.print(target_row(calibration.joint).sentence)
-    table = Table(title='Recordings')
-    for column in (
-        'recording', 'load', 'frames', 'rms (mm)', 'tip (mm)', 'chi2 per coordinate',
-    ):  # fmt: skip
-        table.add_column(column, justify='left' if column in ('recording', 'load') else 'right')
-    for row in summary['recordings']:
-        table.add_row(
+    columns = ('recording', 'load', 'frames', 'rms (mm)', 'tip (mm)', 'chi2 per coordinate')
+    recordings = [
+        (
             row['name'],
             'loaded' if row['loaded'] else 'none',
             str(row['frames']),
@@ -123,21 +118,19 @@ def show(
             f'{millimeters(row["tip_rms"]):.3f}',
             f'{row["chi_squared_per_coordinate"]:.2f}',
         )
-    print_table(console, table)
+        for row in summary['recordings']
+    ]
+    print_rows(console, 'Recordings', columns, recordings, numbers=range(2, 6))
     rows = number_rows(calibration)
-    print_table(console, curvature_table(calibration, rows))
+    print_curvature(console, calibration, rows)
     law = law_rows(rows)
     if law:
-        print_table(console, law_table(calibration, law))
+        print_law(console, calibration, law)
     if summary['laws']:
-        table = Table(title='Moment laws on loaded recordings that were left out')
-        table.add_column('law')
-        table.add_column('rms (mm)', justify='right')
-        for item in summary['laws']:
-            table.add_row(item['kind'], f'{millimeters(item["rms"]):.3f}')
-        print_table(console, table)
-    for sentence in (*sentences, *summary['notes'][motion is not None :]):
-        console.print(f'note: {sentence}')
+        title = 'Moment laws on loaded recordings that were left out'
+        laws = [(item['kind'], f'{millimeters(item["rms"]):.3f}') for item in summary['laws']]
+        print_rows(console, title, ('law', 'rms (mm)'), laws, numbers=[1])
+    verb.print_notes(console, (*sentences, *summary['notes'][motion is not None :]))
     if calibration.arm.domain is not None:
         console.print(
             f'The model is calibrated for {calibration.arm.domain.words}, and not beyond.'
@@ -152,44 +145,39 @@ def show(
     console.print(Text(f'{verdict["next_step"]} {verdict["command"]}'))
 
 
-def law_table(calibration: Calibration, law: tuple[Row, ...]) -> Table:
-    """Return the constants of the moment law: by pressure if it has rows, else by name."""
+def print_law(console: Console, calibration: Calibration, law: tuple[Row, ...]) -> None:
+    """Print the constants of the moment law: by pressure if it has rows, else by name."""
     fitted = calibration.arm.moment_law
     texts = {row.name: f'{row.value:.4g} ± {row.std:.1g}' for row in law}
-    table = Table(title=f'Moment law, {fitted.kind}')
+    title = f'Moment law, {fitted.kind}'
     if not isinstance(fitted, PiecewiseLinearLaw):
-        for column in ('quantity', 'value'):
-            table.add_column(column)
-        for name, text in texts.items():
-            table.add_row(name, text)
-        return table
+        print_rows(console, title, ('quantity', 'value'), texts.items())
+        return
     texts |= {
         f'EI of {row.name}': f'{unit * row.value:.2e} ± {unit * row.std:.0e}'
         for row in law
         if (unit := row.unit_stiffness)
     }
-    for column in ('pressure (kPa)', 'alpha1', 'EI1 (N m^2)', 'alpha2', 'EI2 (N m^2)', 'l1 / l'):
-        table.add_column(column, justify='right')
+    columns = ('pressure (kPa)', 'alpha1', 'EI1 (N m^2)', 'alpha2', 'EI2 (N m^2)', 'l1 / l')
+    rows = []
     for place, pressure in enumerate(fitted.pressure.tolist()):
         alphas = [f'moment_law.rigidity.{place}.{section}' for section in (0, 1)]
         names = [name for alpha in alphas for name in (alpha, f'EI of {alpha}')]
         shown = [texts[name] for name in (*names, f'moment_law.split.{place}')]
-        table.add_row(f'{kilopascals(pressure):z.1f}', *shown)
-    return table
+        rows.append((f'{kilopascals(pressure):z.1f}', *shown))
+    print_rows(console, title, columns, rows, numbers=range(6))
 
 
-def curvature_table(calibration: Calibration, rows: tuple[Row, ...]) -> Table:
-    """Return kappa_p0 at mid-arm for every pressure, and its largest standard error."""
-    fitted = tables.curvature_table(calibration, rows)
-    table = Table(title='Intrinsic curvature kappa_p0 (1/m)')
-    for column in ('pressure (kPa)', 'clamp', 'middle', 'tip', 'standard error, middle and worst'):
-        table.add_column(column, justify='right')
+def print_curvature(console: Console, calibration: Calibration, rows: tuple[Row, ...]) -> None:
+    """Print kappa_p0 at mid-arm for every pressure, and its largest standard error."""
+    fitted = curvature_table(calibration, rows)
+    columns = ('pressure (kPa)', 'clamp', 'middle', 'tip', 'standard error, middle and worst')
+    shown = []
     middle = len(fitted.rows) // 2
     for place, pressure in enumerate(fitted.pressures):
         values, errors, _ = zip(*(cells[place] for _, cells in fitted.rows), strict=True)
-        table.add_row(
-            f'{pressure:z.1f}',
-            *(f'{values[knot]:.2f}' for knot in (0, middle, -1)),
-            f'{errors[middle]:.2f}, {max(errors):.2f}',
-        )
-    return table
+        knots = (f'{values[knot]:.2f}' for knot in (0, middle, -1))
+        worst = f'{errors[middle]:.2f}, {max(errors):.2f}'
+        shown.append((f'{pressure:z.1f}', *knots, worst))
+    title = 'Intrinsic curvature kappa_p0 (1/m)'
+    print_rows(console, title, columns, shown, numbers=range(5))

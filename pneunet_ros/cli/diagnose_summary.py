@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from pneunet_ros.cli.fitted_table import print_table
+from pneunet_ros.cli import verb
+from pneunet_ros.cli.fitted_table import print_rows
 from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
 from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.reports.diagnosis.error_figures import discovered_sentence
@@ -21,9 +22,8 @@ from pneunet_ros.reports.diagnosis.tables import (
     undetectable_sentence,
     where_text,
 )
-import rich.box
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
-import rich.table
 from rich.text import Text
 
 
@@ -41,7 +41,7 @@ def show(
         console.print(Text(f'Discovered: {law.sentence}', style='bold'))
     console.print(Text(f'Is anything missing? {missing_sentence(diagnosis)}'))
     console.print(Text(f'How sure: {diagnosis.certainty}'))
-    print_table(console, rich_table(error_table(diagnosis, discovery), 'Model error'))
+    print_texts(console, error_table(diagnosis, discovery), 'Model error')
     if diagnosis.before.held_out is None:
         console.print('no recording was held out, so the model error was not measured on new data')
     else:
@@ -53,20 +53,17 @@ def show(
         (evidence_table(diagnosis), 'Evidence'),
     ):
         if table.rows:
-            print_table(console, rich_table(table, title))
+            print_texts(console, table, title)
     console.print(Text(where_text(diagnosis)))
     if diagnosis.alternatives:
         console.print(
             f'cannot be distinguished with these data: {", ".join(diagnosis.alternatives)}'
         )
-    print_table(
-        console, rich_table(detectable_table(diagnosis), 'Detection limits of these recordings')
-    )
+    print_texts(console, detectable_table(diagnosis), 'Detection limits of these recordings')
     console.print(undetectable_sentence(diagnosis))
     if diagnosis.proposal:
         console.print(Text(f'next recording: {diagnosis.proposal}'))
-    for sentence in (*left_out, *diagnosis.notes, *discovery.notes):
-        console.print(Text(f'note: {sentence}'))
+    verb.print_notes(console, (*left_out, *diagnosis.notes, *discovery.notes))
     files = [law.effect_file for law in discovery.found if law.effect_file is not None]
     for name in (PAGE, MODEL, NUMBERS, *([DISCOVERED_MODEL] if files else []), *files):
         console.print(f'wrote {directory / name}')
@@ -77,18 +74,14 @@ def show_unsettled(
 ) -> None:
     """Print why there is no diagnosis."""
     console.print(Text(diagnosis.sentence, style='bold'))
-    for sentence in (*left_out, *diagnosis.notes):
-        console.print(Text(f'note: {sentence}'))
+    verb.print_notes(console, (*left_out, *diagnosis.notes))
     for name in (PAGE, NUMBERS):
         console.print(f'wrote {directory / name}')
 
 
-def rich_table(table: Table, title: str) -> rich.table.Table:
-    """Return a table for the terminal, without meanings, for which it is too narrow."""
-    out = rich.table.Table(title=title, box=rich.box.SIMPLE_HEAD)
+def print_texts(console: Console, table: Table, title: str) -> None:
+    """Print a table, without meanings, for which a terminal is too narrow."""
     shown = [place for place, name in enumerate(table.columns) if name != 'meaning']
-    for place in shown:
-        out.add_column(table.columns[place], justify='right' if place in table.numbers else 'left')
-    for row in table.rows:
-        out.add_row(*(Text(row[place]) for place in shown))
-    return out
+    columns, *rows = ([row[place] for place in shown] for row in (table.columns, *table.rows))
+    numbers = [at for at, place in enumerate(shown) if place in table.numbers]
+    print_rows(console, title, columns, rows, numbers, box=SIMPLE_HEAD)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 import re
 
+import rich.box
+from rich.box import Box
 from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Column, Table
@@ -37,6 +39,30 @@ def print_table(console: Console, table: Table, empty: str = 'none') -> None:
             part.add_row(*map(broken_at_slashes, cells, shares))
         console.print(part)
         title = None
+
+
+def print_rows(
+    console: Console,
+    title: str,
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    numbers: Collection[int] = (),
+    *,
+    box: Box = rich.box.HEAVY_HEAD,
+    empty: str = 'none',
+) -> None:
+    """Print rows of texts as a table; numbers: indices of right-aligned columns."""
+    table = Table(title=title or None, box=box, show_header=bool(columns))
+    for place, column in enumerate(columns or ('', '')):
+        table.add_column(column, justify='right' if place in numbers else 'left')
+    for row in rows:
+        table.add_row(*row)
+    print_table(console, table, empty)
+
+
+def print_facts(console: Console, title: str, facts: Mapping[str, str]) -> None:
+    """Print facts as a table with their names on the left."""
+    print_rows(console, title, (), facts.items())
 
 
 def broken_at_slashes(text: object, width: int) -> str:

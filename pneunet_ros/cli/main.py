@@ -104,52 +104,49 @@ class CommandHelp(RawDescriptionHelpFormatter):
 
 
 class Verb(NamedTuple):
-    """A verb: its name, its line of help, and its module, which is imported when it is used.
+    """A verb: its name, its line of help, and a complete command.
 
-    The module has `options(parser)`, which adds the options, and `run(arguments)`, which runs the
-    verb and returns the exit code. example: a complete command. kernels: 'meanwhile' if the verb
-    runs while kernels are compiled, 'first' if it waits for them because it uses them heavily.
+    Its module in `verbs` is imported when it is used; `file` names it if it is not called like the
+    verb. It has `options(parser)`, which adds the options, and `run(arguments)`, which runs the
+    verb and returns the exit code. kernels: 'meanwhile' if the verb runs while kernels are
+    compiled, 'first' if it waits for them because it uses them heavily.
     """
 
     name: str
     help: str
-    module: str
     example: str
     kernels: Literal['none', 'meanwhile', 'first'] = 'none'
+    file: str = ''
+
+    @property
+    def module(self) -> str:
+        """Name of its module."""
+        return f'pneunet_ros.cli.verbs.{self.file or self.name.replace("-", "_")}'
 
 
 VERBS = (
-    Verb(
-        'demo',
-        "replay the loads of the paper's Table 1 (start here)",
-        'pneunet_ros.cli.verbs.demo',
-        'pneunet demo',
-    ),
+    Verb('demo', "replay the loads of the paper's Table 1 (start here)", 'pneunet demo'),
     Verb(
         'predict',
         'predict the shape under pressure and end load, or the force from the tip position',
-        'pneunet_ros.cli.verbs.predict',
         'pneunet predict --pressure 31kPa --force 175mN 70mN',
         'meanwhile',
     ),
     Verb(
         'replay',
         'run the estimator on a recording of pressure and end wrench',
-        'pneunet_ros.cli.verbs.replay',
         'pneunet replay REC.mcap --model model.yaml --output replayed.mcap',
         'first',
     ),
     Verb(
         'track',
         'track the targets in camera images: points, smoothed centerline, curvature',
-        'pneunet_ros.cli.verbs.track',
         'pneunet track FILM.mp4 --readings TABLE.csv --model arm.yaml --output REC.mcap',
         'meanwhile',
     ),
     Verb(
         'calibrate',
         'calibrate a model with error bars from recordings without and with end load',
-        'pneunet_ros.cli.verbs.calibrate',
         'pneunet calibrate --unloaded FREE.mcap --loaded PULLED.mcap --arm arm.yaml '
         '--output model.yaml',
         'first',
@@ -157,7 +154,6 @@ VERBS = (
     Verb(
         'diagnose',
         'find the physical effect missing in a model; write the augmented model and a report',
-        'pneunet_ros.cli.verbs.diagnose',
         'pneunet diagnose --model model.yaml --train REC1.mcap REC2.mcap --heldout REC3.mcap '
         '--output diagnosis',
         'first',
@@ -165,78 +161,63 @@ VERBS = (
     Verb(
         'explore',
         'record, diagnose and choose the next recording until the missing effect is named',
-        'pneunet_ros.cli.verbs.explore',
         'pneunet explore --by-hand --model model.yaml --output exploration',
         'first',
     ),
     Verb(
         'survey',
         'check, calibrate and diagnose each of many arms; show them side by side on one page',
-        'pneunet_ros.cli.verbs.survey',
         'pneunet survey FOLDER --output survey',
         'first',
     ),
     Verb(
         'compare',
         'compare two recordings, or an estimate with the ground truth',
-        'pneunet_ros.cli.verbs.compare',
         'pneunet compare REPLAYED.mcap TRACKED.mcap',
     ),
     Verb(
         'check',
         'list the contents, gaps and possible uses of recordings',
-        'pneunet_ros.cli.verbs.check',
         'pneunet check REC.mcap',
     ),
     Verb(
         'export',
         'export the readings of a recording as a table (CSV or npz)',
-        'pneunet_ros.cli.verbs.export',
         'pneunet export REC.mcap --output table.csv',
     ),
     Verb(
         'import',
         'convert a CSV table to a recording; the column names give the units',
-        'pneunet_ros.cli.verbs.import_table',
         'pneunet import TABLE.csv --output rec.mcap',
+        file='import_table',
     ),
     Verb(
         'new-arm',
         'write arm.yaml for your own arm, and a printable sheet of dots',
-        'pneunet_ros.cli.verbs.new_arm',
         'pneunet new-arm --length 112mm --weight 17g --pressure 60kPa --dot 3mm --targets 12',
     ),
     Verb(
         'effects',
         'list the physical effects that a model can have, with their parameters',
-        'pneunet_ros.cli.verbs.effects',
         'pneunet effects',
     ),
     Verb(
         'simulate',
         'simulate a recording in the virtual lab, with its ground truth in a second file',
-        'pneunet_ros.cli.verbs.simulate',
         'pneunet simulate random_mix --output rec.mcap',
         'first',
     ),
     Verb(
         'urdf',
         'write a URDF of the arm as a chain of links, for robot_state_publisher',
-        'pneunet_ros.cli.verbs.urdf',
         'pneunet urdf --model model.yaml --output arm.urdf',
     ),
     Verb(
         'mjcf',
         'write the finger as a MuJoCo model: hinges, masses, damping, contact',
-        'pneunet_ros.cli.verbs.mjcf',
         'pneunet mjcf --model model.yaml --output finger.xml',
     ),
-    Verb(
-        'compile',
-        'compile all kernels ahead of time and cache them on disk',
-        'pneunet_ros.cli.verbs.compile',
-        'pneunet compile',
-    ),
+    Verb('compile', 'compile all kernels ahead of time and cache them on disk', 'pneunet compile'),
 )
 # The verbs as the help shows them, by what one wants.
 GROUPS = {
@@ -290,6 +271,11 @@ def parser(words: Sequence[str], *, ends: bool = False) -> CommandParser:
                 answer_first()
             module = import_module(verb.module)
             module.options(options)
+            options.add_argument(
+                '--json',
+                action='store_true',
+                help='print one JSON object on stdout and nothing else',
+            )
             options.set_defaults(run=module.run, kernels=verb.kernels)
     return command
 

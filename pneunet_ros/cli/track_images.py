@@ -137,10 +137,7 @@ def track(arguments: Namespace) -> int:
     summary |= {'seconds': seconds, 'frames_per_second': rate, 'sentences': list(sentences)}
     if film and not film['frames_covered']:
         summary['output'] = None
-    if arguments.json:
-        verb.print_json(summary)
-    else:
-        show(summary)
+    verb.present(arguments, summary, lambda console: show(summary, console))
     done = tally.explained and film.get('frames_covered', 1) and not doubts
     return verb.DONE if done else verb.NEGATIVE
 

@@ -6,13 +6,13 @@ from argparse import Namespace
 from typing import Any
 
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.fitted_table import print_table
+from pneunet_ros.cli.fitted_table import print_facts
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.track import TrackTally
 from pneunet_ros.recordings.image_stream import ImageStream
-from rich.table import Table
+from rich.console import Console
 
 
 def summary_of(
@@ -47,47 +47,42 @@ def summary_of(
     }
 
 
-def show(summary: dict[str, Any]) -> None:
+def show(summary: dict[str, Any], console: Console) -> None:
     """Print the summary for people."""
-    console = verb.output_console()
-    table = Table(title=f'{summary["source"]} through {summary["model"]}', show_header=False)
-    table.add_column()
-    table.add_column()
     frames, explained = summary['frames'], summary['explained']
-    table.add_row('images', f'{summary["kind"]}, {summary["topics"]["image_raw"]}')
-    table.add_row('lens', str(summary['topics']['camera_info']))
-    table.add_row('stamps', summary['clock'])
-    table.add_row('frames', str(frames))
-    table.add_row('frames tracked', share(explained, frames))
     reasons = ', '.join(f'{count} {reason}' for reason, count in summary['reasons'].items())
-    table.add_row('without targets', reasons or 'none')
-    table.add_row('targets seen', share(summary['seen'], explained * summary['targets']))
     missing = summary['missing_per_target']
     often = ', '.join(f'{id_}: {missing[id_]}' for id_ in missing.nonzero()[0].tolist())
-    table.add_row('frames missing, by target', often or 'none')
+    facts = {
+        'images': f'{summary["kind"]}, {summary["topics"]["image_raw"]}',
+        'lens': str(summary['topics']['camera_info']),
+        'stamps': summary['clock'],
+        'frames': str(frames),
+        'frames tracked': share(explained, frames),
+        'without targets': reasons or 'none',
+        'targets seen': share(summary['seen'], explained * summary['targets']),
+        'frames missing, by target': often or 'none',
+    }
     if explained:
-        table.add_row('scale', f'{millimeters(summary["scale"]):.4g} mm/px')
+        facts['scale'] = f'{millimeters(summary["scale"]):.4g} mm/px'
     if summary['curves']:
-        table.add_row(
-            'rms of smoothing',
+        facts['rms of smoothing'] = (
             f'{millimeters(summary["smoothing_rms"]):.3g} mm '
-            f'(worst frame {millimeters(summary["worst_smoothing_rms"]):.3g} mm)',
+            f'(worst frame {millimeters(summary["worst_smoothing_rms"]):.3g} mm)'
         )
     if 'delay_sentence' in summary:
-        table.add_row('delay', summary['delay_sentence'])
+        facts['delay'] = summary['delay_sentence']
     if summary.get('frames_covered'):
-        table.add_row('frames within the table', share(summary['frames_covered'], frames))
+        facts['frames within the table'] = share(summary['frames_covered'], frames)
     if summary.get('frames_repeated'):
-        table.add_row(
-            'frames left out',
+        facts['frames left out'] = (
             f'{summary["frames_repeated"]}: the image does not change although the pressure does '
-            '(a lost frame was replaced by a copy, or a step lies within the error of the delay)',
+            '(a lost frame was replaced by a copy, or a step lies within the error of the delay)'
         )
     seconds, rate = summary['seconds'], summary['frames_per_second']
-    table.add_row('took', f'{seconds:.2f} s, at {rate:.0f} frames/s')
-    print_table(console, table)
-    for sentence in summary['sentences']:
-        console.print(f'note: {sentence}')
+    facts['took'] = f'{seconds:.2f} s, at {rate:.0f} frames/s'
+    print_facts(console, f'{summary["source"]} through {summary["model"]}', facts)
+    verb.print_notes(console, summary['sentences'])
     if summary['main_sentence']:
         console.print(f'frames without targets: {summary["main_sentence"]}')
     if not explained and not summary['preview']:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, ArgumentTypeError, BooleanOptionalAction, Namespace
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 import dataclasses
 from pathlib import Path
@@ -112,11 +112,39 @@ def print_json(content: dict[str, Any]) -> None:
     sys.stdout.write(json_text(content))
 
 
-def add_json(parser: ArgumentParser) -> None:
-    """Add --json, an option of every verb."""
-    parser.add_argument(
-        '--json', action='store_true', help='print one JSON object on stdout and nothing else'
-    )
+def present(
+    arguments: Namespace, content: dict[str, Any], show: Callable[[Console], object]
+) -> None:
+    """Print the results of a verb: with --json as one object, otherwise as `show` does."""
+    if arguments.json:
+        print_json(content)
+    else:
+        show(output_console())
+
+
+def print_notes(console: Console, sentences: Iterable[str]) -> None:
+    """Print notes, a line each."""
+    for sentence in sentences:
+        console.print(f'note: {sentence}')
+
+
+def present_written(
+    arguments: Namespace, content: dict[str, Any], said: str, more: Iterable[str] = ()
+) -> None:
+    """Print what a verb has written, with its `sentences` and more of them as notes."""
+
+    def show(console: Console) -> None:
+        console.print(said)
+        print_notes(console, (*content['sentences'], *more))
+        console.print(f'wrote {content["output"]}')
+
+    present(arguments, content, show)
+
+
+def add_output(parser: ArgumentParser, metavar: str, meaning: str) -> None:
+    """Add the options for the output, which is required, and for overwriting it."""
+    parser.add_argument('--output', type=Path, required=True, metavar=metavar, help=meaning)
+    add_overwrite(parser)
 
 
 def add_model(

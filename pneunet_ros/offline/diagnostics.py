@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
@@ -44,15 +45,38 @@ class Clock:
         return 0.0 if self._start_ns is None else seconds_since(self._start_ns, self.now_ns)
 
 
-class Diagnostics:
+class Diagnostics(ABC):
     """The topic `/diagnostics` of a replay, under the default name of the node."""
 
-    def __init__(self, writer: RecordingWriter, arm: Arm, name: str) -> None:
-        """Add the topic; name: of the status, e.g. 'pneunet/fusion: shape and force'."""
-        self._writer, self._name, self._label = writer, name, model_label(arm)
-        self._connection = writer.add(TOPIC, TYPE)
+    def __init__(self, arm: Arm, pressure: str, name: str) -> None:
+        """Initialize; pressure: its topic; name: of the status, e.g. 'fusion: shape and force'."""
+        self._name, self._label = f'{namespace_of(pressure)}{name}', model_label(arm)
         self.left_out = error_left_out(arm.covariance, arm.sources)
         self.clock = Clock()
+
+    @abstractmethod
+    def note(self, step: Any) -> None:
+        """Record the outcome of a step of the replay."""
+
+    @abstractmethod
+    def report(self, last: Any) -> Report:
+        """Report on the time since the last report; last: the last step."""
+
+    def open(self, writer: RecordingWriter) -> None:
+        """Add the topic to a recording."""
+        self._writer, self._connection = writer, writer.add(TOPIC, TYPE)
+
+    def take(self, step: Any) -> None:
+        """Process a step, and report if due."""
+        due = self.clock.advance(step.message.log_time_ns)
+        self.note(step)
+        if due:
+            self.write(self.report(step))
+
+    def end(self, last: Any) -> None:
+        """Report on the time since the last report; last: the last step."""
+        if self.clock.ends:
+            self.write(self.report(last))
 
     def write(self, report: Report) -> None:
         """Write a report at the current time of the clock."""

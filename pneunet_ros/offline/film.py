@@ -20,13 +20,11 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.estimation.clock_delay import ClockDelay, estimate_delay
 from pneunet_ros.measurement.string_load import tips_of
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, STRING_WRENCH, TARGETS, TIP_POSE
-from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.messages.tracker import outputs_of, TRACKER_OUTPUTS
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.string import radius_of, String
 from pneunet_ros.offline.table_conversion import NAMESPACE, table_messages, WrittenMessage
-from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
-from pneunet_ros.recordings.recording_writer import RecordingWriter
+from pneunet_ros.recordings.recording_writer import OutputTopics, RecordingWriter
 from pneunet_ros.tables.reading_table import ReadingTable
 from pneunet_ros.tables.table_reader import FIRST_STAMP
 from pneunet_ros.vision.tracker import Tracking
@@ -169,12 +167,8 @@ def record_film(writer: RecordingWriter, run: FilmedRun) -> None:
 def _frame_messages(
     writer: RecordingWriter, trackings: Iterable[Tracking]
 ) -> Iterator[WrittenMessage]:
-    topics = {
-        output.name: writer.add(f'{NAMESPACE}/{output.name}', output.type)
-        for output in TRACKER_OUTPUTS
-    }
-    serializer = MessageSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=BASE_FRAME)
+    names = {f'{NAMESPACE}/{output.name}': output for output in TRACKER_OUTPUTS}
+    topics = OutputTopics(writer, names, BASE_FRAME)
     for tracking in trackings:
-        for output, result in outputs_of(tracking):
-            raw = serializer.bytes_of(output, result)
-            yield tracking.sightings.stamp_ns, topics[output.name], raw
+        for topic, raw in topics.messages(outputs_of(tracking)):
+            yield tracking.sightings.stamp_ns, topic, raw

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import math
 from typing import Any
 
+from pneunet_ros.core.health import Report
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.estimation.base_gravity import GravitySource
 from pneunet_ros.fusion.belief_estimate import SETUP_PROBLEMS
@@ -17,22 +18,16 @@ from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.messages.builders import Input
 from pneunet_ros.messages.fusion import fuse_message, FUSION_OUTPUTS
 from pneunet_ros.messages.readings import END_WRENCH, gravity_inputs, OF_FUSION, PRESSURE, TARGETS
-from pneunet_ros.messages.serializer import MessageSerializer
-from pneunet_ros.offline.diagnostics import Diagnostics, namespace_of
-from pneunet_ros.offline.replay import estimate_topic, messages_in_order
-from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
+from pneunet_ros.offline.diagnostics import Diagnostics
+from pneunet_ros.offline.replay import messages_in_order, record_replay, ReplayStep
 from pneunet_ros.recordings.recorded_series import find_series
-from pneunet_ros.recordings.recording import RecordedMessage, Recording
+from pneunet_ros.recordings.recording import Recording
 from pneunet_ros.recordings.recording_writer import RecordingWriter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FusionStep:
+class FusionStep(ReplayStep[FusionOutcome, FusionState]):
     """One recorded message with its outcome and the state of the fusion after it."""
-
-    message: RecordedMessage
-    outcome: FusionOutcome
-    state: FusionState
 
 
 def fusion_topics(
@@ -48,17 +43,13 @@ def fusion_topics(
     full topic name by last name. Raises RecordingError if pressure or targets are missing, or if
     there are two candidates. gravity: source of its direction; None: unknown.
     """
-    topics: dict[str, Input[Any]] = {}
-    for one in () if gravity is None else gravity_inputs(gravity):
-        name = find_series(recording, one, overrides, required=False)
-        topics |= {} if name is None else {name: one}
-    if wrench:
-        name = find_series(recording, END_WRENCH, overrides, required=False)
-        topics |= {} if name is None else {name: END_WRENCH}
-    for sensor in (TARGETS, PRESSURE):
-        name = find_series(recording, sensor, overrides)
-        topics |= {} if name is None else {name: sensor}
-    return topics
+    optional = [*(() if gravity is None else gravity_inputs(gravity)), *[END_WRENCH] * wrench]
+    sensors: list[Input[Any]] = [*optional, TARGETS, PRESSURE]
+    found = (
+        (find_series(recording, one, overrides, required=one not in optional), one)
+        for one in sensors
+    )
+    return {topic: sensor for topic, sensor in found if topic is not None}
 
 
 def fusion_steps(
@@ -71,70 +62,40 @@ def fusion_steps(
         yield FusionStep(message=message, outcome=outcome, state=state)
 
 
-class FusionDiagnostics:
+class FusionDiagnostics(Diagnostics):
     """Diagnostics of a replay, as the node `fusion` would report them."""
 
-    def __init__(
-        self, writer: RecordingWriter, fusion: Fusion, topics: Mapping[str, Input[Any]]
-    ) -> None:
+    def __init__(self, fusion: Fusion, topics: Mapping[str, Input[Any]]) -> None:
         """Start without messages; topics: sensors by the names of their topics."""
         names = {sensor.name: name for name, sensor in topics.items()}
-        space = namespace_of(names[PRESSURE.name])
-        self._topic = Diagnostics(writer, fusion.arm, f'{space}fusion: shape and force')
+        super().__init__(fusion.arm, names[PRESSURE.name], 'fusion: shape and force')
         self._fusion, self._topics = fusion, topics
         self._health = FusionHealth(names[PRESSURE.name], names[TARGETS.name], 0.0)
 
-    def take(self, step: FusionStep) -> None:
-        """Process a step, and report if due."""
-        clock, sensor = self._topic.clock, self._topics[step.message.topic]
-        due = clock.advance(step.message.log_time_ns)
-        self._health.took(sensor.name, step.outcome, clock.now, None)
-        if due:
-            self.report(step.state)
+    def note(self, step: FusionStep) -> None:
+        """Record the outcome of a step."""
+        sensor = self._topics[step.message.topic]
+        self._health.took(sensor.name, step.outcome, self.clock.now, None)
 
-    def end(self, state: FusionState) -> None:
-        """Report on the time since the last report."""
-        if self._topic.clock.ends:
-            self.report(state)
-
-    def report(self, state: FusionState) -> None:
-        """Report on the time since the last report, with the current state."""
-        now, left_out = self._topic.clock.now, self._topic.left_out
-        self._topic.write(self._health.report(state, self._fusion, now, left_out=left_out))
+    def report(self, last: FusionStep) -> Report:
+        """Report on the time since the last report; last: the last step."""
+        now, left_out = self.clock.now, self.left_out
+        return self._health.report(last.state, self._fusion, now, left_out=left_out)
 
 
 def record_fusion(
-    writer: RecordingWriter,
+    writer: RecordingWriter | None,
     recording: Recording,
     fusion: Fusion,
     topics: Mapping[str, Input[Any]],
     on_progress: Callable[[FusionStep], None],
 ) -> None:
-    """Write the unchanged inputs and all outputs of the fusion; `on_progress` sees each step.
-
-    `/diagnostics` is written once per second, as by the node, and at the end.
-    """
-    copies = {name: writer.add_copy(recording.topic(name)) for name in topics}
-    pressure = next(name for name, sensor in topics.items() if sensor is PRESSURE)
-    outputs = [
-        (output, writer.add(estimate_topic(pressure, output.name), output.type))
-        for output in FUSION_OUTPUTS
-    ]
-    serializer = MessageSerializer(
-        types=ROSBAGS_TYPES, serialize=serialize, frame_id=fusion.sensors.frame_id
+    """Write the unchanged inputs and all outputs of the fusion; `on_progress` sees each step."""
+    frame_id, diagnostics = fusion.sensors.frame_id, FusionDiagnostics(fusion, topics)
+    played = fusion_steps(recording, fusion, topics)
+    record_replay(
+        writer, recording, topics, FUSION_OUTPUTS, frame_id, diagnostics, played, on_progress
     )
-    diagnostics, state = FusionDiagnostics(writer, fusion, topics), FusionState()
-    for step in fusion_steps(recording, fusion, topics):
-        on_progress(step)
-        diagnostics.take(step)
-        state = step.state
-        message = step.message
-        writer.write_raw(copies[message.topic], message.log_time_ns, message.raw)
-        if isinstance(step.outcome, FusedEstimate):
-            for output, connection in outputs:
-                raw = serializer.bytes_of(output, step.outcome)
-                writer.write_raw(connection, message.log_time_ns, raw)
-    diagnostics.end(state)
 
 
 @dataclass(slots=True)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from pneunet_ros.core.errors import MessageError, RecordingError
+from pneunet_ros.core.health import Report
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.estimation.consistency import (
@@ -34,25 +35,30 @@ from pneunet_ros.messages.readings import (
     PRESSURE,
     TARGETS,
 )
-from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.offline.diagnostics import Diagnostics, namespace_of
-from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
+from pneunet_ros.offline.diagnostics import Diagnostics
 from pneunet_ros.recordings.recorded_series import find_series
 from pneunet_ros.recordings.recording import RecordedMessage, Recording
-from pneunet_ros.recordings.recording_writer import RecordingWriter
+from pneunet_ros.recordings.recording_writer import OutputTopics, RecordingWriter
+
+Made = TypeVar('Made')
+State = TypeVar('State')
+AnyStep = TypeVar('AnyStep', bound='ReplayStep[Any, Any]')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Step:
-    """One recorded message, the outcome of the estimator, and its state afterwards.
-
-    consistency: state of the comparison with measured targets.
-    """
+class ReplayStep(Generic[Made, State]):
+    """One recorded message, its outcome, and the state of the estimator or fusion after it."""
 
     message: RecordedMessage
-    outcome: Outcome
-    state: EstimatorState
+    outcome: Made
+    state: State
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Step(ReplayStep[Outcome, EstimatorState]):
+    """A step of the estimator; consistency: state of the comparison with measured targets."""
+
     consistency: ConsistencyState = field(default_factory=ConsistencyState)
 
 
@@ -115,8 +121,7 @@ def steps(
     targets: a topic of targets to compare with the estimates.
     """
     state, consistency = EstimatorState(), ConsistencyState()
-    inputs = {**topics, **({} if targets is None else {targets: TARGETS})}
-    for message in messages_in_order(recording, inputs, OF_ESTIMATOR):
+    for message in messages_in_order(recording, with_targets(topics, targets), OF_ESTIMATOR):
         outcome: Outcome
         if message.topic == targets:
             consistency, outcome = take_targets_message(consistency, estimator, message.message)
@@ -143,57 +148,40 @@ def estimate_topic(pressure_topic: str, name: str) -> str:
     return f'{pressure_topic.rsplit("/", 1)[0]}/{name}'
 
 
-class EstimatorDiagnostics:
+class EstimatorDiagnostics(Diagnostics):
     """Diagnostics of a replay, as the node `estimator` would report them."""
 
-    def __init__(
-        self, writer: RecordingWriter, estimator: Estimator, topics: Mapping[str, Input[Any]]
-    ) -> None:
-        """Begin; topics: sensors by the names of their topics."""
-        pressure = next(name for name, sensor in topics.items() if sensor is PRESSURE)
-        name = f'{namespace_of(pressure)}estimator: shape'
-        self._topic = Diagnostics(writer, estimator.arm, name)
-        self._estimator, self._topics = estimator, topics
+    def __init__(self, estimator: Estimator, inputs: Mapping[str, Input[Any]]) -> None:
+        """Begin; inputs: sensors by the names of their topics."""
+        pressure = topic_of_pressure(inputs)
+        super().__init__(estimator.arm, pressure, 'estimator: shape')
+        self._estimator, self._inputs = estimator, inputs
         self._health = EstimatorHealth(pressure, 0.0)
         self._consistency = ConsistencyState()
 
-    def take(self, step: Step) -> None:
-        """Process a step, and report when due."""
-        clock, outcome = self._topic.clock, step.outcome
-        due = clock.advance(step.message.log_time_ns)
+    def note(self, step: Step) -> None:
+        """Record the outcome of a step."""
+        now, outcome = self.clock.now, step.outcome
         if step.consistency.running is not self._consistency.running:
-            self._health.note_comparison(clock.now)
+            self._health.note_comparison(now)
         self._consistency = step.consistency
-        sensor = self._topics.get(step.message.topic)
+        sensor = self._inputs[step.message.topic]
         if sensor is PRESSURE and outcome is not None:
-            self._health.took_pressure(outcome, clock.now, None)
+            self._health.took_pressure(outcome, now, None)
         elif not isinstance(outcome, ShapeEstimate):
             if sensor is END_WRENCH:
-                self._health.took_wrench(outcome, clock.now)
+                self._health.took_wrench(outcome, now)
             elif outcome is not None:
                 self._health.note_refusal(outcome)
-        if due:
-            self.report(step)
 
-    def end(self, last: Step) -> None:
+    def report(self, last: Step) -> Report:
         """Report on the time since the last report; last: the last step."""
-        if self._topic.clock.ends:
-            self.report(last)
-
-    def report(self, last: Step) -> None:
-        """Report on the time since the last report; last: the last step."""
-        report = self._health.report(
-            last.state,
-            self._estimator.settings,
-            self._topic.clock.now,
-            last.consistency,
-            self._topic.left_out,
-        )
-        self._topic.write(report)
+        settings, now = self._estimator.settings, self.clock.now
+        return self._health.report(last.state, settings, now, last.consistency, self.left_out)
 
 
 def record_steps(
-    writer: RecordingWriter,
+    writer: RecordingWriter | None,
     recording: Recording,
     estimator: Estimator,
     topics: Mapping[str, Input[Any]],
@@ -203,32 +191,59 @@ def record_steps(
 ) -> None:
     """Write the unchanged inputs, all outputs, and `markers`; `on_progress` sees every step.
 
-    `/diagnostics` is written as the node does, once a second and at the end.
-
     targets: a topic of targets to compare with the estimates; it is copied, too.
     """
-    inputs = [*topics, *([] if targets is None else [targets])]
+    inputs = with_targets(topics, targets)
+    diagnostics = EstimatorDiagnostics(estimator, inputs)
+    played = steps(recording, estimator, topics, targets)
+    frame_id, outputs = estimator.settings.frame_id, (*OUTPUTS, *markers)
+    record_replay(writer, recording, inputs, outputs, frame_id, diagnostics, played, on_progress)
+
+
+def with_targets(topics: Mapping[str, Input[Any]], targets: str | None) -> dict[str, Input[Any]]:
+    """Return sensors by topic, with that of the targets if there is one."""
+    return {**topics, **({} if targets is None else {targets: TARGETS})}
+
+
+def topic_of_pressure(inputs: Mapping[str, Input[Any]]) -> str:
+    """Return the topic of the pressure; inputs: sensors by the names of their topics."""
+    return next(name for name, sensor in inputs.items() if sensor is PRESSURE)
+
+
+def record_replay(
+    writer: RecordingWriter | None,
+    recording: Recording,
+    inputs: Mapping[str, Input[Any]],
+    outputs: Sequence[Output[Any]],
+    frame_id: str,
+    diagnostics: Diagnostics,
+    played: Iterable[AnyStep],
+    on_progress: Callable[[AnyStep], None],
+) -> None:
+    """Write the unchanged inputs and all outputs of a replay; `on_progress` sees every step.
+
+    writer: None to write nothing. inputs: sensors by the names of their topics. `/diagnostics` is
+    written as by the node, once per second and at the end.
+    """
+    if writer is None:
+        for step in played:
+            on_progress(step)
+        return
     copies = {name: writer.add_copy(recording.topic(name)) for name in inputs}
-    pressure_topic = next(name for name, sensor in topics.items() if sensor is PRESSURE)
-    outputs = [
-        (output, writer.add(estimate_topic(pressure_topic, output.name), output.type))
-        for output in (*OUTPUTS, *markers)
-    ]
-    serializer = MessageSerializer(
-        types=ROSBAGS_TYPES, serialize=serialize, frame_id=estimator.settings.frame_id
-    )
-    diagnostics = EstimatorDiagnostics(writer, estimator, topics)
-    last: Step | None = None
-    for step in steps(recording, estimator, topics, targets):
+    pressure = topic_of_pressure(inputs)
+    names = {estimate_topic(pressure, output.name): output for output in outputs}
+    topics = OutputTopics(writer, names, frame_id)
+    diagnostics.open(writer)
+    last: AnyStep | None = None
+    for step in played:
         on_progress(step)
         diagnostics.take(step)
-        last = step
         message = step.message
         writer.write_raw(copies[message.topic], message.log_time_ns, message.raw)
-        if isinstance(step.outcome, ShapeEstimate):
-            for output, connection in outputs:
-                raw = serializer.bytes_of(output, step.outcome)
-                writer.write_raw(connection, message.log_time_ns, raw)
+        if step.outcome is not None and not isinstance(step.outcome, Refusal):
+            for topic, raw in topics.messages((output, step.outcome) for output in outputs):
+                writer.write_raw(topic, message.log_time_ns, raw)
+        last = step
     if last is not None:
         diagnostics.end(last)
 

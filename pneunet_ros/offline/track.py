@@ -15,12 +15,10 @@ from pneunet_ros.core.notes import Note
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.measurement.row_order import first_target_moves, numbered_from_tip
 from pneunet_ros.messages.builders import UNREADABLE
-from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.messages.tracker import outputs_of, TRACKER_OUTPUTS
 from pneunet_ros.recordings.image_sources import IMAGE_TYPES
 from pneunet_ros.recordings.image_stream import ImageStream, StreamItem
-from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
-from pneunet_ros.recordings.recording_writer import RecordingWriter
+from pneunet_ros.recordings.recording_writer import OutputTopics, RecordingWriter
 from pneunet_ros.vision.beam_search import BEAM_SEARCH
 from pneunet_ros.vision.camera.camera_model import Lens
 from pneunet_ros.vision.rest_plane import RESTING, UPRIGHT
@@ -120,15 +118,13 @@ def record_tracking(
     with_images: copy the images, too. `on_progress` sees every step. start: as in `track_steps`.
     Returns sentences about omitted topics.
     """
-    outputs = {
-        output.name: writer.add(f'{stream.namespace}/{output.name}', output.type)
-        for output in TRACKER_OUTPUTS
-    }
+    names = {f'{stream.namespace}/{output.name}': output for output in TRACKER_OUTPUTS}
+    topics = OutputTopics(writer, names, frame_id)
     copies, sentences = {}, []
     for topic in stream.recording.topics if stream.recording is not None else ():
         if topic.type in IMAGE_TYPES.values() and not with_images:
             continue
-        if topic.name in {connection.topic for connection in outputs.values()}:
+        if topic.name in names:
             sentences.append(
                 Note(
                     f'{topic.name} was already in the recording and was replaced',
@@ -140,16 +136,14 @@ def record_tracking(
             copies[topic.name] = writer.add_copy(topic)
         except RecordingError as error:
             sentences.append(Note(f'{topic.name} was not copied: {error}', reason=error.reason))
-    serializer = MessageSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=frame_id)
     for step in track_steps(stream, tracker, copies, start):
         on_progress(step)
         item = step.item
         if item.topic in copies:
             writer.write_raw(copies[item.topic], item.log_time_ns, item.raw)
         if isinstance(step.outcome, Tracking):
-            for output, result in outputs_of(step.outcome):
-                raw = serializer.bytes_of(output, result)
-                writer.write_raw(outputs[output.name], item.log_time_ns, raw)
+            for written, raw in topics.messages(outputs_of(step.outcome)):
+                writer.write_raw(written, item.log_time_ns, raw)
     return tuple(sentences)
 
 

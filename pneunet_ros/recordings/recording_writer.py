@@ -6,7 +6,7 @@ under its name only when it is complete.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 import json
 import os
@@ -18,10 +18,12 @@ from typing import Any
 from mcap.opcode import Opcode
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.messages.builders import Output
+from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.recordings.bag_folder import FOLDER_FILES, METADATA
 from pneunet_ros.recordings.checksums import write_checksums
 from pneunet_ros.recordings.mcap_file import LATEST_LOG_TIME, MESSAGE_HEAD, RECORD_HEAD
-from pneunet_ros.recordings.message_store import IDL_HEAD, serialize, store_for
+from pneunet_ros.recordings.message_store import IDL_HEAD, ROSBAGS_TYPES, serialize, store_for
 from pneunet_ros.recordings.recording import RecordedTopic
 from rosbags.interfaces import (
     Connection,
@@ -169,6 +171,28 @@ class RecordingWriter:
             'custom_data': None,
             'ros_distro': 'rosbags',
         }
+
+
+class OutputTopics:
+    """Topics of a new recording for the outputs of a node, with the messages of the node."""
+
+    def __init__(
+        self, writer: RecordingWriter, names: Mapping[str, Output[Any]], frame_id: str
+    ) -> None:
+        """Add the topics; names: the outputs by the full names of their topics."""
+        self._connections = {
+            output.name: writer.add(name, output.type) for name, output in names.items()
+        }
+        self._serializer = MessageSerializer(
+            types=ROSBAGS_TYPES, serialize=serialize, frame_id=frame_id
+        )
+
+    def messages(
+        self, results: Iterable[tuple[Output[Any], Any]]
+    ) -> Iterator[tuple[Connection, bytes]]:
+        """Yield the topic and the serialized message of each result."""
+        for output, result in results:
+            yield self._connections[output.name], self._serializer.bytes_of(output, result)
 
 
 def yaml_text(value: Any) -> str:

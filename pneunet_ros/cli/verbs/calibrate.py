@@ -60,9 +60,7 @@ def options(parser: ArgumentParser) -> None:
         '(length, weight, targets), effects and sensors (default: the shipped model of the '
         "paper's arm)",
     )
-    parser.add_argument(
-        '--output', type=Path, required=True, metavar='MODEL.yaml', help='write the model here'
-    )
+    verb.add_output(parser, 'MODEL.yaml', 'write the model here')
     parser.add_argument(
         '--report', type=Path, metavar='DIR', help='write a report here: index.html and pictures'
     )
@@ -86,11 +84,9 @@ def options(parser: ArgumentParser) -> None:
         'laws: takes about half the time, but the error bars do not include the effect of '
         'leaving out a recording',
     )
-    verb.add_overwrite(parser)
     add_experiments(parser)
     verb.add_effects_path(parser)
     verb.add_gravity(parser, 'file after --arm')
-    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:

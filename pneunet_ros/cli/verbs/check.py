@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.fitted_table import print_table
+from pneunet_ros.cli.fitted_table import print_rows
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.messages.readings import SENSORS
 from rich.console import Console
-from rich.table import Table
 
 HOLDS_SHOWN = 20
 
@@ -24,7 +23,6 @@ def options(parser: ArgumentParser) -> None:
     verb.add_model(parser)
     verb.add_topics(parser)
     verb.add_settings(parser, verb.SENSOR_SETTINGS)
-    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -44,35 +42,32 @@ def run(arguments: Namespace) -> int:
     )
     with verb.reading_bar(shown=not arguments.json):
         found = [check_recording(path, request) for path in arguments.recordings]
+    content = {'model': request.arm.name, 'recordings': found}
+    verb.present(arguments, content, lambda console: show(found, console))
     verdicts = [verdict for content in found for verdict in content['verdicts'].values()]
-    code = verb.NEGATIVE if any(verdict['doubted'] for verdict in verdicts) else verb.DONE
-    if arguments.json:
-        verb.print_json({'model': request.arm.name, 'recordings': found})
-        return code
-    console = verb.output_console()
-    for content in found:
-        show(content, console)
-    return code
+    return verb.NEGATIVE if any(verdict['doubted'] for verdict in verdicts) else verb.DONE
 
 
-def show(found: dict[str, Any], console: Console) -> None:
+def show(recordings: list[dict[str, Any]], console: Console) -> None:
+    """Print the findings on recordings."""
+    for found in recordings:
+        show_one(found, console)
+
+
+def show_one(found: dict[str, Any], console: Console) -> None:
     """Print the findings on one recording."""
-    table = Table(title=f'{found["recording"]}, {found["seconds"]:.4g} s')
-    for column in ('topic', 'type', 'count', 'rate', 'jitter', 'gaps', 'by'):
-        table.add_column(column)
+    rows = []
     for topic in found['topics']:
         timed = topic['rate'] is not None
-        gaps = f'{topic["gaps"]}, longest {topic["longest_gap"]:.3g} s' if topic['gaps'] else '0'
-        table.add_row(
-            topic['name'],
-            topic['type'],
-            str(topic['count']),
-            f'{topic["rate"]:.4g} Hz' if timed else '-',
-            f'{1e3 * topic["jitter"]:.3f} ms' if timed else '-',
-            gaps,
-            topic['stamps'],
+        rate, jitter = (
+            (f'{topic["rate"]:.4g} Hz', f'{1e3 * topic["jitter"]:.3f} ms') if timed else ('-', '-')
         )
-    print_table(console, table, 'no topics')
+        gaps = f'{topic["gaps"]}, longest {topic["longest_gap"]:.3g} s' if topic['gaps'] else '0'
+        count = str(topic['count'])
+        rows.append((topic['name'], topic['type'], count, rate, jitter, gaps, topic['stamps']))
+    title = f'{found["recording"]}, {found["seconds"]:.4g} s'
+    columns = ('topic', 'type', 'count', 'rate', 'jitter', 'gaps', 'by')
+    print_rows(console, title, columns, rows, empty='no topics')
     for line in [*sync_lines(found['sync']), *range_lines(found['ranges'])]:
         console.print(line)
     holds = found['holds']
@@ -85,8 +80,7 @@ def show(found: dict[str, Any], console: Console) -> None:
     for name, use in found['uses'].items():
         answer = 'yes' if use['usable'] else 'no'
         console.print(f'{name}: {", ".join(part for part in (answer, use["reason"]) if part)}')
-    for sentence in found['sentences']:
-        console.print(f'note: {sentence}')
+    verb.print_notes(console, found['sentences'])
 
 
 def sync_lines(sync: dict[str, Any]) -> list[str]:

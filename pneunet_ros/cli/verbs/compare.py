@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from collections.abc import Iterator
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.fitted_table import print_table
+from pneunet_ros.cli.fitted_table import print_rows
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.estimation.shape_error import Comparison
@@ -17,7 +18,7 @@ from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.compare import compare_files, CompareRequest, comparison_content
 from pneunet_ros.recordings.recorded_shapes import SHAPE_TOPICS
-from rich.table import Table
+from rich.console import Console
 
 SIDES = ('a', 'b')
 PLOTS = ('.png', '.svg', '.pdf')
@@ -60,7 +61,6 @@ def options(parser: ArgumentParser) -> None:
         f'repeated; NAME is {", ".join(SHAPE_TOPICS[:-1])} or {SHAPE_TOPICS[-1]}',
     )
     verb.add_overwrite(parser)
-    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -95,12 +95,11 @@ def run(arguments: Namespace) -> int:
     if arguments.model is None:
         for item, content in zip(comparisons, contents, strict=True):
             content['sentences'] += places_assumed(item, arm)
-    if arguments.json:
-        verb.print_json({'comparisons': contents, 'plot': plot})
-    else:
-        show(contents)
-        if plot is not None:
-            verb.output_console().print(f'wrote {plot}')
+    verb.present(
+        arguments,
+        {'comparisons': contents, 'plot': plot},
+        lambda console: show(contents, plot, console),
+    )
     return verb.DONE if len(found) == len(comparisons) else verb.NEGATIVE
 
 
@@ -128,36 +127,37 @@ def side_topics(pairs: list[str]) -> tuple[dict[str, str], dict[str, str]]:
     return a, b
 
 
-def show(contents: list[dict[str, Any]]) -> None:
+def show(contents: list[dict[str, Any]], plot: Path | None, console: Console) -> None:
     """Print the errors, the number of matched frames, and the compared topics."""
-    console = verb.output_console()
     for content in contents:
         console.print(f'{content["of"]}\nagainst {content["to"]}')
-        table = Table()
-        for column in ('error', 'rms', 'median', '95 %', 'largest', 'unit'):
-            table.add_column(column, justify='left' if column in ('error', 'unit') else 'right')
-        for name in ('tip', 'shape'):
-            if content[name] is not None:
-                add_errors(table, name, content[name], known=content['length'] is not None)
-        if table.row_count:
-            print_table(console, table)
-        for name in ('tip', 'shape'):
-            if content[name] is not None:
-                console.print(matched_sentence(name, content[name]))
-        for sentence in content['sentences']:
-            console.print(f'note: {sentence}')
+        found = [(name, content[name]) for name in ('tip', 'shape') if content[name] is not None]
+        rows = [
+            row
+            for name, errors in found
+            for row in error_rows(name, errors, known=content['length'] is not None)
+        ]
+        columns = ('error', 'rms', 'median', '95 %', 'largest', 'unit')
+        if rows:
+            print_rows(console, '', columns, rows, numbers=range(1, 5))
+        for name, errors in found:
+            console.print(matched_sentence(name, errors))
+        verb.print_notes(console, content['sentences'])
+    if plot is not None:
+        console.print(f'wrote {plot}')
 
 
-def add_errors(table: Table, name: str, errors: dict[str, Any], *, known: bool) -> None:
-    """Add the rows for an error: mm, percent of the length if known, and degrees."""
-    keys = ('rms', 'median', 'p95', 'max')
-    table.add_row(name, *(f'{millimeters(errors[key]):.3f}' for key in keys), 'mm')
-    if known:
-        shares = errors['percent_of_length']
-        table.add_row('', *(f'{shares[key]:.3f}' for key in keys), '% of the length')
+def error_rows(name: str, errors: dict[str, Any], *, known: bool) -> Iterator[list[str]]:
+    """Yield the rows for an error: mm, percent of the length if known, and degrees."""
     turned = errors.get('heading')
-    if turned is not None:
-        table.add_row('tip heading', *(f'{math.degrees(turned[key]):.3f}' for key in keys), 'deg')
+    for label, unit, values, factor in (
+        (name, 'mm', errors, millimeters(1.0)),
+        ('', '% of the length', errors['percent_of_length'] if known else None, 1.0),
+        ('tip heading', 'deg', turned, math.degrees(1.0)),
+    ):
+        if values is not None:
+            numbers = (f'{factor * values[key]:.3f}' for key in ('rms', 'median', 'p95', 'max'))
+            yield [label, *numbers, unit]
 
 
 def matched_sentence(name: str, errors: dict[str, Any]) -> str:

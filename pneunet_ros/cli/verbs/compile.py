@@ -12,7 +12,6 @@ from pneunet_ros.core.kernels.cache import alone, cache_folder, kernels_kept, no
 
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
-    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -33,10 +32,9 @@ def run(arguments: Namespace) -> int:
             )
             note_kept()
     seconds = time.process_time() - begun
-    if arguments.json:
-        verb.print_json({'folder': cache_folder(), 'compiled': not there, 'cpu_seconds': seconds})
-    elif there:
-        verb.output_console().print(f'the kernels are already compiled, in {cache_folder()}')
-    else:
-        verb.output_console().print(f'compiled into {cache_folder()}: {seconds:.0f} s of CPU')
+    content = {'folder': cache_folder(), 'compiled': not there, 'cpu_seconds': seconds}
+    said = f'compiled into {cache_folder()}: {seconds:.0f} s of CPU'
+    if there:
+        said = f'the kernels are already compiled, in {cache_folder()}'
+    verb.present(arguments, content, lambda console: console.print(said))
     return verb.DONE

@@ -7,13 +7,15 @@ runs if the image libraries are not installed.
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from collections.abc import Callable
 import math
 from pathlib import Path
 import sys
+from typing import Any
 
 import numpy as np
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.fitted_table import print_table
+from pneunet_ros.cli.fitted_table import print_rows
 from pneunet_ros.core.kernels.cache import kernels_kept
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals, millimeters
@@ -25,7 +27,7 @@ from pneunet_ros.model.uncertainty import error_left_out
 from pneunet_ros.offline.replay import input_topics, record_steps, Step
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
-from rich.table import Table
+from rich.console import Console
 
 RECORDING = 'bags/table1'
 
@@ -41,7 +43,6 @@ def options(parser: ArgumentParser) -> None:
         help='folder for table1.mcap and shapes.png (default: demo)',
     )
     verb.add_overwrite(parser)
-    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -76,13 +77,13 @@ def run(arguments: Namespace) -> int:
 
         title = f"Table 1 of the paper (pressures and end forces) through '{arm.name}'"
         draw_holds(arm, holds, temporary, title)
-    rows = [row_of(hold) for hold in holds]
-    left_out = error_left_out(arm.covariance, arm.sources)
-    if arguments.json:
-        counted = {'estimates': len(estimates), 'files': [mcap, picture]}
-        verb.print_json({'holds': rows, 'std_leaves_out': left_out, **counted})
-    else:
-        show(rows, left_out, len(estimates), mcap, picture)
+    content = {
+        'holds': [row_of(hold) for hold in holds],
+        'std_leaves_out': error_left_out(arm.covariance, arm.sources),
+        'estimates': len(estimates),
+        'files': [mcap, picture],
+    }
+    verb.present(arguments, content, lambda console: show(content, console))
     return verb.DONE if holds else verb.NEGATIVE
 
 
@@ -113,34 +114,31 @@ def row_of(hold: ShapeEstimate) -> dict[str, float]:
     }
 
 
-def show(
-    rows: list[dict[str, float]], left_out: str, estimates: int, mcap: Path, picture: Path
-) -> None:
+def show(content: dict[str, Any], console: Console) -> None:
     """Print the holds as a table."""
-    console = verb.output_console()
-    table = Table(title=f'The {len(rows)} holds of Table 1, as the estimator sees the arm')
-    for name in (
-        'p (kPa)', 'F1 (N)', 'F2 (N)', 'tip x (mm)', 'tip y (mm)', 'heading (deg)',
-        'tip std (mm)', 'largest curvature (1/m)',
-    ):  # fmt: skip
-        table.add_column(name, justify='right')
-    for row in rows:
-        table.add_row(
-            f'{kilopascals(row["pressure"]):z.1f}',
-            f'{row["force_x"]:.3f}',
-            f'{row["force_y"]:.3f}',
-            f'{millimeters(row["tip_x"]):.2f}',
-            f'{millimeters(row["tip_y"]):.2f}',
-            f'{math.degrees(row["tip_theta"]):.1f}',
-            f'{millimeters(row["tip_std"]):.2f}',
-            f'{row["largest_curvature"]:.1f}',
-        )
-    print_table(console, table)
+    columns: dict[str, tuple[str, Callable[[float], float], str]] = {
+        'p (kPa)': ('pressure', kilopascals, 'z.1f'),
+        'F1 (N)': ('force_x', float, '.3f'),
+        'F2 (N)': ('force_y', float, '.3f'),
+        'tip x (mm)': ('tip_x', millimeters, '.2f'),
+        'tip y (mm)': ('tip_y', millimeters, '.2f'),
+        'heading (deg)': ('tip_theta', math.degrees, '.1f'),
+        'tip std (mm)': ('tip_std', millimeters, '.2f'),
+        'largest curvature (1/m)': ('largest_curvature', float, '.1f'),
+    }
+    rows = [
+        [f'{shown(row[name]):{form}}' for name, shown, form in columns.values()]
+        for row in content['holds']
+    ]
+    title = f'The {len(rows)} holds of Table 1, as the estimator sees the arm'
+    print_rows(console, title, tuple(columns), rows, numbers=range(len(columns)))
     console.print(
         'Pressures and forces are from the paper; stiffness and curvature of the arm are '
         'representative, not measured.'
     )
-    if left_out:
-        console.print(f'note: {left_out}')
-    console.print(f'{estimates} estimates in {mcap} (Foxglove, PlotJuggler, ros2 bag play)')
+    if content['std_leaves_out']:
+        verb.print_notes(console, [content['std_leaves_out']])
+    mcap, picture = content['files']
+    estimates = f'{content["estimates"]} estimates in {mcap}'
+    console.print(f'{estimates} (Foxglove, PlotJuggler, ros2 bag play)')
     console.print(f'picture in {picture}')

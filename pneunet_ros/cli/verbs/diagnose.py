@@ -72,12 +72,10 @@ def options(parser: ArgumentParser) -> None:
         help='which of these recordings show the arm with nothing attached (default: those '
         'without `end_wrench`, or with nothing but noise in it)',
     )
-    parser.add_argument(
-        '--output',
-        type=Path,
-        required=True,
-        metavar='DIR',
-        help='write report.html, model.yaml, diagnosis.json and the pictures into this folder',
+    verb.add_output(
+        parser,
+        'DIR',
+        'write report.html, model.yaml, diagnosis.json and the pictures into this folder',
     )
     parser.add_argument(
         '--seed',
@@ -98,11 +96,9 @@ def options(parser: ArgumentParser) -> None:
         metavar='ADDRESS',
         help='simulate on the Dask cluster of this scheduler (default: on this machine)',
     )
-    verb.add_overwrite(parser)
     add_experiments(parser)
     verb.add_effects_path(parser)
     verb.add_gravity(parser)
-    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:

@@ -28,33 +28,27 @@ PLACES: dict[Place, str] = {
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
     verb.add_effects_path(parser)
-    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
     """Print the table."""
     add_installed_effects()
-    if arguments.json:
-        verb.print_json(
-            {
-                'effects': [
-                    {
-                        'name': effect.name,
-                        'place': effect.place,
-                        'meaning': effect.meaning,
-                        'parameters': [
-                            {'name': item.name, 'neutral': item.default, **item.metadata}
-                            for item in quantities(effect)
-                        ],
-                    }
-                    for effect in EFFECTS.values()
-                ]
-            }
-        )
-        return verb.DONE
-    console = verb.output_console()
-    for line in lines():
-        console.print(line, soft_wrap=True)
+    effects = [
+        {
+            'name': effect.name,
+            'place': effect.place,
+            'meaning': effect.meaning,
+            'parameters': [
+                {'name': item.name, 'neutral': item.default, **item.metadata}
+                for item in quantities(effect)
+            ],
+        }
+        for effect in EFFECTS.values()
+    ]
+    text = '\n'.join(lines())
+    verb.present(
+        arguments, {'effects': effects}, lambda console: console.print(text, soft_wrap=True)
+    )
     return verb.DONE
 
 

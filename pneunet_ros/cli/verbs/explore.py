@@ -123,7 +123,6 @@ def options(parser: ArgumentParser) -> None:
         help=('random seed of noise and thresholds (default: 0)'),
     )
     verb.add_effects_path(parser)
-    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:

@@ -28,19 +28,12 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         'recording', type=Path, metavar='REC', help='an .mcap file or a rosbag2 folder'
     )
-    parser.add_argument(
-        '--output',
-        type=Path,
-        metavar='TABLE.csv',
-        required=True,
-        help='write the table here; a .npz file gets arrays with the same names',
-    )
-    verb.add_overwrite(parser)
+    meaning = 'write the table here; a .npz file gets arrays with the same names'
+    verb.add_output(parser, 'TABLE.csv', meaning)
     verb.add_topics(parser)
     verb.add_settings(parser, verb.SENSOR_SETTINGS)
     verb.add_dimensionless(parser, 'write')
     verb.add_model(parser)
-    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -96,18 +89,9 @@ def run(arguments: Namespace) -> int:
         'scales': {'length': units.length.size, 'force': units.force.size},
         'sentences': sentences,
     }
-    if arguments.json:
-        verb.print_json(summary)
-        return verb.DONE
-
-    console = verb.output_console()
-    console.print(f'{len(table.stamp_ns)} rows of {len(content)} columns: {", ".join(content)}')
-    for sentence in [
-        *sentences,
-        *([verb.scales_sentence(arm)] if arguments.dimensionless else []),
-    ]:
-        console.print(f'note: {sentence}')
-    console.print(f'wrote {arguments.output}')
+    said = f'{len(table.stamp_ns)} rows of {len(content)} columns: {", ".join(content)}'
+    scales = [verb.scales_sentence(arm)] if arguments.dimensionless else []
+    verb.present_written(arguments, summary, said, scales)
     return verb.DONE
 
 

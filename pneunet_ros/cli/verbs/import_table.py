@@ -28,17 +28,13 @@ def options(parser: ArgumentParser) -> None:
         'reading, or target not seen.'
     )
     parser.add_argument('table', type=Path, metavar='TABLE.csv', help='a CSV file, UTF-8')
-    parser.add_argument(
-        '--output', type=Path, metavar='REC.mcap', required=True, help='write the recording here'
-    )
-    verb.add_overwrite(parser)
+    verb.add_output(parser, 'REC.mcap', 'write the recording here')
     add_table_options(parser)
     parser.add_argument(
         '--rate', type=float, metavar='HZ', help='rows per second of a table without a time column'
     )
     verb.add_model(parser, 'model to judge the readings by (default: any soft actuator)')
     verb.add_settings(parser, ['judge_readings'])
-    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -77,13 +73,7 @@ def run(arguments: Namespace) -> int:
         'topics': topics,
         'sentences': [*doubts, *sentences],
     }
-    if arguments.json:
-        verb.print_json(summary)
-        return verb.NEGATIVE if doubts else verb.DONE
-    console = verb.output_console()
     counts = ', '.join(f'{count} of {name}' for name, count in topics.items())
-    console.print(f'{len(table.stamp_ns)} rows over {seconds:g} s: {counts}')
-    for sentence in (*doubts, *sentences):
-        console.print(f'note: {sentence}')
-    console.print(f'wrote {arguments.output}')
+    said = f'{len(table.stamp_ns)} rows over {seconds:g} s: {counts}'
+    verb.present_written(arguments, summary, said)
     return verb.NEGATIVE if doubts else verb.DONE

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from pathlib import Path
 
 from pneunet_ros.cli import verb
 from pneunet_ros.cli.quantity_option import quantity_type
@@ -42,11 +41,7 @@ def options(parser: ArgumentParser) -> None:
         help='radius of the collision capsules: half the thickness of the finger (default: a '
         'sixteenth of its length)',
     )
-    parser.add_argument(
-        '--output', type=Path, required=True, metavar='FILE', help='MJCF file to write, .xml'
-    )
-    verb.add_overwrite(parser)
-    verb.add_json(parser)
+    verb.add_output(parser, 'FILE', 'MJCF file to write, .xml')
 
 
 def run(arguments: Namespace) -> int:
@@ -65,21 +60,18 @@ def run(arguments: Namespace) -> int:
     )
     with atomic_output(arguments.output, overwrite=arguments.overwrite) as temporary:
         temporary.write_text(mjcf(chain), encoding='utf-8')
-    if arguments.json:
-        verb.print_json(
-            {
-                'output': arguments.output,
-                'model': arm.name,
-                'hinges': chain.hinge.size,
-                'mass': chain.mass + chain.tip_mass,
-                'damping_time': chain.damping_time,
-                'radius': chain.radius,
-                'pressure_range': [chain.pressure[0], chain.pressure[-1]],
-            }
-        )
-    else:
-        verb.output_console().print(
-            f'wrote {arguments.output}: {arm.name} with {chain.hinge.size} hinges and '
-            f'{1e3 * (chain.mass + chain.tip_mass):.1f} g, damping time {chain.damping_time:g} s'
-        )
+    content = {
+        'output': arguments.output,
+        'model': arm.name,
+        'hinges': chain.hinge.size,
+        'mass': chain.mass + chain.tip_mass,
+        'damping_time': chain.damping_time,
+        'radius': chain.radius,
+        'pressure_range': [chain.pressure[0], chain.pressure[-1]],
+    }
+    said = (
+        f'wrote {arguments.output}: {arm.name} with {chain.hinge.size} hinges and '
+        f'{1e3 * (chain.mass + chain.tip_mass):.1f} g, damping time {chain.damping_time:g} s'
+    )
+    verb.present(arguments, content, lambda console: console.print(said))
     return verb.DONE

@@ -84,7 +84,6 @@ def options(parser: ArgumentParser) -> None:
     )
     parser.add_argument('--no-template', action='store_true', help='write no sheet of dots')
     verb.add_overwrite(parser)
-    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -111,21 +110,15 @@ def run(arguments: Namespace) -> int:
         'dot': sizes['dot'],
         'target_arclength': places,
     }
-    if arguments.json:
-        verb.print_json(summary)
-        return verb.DONE
-    console = verb.output_console()
     shown = ', '.join(f'{millimeters(place):g}' for place in places.tolist())
-    console.print(
+    said = [
         f'{name}: {millimeters(arm.length):g} mm, {arm.weight:.4g} N, up to '
-        f'{kilopascals(sizes["pressure"]):g} kPa; {places.size} targets at {shown} mm'
-    )
-    console.print(
-        f'wrote {arguments.output}: dimensions and targets are yours; all '
-        'other values are placeholders'
-    )
-    if template is not None:
-        console.print(f'wrote {template}: print at 100 % and check its ruler')
+        f'{kilopascals(sizes["pressure"]):g} kPa; {places.size} targets at {shown} mm',
+        f'wrote {arguments.output}: dimensions and targets are yours; all other values are '
+        'placeholders',
+        *([] if template is None else [f'wrote {template}: print at 100 % and check its ruler']),
+    ]
+    verb.present(arguments, summary, lambda console: console.print('\n'.join(said)))
     return verb.DONE
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from dataclasses import dataclass, replace
 import math
+from typing import Any
 
 import numpy as np
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.fitted_table import print_table
+from pneunet_ros.cli.fitted_table import print_rows
 from pneunet_ros.cli.quantity_option import quantity_of, quantity_type, string_of
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
@@ -37,7 +38,7 @@ from pneunet_ros.model.pressure_search import pressure_for_force, pressure_for_t
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.model.string import follows_tip, solve_string
 from pneunet_ros.model.uncertainty import error_left_out
-from rich.table import Table
+from rich.console import Console
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,7 +107,6 @@ def options(parser: ArgumentParser) -> None:
         "model's `sensors`)",
     )
     verb.add_dimensionless(parser, 'print')
-    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -133,10 +133,12 @@ def run(arguments: Namespace) -> int:
         )
     arm = verb.still_model_of(arguments)
     prediction = predict(arm, solved(arm, arguments), arguments)
-    if arguments.json:
-        verb.print_json(content(arm, prediction, verb.units_of(arguments, arm)))
-    else:
-        show(arm, prediction, verb.units_of(arguments, arm, SHOWN_SI))
+    shown = verb.units_of(arguments, arm, SHOWN_SI)
+    verb.present(
+        arguments,
+        content(arm, prediction, verb.units_of(arguments, arm)),
+        lambda console: show(arm, prediction, shown, console),
+    )
     return verb.DONE if prediction.shape.converged else verb.NEGATIVE
 
 
@@ -239,7 +241,7 @@ def wrench_read(estimator: Estimator, shape: Shape, pressure: float) -> list[flo
     return read
 
 
-def content(arm: Arm, prediction: Prediction, units: UnitSystem) -> dict[str, object]:
+def content(arm: Arm, prediction: Prediction, units: UnitSystem) -> dict[str, Any]:
     """Return the documented JSON content, in these units."""
     shape, estimate = prediction.shape, prediction.estimate
     length, force, moment = (getattr(units, kind).per_si for kind in ('length', 'force', 'moment'))
@@ -289,24 +291,21 @@ def deviations(covariance: Array) -> list[float]:
     return found
 
 
-def show(arm: Arm, prediction: Prediction, units: UnitSystem) -> None:
+def show(arm: Arm, prediction: Prediction, units: UnitSystem, console: Console) -> None:
     """Print the answer for people."""
-    console = verb.output_console()
     shape, estimate = prediction.shape, prediction.estimate
     residual = f' (residual {shape.residual:.1e} rad)' if shape.converged else ''
     console.print(f'{shape.status}{residual}')
     if not shape.converged or estimate is None:
         return
-    table = Table(show_header=True)
-    for name in ('quantity', 'value', 'std', 'unit'):
-        table.add_column(name, justify='left' if name in ('quantity', 'unit') else 'right')
+    rows = []
 
     def add(name: str, value: float, std: float | None, unit: Unit, places: int) -> None:
         """Add a row, value and std in this unit."""
         texts = (
             '' if item is None else f'{unit.per_si * item:.{places}f}' for item in (value, std)
         )
-        table.add_row(name, *texts, unit.name)
+        rows.append((name, *texts, unit.name))
 
     length, force, moment = units.length, units.force, units.moment
     places = 5 if units.name == DIMENSIONLESS else 3
@@ -330,14 +329,11 @@ def show(arm: Arm, prediction: Prediction, units: UnitSystem) -> None:
         3,
     )
     add('moment at the clamp', float(shape.moment[0]), None, moment, 4)
-    print_table(console, table)
+    print_rows(console, '', ('quantity', 'value', 'std', 'unit'), rows, numbers=(1, 2))
     if units.name == DIMENSIONLESS:
         console.print(verb.scales_sentence(arm))
     left_out = error_left_out(arm.covariance, arm.sources)
-    if left_out:
-        console.print(f'note: {left_out}')
-    if meant := likely_pressure(arm, shape.pressure):
-        console.print(f'note: {meant}')
+    verb.print_notes(console, filter(None, (left_out, likely_pressure(arm, shape.pressure))))
 
 
 def likely_pressure(arm: Arm, pressure: float) -> str:

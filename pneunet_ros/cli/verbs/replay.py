@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from contextlib import ExitStack
 import dataclasses
 from pathlib import Path
 import time
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
-from rich.table import Table
+from rich.console import Console
 
 if TYPE_CHECKING:
     from pneunet_ros.estimation.consistency import Agreement
-    from pneunet_ros.offline.replay import Step, Tally
+    from pneunet_ros.offline.replay import Tally
 
 
 def options(parser: ArgumentParser) -> None:
@@ -56,7 +54,6 @@ def options(parser: ArgumentParser) -> None:
     verb.add_overwrite(parser)
     verb.add_topics(parser)
     verb.add_settings(parser)
-    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -77,94 +74,49 @@ def run(arguments: Namespace) -> int:
 
 def run_estimator(arguments: Namespace) -> int:
     """Replay a recording through the estimator and summarize."""
-    from pneunet_ros.cli.judged import refuse_readings
+    from pneunet_ros.cli.replaying import common_summary, judge, playing, refuse_readings
     from pneunet_ros.estimation.estimator import Estimator
-    from pneunet_ros.files.model_file import model_hash
     from pneunet_ros.messages.link_chain import JOINT_STATES
     from pneunet_ros.messages.markers import markers_output, TIP_FRAME, transform_output
-    from pneunet_ros.messages.readings import PRESSURE, SENSORS, TARGETS
-    from pneunet_ros.model.uncertainty import error_left_out
-    from pneunet_ros.offline.judge import judge_recording
-    from pneunet_ros.offline.replay import (
-        input_topics,
-        record_steps,
-        steps,
-        Tally,
-        targets_topic,
-    )
+    from pneunet_ros.messages.readings import SENSORS
+    from pneunet_ros.offline import replay
     from pneunet_ros.recordings.recording import open_recording
-    from pneunet_ros.recordings.recording_writer import write_recording
 
     arm = verb.model_of(arguments)
     estimator = Estimator(arm=arm, settings=verb.settings_of(arguments))
     overrides = verb.topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
     recording = open_recording(arguments.recording)
-    topics = input_topics(recording, estimator, overrides)
-    targets = targets_topic(recording, estimator, overrides)
-    pressure_topic = next(name for name, sensor in topics.items() if sensor is PRESSURE)
-    with verb.reading_bar(shown=not arguments.json):
-        verdicts = judge_recording(
-            recording,
-            arm,
-            estimator.settings,
-            overrides,
-            own_model=arguments.model is not None,
-        )
+    topics = replay.input_topics(recording, estimator, overrides)
+    targets = replay.targets_topic(recording, estimator, overrides)
+    inputs = replay.with_targets(topics, targets)
+    verdicts = judge(arguments, recording, arm, estimator.settings, overrides)
     if verdicts.doubted or verdicts.strangeness:
-        return refuse_readings(arguments, arguments.recording, verdicts)
-    tally = Tally()
+        return refuse_readings(arguments, verdicts)
+    tally = replay.Tally()
+    pressure = replay.topic_of_pressure(topics)
+    views = (markers_output(lambda: arm), transform_output(TIP_FRAME), JOINT_STATES)
     begun = time.perf_counter()
-    with ExitStack() as stack:
-        bar = stack.enter_context(verb.progress_bar(shown=not arguments.json))
-        task = bar.add_task(
-            'replaying', total=recording.count([*topics, *([targets] if targets else [])])
-        )
-
-        def on_progress(step: Step) -> None:
-            tally.count(step, pressure_topic)
-            if tally.pressures % 200 == 0:
-                bar.update(task, completed=tally.messages)
-
-        if arguments.output is None:
-            for step in steps(recording, estimator, topics, targets):
-                on_progress(step)
-        else:
-            writer = stack.enter_context(
-                write_recording(
-                    arguments.output, overwrite=arguments.overwrite, inputs=[arguments.recording]
-                )
-            )
-            markers = (markers_output(lambda: arm), transform_output(TIP_FRAME), JOINT_STATES)
-            shown = markers if arguments.views else ()
-            record_steps(writer, recording, estimator, topics, on_progress, shown, targets)
+    with playing(
+        arguments, recording, inputs, 'replaying', lambda step: tally.count(step, pressure)
+    ) as (writer, on_progress):
+        shown = views if arguments.views else ()
+        replay.record_steps(writer, recording, estimator, topics, on_progress, shown, targets)
     agreement = tally.agreement(arm)
     seconds = time.perf_counter() - begun
     state = tally.state
-    summary = {
-        'recording': arguments.recording,
-        'output': arguments.output,
-        'model': arm.name,
-        'model_hash': model_hash(arm),
-        'topics': {sensor.name: name for name, sensor in topics.items()}
-        | ({} if targets is None else {TARGETS.name: targets}),
+    summary = common_summary(arguments, arm, inputs, verdicts, tally.refusal) | {
         'pressure_readings': tally.pressures,
         'estimates': 0 if state is None else state.estimates,
         'rejected': {} if state is None else dict(state.rejected),
         'warned': tally.warned,
-        'std_leaves_out': error_left_out(arm.covariance, arm.sources),
         'resets': 0 if state is None else state.resets,
         'worst_residual': tally.worst_residual,
         'motion': motion_summary(tally),
         'watch': None if targets is None else consistency_summary(tally, agreement),
         'seconds': seconds,
-        'verdicts': verdicts.summary,
         'sentences': list(recording.sentences),
-        'last_refusal': tally.refusal.sentence if tally.refusal else None,
     }
-    if arguments.json:
-        verb.print_json(summary)
-    else:
-        show(summary, tally, agreement)
+    verb.present(arguments, summary, lambda console: show(summary, tally, agreement, console))
     return verb.DONE if summary['estimates'] else verb.NEGATIVE
 
 
@@ -196,58 +148,37 @@ def consistency_summary(tally: Tally, agreement: Agreement | None) -> dict[str, 
     }
 
 
-def show(summary: dict[str, object], tally: Tally, agreement: Agreement | None) -> None:
+def show(
+    summary: dict[str, Any], tally: Tally, agreement: Agreement | None, console: Console
+) -> None:
     """Print the summary for people."""
-    console = verb.output_console()
-    table = Table(title=f'{summary["recording"]} through {summary["model"]}', show_header=False)
-    table.add_column()
-    table.add_column()
-    table.add_row('pressure readings', str(summary['pressure_readings']))
-    table.add_row('estimates', str(summary['estimates']))
-    rejected = summary['rejected']
-    assert isinstance(rejected, dict)
-    table.add_row(
-        'rejected readings',
-        ', '.join(f'{count} {reason}' for reason, count in rejected.items()) or 'none',
-    )
-    table.add_row('worst residual', f'{summary["worst_residual"]:.1e} rad')
-    motion = summary['motion']
-    if isinstance(motion, dict):
-        table.add_row(
-            'motion',
+    from pneunet_ros.cli.replaying import counts_text, show_replay
+
+    facts = {
+        'pressure readings': str(summary['pressure_readings']),
+        'estimates': str(summary['estimates']),
+        'rejected readings': counts_text(summary['rejected']),
+        'worst residual': f'{summary["worst_residual"]:.1e} rad',
+    }
+    if motion := summary['motion']:
+        facts['motion'] = (
             f'at rest in {motion["settled"]:.0%} of the estimates ({motion["frequency"]:.2g} Hz, '
-            f'decays in {motion["decay_time"]:.2g} s)',
+            f'decays in {motion["decay_time"]:.2g} s)'
         )
-    worst = tally.disagreement
     if agreement is not None:
-        table.add_row('measured targets', agreement.sentence)
+        facts['measured targets'] = agreement.sentence
     if tally.last is not None:
         x, y, _ = tally.last.shape.tip
         pressure = kilopascals(tally.last.shape.pressure)
-        table.add_row(
-            'last estimate',
-            f'{pressure:.2f} kPa, tip at ({millimeters(x):.2f}, {millimeters(y):.2f}) mm',
+        facts['last estimate'] = (
+            f'{pressure:.2f} kPa, tip at ({millimeters(x):.2f}, {millimeters(y):.2f}) mm'
         )
     seconds = summary['seconds']
-    assert isinstance(seconds, float)
-    table.add_row('took', f'{seconds:.2f} s ({tally.pressures / seconds:.0f} readings/s)')
-    print_table(console, table)
-    sentences = summary['sentences']
-    assert isinstance(sentences, list)
-    if worst is not None and worst.beyond:
-        sentences = [*sentences, f'at stamp {worst.stamp_ns} ns {worst.sentence}']
+    facts['took'] = f'{seconds:.2f} s ({tally.pressures / seconds:.0f} readings/s)'
+    worst = tally.disagreement
     sentences = [
-        *sentences,
+        *([f'at stamp {worst.stamp_ns} ns {worst.sentence}'] if worst and worst.beyond else []),
         *(f'{count} estimates: {warning}' for warning, count in tally.warned.items()),
         *([summary['std_leaves_out']] if summary['std_leaves_out'] else []),
     ]
-    if summary['last_refusal']:
-        sentences = [*sentences, f'last rejected reading: {summary["last_refusal"]}']
-    for sentence in sentences:
-        console.print(f'note: {sentence}')
-    if summary['output'] is None:
-        console.print(
-            'Nothing was written; --output OUT.mcap saves the inputs and all estimator topics.'
-        )
-    else:
-        console.print(f'wrote {summary["output"]}')
+    show_replay(console, summary, facts, sentences, 'estimator')

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.fitted_table import print_table
+from pneunet_ros.cli.fitted_table import print_facts
 from pneunet_ros.cli.quantity_option import seed
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
@@ -22,7 +22,7 @@ from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.scenario import describe, Scenario
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.recordings.lab_files import memory_after, message_count, write_lab
-from rich.table import Table
+from rich.console import Console
 
 
 def options(parser: ArgumentParser) -> None:
@@ -33,15 +33,12 @@ def options(parser: ArgumentParser) -> None:
         help='a scenario file, YAML, or the name of a shipped one: unloaded_ramp, '
         'unloaded_staircase, dead_weights, force_sweeps, strings, random_mix, ringing',
     )
-    parser.add_argument(
-        '--output',
-        type=Path,
-        required=True,
-        metavar='REC',
-        help='write the recording here, an .mcap file or a rosbag2 folder, and the ground truth '
-        'next to it: x.truth.npz for x.mcap',
+    verb.add_output(
+        parser,
+        'REC',
+        'write the recording here, an .mcap file or a rosbag2 folder, and the ground truth next '
+        'to it: x.truth.npz for x.mcap',
     )
-    verb.add_overwrite(parser)
     parser.add_argument(
         '--seed',
         type=seed,
@@ -77,7 +74,6 @@ def options(parser: ArgumentParser) -> None:
         'its motion; with both, the base moves as described by the block `motion` of the '
         'scenario (default: mujoco if there is such a block)',
     )
-    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -109,10 +105,8 @@ def run(arguments: Namespace) -> int:
         'truth': truth,
         'seconds': seconds,
     }
-    if arguments.json:
-        verb.print_json(summary | {'scenario': describe(scenario)})
-    else:
-        show(scenario, summary)
+    content = summary | {'scenario': describe(scenario)}
+    verb.present(arguments, content, lambda console: show(scenario, summary, console))
     return verb.DONE
 
 
@@ -157,29 +151,27 @@ def summary_of(recording: LabRecording) -> dict[str, Any]:
     }
 
 
-def show(scenario: Scenario, summary: dict[str, Any]) -> None:
+def show(scenario: Scenario, summary: dict[str, Any], console: Console) -> None:
     """Print the summary for people."""
-    table = Table(title=f'{summary["name"]} on {summary["arm"]}', show_header=False)
-    table.add_column()
-    table.add_column()
     low, high = (kilopascals(value) for value in summary['pressure_range'])
     (low_x, low_y), (high_x, high_y) = summary['force_range']
-    table.add_row('protocol', f'{scenario.protocol.kind}, {summary["duration"]:g} s')
-    table.add_row('effects', ', '.join(effect_texts(scenario)) or 'none')
-    table.add_row('pressure', f'{low:z.1f} to {high:z.1f} kPa')
     force = f'F1 {low_x:.3f} to {high_x:.3f} N, F2 {low_y:.3f} to {high_y:.3f} N'
-    table.add_row('end force', force if summary['loaded'] else 'none: unloaded')
-    table.add_row('frames', f'{summary["frames"]} with {summary["targets"]} targets')
-    table.add_row('targets seen', f'{100.0 * summary["seen"]:.1f} %')
     readings = f'{summary["pressure_readings"]} of pressure'
     if summary['loaded']:
         readings += f', {summary["wrench_readings"]} of end wrench'
-    table.add_row('readings', readings)
-    table.add_row('tip travels over', f'{millimeters(summary["tip_travel"]):.1f} mm')
-    table.add_row('seeds', f'noise {scenario.seed}, arm {scenario.arm.seed}')
-    table.add_row('took', f'{summary["seconds"]:.2f} s')
-    console = verb.output_console()
-    print_table(console, table)
+    facts = {
+        'protocol': f'{scenario.protocol.kind}, {summary["duration"]:g} s',
+        'effects': ', '.join(effect_texts(scenario)) or 'none',
+        'pressure': f'{low:z.1f} to {high:z.1f} kPa',
+        'end force': force if summary['loaded'] else 'none: unloaded',
+        'frames': f'{summary["frames"]} with {summary["targets"]} targets',
+        'targets seen': f'{100.0 * summary["seen"]:.1f} %',
+        'readings': readings,
+        'tip travels over': f'{millimeters(summary["tip_travel"]):.1f} mm',
+        'seeds': f'noise {scenario.seed}, arm {scenario.arm.seed}',
+        'took': f'{summary["seconds"]:.2f} s',
+    }
+    print_facts(console, f'{summary["name"]} on {summary["arm"]}', facts)
     for name in ('output', 'truth'):
         console.print(f'wrote {summary[name]}')
 

@@ -13,7 +13,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.fitted_table import print_table
+from pneunet_ros.cli.fitted_table import print_rows
 from pneunet_ros.cli.provenance import versions
 from pneunet_ros.cli.quantity_option import seed
 from pneunet_ros.core.errors import PneunetError
@@ -34,8 +34,8 @@ from pneunet_ros.offline.survey import (
     SurveyFolder,
     work_on_fleet,
 )
+from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
 if TYPE_CHECKING:
     from pneunet_ros.calibration.fleet import Fleet
@@ -102,7 +102,6 @@ def options(parser: ArgumentParser) -> None:
     verb.add_effects_path(parser)
     verb.add_topics(parser)
     verb.add_settings(parser, verb.SENSOR_SETTINGS)
-    verb.add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -131,13 +130,9 @@ def run(arguments: Namespace) -> int:
         data = survey.data_of(str(arguments.source), fleet, rows)
         provenance = {'seed': arguments.seed, 'versions': versions(), 'request': asdict(request)}
         content = survey.write(data, provenance)
-    if arguments.json:
-        seconds = time.perf_counter() - started
-        verb.print_json(
-            content | {'output': arguments.output, 'kept': survey.kept, 'seconds': seconds}
-        )
-    else:
-        show(data, survey.kept, arguments.output)
+    content |= {'output': arguments.output, 'kept': survey.kept}
+    content |= {'seconds': time.perf_counter() - started}
+    verb.present(arguments, content, lambda console: show(data, content, console))
     return verb.NEGATIVE if any(item.failed for item in data.arms) else verb.DONE
 
 
@@ -286,23 +281,22 @@ def compare(arms: Sequence[SurveyedArm], seed: int) -> Fleet:
     return compare_arms(numbers, pressure, seed=seed)
 
 
-def show(data: SurveyData, kept: int, output: Path) -> None:
+def show(data: SurveyData, content: Mapping[str, Any], console: Console) -> None:
     """Print the results of a survey."""
     from pneunet_ros.reports.survey.report import arm_row, NUMBERS, PAGE, survey_sentences
 
-    console = verb.output_console()
-    table = Table(title=f'{len(data.arms)} arms, {kept} of them done before')
-    for column in ('arm', 'missing', 'before (mm)', 'after (mm)', 'p as alike'):
-        table.add_column(column, justify='left' if column in ('arm', 'missing') else 'right')
+    rows: list[Sequence[str]] = []
     for item in data.arms:
         if item.failed:
-            table.add_row(item.name, 'failed')
+            rows.append((item.name, 'failed'))
             continue
         row = arm_row(item, data)
         name = f'{item.name} (odd)' if row['odd'] else item.name
-        table.add_row(name, row['said'], row['before'], row['after'], row['distance'])
-    print_table(console, table)
+        rows.append((name, row['said'], row['before'], row['after'], row['distance']))
+    title = f'{len(data.arms)} arms, {content["kept"]} of them done before'
+    columns = ('arm', 'missing', 'before (mm)', 'after (mm)', 'p as alike')
+    print_rows(console, title, columns, rows, numbers=range(2, 5))
     for sentence in survey_sentences(data):
         console.print(sentence)
     for name in (PAGE, NUMBERS):
-        console.print(f'wrote {output / name}')
+        console.print(f'wrote {content["output"] / name}')

@@ -81,7 +81,6 @@ def options(parser: ArgumentParser) -> None:
     )
     verb.add_topics(parser, 'image_raw=/my/topic')
     add_film_options(parser)
-    verb.add_json(parser)
 
 
 def add_film_options(parser: ArgumentParser) -> None:

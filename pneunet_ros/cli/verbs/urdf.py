@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from pathlib import Path
 
 from pneunet_ros.cli import verb
 from pneunet_ros.core.errors import RequestError
@@ -35,17 +34,7 @@ def options(parser: ArgumentParser) -> None:
         metavar='FRAME',
         help='link at the clamp (default: %(default)s)',
     )
-    parser.add_argument(
-        '--tip-frame',
-        default=TIP_FRAME,
-        metavar='FRAME',
-        help='link at the free end (default: %(default)s)',
-    )
-    parser.add_argument(
-        '--output', type=Path, required=True, metavar='FILE', help='URDF file to write'
-    )
-    verb.add_overwrite(parser)
-    verb.add_json(parser)
+    verb.add_output(parser, 'FILE', 'URDF file to write')
 
 
 def run(arguments: Namespace) -> int:
@@ -54,14 +43,11 @@ def run(arguments: Namespace) -> int:
     if not 2 <= arguments.stations <= 2000:
         raise RequestError('--stations must lie between 2 and 2000', reason='out_of_bounds')
     arclength = station_arclength(arm.reach, arguments.stations)
-    text = urdf(arm.name, arclength, arguments.frame_id, arguments.tip_frame)
+    text = urdf(arm.name, arclength, arguments.frame_id, TIP_FRAME)
     with atomic_output(arguments.output, overwrite=arguments.overwrite) as temporary:
         temporary.write_text(text, encoding='utf-8')
     links = link_ends(arguments.stations).size - 1
-    if arguments.json:
-        verb.print_json({'output': arguments.output, 'model': arm.name, 'links': links})
-    else:
-        verb.output_console().print(
-            f'wrote {arguments.output}: {arm.name} as a chain of {links} links'
-        )
+    content = {'output': arguments.output, 'model': arm.name, 'links': links}
+    said = f'wrote {arguments.output}: {arm.name} as a chain of {links} links'
+    verb.present(arguments, content, lambda console: console.print(said))
     return verb.DONE
