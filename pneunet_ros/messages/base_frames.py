@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.frames import Quaternion
 from pneunet_ros.core.readings import FrameReading, ImuReading
-from pneunet_ros.messages.builders import header, MessageTypes, nanoseconds, UNFIT
+from pneunet_ros.messages.builders import header, MessageTypes, nanoseconds, usable
 
 IMU_TYPE = 'sensor_msgs/msg/Imu'
 TRANSFORM_TYPE = 'tf2_msgs/msg/TFMessage'
@@ -20,7 +19,7 @@ def decode_imu(message: Any) -> ImuReading:
 
     The first number of its covariance is -1 if the IMU does not measure acceleration.
     """
-    try:
+    with usable(IMU_TYPE):
         force = message.linear_acceleration
         return ImuReading(
             stamp_ns=nanoseconds(message.header.stamp),
@@ -30,10 +29,6 @@ def decode_imu(message: Any) -> ImuReading:
             frame_id=str(message.header.frame_id),
             known=float(message.linear_acceleration_covariance[0]) != -1.0,
         )
-    except (*UNFIT, IndexError) as error:
-        raise MessageError(
-            f'a message is not a usable {IMU_TYPE}: {error}', reason='unreadable'
-        ) from error
 
 
 def imu_message(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes) -> Any:
@@ -58,7 +53,7 @@ def decode_frames(message: Any, *, fixed: bool) -> tuple[FrameReading, ...]:
 
     fixed: whether it comes from /tf_static.
     """
-    try:
+    with usable(TRANSFORM_TYPE):
         return tuple(
             FrameReading(
                 stamp_ns=nanoseconds(one.header.stamp),
@@ -69,10 +64,6 @@ def decode_frames(message: Any, *, fixed: bool) -> tuple[FrameReading, ...]:
             )
             for one in message.transforms
         )
-    except UNFIT as error:
-        raise MessageError(
-            f'a message is not a usable {TRANSFORM_TYPE}: {error}', reason='unreadable'
-        ) from error
 
 
 def _quaternion(turned: Any) -> Quaternion:

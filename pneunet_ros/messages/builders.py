@@ -6,7 +6,8 @@ recording (rosbags classes) use the same code, so that their messages are bitwis
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 import math
@@ -15,6 +16,7 @@ from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.image import Bytes
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 
@@ -105,6 +107,17 @@ def nanoseconds(stamp: Any) -> int:
     if not 0 <= rest < NANOSECONDS_PER_SECOND:
         raise ValueError(f'nanosec = {rest} of its stamp is not within [0, 999999999]')
     return seconds * NANOSECONDS_PER_SECOND + rest
+
+
+@contextmanager
+def usable(name: str) -> Iterator[None]:
+    """Raise MessageError if a message that is read here is not what its type `name` promises."""
+    try:
+        yield
+    except (*UNFIT, IndexError) as error:
+        raise MessageError(
+            f'a message is not a usable {name}: {error}', reason='unreadable'
+        ) from error
 
 
 def header_stamp(message: Any) -> int:

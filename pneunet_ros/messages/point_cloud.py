@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.errors import MessageError
-from pneunet_ros.messages.builders import POINTS_TYPE, UNFIT
+from pneunet_ros.messages.builders import POINTS_TYPE, usable
 
 # What numpy holds as the size of one record.
 _LARGEST_POINT = int(np.iinfo(np.intc).max)
@@ -22,7 +22,7 @@ def cloud_points(message: Any) -> npt.NDArray[Any]:
     Fields may be in any order and at any offset in a point, in either byte order; fields with more
     than one number are left out. Raises MessageError if the message is inconsistent.
     """
-    try:
+    with usable(POINTS_TYPE):
         order = '>' if message.is_bigendian else '<'
         height, width = int(message.height), int(message.width)
         point_step, row_step = int(message.point_step), int(message.row_step)
@@ -32,10 +32,6 @@ def cloud_points(message: Any) -> npt.NDArray[Any]:
             for item in message.fields
             if item.datatype in _KINDS and item.count == 1
         ]
-    except UNFIT as error:
-        raise MessageError(
-            f'a message is not a usable {POINTS_TYPE}: {error}', reason='unreadable'
-        ) from error
     point = point_type(tuple(fields), point_step)
     needed = (height - 1) * row_step + width * point_step if height and width else 0
     if row_step < width * point_step and height > 1:

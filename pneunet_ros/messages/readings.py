@@ -47,7 +47,7 @@ from pneunet_ros.messages.builders import (
     nanoseconds,
     POINTS_TYPE,
     ReadingType,
-    UNFIT,
+    usable,
 )
 from pneunet_ros.messages.point_cloud import cloud_points
 from pneunet_ros.messages.targets import TARGETS_OUTPUT
@@ -119,21 +119,17 @@ class Sensor(Input[ReadingType]):
 
 def decode_pressure(message: Any) -> PressureReading:
     """Return the reading in a FluidPressure, even if NaN; MessageError if invalid."""
-    try:
+    with usable(PRESSURE_TYPE):
         return PressureReading(
             stamp_ns=nanoseconds(message.header.stamp),
             pressure=float(message.fluid_pressure),
             variance=float(message.variance),
         )
-    except UNFIT as error:
-        raise MessageError(
-            f'a message is not a usable {PRESSURE_TYPE}: {error}', reason='unreadable'
-        ) from error
 
 
 def decode_wrench(message: Any) -> WrenchReading:
     """Return the reading of a WrenchStamped, unchanged; MessageError if invalid."""
-    try:
+    with usable(WRENCH_TYPE):
         force, torque = message.wrench.force, message.wrench.torque
         return WrenchReading(
             stamp_ns=nanoseconds(message.header.stamp),
@@ -145,10 +141,6 @@ def decode_wrench(message: Any) -> WrenchReading:
             moment_x=float(torque.x),
             moment_y=float(torque.y),
         )
-    except UNFIT as error:
-        raise MessageError(
-            f'a message is not a usable {WRENCH_TYPE}: {error}', reason='unreadable'
-        ) from error
 
 
 def decode_tip_pose(message: Any) -> TipPoseReading:
@@ -158,7 +150,7 @@ def decode_tip_pose(message: Any) -> TipPoseReading:
     0 (the clamp) that no position was measured: an inertial sensor measures only the heading, and
     motion capture that does not see the tip measures neither.
     """
-    try:
+    with usable(TIP_POSE_TYPE):
         place, turned = message.pose.position, message.pose.orientation
         x, y = float(place.x), float(place.y)
         heading = planar_heading(*(float(getattr(turned, name)) for name in 'xyzw'))
@@ -172,10 +164,6 @@ def decode_tip_pose(message: Any) -> TipPoseReading:
             heading=heading,
             frame_id=str(message.header.frame_id),
         )
-    except UNFIT as error:
-        raise MessageError(
-            f'a message is not a usable {TIP_POSE_TYPE}: {error}', reason='unreadable'
-        ) from error
 
 
 def pressure_message(
@@ -251,12 +239,8 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
     target at the clamp. Raises MessageError for a frame other than `frame_id`, a missing field,
     ids that are not 0, 1, ... once each, and a number of points other than `targets` (None: any).
     """
-    try:
+    with usable(POINTS_TYPE):
         stamp_ns, found = nanoseconds(message.header.stamp), str(message.header.frame_id)
-    except UNFIT as error:
-        raise MessageError(
-            f'a message is not a usable {POINTS_TYPE}: {error}', reason='unreadable'
-        ) from error
     if found != frame_id:
         raise MessageError(
             f'targets are in frame {found!r}, but must be in {frame_id!r}', reason='wrong_frame'

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.image import Bytes, Image
 from pneunet_ros.lab.pictures.lens import Camera
 from pneunet_ros.messages.builders import (
@@ -27,7 +26,7 @@ from pneunet_ros.messages.builders import (
     path,
     PATH_TYPE,
     pose_rows,
-    UNFIT,
+    usable,
 )
 from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE, decode_compressed
 from pneunet_ros.messages.targets import TARGETS_OUTPUT
@@ -40,7 +39,7 @@ CAMERA_INFO_TYPE = 'sensor_msgs/msg/CameraInfo'
 
 def decode_image(message: Any) -> Image:
     """Return the image of an Image message; MessageError if it cannot be read."""
-    try:
+    with usable(IMAGE_TYPE):
         return Image(
             stamp_ns=nanoseconds(message.header.stamp),
             frame_id=str(message.header.frame_id),
@@ -51,10 +50,6 @@ def decode_image(message: Any) -> Image:
             data=_bytes(message.data),
             big_endian=bool(message.is_bigendian),
         )
-    except UNFIT as error:
-        raise MessageError(
-            f'a message is not a usable {IMAGE_TYPE}: {error}', reason='unreadable'
-        ) from error
 
 
 def decode_compressed_image(message: Any, *, colored: bool = False) -> Image:
@@ -62,14 +57,10 @@ def decode_compressed_image(message: Any, *, colored: bool = False) -> Image:
 
     colored: as bgr8 instead.
     """
-    try:
+    with usable(COMPRESSED_TYPE):
         stamp_ns = nanoseconds(message.header.stamp)
         frame_id = str(message.header.frame_id)
         data = _bytes(message.data)
-    except UNFIT as error:
-        raise MessageError(
-            f'a message is not a usable {COMPRESSED_TYPE}: {error}', reason='unreadable'
-        ) from error
     pixels = decode_compressed(data, colored=colored)
     height, width = pixels.shape[:2]
     return Image(
@@ -89,7 +80,7 @@ def decode_camera_info(message: Any) -> Lens:
     Raises MessageError for an invalid message, and CameraError for an uncalibrated or unsupported
     camera, and for binned or cropped images.
     """
-    try:
+    with usable(CAMERA_INFO_TYPE):
         region = message.roi
         numbers = {'matrix': message.k, 'distortion': message.d}
         arrays = {name: np.array(values, np.float64) for name, values in numbers.items()}
@@ -98,10 +89,6 @@ def decode_camera_info(message: Any) -> Lens:
         binning = int(message.binning_x), int(message.binning_y)
         place = int(region.x_offset), int(region.y_offset), int(region.width), int(region.height)
         matrix = arrays['matrix'].reshape(3, 3)
-    except UNFIT as error:
-        raise MessageError(
-            f'a message is not a usable {CAMERA_INFO_TYPE}: {error}', reason='unreadable'
-        ) from error
     lens = Lens(**size, model=model, matrix=matrix, distortion=arrays['distortion'])
     check_whole_image(lens, binning, place)
     return lens
