@@ -20,12 +20,12 @@ from pneunet_ros.nodes.log import Log
 from pneunet_ros.nodes.losses import Losses
 from pneunet_ros.nodes.parameters import ParameterTable, without_effect
 from pneunet_ros.nodes.place import ALONE, Place
-from pneunet_ros.nodes.sensor_description import all_latched_qos, OtherDescriptions
+from pneunet_ros.nodes.sensor_description import MOST_NODES, OtherDescriptions
 from pneunet_ros.nodes.shedding import FrameShedding
-from pneunet_ros.nodes.time_jumps import watch_time
 from pneunet_ros.nodes.topics import latched_qos, output_qos, publisher, subscription
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
@@ -99,7 +99,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.add_on_set_parameters_callback(self.validate)
         self.add_post_set_parameters_callback(self.apply_candidate)
         if self.sensors is not None:
-            qos, kind = all_latched_qos(), 'std_msgs/msg/String'
+            qos, kind = latched_qos(MOST_NODES), 'std_msgs/msg/String'
             subscription(self, kind, self.INFO_TOPIC, self.take_info, qos)
         self.tell_model()
         self.every(REPORT_PERIOD, self.diagnose)
@@ -297,3 +297,27 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self.diagnostics.publish(array)
+
+
+def watch_time(node: Any, say: Callable[[str], None]) -> Any:
+    """Report when the node's clock jumps back, or forward by more than a report period.
+
+    A restarted simulator or a looping bag do so. Only messages stamped with the present use this
+    time: readings use their own stamps, and timers the steady clock. Returns an object that must
+    be kept as long as the time is to be watched.
+    """
+    threshold = JumpThreshold(
+        min_forward=Duration(seconds=REPORT_PERIOD),
+        min_backward=Duration(nanoseconds=-1),
+        on_clock_change=False,
+    )
+    clock = node.get_clock()
+
+    def report(jump: Any) -> None:
+        seconds = 1e-9 * jump.delta.nanoseconds
+        say(
+            f'/clock jumped by {seconds:+.3f} s to {1e-09 * clock.now().nanoseconds:.3f} s; the '
+            'node continues, because readings have their own stamps'
+        )
+
+    return clock.create_jump_callback(threshold, post_callback=report)

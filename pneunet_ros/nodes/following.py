@@ -18,7 +18,6 @@ from pneunet_ros.nodes.parameters import overrides
 from pneunet_ros.nodes.topics import POLICIES, subscription
 from rclpy.qos import (
     DurabilityPolicy,
-    HistoryPolicy,
     QoSPolicyKind,
     QoSProfile,
     ReliabilityPolicy,
@@ -63,12 +62,7 @@ class FollowingSubscription:
 
     def _subscribed(self, offer: Offer) -> Any:
         reliability, durability = offer
-        qos = QoSProfile(
-            history=HistoryPolicy.KEEP_LAST,
-            depth=DEPTH,
-            reliability=reliability,
-            durability=durability,
-        )
+        qos = QoSProfile(depth=DEPTH, reliability=reliability, durability=durability)
         # A parameter that is declared keeps its first value, so only one that is given is.
         name = self._node.resolve_topic_name(self._topic)
         given = f'qos_overrides.{name}.subscription.reliability' in overrides(self._node)

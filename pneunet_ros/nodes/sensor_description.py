@@ -13,7 +13,6 @@ import time
 from typing import Any
 
 from pneunet_ros.estimation.settings import EstimatorSettings
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 PREFIXES = ('pressure_', 'ambient_', 'wrench_', 'force_offset', 'imu_')
 NOT_OF_SENSORS = ('wrench_required', 'wrench_timeout')
@@ -29,16 +28,6 @@ def sensor_description(settings: EstimatorSettings) -> dict[str, Any]:
         for name, value in dataclasses.asdict(settings).items()
         if name.startswith(PREFIXES) and name not in NOT_OF_SENSORS
     }
-
-
-def all_latched_qos() -> QoSProfile:
-    """Return the QoS that receives the latched message of every publisher."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=MOST_NODES,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
 
 
 class OtherDescriptions:

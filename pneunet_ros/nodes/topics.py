@@ -32,7 +32,6 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.exceptions import ParameterException
 from rclpy.qos import (
     DurabilityPolicy,
-    HistoryPolicy,
     QoSPolicyKind,
     QoSProfile,
     ReliabilityPolicy,
@@ -52,22 +51,17 @@ DEPTH_OF: Mapping[Input[Any], int] = dict.fromkeys(
 
 def input_qos(depth: int = DEPTH) -> QoSProfile:
     """Return a new QoS for sensor data (overriding changes it in place)."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT
-    )
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def output_qos() -> QoSProfile:
     """Return the QoS of estimates."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE
-    )
+    return QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def latched_qos(depth: int = 1) -> QoSProfile:
     """Return the QoS of a latched topic: late subscribers get the last message."""
     return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,

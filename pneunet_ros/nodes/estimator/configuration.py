@@ -13,22 +13,18 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.files.model_file import model_label
 from pneunet_ros.messages.builders import Output
 from pneunet_ros.messages.link_chain import JOINT_STATES
 from pneunet_ros.messages.markers import ArmInUse, markers_output, TIP_FRAME, transform_output
-from pneunet_ros.model.uncertainty import error_left_out
-from pneunet_ros.nodes.model_info import model_info
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.nodes.arm_configuration import arm_of, ArmConfiguration
 from pneunet_ros.nodes.parameters import (
     check_source,
     EFFECTS_PATH,
     GRAVITY,
-    known_model,
-    model_path,
     ParameterTable,
     SHIPPED_MODEL,
 )
-from pneunet_ros.nodes.sensor_description import sensor_description
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,45 +87,29 @@ PARAMETERS = ParameterTable(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EstimatorConfiguration:
+class EstimatorConfiguration(ArmConfiguration):
     """An estimator with the settings of its node, ready for use."""
 
     node: NodeSettings
     estimator: Estimator
 
     @property
-    def model(self) -> str:
-        """Name and short hash of the model in use."""
-        return model_label(self.estimator.arm)
+    def arm(self) -> Arm:
+        """The arm in use."""
+        return self.estimator.arm
 
     @property
-    def left_out(self) -> str:
-        """The model error that the standard deviations do not include; empty if none."""
-        return error_left_out(self.estimator.arm.covariance, self.estimator.arm.sources)
-
-    @property
-    def sensors(self) -> dict[str, Any]:
-        """Meaning of sensor readings, by parameter."""
-        return sensor_description(self.estimator.settings)
+    def settings(self) -> EstimatorSettings:
+        """The settings of its sensors."""
+        return self.estimator.settings
 
     def info(self) -> str:
         """Return the content of the topic model_info."""
-        arm, settings = self.estimator.arm, self.estimator.settings
-        return model_info(
-            arm,
-            model_path(self.node.model_file),
-            frame_id=settings.frame_id,
-            pressure_range=list(arm.pressure_range),
-            end_loads=None if arm.domain is None else arm.domain.end_load.tolist(),
-            std_leaves_out=self.left_out,
-            pressure_offset=settings.pressure_offset,
-            sensors=self.sensors,
-            effects={
-                effect.name: {item.name: getattr(effect, item.name) for item in quantities(effect)}
-                for effect in arm.effects
-            },
-            stations=settings.stations,
-        )
+        effects = {
+            effect.name: {item.name: getattr(effect, item.name) for item in quantities(effect)}
+            for effect in self.arm.effects
+        }
+        return self.info_with(effects=effects)
 
     def take_over(self, state: EstimatorState, before: EstimatorConfiguration) -> EstimatorState:
         """Return the part of an earlier state that stays valid with this configuration."""
@@ -157,11 +137,7 @@ def configured_estimator(
     problem.
     """
     node, settings = PARAMETERS.settings(values)
-    same = current is not None and node.model_file == current.node.model_file
-    if current is not None and same and node.gravity == current.node.gravity:
-        arm = current.estimator.arm
-    else:
-        arm = known_model(node.model_file, node.effects_path, node.gravity)
+    arm = arm_of(node, current)
     found = EstimatorConfiguration(node=node, estimator=Estimator(arm=arm, settings=settings))
     if current is not None:
         check_source(found.estimator.gravity, current.estimator.gravity)

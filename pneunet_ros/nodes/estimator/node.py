@@ -18,7 +18,7 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.health import EstimatorHealth
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.messages.builders import Input, UNREADABLE
+from pneunet_ros.messages.builders import Input, ReadingType, UNREADABLE
 from pneunet_ros.messages.consistency import take_targets_message
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.readings import (
@@ -102,11 +102,8 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
 
     def take_gravity(self, sensor: Input[Any], message: Any, info: dict[str, int]) -> None:
         """Take a message with the direction of gravity."""
-        self.note_message(self.topics[sensor.name], info)
-        try:
-            reading = sensor.decode(message)
-        except MessageError as error:
-            self.refuse_message(error)
+        reading = self.decoded(sensor, message, info)
+        if reading is None:
             return
         self.state, refusal = self.configuration.estimator.step(self.state, reading)
         if isinstance(refusal, Refusal):
@@ -115,11 +112,8 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
 
     def take_wrench(self, message: Any, info: dict[str, int]) -> None:
         """Take a wrench message."""
-        self.note_message(self.topics[END_WRENCH.name], info)
-        try:
-            reading = END_WRENCH.decode(message)
-        except MessageError as error:
-            self.refuse_message(error)
+        reading = self.decoded(END_WRENCH, message, info)
+        if reading is None:
             return
         resets = self.state.resets
         self.state, refusal = self.configuration.estimator.step(self.state, reading)
@@ -131,11 +125,8 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
 
     def take_pressure(self, message: Any, info: dict[str, int]) -> None:
         """Process a pressure message and publish the resulting shape."""
-        self.note_message(self.topics[PRESSURE.name], info)
-        try:
-            reading = PRESSURE.decode(message)
-        except MessageError as error:
-            self.refuse_message(error)
+        reading = self.decoded(PRESSURE, message, info)
+        if reading is None:
             return
         resets = self.state.resets
         begin = time.monotonic()
@@ -173,12 +164,19 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
             self.health.note_comparison(time.monotonic())
         self.consistency = consistency
 
-    def refuse_message(self, error: MessageError) -> None:
-        """Count a message that could not be decoded."""
-        refusal = Refusal(stamp_ns=0, reason=UNREADABLE, sentence=str(error), error=False)
-        self.state = self.state.count_rejected(UNREADABLE)
-        self.health.note_refusal(refusal)
-        self.log_refusal(refusal)
+    def decoded(
+        self, sensor: Input[ReadingType], message: Any, info: dict[str, int]
+    ) -> ReadingType | None:
+        """Return the reading of a message; None if it cannot be decoded, which is counted."""
+        self.note_message(self.topics[sensor.name], info)
+        try:
+            return sensor.decode(message)
+        except MessageError as error:
+            refusal = Refusal(stamp_ns=0, reason=UNREADABLE, sentence=str(error), error=False)
+            self.state = self.state.count_rejected(UNREADABLE)
+            self.health.note_refusal(refusal)
+            self.log_refusal(refusal)
+            return None
 
     def note_reset(self, resets: int) -> None:
         """Log when the estimator restarted because time jumped back."""

@@ -9,22 +9,18 @@ from typing import Any
 from pneunet_ros.core.settings import check_settings, setting, settings_changed
 from pneunet_ros.core.units import quantity
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.files.model_file import model_label
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState
-from pneunet_ros.model.uncertainty import error_left_out
-from pneunet_ros.nodes.model_info import model_info
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.nodes.arm_configuration import arm_of, ArmConfiguration
 from pneunet_ros.nodes.parameters import (
     check_source,
     EFFECTS_PATH,
     GRAVITY,
-    known_model,
-    model_path,
     ParameterTable,
     SHIPPED_MODEL,
 )
-from pneunet_ros.nodes.sensor_description import sensor_description
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,43 +93,26 @@ PARAMETERS = ParameterTable(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FusionConfiguration:
+class FusionConfiguration(ArmConfiguration):
     """A fusion with the settings of its node, ready for use."""
 
     node: NodeSettings
     fusion: Fusion
 
     @property
-    def model(self) -> str:
-        """Name and short hash of the model in use."""
-        return model_label(self.fusion.arm)
+    def arm(self) -> Arm:
+        """The arm in use."""
+        return self.fusion.arm
 
     @property
-    def left_out(self) -> str:
-        """The model error that its standard deviations omit; empty if there is none."""
-        return error_left_out(self.fusion.arm.covariance, self.fusion.arm.sources)
-
-    @property
-    def sensors(self) -> dict[str, Any]:
-        """Meaning of sensor readings, by parameter."""
-        return sensor_description(self.fusion.sensors)
+    def settings(self) -> EstimatorSettings:
+        """The settings of its sensors."""
+        return self.fusion.sensors
 
     def info(self) -> str:
         """Return the content of the topic model_info."""
-        arm, sensors = self.fusion.arm, self.fusion.sensors
-        return model_info(
-            arm,
-            model_path(self.node.model_file),
-            frame_id=sensors.frame_id,
-            pressure_range=list(arm.pressure_range),
-            end_loads=None if arm.domain is None else arm.domain.end_load.tolist(),
-            std_leaves_out=self.left_out,
-            pressure_offset=sensors.pressure_offset,
-            sensors=self.sensors,
-            targets=len(arm.target_arclength),
-            stations=sensors.stations,
-            settings=settings_changed(self.fusion.settings),
-        )
+        targets, changed = len(self.arm.target_arclength), settings_changed(self.fusion.settings)
+        return self.info_with(targets=targets, settings=changed)
 
     def take_over(self, state: FusionState, before: FusionConfiguration) -> FusionState:
         """Return the part of an earlier state that stays valid with this configuration."""
@@ -154,11 +133,7 @@ def configured_fusion(
     problem.
     """
     node, sensors = PARAMETERS.settings(values)
-    same = current is not None and node.model_file == current.node.model_file
-    if current is not None and same and node.gravity == current.node.gravity:
-        arm = current.fusion.arm
-    else:
-        arm = known_model(node.model_file, node.effects_path, node.gravity)
+    arm = arm_of(node, current)
     fusion = Fusion(arm=arm, sensors=sensors, settings=node.fusion)
     if current is not None:
         check_source(fusion.gravity, current.fusion.gravity)

@@ -13,7 +13,7 @@ from pneunet_ros.core.settings import check_settings, setting
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.files.model_file import model_label
-from pneunet_ros.nodes.model_info import model_info
+from pneunet_ros.nodes.arm_configuration import model_info
 from pneunet_ros.nodes.parameters import (
     EFFECTS_PATH,
     known_model,
