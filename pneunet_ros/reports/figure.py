@@ -13,8 +13,10 @@ from dataclasses import dataclass
 import io
 from typing import Any, TypeVar
 
+import jinja2
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from pneunet_ros.core.printable import printable
 from pneunet_ros.core.progress import OnProgress
 
 DOTS_PER_INCH = 120
@@ -75,3 +77,15 @@ def draw_figures(figures: Figures[Data], data: Data, on_progress: OnProgress) ->
             done += 1
     on_progress('pictures', total, total)
     return pictures
+
+
+def render_page(template: str, **content: Any) -> str:
+    """Return the page; its content is escaped as text."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader('pneunet_ros.reports'),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return printable(environment.get_template(template).render(**content))

@@ -64,6 +64,21 @@ def panels(
     return figure, axes
 
 
+def small_multiples(
+    count: int, most: int, height: float, more: float = 0.0
+) -> tuple[Figure, list[Axes], int]:
+    """Return a figure, its axes, and how many are beside each other, at most `most`.
+
+    height: that of a row; more: what is needed beyond the rows.
+    """
+    columns = min(most, count)
+    rows = -(-count // columns)
+    figure, axes = panels(columns, rows, height=more + height * rows)
+    for panel in axes[count:]:
+        panel.set_visible(False)
+    return figure, axes[:count], columns
+
+
 def as_shapes(axes: Axes, title: str) -> None:
     """Label axes that show centerlines, and mark the clamp."""
     axes.plot(0.0, 0.0, marker='s', color='black', markersize=7, zorder=5)

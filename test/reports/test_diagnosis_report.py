@@ -32,17 +32,19 @@ from pneunet_ros.reports.diagnosis.first_screen import (
     evidence_bars,
     missing_sentence,
 )
-from pneunet_ros.reports.diagnosis.localization_figures import maps, shares
+from pneunet_ros.reports.diagnosis.localization_figures import maps
 from pneunet_ros.reports.diagnosis.loop_figures import directions_of, loops
 from pneunet_ros.reports.diagnosis.report import Given, report_page
 from pneunet_ros.reports.diagnosis.tables import (
     adequacy_table,
     detectable_table,
     evidence_table,
+    MOST_SHIFTS,
+    p_value_text,
     shift_table,
     sigmas,
+    with_error,
 )
-from pneunet_ros.reports.diagnosis.words import p_value_text, with_error
 from pneunet_ros.reports.figure import draw_figures
 import pytest
 from support.example_arms import paper_arm
@@ -287,7 +289,7 @@ def test_without_held_out_recordings_it_is_said(coarse):
 
 def test_when_nothing_is_missing_there_is_less_to_show(coarse, monkeypatch):
     found, training, held_out = diagnosis()
-    monkeypatch.setitem(FIGURES, 'where', (maps, shares))
+    monkeypatch.setitem(FIGURES, 'where', (maps,))
     nothing = replace(
         found, answer='none', effects=(), alternatives=(), after=found.before, evidence=(),
         heat_maps=(), cosines={}, shift={}, closed=None, proposal='', notes=(),
@@ -295,10 +297,10 @@ def test_when_nothing_is_missing_there_is_less_to_show(coarse, monkeypatch):
     data = FigureData(diagnosis=nothing, training=training, held_out=held_out)
     pictures = draw_figures(FIGURES, data, lambda *_: None)
     names = [item.name for of_part in pictures.values() for item in of_part]
-    assert names == ['01_errors', '02_model_error', '05_shares']
+    assert names == ['01_errors', '02_model_error']
     text = report_page(nothing, pictures, PROVENANCE)
     assert 'model_discovered' not in text
-    assert Page(text).tags.count('img') == 3
+    assert Page(text).tags.count('img') == 2
 
 
 def test_commands_have_the_names_that_were_given():
@@ -359,8 +361,8 @@ def test_a_single_target_and_frames_without_a_shape_are_drawn(coarse):
 
 def test_what_moved_most_stands_first():
     found, *_ = diagnosis()
-    moved = [float(row[5]) for row in shift_table(found, 10).rows]
-    assert len(moved) == 10
+    moved = [float(row[5]) for row in shift_table(found).rows]
+    assert len(moved) == min(MOST_SHIFTS, len(found.shift))
     assert moved == sorted(moved, reverse=True)
     assert moved[0] == pytest.approx(max(map(sigmas, found.shift.values())), abs=0.1)
 

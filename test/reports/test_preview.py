@@ -8,9 +8,9 @@ from matplotlib.image import imread
 import numpy as np
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
-from pneunet_ros.reports.tracking.heat_map import heat
 from pneunet_ros.reports.tracking.preview import (
     CURVES,
+    heat,
     overlay_of,
     PICTURES,
     Preview,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pneunet_ros.calibration.fleet import ArmNumber
-from pneunet_ros.reports.survey.number_figures import title_of
+from pneunet_ros.reports.survey.figures import title_of
 import pytest
 
 

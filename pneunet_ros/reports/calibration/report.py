@@ -27,8 +27,7 @@ from pneunet_ros.reports.calibration.verdict import (
     UNKNOWN_FILES,
     verdict_of,
 )
-from pneunet_ros.reports.figure import Pictures
-from pneunet_ros.reports.page import render_page
+from pneunet_ros.reports.figure import Pictures, render_page
 
 PAGE = 'index.html'
 TEMPLATE = 'calibration_report.html.jinja'

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-import math
-
 from matplotlib.axes import Axes
 import numpy as np
 from pneunet_ros.discovery.result import AmplitudeSeries
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.diagnosis.localization_figures import borders
 from pneunet_ros.reports.figure import Picture
-from pneunet_ros.reports.style import draw_band, FIRST, legend, MEASURED, panels, short
+from pneunet_ros.reports.style import (
+    draw_band,
+    FIRST,
+    legend,
+    MEASURED,
+    panels,
+    short,
+    small_multiples,
+)
 
 MOST_SERIES = 6  # recordings whose amplitude is shown
 
@@ -52,13 +58,9 @@ def amplitude(data: FigureData) -> Picture | None:
     series = data.discovery.amplitudes[:MOST_SERIES]
     if not series:
         return None
-    columns = min(len(series), 3)
-    rows = math.ceil(len(series) / columns)
-    figure, axes = panels(columns, rows=rows, height=0.6 + 2.3 * rows)
-    for panel, item in zip(axes, series, strict=False):
+    figure, axes, columns = small_multiples(len(series), 3, height=2.3, more=0.6)
+    for panel, item in zip(axes, series, strict=True):
         draw_amplitude(panel, item)
-    for panel in axes[len(series) :]:
-        panel.set_visible(False)
     for place in range(0, len(series), columns):
         unit = '' if series[0].unit == '-' else f' ({series[0].unit})'
         axes[place].set_ylabel(f'amplitude{unit}')

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.result import Diagnosis, Misfit
 from pneunet_ros.discovery.result import Discovery
-from pneunet_ros.reports.diagnosis.tables import passes_text, rank_evidence
-from pneunet_ros.reports.diagnosis.words import p_value_text
+from pneunet_ros.reports.diagnosis.tables import p_value_text, passes_text, rank_evidence
 
 MOST_BARS = 6  # what the screen of a phone holds
 

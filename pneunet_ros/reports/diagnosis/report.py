@@ -31,8 +31,7 @@ from pneunet_ros.reports.diagnosis.tables import (
     where_table,
     where_text,
 )
-from pneunet_ros.reports.figure import Pictures
-from pneunet_ros.reports.page import render_page
+from pneunet_ros.reports.figure import Pictures, render_page
 
 TEMPLATE = 'diagnosis_report.html.jinja'
 UNSETTLED = 'unsettled_report.html.jinja'

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import math
-from typing import Any
 
 from pneunet_ros.core.units import millimeters, quantities
-from pneunet_ros.diagnosis.result import Adequacy, Diagnosis, Evidence, Misfit, Shift
+from pneunet_ros.diagnosis.result import Adequacy, Diagnosis, Estimated, Evidence, Shift
 from pneunet_ros.discovery.result import Discovery, NOTHING_SEARCHED
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.reports.calibration.tables import describe_quantity
-from pneunet_ros.reports.diagnosis.words import p_value_text, round_value, unit_text, with_error
 
 ANSWERS = {
     'none': 'none: the residuals are consistent with noise',
@@ -23,6 +21,7 @@ ANSWERS = {
     'unobservable': 'unobservable: these recordings cannot show whether an effect is there',
 }
 WITHIN_LAW = 'no, but within the error of its law'
+LEAST_P_VALUE = 1e-6  # a smaller one is only called smaller
 MOST_SHIFTS = 25  # quantities in the table of the report
 
 
@@ -33,6 +32,15 @@ class Table:
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     numbers: tuple[int, ...] = ()
+
+    @classmethod
+    def of(cls, rows: Iterable[Mapping[str, str]], numbers: tuple[int, ...] = ()) -> Table:
+        """Return the table of these rows, texts by column; without rows it has no columns."""
+        rows = tuple(rows)
+        columns = tuple(rows[0]) if rows else ()
+        return cls(
+            columns=columns, rows=tuple(tuple(row.values()) for row in rows), numbers=numbers
+        )
 
 
 def added_effects(diagnosis: Diagnosis) -> list[str]:
@@ -50,11 +58,21 @@ def error_table(diagnosis: Diagnosis, discovery: Discovery = NOTHING_SEARCHED) -
         models['after'] = diagnosis.after
     if discovery.evaluation is not None:
         models['discovered'] = discovery.evaluation
-    rows = [('training', when, *misfit_texts(model.training)) for when, model in models.items()]
-    rows += [
-        ('held out', when, *misfit_texts(model.held_out))
+    misfits = [('training', when, model.training) for when, model in models.items()]
+    misfits += [
+        ('held out', when, model.held_out)
         for when, model in models.items()
         if model.held_out is not None
+    ]
+    rows = [
+        (
+            recordings,
+            when,
+            f'{millimeters(misfit.rms):.3f}',
+            f'{millimeters(misfit.p95):.3f}',
+            f'{misfit.chi_squared:.3g}',
+        )
+        for recordings, when, misfit in misfits
     ]
     floor = f'{millimeters(diagnosis.noise_floor):.3f}'
     return Table(
@@ -64,29 +82,19 @@ def error_table(diagnosis: Diagnosis, discovery: Discovery = NOTHING_SEARCHED) -
     )
 
 
-def misfit_texts(misfit: Misfit) -> tuple[str, str, str]:
-    """Return rms and 95th percentile (mm), and chi squared."""
-    rms, p95 = millimeters(misfit.rms), millimeters(misfit.p95)
-    return f'{rms:.3f}', f'{p95:.3f}', f'{misfit.chi_squared:.3g}'
-
-
 def effect_table(diagnosis: Diagnosis) -> Table:
     """Return the named effects with their numbers."""
-    rows = [
-        (
-            effect.name,
-            EFFECTS[effect.name].meaning,
-            name,
-            with_error(found),
-        )
+    rows = (
+        {
+            'effect': effect.name,
+            'meaning': EFFECTS[effect.name].meaning,
+            'parameter': name,
+            'value, standard error': with_error(found),
+        }
         for effect in diagnosis.effects
         for name, found in effect.parameters.items()
-    ]
-    return Table(
-        columns=('effect', 'meaning', 'parameter', 'value, standard error'),
-        rows=tuple(rows),
-        numbers=(3,),
     )
+    return Table.of(rows, numbers=(3,))
 
 
 def rank_evidence(diagnosis: Diagnosis) -> list[Evidence]:
@@ -101,26 +109,19 @@ def rank_evidence(diagnosis: Diagnosis) -> list[Evidence]:
 
 def evidence_table(diagnosis: Diagnosis) -> Table:
     """Return the evidence for each effect that was tried, strongest first."""
-    return Table(
-        columns=(
-            'effects',
-            'delta chi2',
-            'gain on left-out recordings',
-            'consistent with noise',
-            'similar to',
-        ),
-        rows=tuple(
-            (
-                ' + '.join(item.effects),
-                round_value(item.chi_squared),
-                'not fitted' if math.isnan(item.evidence) else round_value(item.evidence),
-                passes_text(item, diagnosis),
-                ', '.join(item.alike),
-            )
-            for item in rank_evidence(diagnosis)
-        ),
-        numbers=(1, 2),
+    rows = (
+        {
+            'effects': ' + '.join(item.effects),
+            'delta chi2': round_value(item.chi_squared),
+            'gain on left-out recordings': (
+                'not fitted' if math.isnan(item.evidence) else round_value(item.evidence)
+            ),
+            'consistent with noise': passes_text(item, diagnosis),
+            'similar to': ', '.join(item.alike),
+        }
+        for item in rank_evidence(diagnosis)
     )
+    return Table.of(rows, numbers=(1, 2))
 
 
 def passes_text(item: Evidence, diagnosis: Diagnosis) -> str:
@@ -139,36 +140,24 @@ def adequacy_table(diagnosis: Diagnosis) -> Table:
 
     It has the worst test before, the same test after, and the worst test after.
     """
-    before, same, after = (
-        diagnosis.adequacy_before,
-        diagnosis.adequacy_same,
-        diagnosis.adequacy_after,
-    )
-    rows = [('before', before)]
+    before, same = diagnosis.adequacy_before, diagnosis.adequacy_same
+    tests = {'before': before}
     if added_effects(diagnosis):
-        rows += [('after', same)] + ([] if after == same else [('after, worst', after)])
-    return Table(
-        columns=(
-            'model',
-            'test',
-            'statistic',
-            'clean data stay below',
-            'p-value',
-            'consistent with noise',
-        ),
-        rows=tuple(
-            (
-                when,
-                item.test,
-                f'{item.statistic:.4g}',
-                f'{item.threshold:.4g}',
-                p_value_text(item.p_value),
-                consistent_text(item, item is not before),
-            )
-            for when, item in rows
-        ),
-        numbers=(2, 3, 4),
+        tests['after'] = same
+        if diagnosis.adequacy_after != same:
+            tests['after, worst'] = diagnosis.adequacy_after
+    rows = (
+        {
+            'model': when,
+            'test': item.test,
+            'statistic': f'{item.statistic:.4g}',
+            'clean data stay below': f'{item.threshold:.4g}',
+            'p-value': p_value_text(item.p_value),
+            'consistent with noise': consistent_text(item, item is not before),
+        }
+        for when, item in tests.items()
     )
+    return Table.of(rows, numbers=(2, 3, 4))
 
 
 def consistent_text(test: Adequacy, added: bool) -> str:
@@ -180,21 +169,18 @@ def consistent_text(test: Adequacy, added: bool) -> str:
 
 def where_table(diagnosis: Diagnosis) -> Table:
     """Return the table with the location of the misfit."""
-    return Table(
-        columns=('axis', 'observation', 'of the misfit', 'of the observations', 'p-value'),
-        rows=tuple(
-            (
-                item.axis,
-                item.sentence,
-                f'{100.0 * item.share:.0f} %',
-                f'{100.0 * item.seen:.0f} %',
-                p_value_text(item.p_value),
-            )
-            for item in diagnosis.where
-            if item.sentence
-        ),
-        numbers=(2, 3, 4),
+    rows = (
+        {
+            'axis': item.axis,
+            'observation': item.sentence,
+            'of the misfit': f'{100.0 * item.share:.0f} %',
+            'of the observations': f'{100.0 * item.seen:.0f} %',
+            'p-value': p_value_text(item.p_value),
+        }
+        for item in diagnosis.where
+        if item.sentence
     )
+    return Table.of(rows, numbers=(2, 3, 4))
 
 
 def where_text(diagnosis: Diagnosis) -> str:
@@ -202,33 +188,22 @@ def where_text(diagnosis: Diagnosis) -> str:
     return f'Where: {diagnosis.where_sentence.rstrip(".")}.'
 
 
-def shift_table(diagnosis: Diagnosis, most: int = MOST_SHIFTS) -> Table:
+def shift_table(diagnosis: Diagnosis) -> Table:
     """Return the base quantities that moved most, in standard errors."""
-    ranked = sorted(diagnosis.shift.items(), key=lambda item: -sigmas(item[1]))[:most]
-    return Table(
-        columns=(
-            'quantity',
-            'before',
-            'after',
-            'standard error',
-            'unit',
-            'moved by (sigma)',
-            'name',
-        ),
-        rows=tuple(
-            (
-                describe_quantity(name, diagnosis.after.arm),
-                f'{item.before:.4g}',
-                f'{item.after:.4g}',
-                f'{item.std:.2g}',
-                item.unit,
-                f'{sigmas(item):.1f}',
-                name,
-            )
-            for name, item in ranked
-        ),
-        numbers=(1, 2, 3, 5),
+    ranked = sorted(diagnosis.shift.items(), key=lambda item: -sigmas(item[1]))
+    rows = (
+        {
+            'quantity': describe_quantity(name, diagnosis.after.arm),
+            'before': f'{item.before:.4g}',
+            'after': f'{item.after:.4g}',
+            'standard error': f'{item.std:.2g}',
+            'unit': item.unit,
+            'moved by (sigma)': f'{sigmas(item):.1f}',
+            'name': name,
+        }
+        for name, item in ranked[:MOST_SHIFTS]
     )
+    return Table.of(rows, numbers=(1, 2, 3, 5))
 
 
 def sigmas(item: Shift) -> float:
@@ -241,50 +216,33 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
     """Return the detection limit of each effect, and its plausible range."""
     rows = []
     for name, item in diagnosis.detectable.items():
-        parameter = parameter_field(name, item.parameter)
-        low, high = parameter.metadata['prior']
+        declared = {one.name: one for one in quantities(EFFECTS[name])}
+        low, high = declared[item.parameter].metadata['prior']
         unit = unit_text(item.unit)
         # Of a stiffness that is infinite when nothing is missing, less is more.
         neutral = float(getattr(EFFECTS[name](), item.parameter))
         within = 'below' if neutral == math.inf else 'from'
         if 0.0 < neutral < math.inf:
             within = f'{neutral:g} ±'
+        limit = f'{within} {item.smallest:.3g}{unit}' if item.observable else 'none'
         rows.append(
-            (
-                name,
-                EFFECTS[name].meaning,
-                item.parameter,
-                f'{within} {item.smallest:.3g}{unit}' if item.observable else 'none',
-                f'{low:g} to {high:g}{unit}',
-                'yes' if item.observable else 'no',
-            )
+            {
+                'effect': name,
+                'meaning': EFFECTS[name].meaning,
+                'parameter': item.parameter,
+                'detection limit': limit,
+                'expected': f'{low:g} to {high:g}{unit}',
+                'observable': 'yes' if item.observable else 'no',
+            }
         )
-    return Table(
-        columns=(
-            'effect',
-            'meaning',
-            'parameter',
-            'detection limit',
-            'expected',
-            'observable',
-        ),
-        rows=tuple(rows),
-    )
-
-
-def parameter_field(effect: str, parameter: str) -> dataclasses.Field[Any]:
-    """Return the declaration of a parameter of an effect."""
-    return next(item for item in quantities(EFFECTS[effect]) if item.name == parameter)
+    return Table.of(rows)
 
 
 def similarity_table(diagnosis: Diagnosis, least: float) -> Table:
     """Return pairs of effects that are hard to distinguish with these data, with cosines."""
     ranked = sorted(diagnosis.cosines.items(), key=lambda item: -abs(item[1]))
-    return Table(
-        columns=('effect', 'other effect', 'cosine'),
-        rows=tuple((*pair, f'{value:.2f}') for pair, value in ranked if abs(value) >= least),
-        numbers=(2,),
-    )
+    pairs = tuple((*pair, f'{value:.2f}') for pair, value in ranked if abs(value) >= least)
+    return Table(columns=('effect', 'other effect', 'cosine'), rows=pairs, numbers=(2,))
 
 
 def undetectable_sentence(diagnosis: Diagnosis) -> str:
@@ -293,3 +251,34 @@ def undetectable_sentence(diagnosis: Diagnosis) -> str:
     if not unseen:
         return 'Every effect of the library would have been detected at a usual size.'
     return f'Not detectable at any usual size: {", ".join(unseen)}.'
+
+
+def with_error(found: Estimated) -> str:
+    """Format a number and its standard error, rounded to significant digits."""
+    unit = unit_text(found.unit)
+    if not (math.isfinite(found.std) and math.isfinite(found.value)) or found.std <= 0.0:
+        return f'{found.value:.4g}{unit}'
+    last = math.floor(math.log10(found.std)) - 1  # two digits of the error
+    if last >= -4 and abs(found.value) < 1e6:
+        places = max(-last, 0)
+        value, std = round(found.value, -last), round(found.std, -last)
+        return f'{value:.{places}f} ± {std:.{places}f}{unit}'
+    scale = math.floor(math.log10(max(abs(found.value), found.std)))
+    places = max(scale - last, 0)
+    value, std = found.value / 10.0**scale, found.std / 10.0**scale
+    return f'({value:.{places}f} ± {std:.{places}f})e{scale}{unit}'
+
+
+def p_value_text(p_value: float) -> str:
+    """Format a p-value; values below the resolution are written as an upper limit."""
+    return f'{p_value:.2g}' if p_value >= LEAST_P_VALUE else f'< {LEAST_P_VALUE:g}'
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit as a suffix of a number."""
+    return '' if unit == '-' else f' {unit}'
+
+
+def round_value(value: float) -> str:
+    """Write a number with its significant digits."""
+    return f'{value:.0f}' if abs(value) >= 10.0 else f'{value:.1f}'

@@ -12,8 +12,7 @@ from pneunet_ros.exploration.rivals import named_effects, NOTHING
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.files.json_text import plain
 from pneunet_ros.reports.calibration.tables import flat
-from pneunet_ros.reports.figure import Picture
-from pneunet_ros.reports.page import render_page
+from pneunet_ros.reports.figure import Picture, render_page
 from pneunet_ros.reports.style import FIRST, GREY, legend, panels, SECOND, THIRD
 
 TEMPLATE = 'exploration_report.html.jinja'

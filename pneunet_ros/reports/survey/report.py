@@ -11,11 +11,8 @@ from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.json_text import plain
 from pneunet_ros.reports.calibration.tables import flat
-from pneunet_ros.reports.figure import Figures, Pictures
-from pneunet_ros.reports.page import render_page
-from pneunet_ros.reports.survey.effect_figures import effects
-from pneunet_ros.reports.survey.number_figures import numbers
-from pneunet_ros.reports.survey.shape_figures import shapes
+from pneunet_ros.reports.figure import Figures, Pictures, render_page
+from pneunet_ros.reports.survey.figures import effects, numbers, shapes
 from pneunet_ros.reports.survey.survey_data import SurveyData, SurveyedArm
 
 TEMPLATE = 'survey_report.html.jinja'

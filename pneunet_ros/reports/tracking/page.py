@@ -23,7 +23,7 @@ from pneunet_ros.core.image import Image
 from pneunet_ros.core.stamps import match_stamps
 from pneunet_ros.core.units import millimeters, seconds_since
 from pneunet_ros.estimation.shape_error import Centerlines, median_period
-from pneunet_ros.reports.page import render_page
+from pneunet_ros.reports.figure import render_page
 from pneunet_ros.reports.settings import REPORT_SETTINGS
 from pneunet_ros.reports.tracking.preview import Preview
 from pneunet_ros.vision.overlay import curve_in_image, headline

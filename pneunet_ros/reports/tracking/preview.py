@@ -17,13 +17,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 import numpy as np
 import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import CameraError, shortened
 from pneunet_ros.core.image import Bytes, Image
 from pneunet_ros.core.units import millimeters, seconds_since
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.style import BAND_SIGMAS, draw_band, figure_text
-from pneunet_ros.reports.tracking.heat_map import heat
 from pneunet_ros.vision.overlay import curve_in_image, draw
 from pneunet_ros.vision.smoother import MeasuredCurve
 from pneunet_ros.vision.tracker import TrackerState, Tracking
@@ -39,6 +39,9 @@ LONGEST_TITLE = 150  # letters
 CURVES = 60  # at most, of centerlines; half as many are always there when there were more
 Collector = TypeVar('Collector')
 BANDS = 8  # curvatures with their uncertainty
+
+COLUMNS = 600  # at most
+GAP = 3.0  # usual distances of frames, from which there is a gap
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -269,3 +272,28 @@ def overlay_of(image: Image, tracking: Tracking, state: TrackerState) -> Bytes:
     if tracking.curve is not None and state.plane is not None and state.lens is not None:
         curve = curve_in_image(tracking.curve, state.plane, state.lens)
     return draw(image, tracking, curve)
+
+
+def heat(times: Array, statuses: Array) -> tuple[Array, Array]:
+    """Return time edges (n + 1,) and cell values (n, targets) of a heat map.
+
+    statuses (frames, targets): 1 seen, 0 missing, -1 without explanation. Cell values are the
+    share of explained frames in which a target was seen, -1 without explained frames, NaN without
+    frames.
+    """
+    together = math.ceil(len(times) / COLUMNS)
+    usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    usual = usual or 1.0
+    edges: list[float] = []
+    shares: list[Array] = []
+    for first in range(0, len(times), together):
+        group = statuses[first : first + together]
+        explained = group[group[:, 0] >= 0.0] if group.shape[1] else group
+        if edges and times[first] > edges[-1] + GAP * usual:
+            shares.append(np.full(group.shape[1], np.nan))
+        elif edges:
+            edges.pop()
+        edges.append(float(times[first]))
+        shares.append(explained.mean(axis=0) if len(explained) else np.full(group.shape[1], -1.0))
+        edges.append(float(times[min(first + together, len(times)) - 1]) + usual)
+    return np.array(edges), np.array(shares)
