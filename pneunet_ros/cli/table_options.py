@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 import math
 
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.tables.reading_table import ReadingTable
 from pneunet_ros.tables.table_reader import ImportRequest
 
 AUTO = 'auto'  # a delay that is to be estimated
@@ -46,6 +47,24 @@ def table_request(arguments: Namespace, rate: float | None = None) -> ImportRequ
         missing=missing_of(arguments.missing),
         rate=rate,
     )
+
+
+def reading_doubts(
+    table: ReadingTable, arguments: Namespace
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Describe a wrong or questionable unit of the pressures in the table; empty if they fit.
+
+    Without --model they are compared with typical pressures of soft actuators.
+    """
+    from pneunet_ros.cli.verb import model_of
+    from pneunet_ros.measurement.pressure_judge import ANY_ACTUATOR, expected_of
+    from pneunet_ros.offline.judge import judge_table_readings
+
+    if not arguments.judge_readings:
+        return (), ()
+    known = arguments.model is not None
+    expected = [expected_of(model_of(arguments))] if known else ANY_ACTUATOR
+    return judge_table_readings(table, expected)
 
 
 def missing_of(words: Sequence[str]) -> tuple[float, ...] | None:

@@ -12,7 +12,6 @@ from pneunet_ros.cli.quantity_option import quantity_of, string_of
 from pneunet_ros.cli.table_options import AUTO, table_request
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.estimation.clock_delay import ClockDelay
-from pneunet_ros.measurement.pressure_judge import ANY_ACTUATOR, expected_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.string import String
 from pneunet_ros.offline.film import (
@@ -24,7 +23,6 @@ from pneunet_ros.offline.film import (
     with_end_load,
     with_string,
 )
-from pneunet_ros.offline.judge import table_doubts, table_hints
 from pneunet_ros.recordings.image_stream import ImageStream
 from pneunet_ros.tables.reading_table import ReadingTable
 from pneunet_ros.tables.table_reader import read_table
@@ -81,19 +79,6 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
         delay=None if automatic else quantity_of('--delay', arguments.delay, 'time'),
         string=None if arguments.string is None else string_of('--string', arguments.string),
     )
-
-
-def reading_doubts(
-    table: ReadingTable, arguments: Namespace, arm: Arm
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Describe a wrong or questionable unit of the pressures in the table.
-
-    Empty if they fit. Without --model they are compared with typical pressures of soft actuators.
-    """
-    if not arguments.judge_readings:
-        return (), ()
-    expected = ANY_ACTUATOR if arguments.model is None else [expected_of(arm)]
-    return table_doubts(table, expected), table_hints(table, expected)
 
 
 def joined(

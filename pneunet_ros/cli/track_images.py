@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.track_film import film_readings, joined, reading_doubts
+from pneunet_ros.cli.table_options import reading_doubts
+from pneunet_ros.cli.track_film import film_readings, joined
 from pneunet_ros.cli.track_summary import show, summary_of
 from pneunet_ros.core.errors import CameraError, RequestError
 from pneunet_ros.core.frames import BASE_FRAME
@@ -39,7 +40,7 @@ from pneunet_ros.recordings.recording_writer import (
     RecordingWriter,
     write_recording,
 )
-from pneunet_ros.tables.target_table import write_table
+from pneunet_ros.tables.table_writer import write_table
 from pneunet_ros.vision.camera.camera_settings import CameraSettings, PosePlane
 from pneunet_ros.vision.tracker import Tracker, Tracking
 
@@ -66,7 +67,7 @@ def track(arguments: Namespace) -> int:
     doubts: tuple[str, ...] = ()
     hints: tuple[str, ...] = ()
     if readings is not None:
-        doubts, hints = reading_doubts(readings.table, arguments, arm)
+        doubts, hints = reading_doubts(readings.table, arguments)
     tracker = Tracker(arm=arm, settings=settings)
     tally = TrackTally(targets=arm.target_arclength.size)
     sentences = stream.recording.sentences if stream.recording is not None else ()
@@ -195,10 +196,10 @@ def table_writer(arguments: Namespace, stack: ExitStack) -> list[Callable[[Track
     """Open the requested table; return the consumers of frames."""
     if arguments.table is None:
         return []
-    table = stack.enter_context(
+    write = stack.enter_context(
         write_table(arguments.table, overwrite=arguments.overwrite, inputs=inputs(arguments))
     )
-    return [lambda tracking: table.write(tracking.sightings)]
+    return [lambda tracking: write(tracking.sightings)]
 
 
 def preview_followers(

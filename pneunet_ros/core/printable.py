@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import unicodedata
 
 # Control characters, those that turn the direction of writing, halves of characters.
 _UNSAFE = frozenset({'Cc', 'Cf', 'Cs', 'Co', 'Zl', 'Zp'})
 _LAYOUT = frozenset('\n\t')
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """Return names as text, and how many more there are beyond the first ones."""
+    more = f' and {len(names) - most} more' if len(names) > most else ''
+    return ', '.join(names[:most]) + more
 
 
 def printable(text: str) -> str:

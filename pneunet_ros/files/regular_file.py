@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 import errno
 from pathlib import Path
 import stat
 from typing import BinaryIO
+
+from pneunet_ros.core.errors import RecordingError
 
 _KINDS = (
     (stat.S_ISFIFO, 'a pipe'),
@@ -14,6 +18,21 @@ _KINDS = (
     (stat.S_ISBLK, 'a device'),
     (stat.S_ISDIR, 'a folder'),
 )
+
+
+@contextmanager
+def readable(path: Path, name: Path | None = None) -> Iterator[BinaryIO]:
+    """Open a regular file for reading; RecordingError if it, or a part of it, cannot be read.
+
+    name: that of the file in the message, if it is a copy.
+    """
+    try:
+        with open_regular(path) as stream:
+            yield stream
+    except OSError as error:
+        raise RecordingError(
+            f'{name or path} cannot be read: {error.strerror}', reason='unreadable'
+        ) from error
 
 
 def open_regular(path: Path) -> BinaryIO:

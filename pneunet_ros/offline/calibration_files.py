@@ -17,11 +17,11 @@ from pneunet_ros.calibration.moment_law_parameters import (
     PiecewiseParameters,
 )
 from pneunet_ros.calibration.posterior import PosteriorState
-from pneunet_ros.core.errors import ModelError, PneunetError, RecordingError
+from pneunet_ros.core.errors import ModelError, PneunetError
 from pneunet_ros.core.printable import printable
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.npz import ArchiveError, Declared, read_arrays
-from pneunet_ros.files.regular_file import open_regular
+from pneunet_ros.files.regular_file import readable
 from pneunet_ros.files.yaml_file import one_line
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.recordings.bag_folder import stored_files
@@ -51,14 +51,9 @@ def file_hash(path: Path) -> str:
     """Return the SHA-256 of a recording: of its file, or of the files of a rosbag2 folder."""
     digest = hashlib.sha256()
     for file in stored_files(path):
-        try:
-            with open_regular(file) as stream:
-                while piece := stream.read(PIECE):
-                    digest.update(piece)
-        except OSError as error:
-            raise RecordingError(
-                f'{file} cannot be read: {error.strerror}', reason='unreadable'
-            ) from error
+        with readable(file) as stream:
+            while piece := stream.read(PIECE):
+                digest.update(piece)
     return digest.hexdigest()
 
 

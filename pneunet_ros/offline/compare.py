@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 import math
 from pathlib import Path
 from typing import Any
@@ -29,45 +29,35 @@ from pneunet_ros.recordings.recorded_shapes import read_shapes
 TRUTH_SUFFIX = '.npz'
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CompareRequest:
-    """A comparison: A with B, or both with a truth.
-
-    a_topics, b_topics: full names of the topics to read, by last name; target_arclength (targets,)
-    m: positions of the targets on the arm; length (m): of the arm, None: as in the shapes.
-    """
-
-    a: Path
-    b: Path | None
-    truth: Path | None
-    a_topics: Mapping[str, str]
-    b_topics: Mapping[str, str]
-    target_arclength: Array
-    length: float | None = None
-
-
-def compare_files(request: CompareRequest) -> list[Comparison]:
+def compare_files(
+    sides: tuple[Path, Path | None],
+    topics: tuple[Mapping[str, str], Mapping[str, str]],
+    truth: Path | None,
+    target_arclength: Array,
+    length: float | None,
+) -> list[Comparison]:
     """Compare A with B and, if given, both with the truth.
 
-    Raises RequestError if there is nothing to compare with, and RecordingError if a file cannot be
-    read or two files have nothing in common.
+    sides: A and B; topics: full names of the topics to read of each, by last name;
+    target_arclength (targets,) m: positions of the targets on the arm; length (m): of the arm,
+    None: as in the shapes. Raises RequestError if there is nothing to compare with, and
+    RecordingError if a file cannot be read or two files have nothing in common.
     """
-    if request.b is None and request.truth is None:
+    first, second = sides
+    if second is None and truth is None:
         raise RequestError(
             'give a second recording B to compare with, or --truth FILE', reason='missing'
         )
-    a = read_side(request.a, request.a_topics, request.target_arclength)
-    b = truth = None
-    if request.b is not None:
-        b = read_side(request.b, request.b_topics, request.target_arclength)
+    a = read_side(first, topics[0], target_arclength)
+    b = true = None
+    if second is not None:
+        b = read_side(second, topics[1], target_arclength)
         refuse_itself(a, b)
-    if request.truth is not None:
-        truth = read_side(request.truth, {}, request.target_arclength)
-    pairs = [(a, b), (a, truth), (b, truth)]
+    if truth is not None:
+        true = read_side(truth, {}, target_arclength)
+    pairs = [(a, b), (a, true), (b, true)]
     return [
-        compare_shapes(of, to, request.length)
-        for of, to in pairs
-        if of is not None and to is not None
+        compare_shapes(of, to, length) for of, to in pairs if of is not None and to is not None
     ]
 
 

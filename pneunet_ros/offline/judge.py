@@ -155,21 +155,6 @@ def judge_recording(
     frame = '' if not settings.wrench_required else strange_frame(recording, settings, overrides)
     read = replace(settings, wrench_frame=frame) if frame else settings
     series = readable_series(recording, arm, read, overrides)
-    return judge_series(series, arm, settings, frame, own_model=own_model)
-
-
-def judge_series(
-    series: Mapping[str, ReadingSeries],
-    arm: Arm,
-    settings: EstimatorSettings,
-    frame: str = '',
-    *,
-    own_model: bool = True,
-) -> Verdicts:
-    """Run `judge_recording` on the series of the recording.
-
-    frame: of the end wrench, if it is not a declared one.
-    """
     pressure = judge_pressure_series(series, arm, settings, own_model=own_model)
     trusted = pressure is None or not pressure.doubted
     wrench = judge_wrench_series(series, arm, settings, shows=trusted)
@@ -294,23 +279,22 @@ def judge_table(
     return judge_pressure(record, declared, expected)
 
 
-def table_doubts(table: ReadingTable, expected: Sequence[ExpectedPressure]) -> tuple[str, ...]:
-    """Describe the likely unit of a table's pressures, and the remedy; empty if they fit.
+def judge_table_readings(
+    table: ReadingTable, expected: Sequence[ExpectedPressure]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Describe the likely unit of a table's pressures, and the remedy: certain, and only likely.
 
-    Absolute pressures are not judged here: only the verbs know the atmospheric pressure.
+    Both are empty if they fit. Absolute pressures are not judged here: only the verbs know the
+    atmospheric pressure.
     """
     verdict = None if table.absolute else judge_table(table, expected)
-    if verdict is None or not verdict.doubted:
-        return ()
-    return (f'the pressure is {verdict.finding}: {table_remedy(verdict)}',)
-
-
-def table_hints(table: ReadingTable, expected: Sequence[ExpectedPressure]) -> tuple[str, ...]:
-    """Describe another likely, but not certain, interpretation of a table's pressures."""
-    verdict = None if table.absolute else judge_table(table, expected)
-    if verdict is None or verdict.doubted or verdict.log_odds <= 0.0:
-        return ()
-    return (
+    if verdict is None:
+        return (), ()
+    if verdict.doubted:
+        return (f'the pressure is {verdict.finding}: {table_remedy(verdict)}',), ()
+    if verdict.log_odds <= 0.0:
+        return (), ()
+    return (), (
         f'the pressure may be {verdict.other.words}, {verdict.range_of(verdict.other)}, and not '
         f'{verdict.declared.words}, {verdict.range_of(verdict.declared)}: if so, '
         f'{table_remedy(verdict)}',

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from importlib.util import find_spec
 import json
 from pathlib import Path
@@ -20,25 +20,22 @@ NODE = 'pneunet_ros.nodes.experiment'
 VENTED = 10.0  # s, in which an experiment that is interrupted has vented the arm
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LiveArm:
-    """A live arm that subscribes to `pressure_command` and `force_command` in a namespace."""
+def recorder_of(namespace: str) -> Callable[[Experiment, SafeSet, Path], None]:
+    """Return the function that runs an experiment on a live arm and writes its recording.
 
-    namespace: str = NAMESPACE
+    The arm subscribes to `pressure_command` and `force_command` in a namespace. RequestError if
+    ROS is not available.
+    """
+    if find_spec('rclpy') is None:
+        raise RequestError(
+            f'--live needs ROS 2: {GET_ROS}; without ROS 2, use --by-hand',
+            reason='not_installed',
+        )
 
-    def __post_init__(self) -> None:
-        """Raise an error if ROS is not available."""
-        if find_spec('rclpy') is None:
-            raise RequestError(
-                f'--live needs ROS 2: {GET_ROS}; without ROS 2, use --by-hand',
-                reason='not_installed',
-            )
-
-    def record(self, experiment: Experiment, safe: SafeSet, path: Path) -> None:
-        """Run an experiment on the arm and write its recording."""
+    def record(experiment: Experiment, safe: SafeSet, path: Path) -> None:
         corners = safe.corners(experiment)
         command = [sys.executable, '-m', NODE, str(path)]
-        command += ['--ros-args', '-r', f'__ns:={self.namespace}']
+        command += ['--ros-args', '-r', f'__ns:={namespace}']
         pipe = subprocess.PIPE
         with subprocess.Popen(command, stdin=pipe, stderr=pipe, text=True) as process:
             try:
@@ -50,3 +47,5 @@ class LiveArm:
         if process.returncode:
             why = said.strip().splitlines() or ['it ended without a message']
             raise RequestError(f'the experiment failed: {why[-1]}', reason='failed')
+
+    return record

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,15 +23,6 @@ from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
 from pneunet_ros.recordings.lab_files import write_lab
 
 PLACES, DEGREE = 201, 12  # at which a model's curvature is read, and of the polynomials
-SENSORS_OF_LAB = (
-    'pressure_std',
-    'force_std',
-    'moment_std',
-    'target_std',
-    'placement_std',
-    'registration_std',
-    'drift_std',
-)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -103,7 +94,8 @@ def scenario_of_model(arm: Arm) -> Scenario:
         split=split,
         rigidity=rigidity,
     )
-    noise = LabNoise(**{name: getattr(arm.sensors, name) for name in SENSORS_OF_LAB})
+    stds = asdict(arm.sensors)
+    noise = LabNoise(**{one.name: stds[one.name] for one in fields(LabNoise) if one.name in stds})
     scenario = Scenario(name=arm.name, arm=lab_arm, protocol=Corners(), noise=noise)
     effects = {
         item.name: {number.name: getattr(item, number.name) for number in quantities(item)}

@@ -25,7 +25,7 @@ from pneunet_ros.core.errors import PneunetError, RecordingError, RequestError
 from pneunet_ros.core.printable import printable
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.json_text import json_text
-from pneunet_ros.files.regular_file import open_regular
+from pneunet_ros.files.regular_file import open_regular, readable
 from pneunet_ros.recordings.bag_folder import is_recording
 from pneunet_ros.tables.header import delimiter
 
@@ -221,13 +221,8 @@ def arm_key(arm: FleetArm, decided: Mapping[str, Any]) -> tuple[str, list[dict[s
     from pneunet_ros.offline.calibration_files import inputs_of
 
     inputs = inputs_of([(role, arm.roles[role]) for role in ROLES])
-    try:
-        with open_regular(arm.arm) as stream:
-            model = hashlib.sha256(stream.read()).hexdigest()
-    except OSError as error:
-        raise RecordingError(
-            f'{arm.arm} cannot be read: {error.strerror}', reason='unreadable'
-        ) from error
+    with readable(arm.arm) as stream:
+        model = hashlib.sha256(stream.read()).hexdigest()
     content = json_text({'arm': model, 'inputs': inputs, 'decided': decided})
     return hashlib.sha256(content.encode()).hexdigest(), inputs
 

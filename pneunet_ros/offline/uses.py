@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import functools
 from typing import Any
@@ -96,14 +96,17 @@ def uses(
     def has(sensor: Sensor[Any]) -> bool:
         return find_series(recording, sensor, overrides, required=False) is not None
 
-    def replays() -> str:
-        find_series(recording, PRESSURE, overrides)
+    def check_readings(doubted: Container[str]) -> None:
         if verdicts.strangeness:
             raise RecordingError(verdicts.strangeness, reason='strange_readings')
-        if verdicts.doubted:
+        if PRESSURE.name in doubted or END_WRENCH.name in doubted:
             raise RecordingError(
                 f'{verdicts.findings}; give {verdicts.options}', reason='strange_readings'
             )
+
+    def replays() -> str:
+        find_series(recording, PRESSURE, overrides)
+        check_readings(verdicts.doubted)
         loaded = has(END_WRENCH)
         asked = replace(settings, wrench_required=loaded and settings.wrench_required)
         estimator = Estimator(arm=request.arm, settings=asked)
@@ -113,7 +116,7 @@ def uses(
         # All that replay would decode, as one message that it cannot ends it.
         deque(recording.messages([*topics, *([] if targets is None else [targets])]), maxlen=0)
         return (
-            '' if loaded else (f'with --no-wrench-required, because there is no {END_WRENCH.name}')
+            '' if loaded else f'with --no-wrench-required, because there is no {END_WRENCH.name}'
         )
 
     def tracks() -> str:
@@ -128,17 +131,10 @@ def uses(
     def fuses() -> str:
         for topic in fusion_topics(recording, overrides, wrench=False):
             next(iter(recording.messages([topic])), None)
-        if verdicts.strangeness:
-            raise RecordingError(verdicts.strangeness, reason='strange_readings')
-        if PRESSURE.name in verdicts.doubted:  # a doubted force sensor is left out
-            raise RecordingError(
-                f'{verdicts.findings}; give {verdicts.options}', reason='strange_readings'
-            )
-        return (
-            ''
-            if has(END_WRENCH)
-            else ('the tip force is estimated, because no sensor measures it')
-        )
+        # A doubted force sensor is left out.
+        check_readings(verdicts.doubted.keys() - {END_WRENCH.name})
+        estimated = 'the tip force is estimated, because no sensor measures it'
+        return '' if has(END_WRENCH) else estimated
 
     @functools.cache
     def in_base() -> tuple[RecordingData, tuple[str, ...]]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.paths import resolved
+from pneunet_ros.core.printable import listed
 from pneunet_ros.files.yaml_file import YamlFile
 from pneunet_ros.recordings.file_kinds import holds_pictures, recording_from
 from pneunet_ros.recordings.plain_mcap import PACKED, SQLITE
@@ -91,20 +92,15 @@ def _other_folder(path: Path) -> str:
     loose = [file.name for file in _files_in(path)]
     if loose:
         return (
-            f'is a folder without {METADATA} (it contains {_listed(loose)}): give one of these '
-            'recordings instead'
+            f'is a folder without {METADATA} (it contains {listed(loose, NAMES_SHOWN)}): give one '
+            'of these recordings instead'
         )
     inner = sorted(file.parent.name for file in path.glob(f'*/{METADATA}'))
     if inner:
-        return f'is a folder of recordings: give one of them ({_listed(inner)})'
+        return f'is a folder of recordings: give one of them ({listed(inner, NAMES_SHOWN)})'
     if holds_pictures(path):
         return recording_from(path)
     return f'is a folder without a recording: it has no {METADATA} and no .mcap file'
-
-
-def _listed(names: list[str]) -> str:
-    more = f' and {len(names) - NAMES_SHOWN} more' if len(names) > NAMES_SHOWN else ''
-    return ', '.join(names[:NAMES_SHOWN]) + more
 
 
 def _describe_folder(content: Any) -> tuple[list[str], str, str]:

@@ -8,7 +8,7 @@ import math
 import os
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
@@ -20,7 +20,6 @@ from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.messages.compressed_image import decode_compressed, decode_heard
 from pneunet_ros.recordings.file_kinds import COMPRESSED, FOLDER_RATE, NO_LENS, PICTURES
 from pneunet_ros.recordings.image_stream import ImageStream, StreamItem, with_lens
-from pneunet_ros.recordings.matroska import is_cut, is_matroska
 
 LENS_FILES = ('camera_info.yaml', 'ost.yaml')  # looked for beside the images
 RATES = (1e-3, 1e5)  # Hz
@@ -33,6 +32,11 @@ _BROKEN_OFF = 0.9  # share of the frames a video promises, below which it says t
 
 # Read by OpenCV when it opens its first video: ffmpeg shall not print what an error will say.
 os.environ.setdefault('OPENCV_FFMPEG_LOGLEVEL', '-8')
+
+# Matroska and WebM have no frame count, and their duration is the end of the last frame on a clock
+# with an arbitrary start. But the segment, which contains everything, states its size in bytes.
+MAGIC = b'\x1a\x45\xdf\xa3'
+SEGMENT = b'\x18\x53\x80\x67'
 
 
 @contextmanager
@@ -264,3 +268,36 @@ def _stream(
         clock=clock,
         read=read,
     )
+
+
+def is_matroska(path: Path) -> bool:
+    """Whether a file begins like Matroska or WebM."""
+    with open_regular(path) as stream:
+        return stream.read(len(MAGIC)) == MAGIC
+
+
+def is_cut(path: Path) -> bool:
+    """Whether a Matroska file is shorter than its segment; False if no size is stated."""
+    with open_regular(path) as stream:
+        there = stream.seek(0, 2)
+        stream.seek(len(MAGIC))
+        header = _size(stream)
+        if header is None:
+            return False
+        stream.seek(header, 1)
+        if stream.read(len(SEGMENT)) != SEGMENT:
+            return False
+        size = _size(stream)
+        return size is not None and stream.tell() + size > there
+
+
+def _size(stream: BinaryIO) -> int | None:
+    """Read a variable-length size of one to eight bytes; None: unknown."""
+    first = stream.read(1)
+    if not first or not first[0]:
+        return None
+    more = 8 - first[0].bit_length()
+    rest = stream.read(more)
+    bits = 7 * (1 + more)
+    value = int.from_bytes(first + rest, 'big') & ((1 << bits) - 1)
+    return None if len(rest) < more or value == (1 << bits) - 1 else value

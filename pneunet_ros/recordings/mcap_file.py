@@ -23,7 +23,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.notes import Note
-from pneunet_ros.files.regular_file import open_regular
+from pneunet_ros.files.regular_file import readable
 from pneunet_ros.recordings.file_kinds import recording_from
 from pneunet_ros.recordings.limits import LIMITS
 import zstandard
@@ -49,6 +49,9 @@ DAMAGE = (
     zstandard.ZstdError,
     McapError,
 )
+
+_CHUNK_CHECKSUM = struct.calcsize('<QQQ')  # bytes before it in a chunk
+_FOOTER_CHECKSUM = struct.calcsize('<QQ')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,26 +96,16 @@ def open_mcap(path: Path, name: Path | None = None) -> McapFile:
     """
     name = name or path
     try:
-        with open_regular(path) as stream:
+        with readable(path, name) as stream:
             return replace(_Scan(name, stream, _size_of_mcap(name, stream)).run(), path=path)
     except UnknownCompression as error:
         raise RecordingError(f'{name}: {error}', reason='damaged') from error
-    except OSError as error:
-        raise RecordingError(
-            f'{name} cannot be read: {error.strerror}', reason='unreadable'
-        ) from error
 
 
 def check_is_mcap(path: Path, name: Path | None = None) -> None:
     """Raise RecordingError if a file does not begin as an MCAP file, or cannot be read."""
-    name = name or path
-    try:
-        with open_regular(path) as stream:
-            _size_of_mcap(name, stream)
-    except OSError as error:
-        raise RecordingError(
-            f'{name} cannot be read: {error.strerror}', reason='unreadable'
-        ) from error
+    with readable(path, name) as stream:
+        _size_of_mcap(name or path, stream)
 
 
 def _size_of_mcap(path: Path, stream: BinaryIO) -> int:
@@ -442,3 +435,35 @@ class _Run:
         self.channels[channel] += 1
         self.first_ns = min(self.first_ns, log_time)
         self.last_ns = max(self.last_ns, log_time)
+
+
+def write_checksums(path: Path) -> None:
+    """Write the CRC-32 of every chunk, of the data section and of the summary into a file.
+
+    rosbags writes none, and without them damage would be silent. Each covers the range defined by
+    the specification of MCAP.
+    """
+    with path.open('r+b') as stream:
+        position = len(MAGIC)
+        stream.seek(position)
+        while head := stream.read(RECORD_HEAD.size):
+            opcode, length = RECORD_HEAD.unpack(head)
+            start = position + len(head)
+            if opcode == Opcode.CHUNK:
+                checksum = zlib.crc32(chunk_content(head + stream.read(length)))
+                _put(stream, start + _CHUNK_CHECKSUM, checksum)
+            elif opcode == Opcode.DATA_END:
+                _put(stream, start, checksum_of(stream, 0, position))
+            elif opcode == Opcode.FOOTER:
+                stream.seek(start)
+                summary, _, _ = FOOTER.unpack(stream.read(length))
+                place = start + _FOOTER_CHECKSUM
+                _put(stream, place, checksum_of(stream, summary or position, place))
+                return
+            position = start + length
+            stream.seek(position)
+
+
+def _put(stream: BinaryIO, place: int, checksum: int) -> None:
+    stream.seek(place)
+    stream.write(CHECKSUM.pack(checksum))

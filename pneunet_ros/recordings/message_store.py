@@ -24,9 +24,7 @@ from rosbags.typesys.store import Typestore
 SEPARATOR = '=' * 80 + '\n'  # between the definitions of a type and of those it depends on
 ENCAPSULATIONS = (b'\0\0', b'\0\1')  # plain CDR, big-endian and little-endian
 LARGEST_DEFINITION = 200_000  # characters
-LONGEST_ARRAYS = (
-    10_000  # elements of fixed arrays that are not numbers, which become lines of code
-)
+LONGEST_ARRAYS = 10_000  # elements of fixed arrays, not of numbers, which become lines of code
 IDL_HEAD = f'{SEPARATOR}IDL: '  # how a definition in IDL begins
 
 

@@ -19,7 +19,7 @@ from typing import Any
 from mcap.writer import CompressionType, Writer
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.paths import resolved
-from pneunet_ros.files.regular_file import open_regular
+from pneunet_ros.files.regular_file import open_regular, readable
 from pneunet_ros.recordings.limits import LIMITS
 from pneunet_ros.recordings.message_store import jazzy
 import zstandard
@@ -34,17 +34,12 @@ def plain_mcap(path: Path) -> Path:
 
     Raises RecordingError if there is no room for the copy, or the file is damaged.
     """
-    try:
-        kind = path.suffix
-        with open_regular(path) as stream:
-            if kind not in (PACKED, SQLITE) and stream.read(len(SQLITE_MAGIC)) != SQLITE_MAGIC:
-                return path
+    kind = path.suffix
+    with readable(path) as stream:
+        if kind not in (PACKED, SQLITE) and stream.read(len(SQLITE_MAGIC)) != SQLITE_MAGIC:
+            return path
         status = path.stat()
         return _copy(path, status.st_mtime_ns, status.st_size)
-    except OSError as error:
-        raise RecordingError(
-            f'{path} cannot be read: {error.strerror}', reason='unreadable'
-        ) from error
 
 
 @cache

@@ -23,7 +23,7 @@ from pneunet_ros.measurement.between_readings import interpolate
 from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.readings import BASE_IMU, FIXED_FRAMES, gravity_inputs
 from pneunet_ros.model.gravity import Gravity
-from pneunet_ros.recordings.recorded_series import find_series
+from pneunet_ros.recordings.recorded_series import find_recorded, find_series
 from pneunet_ros.recordings.recording import Recording
 
 
@@ -83,11 +83,9 @@ def read_gravity(
     usable.
     """
     source = GravitySource(settings=settings, gravity=gravity)
-    found = {
-        topic: sensor
-        for sensor in gravity_inputs(source)
-        if (topic := find_series(recording, sensor, overrides, required=False)) is not None
-    }
+    inputs = {sensor.name: sensor for sensor in gravity_inputs(source)}
+    topics = find_recorded(recording, inputs.values(), overrides)
+    found = {topic: inputs[name] for name, topic in topics.items()}
     must = bool(source.frame) or gravity.is_measured
     if not must and BASE_IMU not in found.values():
         return None

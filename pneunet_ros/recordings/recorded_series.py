@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 import math
 from types import MappingProxyType
@@ -118,11 +118,13 @@ def without_topic(recording: Recording, sensor: Input[Any]) -> str:
     return f'has no topic {sensor.name} of type {sensor.type}: {remedy}'
 
 
-def find_all_series(recording: Recording, overrides: Mapping[str, str]) -> dict[str, str]:
-    """Return the topics of all recorded sensors, full names by sensor name."""
+def find_recorded(
+    recording: Recording, sensors: Iterable[Input[Any]], overrides: Mapping[str, str]
+) -> dict[str, str]:
+    """Return the topics of those of these sensors that were recorded, full names by names."""
     found = {
         sensor.name: find_series(recording, sensor, overrides, required=False)
-        for sensor in SENSORS
+        for sensor in sensors
     }
     return {name: topic for name, topic in found.items() if topic is not None}
 

@@ -25,8 +25,8 @@ from pneunet_ros.messages.builders import (
     UNFIT,
 )
 from pneunet_ros.messages.point_cloud import cloud_points
-from pneunet_ros.messages.readings import PRESSURE, Sensor, TARGETS, TIP_POSE
-from pneunet_ros.recordings.recorded_series import find_series, read_series
+from pneunet_ros.messages.readings import PRESSURE, TARGETS, TIP_POSE
+from pneunet_ros.recordings.recorded_series import find_recorded, read_series
 from pneunet_ros.recordings.recording import open_recording, Recording
 
 TIP, SHAPE = 'tip', 'shape'
@@ -123,12 +123,7 @@ def read_measured(
     recording: Recording, overrides: Mapping[str, str], target_arclength: Array
 ) -> ShapeSeries:
     """Return the targets and the pose of the tip."""
-    sensors: tuple[Sensor[Any], ...] = (TARGETS, TIP_POSE)
-    there = {}
-    for sensor in sensors:
-        topic = find_series(recording, sensor, overrides, required=False)
-        if topic is not None:
-            there[sensor.name] = topic
+    there = find_recorded(recording, (TARGETS, TIP_POSE), overrides)
     centerlines = tips = None
     sentences = [*recording.sentences]
     series = read_series(recording, there, EstimatorSettings(), target_arclength.size)

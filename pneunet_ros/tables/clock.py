@@ -10,20 +10,8 @@ import re
 from pneunet_ros.core.notes import Note
 
 _LINES_SHOWN = 30
-_MONTHS = [
-    'Jan',
-    'Feb',
-    'Mar',
-    'Apr',
-    'May',
-    'Jun',
-    'Jul',
-    'Aug',
-    'Sep',
-    'Oct',
-    'Nov',
-    'Dec',
-]  # as MATLAB writes them
+# As MATLAB writes them.
+_MONTHS = ['Jan', 'Feb', 'Mar', 'Apr', 'May', 'Jun', 'Jul', 'Aug', 'Sep', 'Oct', 'Nov', 'Dec']
 _HALF_A_DAY, _DAY = 43_200, 86_400  # s
 _TIME_OF_DAY = re.compile(
     r'(?:(?P<date>\d{4}(?:-\d\d?-|/\d\d?/)\d\d?|\d\d?\.\d\d?\.\d{4}|\d\d?/\d\d?/\d{4}'
@@ -110,8 +98,7 @@ def _days(text: str) -> int:
     )
     year_first = first > 31
     year, month, day = (first, second, third) if year_first else (third, second, first)
-    if (
-        '/' in text and not year_first and second > 12
-    ):  # the American order; both orders last for one day
+    # The American order; both orders last for one day.
+    if '/' in text and not year_first and second > 12:
         month, day = day, month
     return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()

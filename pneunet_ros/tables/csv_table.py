@@ -18,6 +18,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RecordingError, why_unread
 from pneunet_ros.core.notes import Note
+from pneunet_ros.core.printable import listed
 from pneunet_ros.core.progress import say_how_far, STEP
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.tables.clock import Clock
@@ -52,9 +53,8 @@ _RULES = {
     '\t': 'cells are separated by tabs, as in the first line',
 }
 _SEPARATOR = re.compile(r'"?sep=(?P<mark>[;,\t])"?\s*', re.IGNORECASE)  # as Excel writes it
-_MONITOR = re.compile(
-    r'\d\d:\d\d:\d\d\.\d{3} -> '
-)  # as the serial monitor of Arduino begins lines
+# As the serial monitor of Arduino begins lines.
+_MONITOR = re.compile(r'\d\d:\d\d:\d\d\.\d{3} -> ')
 _JSON = re.compile(rb'(\xef\xbb\xbf)?\s*(\{\s*["}]|\[\s*[\[{"])')
 _THOUSANDS = re.compile(r'[-+]?[1-9]\d{0,2}(?:[.,]\d{3})+', re.ASCII)
 _APART = re.compile(r"[-+]?\d{1,3}([.,'’\s])\d{3}(?:\1\d{3})*(?:[.,]\d+)?", re.ASCII)
@@ -245,12 +245,8 @@ def _spelling(path: Path, written: Mapping[str, str]) -> tuple[Note, ...]:
     pairs = [f'{name!r} as {new}' for new, name in written.items() if name != new]
     if not pairs:
         return ()
-    more = f' and {len(pairs) - NAMES_SHOWN} more' if len(pairs) > NAMES_SHOWN else ''
-    return (
-        Note(
-            f'{path}: columns were read {", ".join(pairs[:NAMES_SHOWN])}{more}', reason='renamed'
-        ),
-    )
+    shown = listed(pairs, NAMES_SHOWN)
+    return (Note(f'{path}: columns were read {shown}', reason='renamed'),)
 
 
 def _lines(path: Path, stream: TextIO) -> Iterator[str]:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, LARGEST
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.notes import Note
+from pneunet_ros.core.printable import listed
 from pneunet_ros.core.stamps import LATEST_STAMP, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT, STANDARD_ATMOSPHERE
 from pneunet_ros.measurement.pressure_convention import pressure_unit
@@ -83,9 +84,8 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         )
     empty = [name for name in names if np.all(np.isnan(table.numbers[name]))]
     if empty:
-        more = f' and {len(empty) - NAMES_SHOWN} more' if len(empty) > NAMES_SHOWN else ''
-        shown = ', '.join(empty[:NAMES_SHOWN])
-        sentences.append(Note(f'{path}: no row has a number in {shown}{more}', reason='no_number'))
+        shown = listed(empty, NAMES_SHOWN)
+        sentences.append(Note(f'{path}: no row has a number in {shown}', reason='no_number'))
     known = columns_of(names, str(path))
     if request.missing is None:
         ask_for_placeholders(path, table.numbers, known, table.lines)

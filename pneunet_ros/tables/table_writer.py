@@ -1,8 +1,9 @@
-"""Columns of numbers by name -> a file: CSV, or NumPy arrays for the suffix .npz."""
+"""Files of numbers: columns as CSV or NumPy arrays, and target areas as the paper exports them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 import csv
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,22 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.files.atomic import atomic_output
 
 SUFFIXES = ('.csv', '.npz')
+
+COLUMNS = {
+    'u': 'u_px',
+    'v': 'v_px',
+    'area': 'area_px2',
+    'major': 'major_px',
+    'minor': 'minor_px',
+    'angle': 'angle_rad',
+    'x': 'x_m',
+    'y': 'y_m',
+    'std': 'std_m',
+}
 
 
 def check_suffix(path: Path) -> None:
@@ -48,3 +62,27 @@ def write_columns(
             for row in zip(*lists, strict=True):
                 # A NaN is not equal to itself.
                 lines.writerow([repr(value) if value == value else '' for value in row])
+
+
+@contextmanager
+def write_table(
+    path: Path, *, overwrite: bool = False, inputs: Iterable[Path] = ()
+) -> Iterator[Callable[[TargetSightings], None]]:
+    """Write a table atomically: the file appears when complete. Raises like `atomic_output`.
+
+    Yields the function that writes sightings, a line per seen target, with all digits.
+    """
+    with (
+        atomic_output(path, overwrite=overwrite, inputs=inputs) as temporary,
+        temporary.open('w', encoding='utf-8', newline='') as stream,
+    ):
+        lines = csv.writer(stream, lineterminator='\n')
+        lines.writerow(['stamp_ns', 'id', *COLUMNS.values()])
+
+        def write(sightings: TargetSightings) -> None:
+            columns = [getattr(sightings, name) for name in COLUMNS]
+            for target in np.flatnonzero(np.isfinite(sightings.x)).tolist():
+                values = [repr(float(column[target])) for column in columns]
+                lines.writerow([sightings.stamp_ns, target, *values])
+
+        yield write

@@ -17,7 +17,7 @@ from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.exploration.experiments import BEGINNING, experiments
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.offline import live_arm
-from pneunet_ros.offline.live_arm import LiveArm
+from pneunet_ros.offline.live_arm import NAMESPACE, recorder_of
 import pytest
 from support.refusals import refusal, refused
 from support.small_diagnosis import without_figures
@@ -151,16 +151,16 @@ def test_a_live_experiment_is_a_process_with_the_corners(monkeypatch, stand_in, 
     stand_in("json.dump([sys.argv[1:], json.load(sys.stdin)], open(sys.argv[1], 'w'))")
     item = next(item for item in experiments() if item.loaded)
     safe, path = SafeSet(low=1e3, high=2e3, force=0.5), tmp_path / 'one.mcap'
-    LiveArm(namespace='/left').record(item, safe, path)
+    recorder_of('/left')(item, safe, path)
     arguments, corners = json.loads(path.read_text())
     assert arguments == [str(path), '--ros-args', '-r', '__ns:=/left']
     assert corners == safe.corners(item).tolist()
     stand_in("sys.exit('first\\nno valve')")
     with refused(RequestError, 'failed'):
-        LiveArm().record(item, safe, tmp_path / 'two.mcap')
+        recorder_of(NAMESPACE)(item, safe, tmp_path / 'two.mcap')
     monkeypatch.setattr(live_arm, 'find_spec', lambda name: None)
     with refused(RequestError, 'not_installed'):
-        LiveArm()
+        recorder_of(NAMESPACE)
 
 
 def test_who_is_interrupted_waits_until_the_arm_is_vented(stand_in, tmp_path):
@@ -176,5 +176,5 @@ def test_who_is_interrupted_waits_until_the_arm_is_vented(stand_in, tmp_path):
     )
     item = next(item for item in experiments() if item.loaded)
     with pytest.raises(KeyboardInterrupt):
-        LiveArm().record(item, SafeSet(low=1e3, high=2e3, force=0.5), tmp_path / 'one.mcap')
+        recorder_of(NAMESPACE)(item, SafeSet(low=1e3, high=2e3, force=0.5), tmp_path / 'one.mcap')
     assert vented.exists()

@@ -19,7 +19,7 @@ from pneunet_ros.recordings.image_sources import open_images, SourceRequest
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
-from pneunet_ros.tables.target_table import write_table
+from pneunet_ros.tables.table_writer import write_table
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 import pytest
 from support.films import (
@@ -316,9 +316,9 @@ def test_a_tally_counts_a_frame_once_and_camera_info_never(tmp_path):
 
 
 def test_the_table_has_a_line_per_target_that_was_seen(track, tmp_path):
-    with write_table(tmp_path / 'table.csv') as table:
+    with write_table(tmp_path / 'table.csv') as write:
         for outcome in outcomes(track[1]):
-            table.write(outcome.sightings)
+            write(outcome.sightings)
     with (tmp_path / 'table.csv').open(newline='') as stream:
         lines = list(csv.DictReader(stream))
     assert list(lines[0]) == [

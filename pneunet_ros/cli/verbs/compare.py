@@ -16,7 +16,7 @@ from pneunet_ros.core.units import millimeters
 from pneunet_ros.estimation.shape_error import Comparison
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.offline.compare import compare_files, CompareRequest, comparison_content
+from pneunet_ros.offline.compare import compare_files, comparison_content
 from pneunet_ros.recordings.recorded_shapes import SHAPE_TOPICS
 from rich.console import Console
 
@@ -70,24 +70,16 @@ def run(arguments: Namespace) -> int:
             f'--plot {arguments.plot} must end in {", ".join(PLOTS)}', reason='wrong_suffix'
         )
     arm = verb.model_of(arguments)
-    a_topics, b_topics = side_topics(arguments.topic)
-    request = CompareRequest(
-        a=arguments.a,
-        b=arguments.b,
-        truth=arguments.truth,
-        a_topics=a_topics,
-        b_topics=b_topics,
-        target_arclength=arm.target_arclength,
-        length=arm.length if arguments.model is not None else None,
-    )
+    sides, topics = (arguments.a, arguments.b), side_topics(arguments.topic)
+    length = arm.length if arguments.model is not None else None
     with verb.reading_bar(shown=not arguments.json):
-        comparisons = compare_files(request)
+        comparisons = compare_files(sides, topics, arguments.truth, arm.target_arclength, length)
     found = [item for item in comparisons if item.tip is not None or item.shape is not None]
     plot = arguments.plot if found else None
     if plot is not None:
         from pneunet_ros.reports.compare_plot import draw_comparisons
 
-        inputs = [path for path in (arguments.a, arguments.b, arguments.truth) if path]
+        inputs = [path for path in (*sides, arguments.truth) if path]
         with atomic_output(plot, overwrite=arguments.overwrite, inputs=inputs) as temporary:
             form = plot.suffix.lower().lstrip('.')
             draw_comparisons(found, temporary, form)
@@ -109,7 +101,7 @@ def places_assumed(comparison: Comparison, arm: Arm) -> list[str]:
     places = arm.target_arclength
     if any(line is not None and np.array_equal(line.arclength, places) for line in lines):
         return [
-            (f'targets are assumed to be where {arm.name} has them; use --model for another arm')
+            f'targets are assumed to be where {arm.name} has them; use --model for another arm'
         ]
     return []
 

@@ -231,7 +231,7 @@ def safe_set(arguments: Namespace, model: Arm) -> SafeSet:
 
 def writer_of(arguments: Namespace, model: Arm) -> WriteRecording:
     """Return the recorder for the chosen kind of arm: live, simulated, or recorded by hand."""
-    from pneunet_ros.offline.live_arm import LiveArm, NAMESPACE
+    from pneunet_ros.offline.live_arm import NAMESPACE, recorder_of
     from pneunet_ros.offline.simulated_arm import SimulatedArm
 
     if arguments.simulated is not None:
@@ -239,7 +239,7 @@ def writer_of(arguments: Namespace, model: Arm) -> WriteRecording:
     if arguments.effect or arguments.arm_seed:
         raise RequestError('--effect and --arm-seed require --simulated', reason='exclusive')
     if arguments.live:
-        return LiveArm(namespace=arguments.namespace or NAMESPACE).record
+        return recorder_of(arguments.namespace or NAMESPACE)
     if arguments.namespace is not None:
         raise RequestError('--namespace requires --live', reason='exclusive')
     return wait_for_recording

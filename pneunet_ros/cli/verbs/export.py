@@ -16,7 +16,7 @@ from pneunet_ros.messages.builders import POSE_TYPE
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.offline.table_conversion import tabulate
 from pneunet_ros.recordings.recorded_gravity import mounted
-from pneunet_ros.recordings.recorded_series import find_all_series, read_series
+from pneunet_ros.recordings.recorded_series import find_recorded, read_series
 from pneunet_ros.recordings.recorded_shapes import read_tips, TIP
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.tables.reading_table import columns
@@ -49,7 +49,7 @@ def run(arguments: Namespace) -> int:
     names = [sensor.name for sensor in SENSORS]
     overrides = verb.topics_of(arguments.topic, [*names, TIP])
     recording = open_recording(arguments.recording)
-    topics = find_all_series(recording, overrides)
+    topics = find_recorded(recording, SENSORS, overrides)
     tip_topic = overrides.get(TIP)
     if tip_topic is not None or recording.candidates(TIP, POSE_TYPE):
         tip_topic = recording.find(TIP, POSE_TYPE, tip_topic)

@@ -6,12 +6,10 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.table_options import add_table_options, table_request
+from pneunet_ros.cli.table_options import add_table_options, reading_doubts, table_request
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import seconds_between
-from pneunet_ros.measurement.pressure_judge import ANY_ACTUATOR, expected_of
 from pneunet_ros.messages.readings import TARGETS
-from pneunet_ros.offline.judge import table_doubts, table_hints
 from pneunet_ros.offline.table_conversion import record_table
 from pneunet_ros.recordings.file_kinds import recording_from, VIDEOS
 from pneunet_ros.recordings.recording_writer import write_recording
@@ -51,11 +49,7 @@ def run(arguments: Namespace) -> int:
     request = table_request(arguments, rate=arguments.rate)
     with verb.reading_bar(shown=not arguments.json):
         table, sentences = read_table(arguments.table, request)
-    expected = ANY_ACTUATOR if arguments.model is None else [expected_of(verb.model_of(arguments))]
-    doubts: tuple[str, ...] = ()
-    if arguments.judge_readings:
-        doubts = table_doubts(table, expected)
-        sentences = (*table_hints(table, expected), *sentences)
+    doubts, hints = reading_doubts(table, arguments)
     with (
         verb.reading_bar(shown=not arguments.json),
         write_recording(
@@ -71,7 +65,7 @@ def run(arguments: Namespace) -> int:
         'targets': table.values[TARGETS.name].shape[2],
         'seconds': seconds,
         'topics': topics,
-        'sentences': [*doubts, *sentences],
+        'sentences': [*doubts, *hints, *sentences],
     }
     counts = ', '.join(f'{count} of {name}' for name, count in topics.items())
     said = f'{len(table.stamp_ns)} rows over {seconds:g} s: {counts}'
