@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 import itertools
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from pneunet_ros.calibration.settings import CalibrationSettings, judging
 from pneunet_ros.cli import verb
@@ -20,9 +20,10 @@ from pneunet_ros.core.progress import heard
 if TYPE_CHECKING:
     from pneunet_ros.measurement.dataset import RecordingData
     from pneunet_ros.model.arm import Arm
-    from pneunet_ros.model.string import String
     from pneunet_ros.model.uncertainty import SensorNoise
     from rich.progress import Progress
+
+T = TypeVar('T')
 
 STATIC = (
     '--static: every frame is taken as a steady state and its stamp is ignored; no noise is '
@@ -61,12 +62,7 @@ class Experiments:
 
 def add_experiments(parser: ArgumentParser) -> None:
     """Add the options that describe the recordings and their readings."""
-    parser.add_argument(
-        '--static',
-        action='store_true',
-        help='take every frame as a steady state: stamps are ignored, and time-dependent effects '
-        'are not considered',
-    )
+    verb.add_static(parser)
     parser.add_argument(
         '--end-load',
         nargs=3,
@@ -111,8 +107,8 @@ def read_experiments(
     from pneunet_ros.recordings.dataset_reader import read_run
 
     paths = list(itertools.chain(*groups))
-    loads = end_loads(arguments.end_load, paths)
-    threads = strings(arguments.string, paths)
+    loads = by_recording('--end-load', arguments.end_load, paths, force_of)
+    threads = by_recording('--string', arguments.string, paths, string_of)
     if both := loads.keys() & threads.keys():
         raise RequestError(
             f'{both.pop()} is given both to --end-load and to --string', reason='exclusive'
@@ -206,35 +202,27 @@ def with_known_load(run: RecordingData, load: tuple[float, float]) -> RecordingD
     return run.with_end_load(*load)
 
 
-def end_loads(
-    given: Sequence[Sequence[str]], paths: Sequence[Path]
-) -> Mapping[Path, tuple[float, float]]:
-    """Return the known load (N) by recording; RequestError for an unknown recording."""
-    loads: dict[Path, tuple[float, float]] = {}
-    for name, *components in given:
-        option = f'--end-load {name}'
-        force_x, force_y = (quantity_of(option, text, 'force') for text in components)
+def by_recording(
+    option: str,
+    given: Sequence[Sequence[str]],
+    paths: Sequence[Path],
+    read: Callable[[str, Sequence[str]], T],
+) -> dict[Path, T]:
+    """Return what an option gives, by recording; RequestError for an unknown recording."""
+    found: dict[Path, T] = {}
+    for name, *texts in given:
         place = resolved(name)
-        check_given({place}, paths, '--end-load')
-        if place in loads:
-            raise RequestError(f'--end-load {name} is given twice', reason='given_twice')
-        loads[place] = force_x, force_y
-    return loads
-
-
-def strings(given: Sequence[Sequence[str]], paths: Sequence[Path]) -> Mapping[Path, String]:
-    """Return the string by recording; RequestError if one belongs to no recording."""
-    found: dict[Path, String] = {}
-    for name, *numbers in given:
-        place = resolved(name)
-        check_given({place}, paths, '--string')
+        check_given({place}, paths, option)
         if place in found:
-            raise RequestError(
-                f'--string {name} is given twice, but a recording can have only one string',
-                reason='given_twice',
-            )
-        found[place] = string_of(f'--string {name}', numbers)
+            raise RequestError(f'{option} {name} is given twice', reason='given_twice')
+        found[place] = read(f'{option} {name}', texts)
     return found
+
+
+def force_of(option: str, texts: Sequence[str]) -> tuple[float, float]:
+    """Return a force (N) from two texts; RequestError names the option."""
+    force_x, force_y = (quantity_of(option, text, 'force') for text in texts)
+    return force_x, force_y
 
 
 def check_given(places: set[Path], paths: Sequence[Path], option: str) -> None:

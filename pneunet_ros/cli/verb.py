@@ -10,7 +10,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from pneunet_ros.cli.quantity_option import KIND_OF_UNIT, quantity_type
+from pneunet_ros.cli.quantity_option import KIND_OF_UNIT, quantity_type, seed
 from pneunet_ros.core.errors import ModelError, RequestError
 from pneunet_ros.core.printable import printable
 from pneunet_ros.core.progress import heard, OnProgress
@@ -147,6 +147,32 @@ def add_output(parser: ArgumentParser, metavar: str, meaning: str) -> None:
     add_overwrite(parser)
 
 
+def add_recordings(
+    parser: ArgumentParser, option: str, meaning: str, *, required: bool = False
+) -> None:
+    """Add an option for several recordings."""
+    parser.add_argument(
+        option, type=Path, nargs='+', required=required, default=[], metavar='REC', help=meaning
+    )
+
+
+def add_seed(
+    parser: ArgumentParser, meaning: str, option: str = '--seed', default: int | None = 0
+) -> None:
+    """Add an option for a random seed."""
+    parser.add_argument(option, type=seed, default=default, metavar='N', help=meaning)
+
+
+def add_static(parser: ArgumentParser) -> None:
+    """Add the option for recordings of steady states."""
+    parser.add_argument(
+        '--static',
+        action='store_true',
+        help='take every frame as a steady state: stamps are ignored, and time-dependent effects '
+        'are not considered',
+    )
+
+
 def add_model(
     parser: ArgumentParser, meaning: str = "(default: the shipped model of the paper's arm)"
 ) -> None:
@@ -155,9 +181,7 @@ def add_model(
         '--model',
         type=Path,
         metavar='FILE',
-        help=f'model file, YAML: {meaning}'
-        if meaning[0] != '('
-        else f'model file, YAML {meaning}',
+        help=f'model file, YAML{"" if meaning[0] == "(" else ":"} {meaning}',
     )
     add_effects_path(parser)
 

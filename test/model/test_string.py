@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 from pneunet_ros import load_model, solve
-from pneunet_ros.cli.experiments import strings
+from pneunet_ros.cli.experiments import by_recording
 from pneunet_ros.cli.main import main
+from pneunet_ros.cli.quantity_option import string_of
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.readings import unseen_targets
 from pneunet_ros.core.share import share_path
@@ -159,7 +160,7 @@ def test_the_lab_pulls_as_the_model_does():
 
 def test_strings_of_recordings_are_read_and_wrong_ones_refused():
     paths = [Path('a.mcap'), Path('b.mcap')]
-    found = strings([('a.mcap', '20g', '412mm', '0')], paths)
+    found = by_recording('--string', [('a.mcap', '20g', '412mm', '0')], paths, string_of)
     (one,) = found.values()
     assert (one.tension, one.x, one.y) == pytest.approx((0.02 * 9.80665, 0.412, 0.0))
     for given in (
@@ -169,7 +170,7 @@ def test_strings_of_recordings_are_read_and_wrong_ones_refused():
         [('a.mcap', '0', '0.4', '0')],
     ):
         with pytest.raises(RequestError):
-            strings(given, paths)
+            by_recording('--string', given, paths, string_of)
 
 
 def test_what_a_film_makes_of_a_string_is_no_reading(arm, tmp_path):

@@ -40,16 +40,11 @@ def options(parser: ArgumentParser) -> None:
         ),
         ('loaded', 'recordings under end load: experiment 2, the moment law'),
     ):
-        parser.add_argument(
-            f'--{name}', type=Path, nargs='+', default=[], metavar='REC', help=meaning
-        )
-    parser.add_argument(
+        verb.add_recordings(parser, f'--{name}', meaning)
+    verb.add_recordings(
+        parser,
         '--motion',
-        type=Path,
-        nargs='+',
-        default=[],
-        metavar='REC',
-        help='recordings in which the arm swings, after quick pressure steps or after being '
+        'recordings in which the arm swings, after quick pressure steps or after being '
         'plucked: tip mass and damping are fitted to them, and nothing else',
     )
     parser.add_argument(

@@ -17,7 +17,6 @@ from pneunet_ros.cli.experiments import (
     calibration_settings,
     read_experiments,
 )
-from pneunet_ros.cli.quantity_option import seed
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.executor import open_executor
 from pneunet_ros.core.paths import resolved
@@ -46,30 +45,22 @@ def options(parser: ArgumentParser) -> None:
         metavar='MODEL.yaml',
         help='the calibrated model to be diagnosed',
     )
-    parser.add_argument(
+    verb.add_recordings(
+        parser,
         '--train',
-        type=Path,
-        nargs='+',
+        'recordings with and without load, in which to look for the missing effect',
         required=True,
-        metavar='REC',
-        help='recordings with and without load, in which to look for the missing effect',
     )
-    parser.add_argument(
+    verb.add_recordings(
+        parser,
         '--heldout',
-        type=Path,
-        nargs='+',
-        default=[],
-        metavar='REC',
-        help='other recordings, on which the model error is measured before and after (default: '
+        'other recordings, on which the model error is measured before and after (default: '
         'none; the answer is then not tested on new data)',
     )
-    parser.add_argument(
+    verb.add_recordings(
+        parser,
         '--unloaded',
-        type=Path,
-        nargs='+',
-        default=[],
-        metavar='REC',
-        help='which of these recordings show the arm with nothing attached (default: those '
+        'which of these recordings show the arm with nothing attached (default: those '
         'without `end_wrench`, or with nothing but noise in it)',
     )
     verb.add_output(
@@ -77,12 +68,8 @@ def options(parser: ArgumentParser) -> None:
         'DIR',
         'write report.html, model.yaml, diagnosis.json and the pictures into this folder',
     )
-    parser.add_argument(
-        '--seed',
-        type=seed,
-        default=0,
-        metavar='N',
-        help='random seed of the simulated clean data that set the thresholds (default: 0)',
+    verb.add_seed(
+        parser, 'random seed of the simulated clean data that set the thresholds (default: 0)'
     )
     parser.add_argument(
         '--without',

@@ -11,7 +11,7 @@ import time
 from typing import TYPE_CHECKING
 
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.quantity_option import quantity_type, seed
+from pneunet_ros.cli.quantity_option import quantity_type
 from pneunet_ros.core.errors import ModelError, RecordingError, RequestError
 from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.share import share_path
@@ -77,13 +77,7 @@ def options(parser: ArgumentParser) -> None:
         metavar='NAME',
         help='namespace of the topics of a live arm (default: /pneunet)',
     )
-    parser.add_argument(
-        '--arm-seed',
-        type=seed,
-        default=0,
-        metavar='N',
-        help=('simulate another arm of the same type'),
-    )
+    verb.add_seed(parser, 'simulate another arm of the same type', '--arm-seed')
     parser.add_argument(
         '--model',
         type=Path,
@@ -115,13 +109,7 @@ def options(parser: ArgumentParser) -> None:
         help='largest safe force at the free end: N, or with a unit, e.g. 200mN (default: the '
         'largest of the calibration)',
     )
-    parser.add_argument(
-        '--seed',
-        type=seed,
-        default=0,
-        metavar='N',
-        help=('random seed of noise and thresholds (default: 0)'),
-    )
+    verb.add_seed(parser, 'random seed of noise and thresholds (default: 0)')
     verb.add_effects_path(parser)
 
 

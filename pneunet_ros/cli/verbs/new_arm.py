@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 import sys
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pneunet_ros.cli import verb
@@ -24,8 +23,7 @@ LONGEST = 10.0  # m, of an arm
 STEP = 0.0005  # m, to which places of targets are rounded, to be found on a ruler
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Question:
+class Question(NamedTuple):
     """A question: option, kind of unit, meaning, and a typical value."""
 
     name: str
@@ -35,20 +33,12 @@ class Question:
 
 
 QUESTIONS = (
+    Question('length', 'length', 'length from the clamp to the free end, along the arm', '112mm'),
     Question(
-        name='length',
-        kind='length',
-        meaning='length from the clamp to the free end, along the arm',
-        usual='112mm',
+        'weight', 'force', 'weight of the arm: newtons, or grams as read from a scale', '17g'
     ),
-    Question(
-        name='weight',
-        kind='force',
-        meaning='weight of the arm: newtons, or grams as read from a scale',
-        usual='17g',
-    ),
-    Question(name='pressure', kind='pressure', meaning='largest pressure in use', usual='60kPa'),
-    Question(name='dot', kind='length', meaning='diameter of the dots', usual='3mm'),
+    Question('pressure', 'pressure', 'largest pressure in use', '60kPa'),
+    Question('dot', 'length', 'diameter of the dots', '3mm'),
 )
 
 
@@ -65,15 +55,14 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--targets',
         metavar='N',
-        help=('number of dots, evenly spaced from the clamp to the free end'),
+        help='number of dots, evenly spaced from the clamp to the free end',
     )
     parser.add_argument(
         '--places',
         nargs='+',
         metavar='SIZE',
-        help=(
-            'positions of the dots along the arm, measured from the clamp, instead of their number'
-        ),
+        help='positions of the dots along the arm, measured from the clamp, instead of their '
+        'number',
     )
     parser.add_argument(
         '--output',

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from pneunet_ros.cli import verb
 from pneunet_ros.cli.fitted_table import print_facts
-from pneunet_ros.cli.quantity_option import seed
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals, millimeters
@@ -39,18 +38,15 @@ def options(parser: ArgumentParser) -> None:
         'write the recording here, an .mcap file or a rosbag2 folder, and the ground truth next '
         'to it: x.truth.npz for x.mcap',
     )
-    parser.add_argument(
-        '--seed',
-        type=seed,
-        metavar='N',
-        help=('random seed of the noise of this recording, not of the arm'),
+    verb.add_seed(
+        parser, 'random seed of the noise of this recording, not of the arm', default=None
     )
-    parser.add_argument(
-        '--arm-seed',
-        type=seed,
-        metavar='N',
-        help='random seed of another arm of the same type: parameters up to 15 %% off, targets '
+    verb.add_seed(
+        parser,
+        'random seed of another arm of the same type: parameters up to 15 %% off, targets '
         'repainted (0: the arm of the scenario)',
+        '--arm-seed',
+        default=None,
     )
     parser.add_argument(
         '--effect',

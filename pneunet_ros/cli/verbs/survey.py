@@ -15,7 +15,6 @@ import numpy as np
 from pneunet_ros.cli import verb
 from pneunet_ros.cli.fitted_table import print_rows
 from pneunet_ros.cli.provenance import versions
-from pneunet_ros.cli.quantity_option import seed
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.executor import open_executor
 from pneunet_ros.core.paths import resolved
@@ -72,19 +71,8 @@ def options(parser: ArgumentParser) -> None:
         metavar='FILE',
         help="arm file for arms that have none (default: the shipped model of the paper's arm)",
     )
-    parser.add_argument(
-        '--static',
-        action='store_true',
-        help='take every frame as a steady state: stamps are ignored, and time-dependent effects '
-        'are not considered',
-    )
-    parser.add_argument(
-        '--seed',
-        type=seed,
-        default=0,
-        metavar='N',
-        help='random seed of the simulated data that set the thresholds (default: 0)',
-    )
+    verb.add_static(parser)
+    verb.add_seed(parser, 'random seed of the simulated data that set the thresholds (default: 0)')
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         '--workers',
