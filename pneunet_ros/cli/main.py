@@ -249,9 +249,8 @@ def parser(words: Sequence[str], *, ends: bool = False) -> CommandParser:
         description='Estimate the shape of a pneu-net arm with a rod model and a '
         f'camera.\n{verbs_in_groups()}',
         formatter_class=CommandHelp,
-        epilog=(
-            'Exit codes: 0 done; 1 done, but the answer is negative; 2 invalid request or file.'
-        ),
+        epilog='Exit codes: 0 done; 1 done, but the answer is negative; 2 invalid request '
+        'or file.',
         allow_abbrev=False,
     )
     command.add_argument('--version', action='version', version=f'pneunet_ros {__version__}')

@@ -87,11 +87,7 @@ class SurveyWork:
             )
             kept = read_experiments((arm.roles['heldout'],), frame, of_heldout, bar)
             folder = Path(place) / 'arm'
-            notes = [
-                *(f'not used: {x}' for x in arm.ignored),
-                *read.sentences,
-                *kept.left_out,
-            ]
+            notes = [*(f'not used: {x}' for x in arm.ignored), *read.sentences, *kept.left_out]
             given = Given(
                 notes=tuple(notes),
                 model=f'DIR/{CALIBRATED}',

@@ -35,11 +35,7 @@ from pneunet_ros.offline.track import (
 from pneunet_ros.recordings.file_kinds import NO_LENS
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest, TOPIC_NAMES
 from pneunet_ros.recordings.image_stream import ImageStream
-from pneunet_ros.recordings.recording_writer import (
-    check_name,
-    RecordingWriter,
-    write_recording,
-)
+from pneunet_ros.recordings.recording_writer import check_name, RecordingWriter, write_recording
 from pneunet_ros.tables.table_writer import write_table
 from pneunet_ros.vision.camera.camera_settings import CameraSettings, PosePlane
 from pneunet_ros.vision.tracker import Tracker, Tracking
@@ -203,11 +199,7 @@ def table_writer(arguments: Namespace, stack: ExitStack) -> list[Callable[[Track
 
 
 def preview_followers(
-    arguments: Namespace,
-    stack: ExitStack,
-    stream: ImageStream,
-    arm: Arm,
-    film: Mapping[str, Any],
+    arguments: Namespace, stack: ExitStack, stream: ImageStream, arm: Arm, film: Mapping[str, Any]
 ) -> list[Follower]:
     """Open the requested preview; return the consumers of steps.
 

@@ -21,11 +21,7 @@ IMAGE_OPTIONS = ('camera_info', 'clamp_pixel', 'rate')
 
 
 def open_preview(
-    arguments: Namespace,
-    stream: ImageStream,
-    arm: Arm,
-    film: Mapping[str, Any],
-    **options: Any,
+    arguments: Namespace, stream: ImageStream, arm: Arm, film: Mapping[str, Any], **options: Any
 ) -> AbstractContextManager[Preview | TrackingPage]:
     """Return a preview of all frames, written when its context ends without an error.
 

@@ -306,8 +306,7 @@ def _check_place(
         )
     elif replaceable:
         raise RecordingError(
-            f'{path} is a file, not a folder: choose another name',
-            reason='wrong_kind',
+            f'{path} is a file, not a folder: choose another name', reason='wrong_kind'
         )
     if not overwrite:
         raise RecordingError(

@@ -52,7 +52,7 @@ class PlainConstructor(SafeConstructor):
         text: str = super().construct_yaml_str(node)
         if any(character == '\0' or '\ud800' <= character <= '\udfff' for character in text):
             raise ConstructorError(
-                problem=('a text with a null character or an incomplete character'),
+                problem='a text with a null character or an incomplete character',
                 problem_mark=node.start_mark,
             )
         return text

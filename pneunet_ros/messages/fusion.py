@@ -106,9 +106,7 @@ def end_wrench(fused: FusedEstimate, heading: Any, types: MessageTypes) -> Any:
 def pressure_bias(fused: FusedEstimate, heading: Any, types: MessageTypes) -> Any:
     """Build a FluidPressure of the slow pressure-like error (Pa) and its variance (Pa^2)."""
     return types(PRESSURE_TYPE)(
-        header=heading,
-        fluid_pressure=fused.pressure_bias,
-        variance=fused.pressure_bias_std**2,
+        header=heading, fluid_pressure=fused.pressure_bias, variance=fused.pressure_bias_std**2
     )
 
 
@@ -117,9 +115,7 @@ def of_estimate(output: Output[ShapeEstimate]) -> Output[FusedEstimate]:
     numbers = cast(Callable[[ShapeEstimate], npt.NDArray[Any]], output.numbers)
     fused = cast(Output[Any], output)
     return replace(
-        fused,
-        name=f'{FUSED}/{output.name}',
-        numbers=lambda result: numbers(result.estimate),
+        fused, name=f'{FUSED}/{output.name}', numbers=lambda result: numbers(result.estimate)
     )
 
 

@@ -139,9 +139,7 @@ def tip_transform(
         rotation=types('geometry_msgs/msg/Quaternion')(x=0.0, y=0.0, z=turn_z, w=turn_w),
     )
     stamped = types('geometry_msgs/msg/TransformStamped')(
-        header=heading,
-        child_frame_id=tip_frame,
-        transform=transform,
+        header=heading, child_frame_id=tip_frame, transform=transform
     )
     return types(TRANSFORM_TYPE)(transforms=[stamped])
 

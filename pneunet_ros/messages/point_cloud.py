@@ -46,10 +46,7 @@ def cloud_points(message: Any) -> npt.NDArray[Any]:
     if not needed:
         return np.empty(0, point)
     rows = np.ndarray(
-        (height, width),
-        point,
-        np.ascontiguousarray(data),
-        strides=(row_step, point_step),
+        (height, width), point, np.ascontiguousarray(data), strides=(row_step, point_step)
     )
     return rows.reshape(-1)
 

@@ -18,12 +18,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import are_numbers, Array, freeze
 from pneunet_ros.core.arrivals import ArrivalOrder
 from pneunet_ros.core.errors import MessageError
-from pneunet_ros.core.frames import (
-    BASE_FRAME,
-    heading_quaternion,
-    planar_heading,
-    rotation_matrix,
-)
+from pneunet_ros.core.frames import BASE_FRAME, heading_quaternion, planar_heading, rotation_matrix
 from pneunet_ros.core.readings import (
     PressureReading,
     TargetSightings,
@@ -171,9 +166,7 @@ def pressure_message(
 ) -> Any:
     """Build a FluidPressure of a pressure (1,) Pa; variance in Pa^2, 0 = unknown."""
     return types(PRESSURE_TYPE)(
-        header=header(stamp_ns, frame_id, types),
-        fluid_pressure=float(row[0]),
-        variance=variance,
+        header=header(stamp_ns, frame_id, types), fluid_pressure=float(row[0]), variance=variance
     )
 
 
@@ -184,8 +177,7 @@ def wrench_message(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes
     return types(WRENCH_TYPE)(
         header=header(stamp_ns, frame_id, types),
         wrench=types('geometry_msgs/msg/Wrench')(
-            force=vector(x=force_x, y=force_y, z=0.0),
-            torque=vector(x=0.0, y=0.0, z=moment),
+            force=vector(x=force_x, y=force_y, z=0.0), torque=vector(x=0.0, y=0.0, z=moment)
         ),
     )
 
@@ -222,11 +214,7 @@ def targets_message(
     nothing = np.full(seen.size, np.nan)
     values = dict.fromkeys(('u', 'v', 'area', 'major', 'minor', 'angle'), nothing)
     sightings = TargetSightings(
-        stamp_ns=stamp_ns,
-        x=places[0],
-        y=places[1],
-        std=np.where(seen, std, np.nan),
-        **values,
+        stamp_ns=stamp_ns, x=places[0], y=places[1], std=np.where(seen, std, np.nan), **values
     )
     return TARGETS_OUTPUT.encode(sightings, frame_id, types)
 
@@ -393,13 +381,7 @@ BASE_IMU = Sensor(
 )
 # The end load of a string whose tension is known: no sensor has read it, and none is taken for it.
 STRING_WRENCH = replace(END_WRENCH, name='string_wrench', label='pull of the string')
-SENSORS: tuple[Sensor[Any], ...] = (
-    PRESSURE,
-    END_WRENCH,
-    TARGETS,
-    TIP_POSE,
-    BASE_IMU,
-)
+SENSORS: tuple[Sensor[Any], ...] = (PRESSURE, END_WRENCH, TARGETS, TIP_POSE, BASE_IMU)
 FIXED_FRAMES, FRAMES = (
     Input(
         name=name,
@@ -418,14 +400,7 @@ OF_ESTIMATOR: tuple[Input[Any], ...] = (
     PRESSURE,
     TARGETS,
 )
-OF_FUSION: tuple[Input[Any], ...] = (
-    FIXED_FRAMES,
-    FRAMES,
-    BASE_IMU,
-    END_WRENCH,
-    TARGETS,
-    PRESSURE,
-)
+OF_FUSION: tuple[Input[Any], ...] = (FIXED_FRAMES, FRAMES, BASE_IMU, END_WRENCH, TARGETS, PRESSURE)
 FUSED = 'fused'  # namespace of what the fusion estimates
 
 

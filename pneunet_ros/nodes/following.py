@@ -16,12 +16,7 @@ from typing import Any
 
 from pneunet_ros.nodes.parameters import overrides
 from pneunet_ros.nodes.topics import POLICIES, subscription
-from rclpy.qos import (
-    DurabilityPolicy,
-    QoSPolicyKind,
-    QoSProfile,
-    ReliabilityPolicy,
-)
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 
 # A tenth of a second at 60 Hz: a node that had to wait catches up. Where images come faster than
 # they can be looked at, the oldest are dropped, and what is published is not older than that.

@@ -19,12 +19,7 @@ from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.offline.judge import judge_recording, NO_VERDICTS, Verdicts
 from pneunet_ros.offline.uses import run_reader, UseRequest, uses
 from pneunet_ros.recordings.recorded_gravity import mounted, read_gravity
-from pneunet_ros.recordings.recorded_series import (
-    find_series,
-    nearest,
-    read_series,
-    ReadingSeries,
-)
+from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series, ReadingSeries
 from pneunet_ros.recordings.recording import open_recording, Recording
 
 GAP = 2.5  # median periods without a message

@@ -28,8 +28,7 @@ def recorder_of(namespace: str) -> Callable[[Experiment, SafeSet, Path], None]:
     """
     if find_spec('rclpy') is None:
         raise RequestError(
-            f'--live needs ROS 2: {GET_ROS}; without ROS 2, use --by-hand',
-            reason='not_installed',
+            f'--live needs ROS 2: {GET_ROS}; without ROS 2, use --by-hand', reason='not_installed'
         )
 
     def record(experiment: Experiment, safe: SafeSet, path: Path) -> None:

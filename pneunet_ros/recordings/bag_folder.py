@@ -33,8 +33,7 @@ def stored_files(path: Path) -> list[Path]:
     """
     if not path.exists():
         raise RecordingError(
-            f'{path} does not exist: give an .mcap file or a rosbag2 folder',
-            reason='not_found',
+            f'{path} does not exist: give an .mcap file or a rosbag2 folder', reason='not_found'
         )
     if not path.is_dir():
         return [path]

@@ -91,8 +91,7 @@ def read_run(
         if not len(item.stamp_ns):
             why = '; '.join(item.sentences()) or 'the topic is empty'
             raise RecordingError(
-                f'{path}: {item.topic} contains nothing usable: {why}',
-                reason='nothing_usable',
+                f'{path}: {item.topic} contains nothing usable: {why}', reason='nothing_usable'
             )
         sentences += item.sentences()
 

@@ -158,8 +158,7 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
     timed = rate is None and len(times) > 1 and bool(np.all(np.diff(times) > 0.0))
     if not (timed or rate or (math.isfinite(own) and RATES[0] <= own <= RATES[1])):
         raise RequestError(
-            f'{path} does not state its frame rate: give --rate HZ',
-            reason='no_rate',
+            f'{path} does not state its frame rate: give --rate HZ', reason='no_rate'
         )
     used = rate or own
     if timed and not RATES[0] <= own <= RATES[1]:

@@ -12,11 +12,7 @@ from pneunet_ros.core.image import Image
 from pneunet_ros.files.camera_file import load_camera_info
 from pneunet_ros.messages.builders import IMAGE_TYPE
 from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
-from pneunet_ros.messages.tracker import (
-    CAMERA_INFO_TYPE,
-    decode_compressed_image,
-    TRACKER_INPUTS,
-)
+from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, decode_compressed_image, TRACKER_INPUTS
 from pneunet_ros.recordings.bag_folder import is_recording, METADATA
 from pneunet_ros.recordings.file_kinds import NO_LENS, VIDEOS
 from pneunet_ros.recordings.image_files import folder_images, video_images

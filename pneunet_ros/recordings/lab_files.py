@@ -18,13 +18,7 @@ from pneunet_ros.files.npz import ArchiveError, Declared, read_arrays
 from pneunet_ros.files.yaml_file import one_line
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
 from pneunet_ros.lab.scenario import describe
-from pneunet_ros.messages.readings import (
-    BASE_IMU,
-    END_WRENCH,
-    PRESSURE,
-    TARGETS,
-    targets_message,
-)
+from pneunet_ros.messages.readings import BASE_IMU, END_WRENCH, PRESSURE, TARGETS, targets_message
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording
 

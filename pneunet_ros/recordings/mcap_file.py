@@ -41,14 +41,7 @@ PIECE = 1 << 20  # bytes read at a time for a checksum
 LATEST_LOG_TIME = 2**63 - 1  # ns, in the year 2262
 
 # What the decompressors and the parsing of damaged bytes raise.
-DAMAGE = (
-    ValueError,
-    OverflowError,
-    struct.error,
-    RuntimeError,
-    zstandard.ZstdError,
-    McapError,
-)
+DAMAGE = (ValueError, OverflowError, struct.error, RuntimeError, zstandard.ZstdError, McapError)
 
 _CHUNK_CHECKSUM = struct.calcsize('<QQQ')  # bytes before it in a chunk
 _FOOTER_CHECKSUM = struct.calcsize('<QQ')

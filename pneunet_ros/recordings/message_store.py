@@ -13,12 +13,7 @@ from typing import Any
 import numpy.typing as npt
 from pneunet_ros.core.errors import MessageError, RecordingError
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import (
-    get_types_from_idl,
-    get_types_from_msg,
-    get_typestore,
-    Stores,
-)
+from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 from rosbags.typesys.store import Typestore
 
 SEPARATOR = '=' * 80 + '\n'  # between the definitions of a type and of those it depends on

@@ -12,18 +12,8 @@ from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.estimation.shape_error import (
-    Centerlines,
-    Pressures,
-    ShapeSeries,
-    Tips,
-)
-from pneunet_ros.messages.builders import (
-    nanoseconds,
-    POINTS_TYPE,
-    POSE_TYPE,
-    UNFIT,
-)
+from pneunet_ros.estimation.shape_error import Centerlines, Pressures, ShapeSeries, Tips
+from pneunet_ros.messages.builders import nanoseconds, POINTS_TYPE, POSE_TYPE, UNFIT
 from pneunet_ros.messages.point_cloud import cloud_points
 from pneunet_ros.messages.readings import PRESSURE, TARGETS, TIP_POSE
 from pneunet_ros.recordings.recorded_series import find_recorded, read_series

@@ -89,12 +89,7 @@ _BARE = {
 }
 _PREPOSITIONS = ('at',)
 # What others call a time or a pressure, which its unit makes sure.
-_UNMISTAKABLE = {
-    't': TIME,
-    'elapsed': TIME,
-    'timestamp': TIME,
-    'p': 'pressure',
-}
+_UNMISTAKABLE = {'t': TIME, 'elapsed': TIME, 'timestamp': TIME, 'p': 'pressure'}
 # What others call a quantity: to ask whether it was meant, as a letter alone can mean much.
 _OTHER_WORDS = {
     't': TIME,

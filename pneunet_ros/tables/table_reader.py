@@ -234,10 +234,7 @@ def string_force(
     counter-clockwise about z from there, as the paper's strings turn when the end moves.
     """
     a, b = np.asarray(force_a), np.asarray(force_b)
-    return (
-        a * np.cos(angle_a) - b * np.sin(angle_b),
-        a * np.sin(angle_a) + b * np.cos(angle_b),
-    )
+    return (a * np.cos(angle_a) - b * np.sin(angle_b), a * np.sin(angle_a) + b * np.cos(angle_b))
 
 
 def _readings(names: Iterable[str]) -> list[str]:

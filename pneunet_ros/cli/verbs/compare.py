@@ -30,9 +30,8 @@ def options(parser: ArgumentParser) -> None:
         'a',
         type=Path,
         metavar='A',
-        help=(
-            'a recording with `tip` and `shape` (from `replay`), or with `targets` (from `track`)'
-        ),
+        help='a recording with `tip` and `shape` (from `replay`), or with `targets` (from '
+        '`track`)',
     )
     parser.add_argument(
         'b',

@@ -12,11 +12,7 @@ from pathlib import Path
 import time
 
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.experiments import (
-    add_experiments,
-    calibration_settings,
-    read_experiments,
-)
+from pneunet_ros.cli.experiments import add_experiments, calibration_settings, read_experiments
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.executor import open_executor
 from pneunet_ros.core.paths import resolved

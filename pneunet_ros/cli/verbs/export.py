@@ -74,10 +74,7 @@ def run(arguments: Namespace) -> int:
     if tips is not None:
         content |= tip_columns(tips, table.stamp_ns, units)
     write_columns(
-        arguments.output,
-        content,
-        overwrite=arguments.overwrite,
-        inputs=[arguments.recording],
+        arguments.output, content, overwrite=arguments.overwrite, inputs=[arguments.recording]
     )
     summary = {
         'recording': arguments.recording,

@@ -28,11 +28,7 @@ from pneunet_ros.measurement.pressure_convention import GAUGE, PressureConventio
 from pneunet_ros.measurement.pressure_judge import expected_of, judge_pressure, record_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load
-from pneunet_ros.model.equilibrium import (
-    failed_shape,
-    solve,
-    steady_pressure,
-)
+from pneunet_ros.model.equilibrium import failed_shape, solve, steady_pressure
 from pneunet_ros.model.inverse import solve_tip
 from pneunet_ros.model.pressure_search import pressure_for_force, pressure_for_tip
 from pneunet_ros.model.shape import Shape
@@ -95,9 +91,8 @@ def options(parser: ArgumentParser) -> None:
         type=quantity_type('length'),
         nargs=2,
         metavar=('X', 'Y'),
-        help=(
-            'position of the tip: m, or with a unit, e.g. 95mm; the end force is estimated from it'
-        ),
+        help='position of the tip: m, or with a unit, e.g. 95mm; the end force is estimated '
+        'from it',
     )
     parser.add_argument(
         '--tip-std',

@@ -78,7 +78,7 @@ def options(parser: ArgumentParser) -> None:
         '--workers',
         type=int,
         metavar='N',
-        help=('number of arms processed at the same time (default: one per core)'),
+        help='number of arms processed at the same time (default: one per core)',
     )
     where.add_argument(
         '--scheduler',

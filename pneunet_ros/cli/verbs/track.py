@@ -23,10 +23,8 @@ def options(parser: ArgumentParser) -> None:
         '--camera',
         type=Path,
         metavar='FILE',
-        help=(
-            'camera file, YAML: working plane, clamp and appearance of the targets (default: the '
-            'shipped camera.yaml)'
-        ),
+        help='camera file, YAML: working plane, clamp and appearance of the targets (default: the '
+        'shipped camera.yaml)',
     )
     parser.add_argument(
         '--camera-info',
@@ -70,7 +68,7 @@ def options(parser: ArgumentParser) -> None:
         '--table',
         type=Path,
         metavar='FILE.csv',
-        help=('write a table with one line per target and frame'),
+        help='write a table with one line per target and frame',
     )
     parser.add_argument(
         '--rate',

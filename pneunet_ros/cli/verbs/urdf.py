@@ -23,10 +23,8 @@ def options(parser: ArgumentParser) -> None:
         type=int,
         default=DEFAULTS.stations,
         metavar='N',
-        help=(
-            'number of stations of the estimator whose joint_states move the chain (default: '
-            '%(default)s)'
-        ),
+        help='number of stations of the estimator whose joint_states move the chain (default: '
+        '%(default)s)',
     )
     parser.add_argument(
         '--frame-id',

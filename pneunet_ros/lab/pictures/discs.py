@@ -66,11 +66,7 @@ def see_discs(camera: Camera, x: Array, y: Array, radius: Array) -> Discs:
     )
     edge_u, edge_v = u[:, 9:] - u[:, :1], v[:, 9:] - v[:, :1]
     return Discs(
-        u=u[:, 0],
-        v=v[:, 0],
-        slope=slope,
-        bend=bend,
-        **_polygon(u[:, 0], v[:, 0], edge_u, edge_v),
+        u=u[:, 0], v=v[:, 0], slope=slope, bend=bend, **_polygon(u[:, 0], v[:, 0], edge_u, edge_v)
     )
 
 

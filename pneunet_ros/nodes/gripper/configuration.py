@@ -63,9 +63,8 @@ class GripperSettings:
     closing_gain: float = quantity(
         3.0,
         unit='1/s',
-        meaning=(
-            'share of the remaining error that is corrected per second; reduce it for a slow valve'
-        ),
+        meaning='share of the remaining error that is corrected per second; reduce it for a slow '
+        'valve',
         bounds=(1e-3, 1e3),
     )
     hold_after: float = quantity(

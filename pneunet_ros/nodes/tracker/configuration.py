@@ -47,9 +47,7 @@ class TrackerSettings:
         BASE_FRAME, 'frame at the clamp, of all outputs except image_annotated'
     )
     image_transport: str = setting(
-        'raw',
-        'topic of the images: image_raw, or image_raw/compressed',
-        ('raw', 'compressed'),
+        'raw', 'topic of the images: image_raw, or image_raw/compressed', ('raw', 'compressed')
     )
 
     def __post_init__(self) -> None:
@@ -112,8 +110,7 @@ def configured_tracker(
     if current is not None and of_camera == (current.node.camera_file, current.node.clamp_pixel):
         settings = current.tracker.settings
     tracker = Tracker(
-        arm or known_model(node.model_file, node.effects_path),
-        settings or camera_of(node),
+        arm or known_model(node.model_file, node.effects_path), settings or camera_of(node)
     )
     return TrackerConfiguration(node=node, tracker=tracker)
 

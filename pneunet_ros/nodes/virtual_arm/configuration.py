@@ -54,9 +54,8 @@ class VirtualArmSettings:
     swing_period: float = quantity(
         0.0,
         unit='s',
-        meaning=(
-            'period of inflating and deflating until the first command; 0: the arm waits at rest'
-        ),
+        meaning='period of inflating and deflating until the first command; 0: the arm waits at '
+        'rest',
         bounds=(0.0, 1e4),
     )
     frame_id: str = setting(BASE_FRAME, 'frame of end_wrench, targets and true_tip, at the clamp')

@@ -23,13 +23,7 @@ from pneunet_ros.lab.chain import ChainShape
 from pneunet_ros.lab.live import Film, LiveLab, Load, SCENE
 from pneunet_ros.lab.moving_arm import MovingShape
 from pneunet_ros.messages.builders import header, image, IMAGE_TYPE, UNREADABLE
-from pneunet_ros.messages.readings import (
-    BASE_IMU,
-    END_WRENCH,
-    PRESSURE,
-    TARGETS,
-    targets_message,
-)
+from pneunet_ros.messages.readings import BASE_IMU, END_WRENCH, PRESSURE, TARGETS, targets_message
 from pneunet_ros.messages.tracker import camera_info_message, CAMERA_INFO_TYPE
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.place import ALONE, Place

@@ -12,10 +12,7 @@ from pneunet_ros.reports.calibration.residual_figures import (
     draw_residuals_by_target,
     law_comparison,
 )
-from pneunet_ros.reports.calibration.shape_figures import (
-    free_shapes,
-    loaded_shapes,
-)
+from pneunet_ros.reports.calibration.shape_figures import free_shapes, loaded_shapes
 from pneunet_ros.reports.calibration.trend_figures import linearity, sensitivity
 from pneunet_ros.reports.figure import draw_figures, Figures, Pictures
 
@@ -30,11 +27,7 @@ FIGURES: Figures[FigureData] = {
         sensitivity,
         linearity,
     ),
-    'residuals': (
-        draw_residuals_by_frame,
-        draw_residuals_by_target,
-        law_comparison,
-    ),
+    'residuals': (draw_residuals_by_frame, draw_residuals_by_target, law_comparison),
 }
 
 

@@ -21,12 +21,7 @@ from pneunet_ros.reports.calibration.tables import (
     number_rows,
     Row,
 )
-from pneunet_ros.reports.calibration.verdict import (
-    Files,
-    residual_rms,
-    UNKNOWN_FILES,
-    verdict_of,
-)
+from pneunet_ros.reports.calibration.verdict import Files, residual_rms, UNKNOWN_FILES, verdict_of
 from pneunet_ros.reports.figure import Pictures, render_page
 
 PAGE = 'index.html'

@@ -16,12 +16,7 @@ from pneunet_ros.calibration.calibration import domain_of
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.units import quantities
-from pneunet_ros.diagnosis.result import (
-    Diagnosis,
-    Evaluation,
-    Misfit,
-    UnsettledDiagnosis,
-)
+from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Misfit, UnsettledDiagnosis
 from pneunet_ros.diagnosis.settings import DiagnosisSettings
 from pneunet_ros.discovery.proposed_effect import PREFIX
 from pneunet_ros.discovery.result import Discovered, Discovery, NOTHING_SEARCHED
@@ -32,12 +27,7 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.diagnosis.figures import FIGURES
-from pneunet_ros.reports.diagnosis.report import (
-    Given,
-    NOTHING_GIVEN,
-    report_page,
-    unsettled_page,
-)
+from pneunet_ros.reports.diagnosis.report import Given, NOTHING_GIVEN, report_page, unsettled_page
 from pneunet_ros.reports.figure import draw_figures
 
 NUMBERS, MODEL, PAGE = 'diagnosis.json', 'model.yaml', 'report.html'
@@ -157,9 +147,7 @@ def ending(seed: int, *settings: DiagnosisSettings | DiscoverySettings) -> dict[
 
 
 def diagnosis_content(
-    diagnosis: Diagnosis,
-    provenance: Mapping[str, Any],
-    discovery: Discovery = NOTHING_SEARCHED,
+    diagnosis: Diagnosis, provenance: Mapping[str, Any], discovery: Discovery = NOTHING_SEARCHED
 ) -> dict[str, Any]:
     """Return the content of `diagnosis.json`; see docs/diagnosis.md."""
     before, after, found = diagnosis.before, diagnosis.after, discovery.evaluation

@@ -14,15 +14,7 @@ from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.paper_views.moment_curvature import moment_view
 from pneunet_ros.reports.paper_views.steady_states import arm_points, average
-from pneunet_ros.reports.style import (
-    draw_dots,
-    FIRST,
-    GREY,
-    legend,
-    panels,
-    same_height,
-    SECOND,
-)
+from pneunet_ros.reports.style import draw_dots, FIRST, GREY, legend, panels, same_height, SECOND
 from pneunet_ros.solver.columns import CURVATURE, INTRINSIC_CURVATURE
 from pneunet_ros.vision.smoother import FEWEST_TARGETS
 

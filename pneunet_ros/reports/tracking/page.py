@@ -70,11 +70,7 @@ class TrackingPage:
     _frames: list[dict[str, Any]] = field(default_factory=list)
 
     def add(
-        self,
-        log_time_ns: int,
-        image: Image | None,
-        tracking: Tracking | None,
-        state: TrackerState,
+        self, log_time_ns: int, image: Image | None, tracking: Tracking | None, state: TrackerState
     ) -> None:
         """Add a frame; None for an unreadable or skipped one."""
         self.preview.add(log_time_ns, image, tracking, state)

@@ -72,11 +72,7 @@ class Preview:
     _rms: list[float] = field(default_factory=list)
 
     def add(
-        self,
-        log_time_ns: int,
-        image: Image | None,
-        tracking: Tracking | None,
-        state: TrackerState,
+        self, log_time_ns: int, image: Image | None, tracking: Tracking | None, state: TrackerState
     ) -> None:
         """Add a frame; None for an unreadable or skipped one."""
         status = np.full(self.targets, -1, np.int8)
@@ -180,9 +176,7 @@ class Preview:
                 curvatures.plot(s, curve.curvature, color=color, linewidth=1.8)
                 draw_band(curvatures, s, curve.curvature, curve.std_curvature, color, alpha=0.2)
         centerlines.set(
-            title=f'Smoothed centerlines ({len(times)} frames)',
-            xlabel='x (mm)',
-            ylabel='y (mm)',
+            title=f'Smoothed centerlines ({len(times)} frames)', xlabel='x (mm)', ylabel='y (mm)'
         )
         centerlines.set_aspect('equal', adjustable='datalim')
         curvatures.set(
