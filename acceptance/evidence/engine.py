@@ -103,9 +103,10 @@ class Engine:
             covariance=np.eye(len(kept)),
             left_out_gain=0.0,
             explained=0.0,
-            std=1.0,
         )
-        fits = JointFits(self.selection, self.first, trial, place.search)
+        fits = JointFits(
+            selection=self.selection, first=self.first, base=trial, search=place.search
+        )
         proposal = fits.propose(law)
         return None if proposal is None else proposal.trial
 

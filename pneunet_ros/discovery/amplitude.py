@@ -9,20 +9,20 @@ frame, and z and C are those of all or some runs.
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 import itertools
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.linearization import Linearization
-from pneunet_ros.diagnosis.refit import Refit
-from pneunet_ros.effects.effect import Effect
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import scipy
 
 Runs = tuple[int, ...]
+Parts = tuple[Array, Array, Array]  # columns^T columns, X^T columns, columns^T residuals
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,12 +36,6 @@ class Evidence:
         """Return the evidence for some of the columns."""
         return Evidence(
             score=self.score[list(chosen)], information=self.information[np.ix_(chosen, chosen)]
-        )
-
-    def along(self, factors: Array) -> Evidence:
-        """Return the evidence for m linear combinations of the columns, with factors (n, m)."""
-        return Evidence(
-            score=factors.T @ self.score, information=factors.T @ self.information @ factors
         )
 
     def log_gain(self, std: float) -> float:
@@ -80,38 +74,24 @@ class Projection:
             self.solved[runs] = factor, scipy.linalg.cho_solve(factor, vector)
         return self.solved[runs]
 
+    def evidence(self, runs: Runs, gram: Array, cross: Array, score: Array) -> Evidence:
+        """Return the evidence for columns in these runs.
 
-@dataclass(frozen=True, eq=False)
-class Columns:
-    """Whitened columns (rows, n) of every run of a fit, ready for evidence in any of the runs."""
-
-    projection: Projection
-    white: tuple[Array, ...]
-
-    @cached_property
-    def parts(self) -> list[tuple[Array, Array, Array]]:
-        """Per run: columns^T columns, X^T columns, columns^T residuals."""
-        gaussian = self.projection.gaussian
-        return [
-            (item.T @ item, columns.T @ item, item.T @ residuals)
-            for item, columns, residuals in zip(
-                self.white, gaussian.columns, gaussian.residuals, strict=True
-            )
-        ]
-
-    def evidence(self, runs: Runs) -> Evidence:
-        """Return score and information in these runs alone."""
-        factor, step = self.projection.of(runs)
-        gram, cross, score = (np.zeros_like(part) for part in self.parts[0])
-        for which in runs:
-            gram, cross, score = (
-                total + part
-                for total, part in zip((gram, cross, score), self.parts[which], strict=True)
-            )
+        gram, cross, score: columns^T columns, X^T columns and columns^T residuals.
+        """
+        factor, step = self.of(runs)
         return Evidence(
             score=score - cross.T @ step,
             information=gram - cross.T @ scipy.linalg.cho_solve(factor, cross),
         )
+
+
+class RunColumns(abc.ABC):
+    """Columns of every run of a fit, ready for evidence in any of the runs."""
+
+    @abc.abstractmethod
+    def evidence(self, runs: Runs) -> Evidence:
+        """Return score and information in these runs alone."""
 
     def left_out(self, runs: Runs) -> tuple[Evidence, ...]:
         """Return the evidence in these runs, then without each of them in turn."""
@@ -120,37 +100,71 @@ class Columns:
             *(self.evidence(tuple(other for other in runs if other != which)) for which in runs),
         )
 
+    def left_out_gain(self, runs: Runs, std: float) -> float:
+        """Return the gain in log probability of every run predicted from the others."""
+        everything, *others = (item.log_gain(std) for item in self.left_out(runs))
+        return sum(everything - item for item in others)
 
-class FrameColumns:
-    """A field with one column per frame of every run.
 
-    Evidence covers the frames of all runs in order, with zeros for other runs. parts: per run,
-    columns^T columns, X^T columns, columns^T residuals.
+@dataclass(frozen=True, eq=False)
+class Columns(RunColumns):
+    """Whitened columns (rows, n) of every run, with the same coefficients in all of them."""
+
+    projection: Projection
+    white: tuple[Array, ...]
+
+    @cached_property
+    def parts(self) -> list[Parts]:
+        """The part of each run."""
+        gaussian = self.projection.gaussian
+        return [
+            parts_of(*run)
+            for run in zip(self.white, gaussian.columns, gaussian.residuals, strict=True)
+        ]
+
+    def evidence(self, runs: Runs) -> Evidence:
+        """Return score and information in these runs alone."""
+        sums = [np.zeros_like(part) for part in self.parts[0]]
+        for which in runs:
+            sums = [total + part for total, part in zip(sums, self.parts[which], strict=True)]
+        return self.projection.evidence(runs, *sums)
+
+
+@dataclass(frozen=True, eq=False)
+class OwnColumns(RunColumns):
+    """Columns with coefficients of their own in every run, such as one per frame.
+
+    Evidence covers those of all runs in order, with zeros for other runs.
     """
 
-    def __init__(
-        self, projection: Projection, parts: Sequence[tuple[Array, Array, Array]]
-    ) -> None:
-        self.projection, self.parts = projection, parts
-        ends = np.cumsum([0, *(score.size for _, _, score in parts)])
-        self.frames = [slice(first, last) for first, last in itertools.pairwise(ends.tolist())]
+    projection: Projection
+    parts: Sequence[Parts]
 
     @classmethod
-    def of(
+    def of_frames(
         cls, projection: Projection, linearization: Linearization, fields: Sequence[Array]
-    ) -> FrameColumns:
+    ) -> OwnColumns:
         """Take a field (frames, 2 targets) m of every run, whitened frame by frame."""
-        gaussian, parts = projection.gaussian, []
-        for block, field, columns, residuals in zip(
-            linearization.blocks, fields, gaussian.columns, gaussian.residuals, strict=True
-        ):
-            white = block.white_by_frame(field[:, :, None])
-            parts.append((white.T @ white, columns.T @ white, white.T @ residuals))
-        return cls(projection, parts)
+        gaussian = projection.gaussian
+        return cls(
+            projection,
+            [
+                parts_of(block.white_by_frame(field[:, :, None]), columns, residuals)
+                for block, field, columns, residuals in zip(
+                    linearization.blocks, fields, gaussian.columns, gaussian.residuals, strict=True
+                )
+            ],
+        )
 
-    def along(self, factors: Sequence[Array]) -> FrameColumns:
-        """Return weighted sums over the frames of every run; factors: (frames, n) per run."""
-        return FrameColumns(
+    @cached_property
+    def of_run(self) -> list[slice]:
+        """The columns of each run."""
+        ends = np.cumsum([0, *(score.size for _, _, score in self.parts)])
+        return [slice(first, last) for first, last in itertools.pairwise(ends.tolist())]
+
+    def along(self, factors: Sequence[Array]) -> OwnColumns:
+        """Return weighted sums over the columns of every run; factors: (columns, n) per run."""
+        return OwnColumns(
             self.projection,
             [
                 (factor.T @ gram @ factor, cross @ factor, factor.T @ score)
@@ -158,23 +172,19 @@ class FrameColumns:
             ],
         )
 
-    def of_run(self, which: int) -> Array:
-        """Return the mask (frames,) of the frames of a run."""
-        own = self.frames[which]
-        return np.arange(own.start, own.stop)
-
     def evidence(self, runs: Runs) -> Evidence:
         """Return score and information in these runs alone."""
-        factor, step = self.projection.of(runs)
-        count, base = self.frames[-1].stop, step.size
-        score, gram, cross = np.zeros(count), np.zeros((count, count)), np.zeros((base, count))
+        count, base = self.of_run[-1].stop, self.projection.gaussian.position.size
+        gram, cross, score = np.zeros((count, count)), np.zeros((base, count)), np.zeros(count)
         for which in runs:
-            own = self.frames[which]
+            own = self.of_run[which]
             gram[own, own], cross[:, own], score[own] = self.parts[which]
-        return Evidence(
-            score=score - cross.T @ step,
-            information=gram - cross.T @ scipy.linalg.cho_solve(factor, cross),
-        )
+        return self.projection.evidence(runs, gram, cross, score)
+
+
+def parts_of(white: Array, columns: Array, residuals: Array) -> Parts:
+    """Return columns^T columns, X^T columns and columns^T residuals of whitened columns."""
+    return white.T @ white, columns.T @ white, white.T @ residuals
 
 
 def log_gains(score: Array, information: Array, stds: Sequence[float] | Array) -> Array:
@@ -204,38 +214,3 @@ def left_out_gains(
     )
     gains = log_gains(score, information, stds)
     return np.asarray((gains[0] - gains[1:]).sum(axis=0))
-
-
-def unit_fields(
-    fit: Refit, before: Sequence[Array], effect: Effect, size: float
-) -> tuple[Array, ...] | None:
-    """Return the derivatives of points (frames, 2 targets) m by an amplitude, per run.
-
-    before: points (frames, 2, targets) m of the fit; effect: with an amplitude of `size` in every
-    frame of the runs. None if the arm has no shape with this effect.
-    """
-    linearization, point = fit.linearization, fit.point
-    runs = range(len(linearization.blocks))
-    after = linearization.points(replace(point, effects=(*point.effects, effect)).arm, runs)
-    if after is None:
-        return None
-    return tuple(
-        np.nan_to_num(with_it - without).reshape(len(without), -1) / size
-        for with_it, without in zip(after, before, strict=True)
-    )
-
-
-def columns_of(
-    projection: Projection,
-    linearization: Linearization,
-    fields: Sequence[Array],
-    factors: Sequence[Array],
-) -> Columns:
-    """Return fields (frames, 2 targets) m times factors (frames, n) per run, whitened."""
-    return Columns(
-        projection,
-        tuple(
-            block.white(field[:, :, None] * factor[:, None, :])
-            for block, field, factor in zip(linearization.blocks, fields, factors, strict=True)
-        ),
-    )

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.diagnosis.generic_field import high_pass
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.discovery.settings import CovariateSettings, DISCOVERY
 from pneunet_ros.measurement.dataset import RecordingData
@@ -24,55 +25,52 @@ CONSTANT, ELAPSED, PLAY, RATE = '1', 't', 'side of the play', 'dp/dt'
 # Widths of plays, in units of the usual one: sums of them come near to any hysteresis
 # (Prandtl-Ishlinskii).
 PLAYS = {'side of a narrow play': 0.5, PLAY: 1.0, 'side of a wide play': 2.0}
+MEANS = {'past 3 s': 3.0, 'past 10 s': 10.0, 'past 30 s': 30.0}  # s, over which a mean is taken
 RATE_TIME = 0.3  # s, over which the rate of a pressure is taken: noise of readings averages out
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Meaning:
-    """Description of a covariate: its group, words and unit."""
+    """Description of a covariate: its group, unit, words, and the parameter of an effect with it.
+
+    parameter: empty if an effect cannot follow it.
+    """
 
     group: Group
-    words: str
     unit: str
+    parameter: str
+    words: str
 
 
+TURNS = 'differs between rising and falling pressure, as after a'
+LEFT = 'depends on the pressure minus its mean over the last'
 MEANINGS: dict[str, Meaning] = {
-    CONSTANT: Meaning(group='constant', words='is constant', unit='-'),
-    'p': Meaning(group='pressure', words='depends on the pressure', unit='Pa'),
-    'p^2': Meaning(group='pressure', words='depends on the square of the pressure', unit='Pa^2'),
-    RATE: Meaning(group='past', words='depends on the rate of the pressure', unit='Pa/s'),
+    CONSTANT: Meaning('constant', '-', 'constant', 'is constant'),
+    'p': Meaning('pressure', 'Pa', 'per_pressure', 'depends on the pressure'),
+    'p^2': Meaning(
+        'pressure', 'Pa^2', 'per_squared_pressure', 'depends on the square of the pressure'
+    ),
+    RATE: Meaning('past', 'Pa/s', 'per_pressure_rate', 'depends on the rate of the pressure'),
     'side of a narrow play': Meaning(
-        group='past',
-        words='differs between rising and falling pressure, as after a narrow dead band (play)',
-        unit='-',
+        'past', '-', 'per_side_of_narrow_play', f'{TURNS} narrow dead band (play)'
     ),
-    PLAY: Meaning(
-        group='past',
-        words='differs between rising and falling pressure, as after a dead band (play)',
-        unit='-',
-    ),
+    PLAY: Meaning('past', '-', 'per_side_of_play', f'{TURNS} dead band (play)'),
     'side of a wide play': Meaning(
-        group='past',
-        words='differs between rising and falling pressure, as after a wide dead band (play)',
-        unit='-',
+        'past', '-', 'per_side_of_wide_play', f'{TURNS} wide dead band (play)'
     ),
-    'past 3 s': Meaning(
-        group='past', words='depends on the pressure minus its mean over the last 3 s', unit='Pa'
+    'past 3 s': Meaning('past', 'Pa', 'per_pressure_of_three_seconds', f'{LEFT} 3 s'),
+    'past 10 s': Meaning('past', 'Pa', 'per_pressure_of_ten_seconds', f'{LEFT} 10 s'),
+    'past 30 s': Meaning('past', 'Pa', 'per_pressure_of_half_a_minute', f'{LEFT} 30 s'),
+    'F1': Meaning('load', 'N', 'per_force_x', 'depends on the end force F1'),
+    'F2': Meaning('load', 'N', 'per_force_y', 'depends on the end force F2'),
+    '|F|': Meaning('load', 'N', 'per_force', 'depends on the size of the end force'),
+    'p F1': Meaning(
+        'load', 'Pa N', 'per_pressure_and_force_x', 'depends on pressure times end force F1'
     ),
-    'past 10 s': Meaning(
-        group='past', words='depends on the pressure minus its mean over the last 10 s', unit='Pa'
+    'p F2': Meaning(
+        'load', 'Pa N', 'per_pressure_and_force_y', 'depends on pressure times end force F2'
     ),
-    'past 30 s': Meaning(
-        group='past', words='depends on the pressure minus its mean over the last 30 s', unit='Pa'
-    ),
-    'F1': Meaning(group='load', words='depends on the end force F1', unit='N'),
-    'F2': Meaning(group='load', words='depends on the end force F2', unit='N'),
-    '|F|': Meaning(group='load', words='depends on the size of the end force', unit='N'),
-    'p F1': Meaning(group='load', words='depends on pressure times end force F1', unit='Pa N'),
-    'p F2': Meaning(group='load', words='depends on pressure times end force F2', unit='Pa N'),
-    ELAPSED: Meaning(
-        group='time', words='depends on the time since the start of a recording', unit='s'
-    ),
+    ELAPSED: Meaning('time', 's', '', 'depends on the time since the start of a recording'),
 }
 
 
@@ -126,14 +124,12 @@ def covariate_table(
         CONSTANT: np.ones_like(pressure),
         'p': pressure,
         'p^2': pressure**2,
-        RATE: ahead_of_past(run, RATE_TIME) / RATE_TIME,
+        RATE: high_pass(run, RATE_TIME) / RATE_TIME,
         **{
             name: side_of_play(run, factor * settings.play * (high - low))
             for name, factor in PLAYS.items()
         },
-        'past 3 s': ahead_of_past(run, 3.0),
-        'past 10 s': ahead_of_past(run, 10.0),
-        'past 30 s': ahead_of_past(run, 30.0),
+        **{name: high_pass(run, time) for name, time in MEANS.items()},
         'F1': f1,
         'F2': f2,
         '|F|': np.hypot(f1, f2),
@@ -141,25 +137,6 @@ def covariate_table(
         'p F2': pressure * f2,
         ELAPSED: elapsed(run),
     }
-
-
-def ahead_of_past(run: RecordingData, time_constant: float) -> Array:
-    """Return pressure (Pa) minus its first-order mean over a time (s), at the frames.
-
-    This is exact for piecewise linear readings, starting at rest. Static frames have no past.
-    """
-    if run.static:
-        return np.zeros(len(run.stamp_ns))
-    seconds = np.diff(run.reading_stamp_ns) / NANOSECONDS_PER_SECOND
-    decay = np.exp(-seconds / time_constant)
-    # A rate over a step leaves as much behind: the same as `proposed_effect.FOLLOW`.
-    steps = np.diff(run.pressure) * -np.expm1(-seconds / time_constant)
-    steps *= time_constant / np.maximum(seconds, 1e-9)
-    ahead = np.zeros(len(run.pressure))
-    for place, (kept, step) in enumerate(zip(decay.tolist(), steps.tolist(), strict=True)):
-        ahead[place + 1] = kept * ahead[place] + step
-    at_frames: Array = ahead[run.reading]
-    return at_frames
 
 
 def side_of_play(run: RecordingData, width: float) -> Array:

@@ -23,16 +23,15 @@ from pneunet_ros.diagnosis.selection import (
     evidence_margin,
     is_adequate,
     Record,
-    Selection,
     Trial,
 )
-from pneunet_ros.discovery.amplitude import FrameColumns, Runs
+from pneunet_ros.discovery.amplitude import Runs
 from pneunet_ros.discovery.covariates import ELAPSED
-from pneunet_ros.discovery.joint_fit import JointFits, POSITION, Proposal
+from pneunet_ros.discovery.joint_fit import JointFits, Proposal
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Law
 from pneunet_ros.discovery.library_words import is_said_by, LIBRARY_WORDS
-from pneunet_ros.discovery.proposed_effect import effect_name, effect_source, LAW_ERROR
+from pneunet_ros.discovery.proposed_effect import effect_name, LAW_ERROR
 from pneunet_ros.discovery.result import (
     AmplitudeSeries,
     CauseMap,
@@ -51,8 +50,8 @@ from pneunet_ros.discovery.settings import (
     LawConfirmationSettings,
     REFINEMENTS,
 )
-from pneunet_ros.discovery.time_law import Swing
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
+import scipy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -105,15 +104,29 @@ def discover(
     if base is None:
         return instead
     on_progress('causes outside the library', 0, 0)
-    search = Search(base.refit, settings)
-    beside, best = look_for_law(investigation, base, search, search.suspects(), on_progress)
+    fits = joint_fits(investigation, base, settings)
+    beside, best = look_for_law(investigation, fits, fits.search.suspects(), on_progress)
     if base is investigation.base:  # what the law of a named effect leaves out changes by itself
-        beside = by_itself(investigation.selection, base, search, beside, best)
+        beside = by_itself(fits, beside, best)
     if best is not None and not beside.found:
         objection = untestable_law(investigation, base, best, settings.confirmation)
         if objection:
             beside = replace(beside, overruling=take_back(investigation, objection))
     return replace(beside, notes=(*instead.notes, *beside.notes))
+
+
+def joint_fits(
+    investigation: Investigation, base: Trial, settings: DiscoverySettings
+) -> JointFits:
+    """Return the joint fits of laws on top of a model, and the search around it."""
+    assert investigation.selection is not None
+    assert investigation.base is not None
+    return JointFits(
+        selection=investigation.selection,
+        first=investigation.base,
+        base=base,
+        search=Search(base.refit, settings),
+    )
 
 
 def untestable_law(
@@ -157,8 +170,8 @@ def overrule(
     if not {*names} <= {*LIBRARY_WORDS}:
         return NOTHING_SEARCHED  # an effect of a user: whether a law says the same is not known
     on_progress('causes outside the library, in place of the name', 0, 0)
-    search, named = Search(first.refit, settings), trial.record
-    suspects, limits = search.suspects(), settings.confirmation
+    fits, named = joint_fits(investigation, first, settings), trial.record
+    suspects, limits = fits.search.suspects(), settings.confirmation
     if not any(
         item.left_out_gain > limits.worth_a_fit * named.evidence
         and item.law is not None
@@ -166,7 +179,7 @@ def overrule(
         for item in suspects
     ):
         return NOTHING_SEARCHED
-    discovery, best = look_for_law(investigation, first, search, suspects, on_progress)
+    discovery, best = look_for_law(investigation, fits, suspects, on_progress)
     if best is None or best.proposal is None:
         return NOTHING_SEARCHED
     law, kind = best.proposal, best.suspect.kind.name
@@ -195,8 +208,7 @@ def predicts_better(law: Record, named: Record, limits: LawConfirmationSettings)
 
 def look_for_law(
     investigation: Investigation,
-    base: Trial,
-    search: Search,
+    fits: JointFits,
     suspects: Sequence[Suspect],
     on_progress: OnProgress,
 ) -> tuple[Discovery, Finding | None]:
@@ -204,24 +216,18 @@ def look_for_law(
 
     There is no law if recordings do not confirm it, and no finding if no kind predicts any.
     """
-    selection, first, diagnosis = (
-        investigation.selection,
-        investigation.base,
-        investigation.diagnosis,
-    )
-    assert selection is not None
-    assert first is not None
+    selection, search, diagnosis = fits.selection, fits.search, investigation.diagnosis
     assert isinstance(diagnosis, Diagnosis)
-    settings, causes = search.settings, cause_map(search, base)
+    unconfirmed = Discovery(
+        searched=True, causes=cause_map(search, fits.base), settings=search.settings
+    )
     if not suspects:
         notes = ('no kind of cause that was tried predicts left-out recordings',)
-        nothing = Discovery(searched=True, causes=causes, notes=notes, settings=settings)
-        return nothing, None
-    fits = JointFits(selection, first, base, search, settings)
+        return replace(unconfirmed, notes=notes), None
     findings = judge(fits, suspects, on_progress)
     best = shortened(max(findings, key=lambda item: (item.explains, item.gain)), fits)
-    objections = objections_to(best, selection, first, base, search)
-    amplitudes = amplitude_series(search, best)
+    objections = objections_to(best, fits)
+    unconfirmed = replace(unconfirmed, amplitudes=amplitude_series(search, best))
     evaluation = closed = None
     if best.proposal is not None and not objections:
         on_progress('evaluation of the discovered law', 0, 0)
@@ -236,26 +242,13 @@ def look_for_law(
     if objections:
         kind = best.suspect.kind.name
         notes = (f'the closest cause is {kind}; no law is given: {"; ".join(objections)}',)
-        unconfirmed = Discovery(
-            searched=True, causes=causes, amplitudes=amplitudes, notes=notes, settings=settings
-        )
-        return unconfirmed, best
-    tied = tied_kinds(best, findings, suspects, settings)
-    discovery = Discovery(
-        searched=True,
-        found=(describe(best, tied, search),),
-        causes=causes,
-        amplitudes=amplitudes,
-        evaluation=evaluation,
-        closed=closed,
-        settings=settings,
-    )
-    return discovery, best
+        return replace(unconfirmed, notes=notes), best
+    tied = tied_kinds(best, findings, suspects, search.settings)
+    found = (describe(best, tied, search),)
+    return replace(unconfirmed, found=found, evaluation=evaluation, closed=closed), best
 
 
-def by_itself(
-    selection: Selection, base: Trial, search: Search, law: Discovery, best: Finding | None
-) -> Discovery:
+def by_itself(fits: JointFits, law: Discovery, best: Finding | None) -> Discovery:
     """Return the confirmed aperiodic course in time, if there is one, or else the law.
 
     It replaces an unconfirmed law, and a law in time that explains less, because that predicts
@@ -263,19 +256,12 @@ def by_itself(
     """
     if law.found and best is not None and not best.goes_by_itself:
         return law
+    search = fits.search
     suspects = search.wandering_suspects()
     if not suspects or (law.found and best is not None and suspects[0].left_out_gain <= best.gain):
         return law
-    findings = [
-        Finding(
-            suspect=item,
-            proposal=None,
-            gain=item.left_out_gain,
-            share=linear_share(item, base, search),
-        )
-        for item in suspects
-    ]
-    if objections_to(findings[0], selection, base, base, search):
+    findings = [finding_of(item, None, fits) for item in suspects]
+    if objections_to(findings[0], fits):
         return law
     tied = tied_kinds(findings[0], findings, suspects, search.settings)
     return Discovery(
@@ -341,24 +327,19 @@ def measured_part(suspect: Suspect) -> Law | None:
     A drift in addition to a predictable law must be small, or the joint fit leaves too much.
     """
     law = suspect.law
-    if law is None:
+    kept = [] if law is None else [i for i, term in enumerate(law.terms) if term != ELAPSED]
+    if law is None or not kept:
         return None
-    kept = [place for place, term in enumerate(law.terms) if term != ELAPSED]
-    return (
-        replace(
-            law,
-            terms=tuple(law.terms[place] for place in kept),
-            coefficients=law.coefficients[kept],
-        )
-        if kept
-        else None
+    return replace(
+        law, terms=tuple(law.terms[i] for i in kept), coefficients=law.coefficients[kept]
     )
 
 
 def finding_of(suspect: Suspect, proposal: Proposal | None, fits: JointFits) -> Finding:
     """Return the finding of a suspect, with its joint fit if it has one."""
-    base = fits.base
-    gain, share = suspect.left_out_gain, linear_share(suspect, base, fits.search)
+    base, gain = fits.base, suspect.left_out_gain
+    explained = suspect_explained(suspect, fits.search)
+    share = min(1.0, explained / max(excess_of(base), explained))
     if proposal is not None:
         gain = proposal.evidence - base.record.evidence
         share = 1.0 - proposal.trial.record.excess / max(base.record.excess, 1e-12)
@@ -378,12 +359,6 @@ def shortened(finding: Finding, fits: JointFits) -> Finding:
     return finding_of(finding.suspect, shorter, fits)
 
 
-def linear_share(suspect: Suspect, base: Trial, search: Search) -> float:
-    """Return the share of the excess explained by a suspect without a joint fit."""
-    explained = suspect_explained(suspect, search)
-    return min(1.0, explained / max(excess_of(base), explained))
-
-
 def excess_of(base: Trial) -> float:
     """Return the excess of chi squared over its mean, or of a test over clean data."""
     runs = base.refit.linearization.training
@@ -398,8 +373,8 @@ def suspect_explained(suspect: Suspect, search: Search) -> float:
     assert suspect.swing is not None
     if not suspect.swing.periodic:  # an amplitude of its own in every frame explains noise, too
         return 2.0 * suspect.swing.left_out_gain
-    frames = search.frame_columns(suspect.cause)
-    return frames.evidence(search.runs).along(suspect.swing.factors).explained
+    along = search.frame_columns(suspect.cause).along(suspect.swing.factors)
+    return along.evidence(search.runs).explained
 
 
 def cause_map(search: Search, base: Trial) -> CauseMap:
@@ -417,20 +392,17 @@ def cause_map(search: Search, base: Trial) -> CauseMap:
     )
 
 
-def objections_to(
-    finding: Finding, selection: Selection, first: Trial, base: Trial, search: Search
-) -> tuple[str, ...]:
+def objections_to(finding: Finding, fits: JointFits) -> tuple[str, ...]:
     """Return the objections to the law of a finding."""
-    settings = search.settings.confirmation
-    found = []
-    p_value = split_p_value(finding.suspect, search, selection.seed)
+    settings, base, found = fits.settings.confirmation, fits.base, []
+    p_value = split_p_value(finding.suspect, fits.search, fits.selection.seed)
     if p_value > settings.level:
         found.append(
             f'half of the recordings does not predict it in the other half (p-value {p_value:.2g})'
         )
     if finding.share < settings.least_share:
         found.append(f'it explains {max(finding.share, 0.0):.0%} of what is left')
-    if base is not first and finding.gain < settings.beside_named * base.record.evidence:
+    if base is not fits.first and finding.gain < settings.beside_named * base.record.evidence:
         found.append('it may be a part of the named effect that its law misses')
     if finding.proposal is not None:
         if not finding.explains:
@@ -438,7 +410,7 @@ def objections_to(
             found.append(
                 f'it leaves more than a law may (p-value {worst.p_value:.1g} of {worst.name})'
             )
-        confirmer = Confirmer.of(selection, first.record)
+        confirmer = Confirmer.of(fits.selection, fits.first.record)
         found += confirmer.held_out_objections(finding.proposal.trial.record)
         found += confirmer.nonuniform_arm(finding.proposal.trial.record)
     return tuple(found)
@@ -464,14 +436,12 @@ def predicted_p_value(
     suspect: Suspect, search: Search, chosen: Runs, tested: Runs, seed: int
 ) -> float:
     """Return the p-value of predictions of runs by the law of others."""
-    linearization, gaussian = search.fit.linearization, search.fit.gaussian
+    linearization, gaussian = search.linearization, search.fit.gaussian
     if suspect.swing is not None:
-        find = search.swing if suspect.swing.periodic else search.wandering
-        swing = find(suspect.cause, chosen)
+        swing = search.swing(suspect.cause, chosen, periodic=suspect.swing.periodic)
         if swing is None:
             return 1.0
-        frames = search.frame_columns(suspect.cause)
-        white = swing_columns(suspect, search, frames, swing, tested)
+        white = own_columns(search.white(suspect.cause.fields, swing.factors), tested)
     else:
         law = search.best_law(suspect.kind, chosen)
         if law is None:
@@ -501,20 +471,11 @@ def predicted_p_value(
     return test.p_value
 
 
-def swing_columns(
-    suspect: Suspect, search: Search, frames: FrameColumns, swing: Swing, runs: Runs
-) -> list[Array]:
-    """Return the whitened columns of a swing (such as sine and cosine) in some runs, (rows, n)."""
-    blocks = search.fit.linearization.blocks
-    every = np.arange(swing.factors.shape[1])
-    own = np.concatenate([every[swing.columns_of(which, len(blocks))] for which in runs])
-    return [
-        blocks[which].white(
-            suspect.cause.fields[which][:, :, None]
-            * swing.factors[frames.frames[which]][:, None, own]
-        )
-        for which in runs
-    ]
+def own_columns(white: Sequence[Array], runs: Runs) -> list[Array]:
+    """Return columns (rows, n) of each run beside those of the others, with zeros there."""
+    parts = [white[which] for which in runs]
+    rows = np.cumsum([len(part) for part in parts])
+    return np.split(scipy.linalg.block_diag(*parts), rows[:-1])
 
 
 def tied_kinds(
@@ -543,102 +504,73 @@ def tied_kinds(
 
 def describe(finding: Finding, tied: Sequence[str], search: Search) -> Discovered:
     """Return a finding in the format of diagnosis.json."""
-    suspect, proposal = finding.suspect, finding.proposal
-    kind = suspect.kind
-    location = location_of(finding, search)
+    suspect, proposal, swing = finding.suspect, finding.proposal, finding.suspect.swing
+    kind, location = suspect.kind, location_of(finding)
+    size, time_law, source = dict[str, Estimated](), None, None
+    terms: tuple[TermOfLaw, ...] = ()
     if proposal is not None:
-        terms = tuple(
-            TermOfLaw(
-                name=item.term,
-                function=item.name,
-                coefficient=float(number),
-                std=float(np.hypot(std, LAW_ERROR * number)),
-                unit=item.unit,
-            )
-            for item, number, std in zip(
-                proposal.parameters, proposal.numbers, proposal.stds, strict=False
-            )
-        )
-        sentence = law_sentence(kind, location, terms, tied)
-        source = effect_source(
-            kind,
-            proposal.parameters,
-            sentence,
-            length=search.fit.linearization.length,
-            play=search.play,
-        )
+        terms = fitted_terms(proposal)
         size = {
             item.function: Estimated(value=item.coefficient, std=item.std, unit=item.unit)
             for item in terms
         }
-        return Discovered(
-            kind=kind.name,
-            location=location,
-            size=size,
-            covariates=terms,
-            time_law=None,
-            share=finding.share,
-            left_out_gain=finding.gain,
-            tied_with=tuple(tied),
-            sentence=sentence,
-            effect_file=f'effects/{effect_name(kind)}.py',
-            source=source,
-        )
-    if suspect.swing is not None:
-        swing = suspect.swing
-        amplitude = Estimated(
+        sentence = law_sentence(kind, location, terms, tied)
+        source = search.source(kind, proposal.parameters, sentence)
+    elif swing is not None:
+        size['amplitude'] = Estimated(
             value=swing.size * kind.prior, std=swing.size_std * kind.prior, unit=kind.unit
         )
-        return Discovered(
-            kind=kind.name,
-            location=location,
-            size={'amplitude': amplitude},
-            covariates=(),
-            time_law=TimeLaw(
-                form=swing.form,
-                parameters={
-                    'period' if swing.periodic else 'correlation_time': Estimated(
-                        value=swing.period, std=swing.period_std, unit='s'
-                    )
-                },
-            ),
-            share=finding.share,
-            left_out_gain=finding.gain,
-            tied_with=tuple(tied),
-            sentence=swing_sentence(kind, location, swing, tied),
-            effect_file=None,
-            source=None,
+        name = 'period' if swing.periodic else 'correlation_time'
+        period = Estimated(value=swing.period, std=swing.period_std, unit='s')
+        time_law = TimeLaw(form=swing.form, parameters={name: period})
+        sentence = swing_sentence(kind, location, swing, tied)
+    else:
+        terms = linear_terms(suspect)
+        time_law = TimeLaw(
+            form='grows with the time since the start of a recording', parameters={}
         )
-    terms = linear_terms(suspect)
+        sentence = drift_sentence(kind, location, terms, tied)
     return Discovered(
         kind=kind.name,
         location=location,
-        size={},
+        size=size,
         covariates=terms,
-        time_law=TimeLaw(form='grows with the time since the start of a recording', parameters={}),
+        time_law=time_law,
         share=finding.share,
         left_out_gain=finding.gain,
         tied_with=tuple(tied),
-        sentence=drift_sentence(kind, location, terms, tied),
-        effect_file=None,
-        source=None,
+        sentence=sentence,
+        effect_file=None if source is None else f'effects/{effect_name(kind)}.py',
+        source=source,
     )
 
 
-def location_of(finding: Finding, search: Search) -> Estimated | None:
+def location_of(finding: Finding) -> Estimated | None:
     """Return the position (s / l) of a finding, None if it has none."""
-    position = finding.suspect.cause.position
-    if position is None:
+    proposal, kind = finding.proposal, finding.suspect.kind
+    position = finding.suspect.cause.position if proposal is None else proposal.position
+    if position is None or kind.positions is None:
         return None
-    proposal = finding.proposal
-    if proposal is None:
-        kind = finding.suspect.kind
-        assert kind.positions is not None
-        step = (kind.positions[1] - kind.positions[0]) / (GRID - 1)
-        return Estimated(value=position, std=step * 0.5**REFINEMENTS, unit='-')
-    hypothesis = proposal.trial.refit.hypotheses[-1]
-    value = float(getattr(hypothesis.effect(proposal.numbers), POSITION))
-    return Estimated(value=value, std=float(proposal.stds[-1]) * value, unit='-')
+    if proposal is not None:
+        return Estimated(value=position, std=float(proposal.stds[-1]) * position, unit='-')
+    step = (kind.positions[1] - kind.positions[0]) / (GRID - 1)
+    return Estimated(value=position, std=step * 0.5**REFINEMENTS, unit='-')
+
+
+def fitted_terms(proposal: Proposal) -> tuple[TermOfLaw, ...]:
+    """Return the terms of a law that was fitted jointly."""
+    return tuple(
+        TermOfLaw(
+            name=item.term,
+            function=item.name,
+            coefficient=float(number),
+            std=float(np.hypot(std, LAW_ERROR * number)),
+            unit=item.unit,
+        )
+        for item, number, std in zip(
+            proposal.parameters, proposal.numbers, proposal.stds, strict=False
+        )
+    )
 
 
 def linear_terms(suspect: Suspect) -> tuple[TermOfLaw, ...]:
@@ -666,16 +598,14 @@ def linear_terms(suspect: Suspect) -> tuple[TermOfLaw, ...]:
 
 def amplitude_series(search: Search, finding: Finding) -> tuple[AmplitudeSeries, ...]:
     """Return the amplitude of a finding in every training frame, free and by its law."""
-    suspect, linearization = finding.suspect, search.fit.linearization
-    kind, cause = suspect.kind, suspect.cause
-    frames = search.frame_columns(cause)
-    evidence = frames.evidence(search.runs)
-    value, covariance = evidence.estimate(kind.prior)
+    suspect, kind = finding.suspect, finding.suspect.kind
+    frames = search.frame_columns(suspect.cause)
+    value, covariance = frames.evidence(search.runs).estimate(kind.prior)
     std = np.sqrt(np.diag(covariance))
     law = law_amplitude(suspect, search)
     series = []
-    for which, own in enumerate(frames.frames):
-        run = linearization.runs[which]
+    for which, own in enumerate(frames.of_run):
+        run = search.linearization.runs[which]
         series.append(
             AmplitudeSeries(
                 recording=run.name,
@@ -692,9 +622,11 @@ def amplitude_series(search: Search, finding: Finding) -> tuple[AmplitudeSeries,
 def law_amplitude(suspect: Suspect, search: Search) -> Array:
     """Return the amplitude (all frames,) by the law of a suspect, without its native terms."""
     if suspect.swing is not None:
-        frames = search.frame_columns(suspect.cause)
-        evidence = frames.evidence(search.runs).along(suspect.swing.factors)
-        return np.asarray(suspect.swing.factors @ evidence.estimate(suspect.swing.std)[0])
+        swing, along = suspect.swing, search.frame_columns(suspect.cause)
+        along = along.along(swing.factors)
+        size = along.evidence(search.runs).estimate(swing.std)[0]
+        pairs = zip(swing.factors, along.of_run, strict=True)
+        return np.concatenate([factor @ size[own] for factor, own in pairs])
     law = suspect.law
     assert law is not None
     scales = {item.name: item for item in suspect.cause.covariates}

@@ -9,19 +9,12 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.hypothesis import Hypothesis, hypothesis
 from pneunet_ros.diagnosis.refit import Refit, refit
 from pneunet_ros.diagnosis.selection import Selection, Trial
-from pneunet_ros.discovery.covariates import CONSTANT, Covariate
+from pneunet_ros.discovery.covariates import CONSTANT
 from pneunet_ros.discovery.kinds import Kind
 from pneunet_ros.discovery.law import Law
-from pneunet_ros.discovery.proposed_effect import (
-    effect_class,
-    effect_source,
-    Parameter,
-    parameters_of,
-)
+from pneunet_ros.discovery.proposed_effect import effect_class, Parameter, POSITION
 from pneunet_ros.discovery.search import Search
-from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings
-
-POSITION = 'position'
+from pneunet_ros.discovery.settings import DiscoverySettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,21 +46,30 @@ class Proposal:
         """Their standard errors."""
         return np.asarray(np.sqrt(np.diag(self.trial.refit.covariance))[-self.numbers.size :])
 
+    @property
+    def position(self) -> float | None:
+        """The place (s / l) of the cause; None if its kind has no place."""
+        if self.kind.positions is None:
+            return None
+        return float(getattr(self.trial.refit.effects[-1], POSITION))
 
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointFits:
-    """Joint fits of laws on top of a trial."""
+    """Joint fits of laws on top of a trial.
 
-    def __init__(
-        self,
-        selection: Selection,
-        first: Trial,
-        base: Trial,
-        search: Search,
-        settings: DiscoverySettings = DISCOVERY,
-    ) -> None:
-        self.selection, self.first, self.base = selection, first, base
-        self.search, self.settings = search, settings
-        self.covariates = {item.name: item for item in search.covariates}
+    first: the model without effects; base: that to which laws are added; search: around it.
+    """
+
+    selection: Selection
+    first: Trial
+    base: Trial
+    search: Search
+
+    @property
+    def settings(self) -> DiscoverySettings:
+        """Settings of the search."""
+        return self.search.settings
 
     def propose(self, law: Law) -> Proposal | None:
         """Fit a law with a fixed position, and add missing terms.
@@ -82,7 +84,7 @@ class JointFits:
         A calibration absorbs part of a cause, most of a constant one, and the remainder looks like
         a law. At first the position is fixed, and several positions are tried.
         """
-        if CONSTANT not in self.covariates or 'constant' not in kind.follows:
+        if CONSTANT not in self.search.covariates or 'constant' not in kind.follows:
             return None
         start = np.zeros(1)
         if kind.positions is None:
@@ -148,7 +150,7 @@ class JointFits:
         sizes = [
             kind.natives[term].prior
             if term in kind.natives
-            else kind.prior / self.covariates[term].scale
+            else kind.prior / self.search.covariates[term].scale
             for term in law.terms
         ]
         numbers = law.coefficients * np.array(sizes)
@@ -169,15 +171,8 @@ class JointFits:
 
         None if the arm has no shape with it in a training or held-out recording.
         """
-        parameters = parameters_of(kind, terms, self.covariates)
-        source = effect_source(
-            kind,
-            parameters,
-            '',
-            length=self.base.refit.linearization.length,
-            play=self.search.play,
-        )
-        own = hypothesis(effect_class(source))
+        parameters = self.search.parameters(kind, terms)
+        own = hypothesis(effect_class(self.search.source(kind, parameters)))
         if held:
             own = with_held_position(own, float(numbers[-1]))
         known, settings = self.base.refit, self.selection.settings.refit
@@ -198,9 +193,8 @@ class JointFits:
         room = self.settings.law.most_terms - len(proposal.terms)
         if room <= 0:
             return ()
-        position = self.position(proposal)
         search = Search(proposal.trial.refit, self.settings)
-        law = search.law(proposal.kind, position, search.runs)
+        law = search.law(proposal.kind, proposal.position, search.runs)
         if law is None:
             return ()
         runnable = [
@@ -213,23 +207,11 @@ class JointFits:
 
     def follows(self, kind: Kind, term: str) -> bool:
         """Whether an effect of a kind can follow a term, which must vary around the first fit."""
-        covariate = self.covariates.get(term)
-        return covariate is not None and is_followed(kind, covariate)
-
-    def position(self, proposal: Proposal) -> float | None:
-        """Return the place (s / l) of a fitted law; None if its kind has no place."""
-        if proposal.kind.positions is None:
-            return None
-        hypothesis = proposal.trial.refit.hypotheses[-1]
-        return float(getattr(hypothesis.effect(proposal.numbers), POSITION))
+        covariate = self.search.covariates.get(term)
+        return covariate is not None and covariate.meaning.group in kind.follows
 
 
 def with_held_position(free: Hypothesis, number: float) -> Hypothesis:
     """Return a hypothesis with fixed position, the last of its numbers."""
     position = replace(free.coordinates[-1], low=number, high=number)
     return replace(free, coordinates=(*free.coordinates[:-1], position))
-
-
-def is_followed(kind: Kind, covariate: Covariate) -> bool:
-    """Whether an effect of a kind can follow a covariate at run time."""
-    return covariate.meaning.group in kind.follows

@@ -45,9 +45,9 @@ class Kind:
     amplitude: str
     unit: str
     prior: float
-    place: Place
-    method: Method
     code: str
+    place: Place = 'mechanics'
+    method: Method = 'terms'
     positions: tuple[float, float] | None = None
     width: float = 0.0
     natives: dict[str, Native] = field(default_factory=dict)
@@ -65,6 +65,7 @@ class Kind:
         return groups[self.method]
 
 
+AXES = (('x', 'E1'), ('y', 'E2'))
 # {half}: half of the arm's length (m).
 RADIAL = (
     '(\n'
@@ -83,8 +84,6 @@ KINDS: dict[str, Kind] = {
             amplitude='stretch',
             unit='-',
             prior=0.02,
-            place='mechanics',
-            method='terms',
             code='rest_strain=amplitude',
             natives={
                 'tension': Native(
@@ -101,8 +100,6 @@ KINDS: dict[str, Kind] = {
             amplitude='turn',
             unit='rad',
             prior=0.05,
-            place='mechanics',
-            method='terms',
             code='clamp_angle=amplitude',
             natives={
                 'moment at the clamp': Native(
@@ -120,7 +117,6 @@ KINDS: dict[str, Kind] = {
             unit='-',
             prior=0.2,
             place='material',
-            method='terms',
             code='rigidity_factor=1.0 + amplitude',
             natives={
                 'bending^2': Native(
@@ -138,7 +134,6 @@ KINDS: dict[str, Kind] = {
             unit='1/m',
             prior=1.0,
             place='material',
-            method='terms',
             code='curvature=amplitude',
         ),
         Kind(
@@ -148,7 +143,6 @@ KINDS: dict[str, Kind] = {
             unit='1/m',
             prior=5.0,
             place='material',
-            method='terms',
             code='curvature=amplitude',
             positions=(0.05, 0.95),
             width=0.1,
@@ -160,7 +154,6 @@ KINDS: dict[str, Kind] = {
             unit='-',
             prior=0.3,
             place='material',
-            method='terms',
             code='rigidity_factor=1.0 + amplitude',
             positions=(0.05, 0.95),
             width=0.1,
@@ -171,8 +164,6 @@ KINDS: dict[str, Kind] = {
             amplitude='force',
             unit='N',
             prior=0.05,
-            place='mechanics',
-            method='terms',
             code='push=amplitude',
             positions=(0.05, 1.0),
             width=0.02,
@@ -187,45 +178,29 @@ KINDS: dict[str, Kind] = {
             method='actuate',
             code='amplitude',
         ),
-        Kind(
-            name='line_load_x',
-            subject='a load along E1 is spread over the arm',
-            amplitude='load per length',
-            unit='N/m',
-            prior=1.0,
-            place='mechanics',
-            method='terms',
-            code='line_load_x=amplitude',
+        *(
+            Kind(
+                name=f'line_load_{axis}',
+                subject=f'a load along {vector} is spread over the arm',
+                amplitude='load per length',
+                unit='N/m',
+                prior=1.0,
+                code=f'line_load_{axis}=amplitude',
+            )
+            for axis, vector in AXES
         ),
-        Kind(
-            name='line_load_y',
-            subject='a load along E2 is spread over the arm',
-            amplitude='load per length',
-            unit='N/m',
-            prior=1.0,
-            place='mechanics',
-            method='terms',
-            code='line_load_y=amplitude',
-        ),
-        Kind(
-            name='end_force_x',
-            subject='the end force along E1 is not the one that is read',
-            amplitude='force beyond the reading',
-            unit='N',
-            prior=0.03,
-            place='sensing',
-            method='sense',
-            code='replace(load, force_x=load.force_x + amplitude)',
-        ),
-        Kind(
-            name='end_force_y',
-            subject='the end force along E2 is not the one that is read',
-            amplitude='force beyond the reading',
-            unit='N',
-            prior=0.03,
-            place='sensing',
-            method='sense',
-            code='replace(load, force_y=load.force_y + amplitude)',
+        *(
+            Kind(
+                name=f'end_force_{axis}',
+                subject=f'the end force along {vector} is not the one that is read',
+                amplitude='force beyond the reading',
+                unit='N',
+                prior=0.03,
+                place='sensing',
+                method='sense',
+                code=f'replace(load, force_{axis}=load.force_{axis} + amplitude)',
+            )
+            for axis, vector in AXES
         ),
         Kind(
             name='end_moment',
@@ -243,8 +218,6 @@ KINDS: dict[str, Kind] = {
             amplitude='distance',
             unit='m',
             prior=0.006,
-            place='mechanics',
-            method='terms',
             code='load_offset=amplitude',
         ),
         Kind(

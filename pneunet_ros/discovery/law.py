@@ -2,27 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.refit import Refit
-from pneunet_ros.discovery.amplitude import (
-    Columns,
-    columns_of,
-    Evidence,
-    left_out_gains,
-    Projection,
-    Runs,
-    unit_fields,
-)
-from pneunet_ros.discovery.covariates import CONSTANT, Covariate
+from pneunet_ros.discovery.amplitude import Columns, left_out_gains, Runs
+from pneunet_ros.discovery.covariates import Covariate
 from pneunet_ros.discovery.kinds import Kind
-from pneunet_ros.discovery.proposed_effect import effect_class, effect_source, parameters_of
 from pneunet_ros.discovery.settings import DISCOVERY, LawSettings
-
-STEP = 1e-3  # of the prior of an amplitude: the size of unit fields
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,7 +35,7 @@ class Law:
 
     coefficients (terms,) and covariance, in units of the kind's prior per scaled covariate;
     left_out_gain: in log probability of every run predicted from the others; explained: reduction
-    of chi squared; std: prior of the coefficients.
+    of chi squared.
     """
 
     cause: Cause
@@ -57,66 +44,6 @@ class Law:
     covariance: Array
     left_out_gain: float
     explained: float
-    std: float
-
-
-def cause_of(
-    fit: Refit,
-    before: Sequence[Array],
-    projection: Projection,
-    kind: Kind,
-    position: float | None,
-    covariates: Sequence[Covariate],
-    *,
-    play: float,
-) -> Cause | None:
-    """Return a kind of cause at a position around a fit; None if there is no solution.
-
-    before: points (frames, 2, targets) m of the fit itself, per run.
-    """
-    linearization = fit.linearization
-    length = linearization.length
-    by_name = {item.name: item for item in covariates}
-    size = STEP * kind.prior
-
-    def fields_with(term: str, amount: float) -> tuple[Array, ...] | None:
-        parameters = parameters_of(kind, (term,), by_name)
-        effect = effect_class(
-            effect_source(kind, parameters, '', length=length, play=play, name=f'unit_{kind.name}')
-        )
-        values = {parameters[0].name: amount}
-        if position is not None:
-            values['position'] = position
-        return unit_fields(fit, before, effect(**values), amount)
-
-    fields = fields_with(CONSTANT, size)
-    if fields is None:
-        return None
-    runs = range(len(fields))
-    followed = [item for item in covariates if item.meaning.group in (*kind.follows, 'time')]
-    if not followed:  # frames that are steady states have no past
-        return None
-    factors = [
-        kind.prior * np.column_stack([item.scaled(which) for item in followed]) for which in runs
-    ]
-    columns = columns_of(projection, linearization, fields, factors).white
-    names = [item.name for item in followed]
-    for name, native in kind.natives.items():
-        own = fields_with(name, STEP * native.prior)
-        if own is None:
-            continue
-        factors = [np.full((len(item), 1), native.prior) for item in own]
-        more = columns_of(projection, linearization, own, factors).white
-        columns = tuple(np.concatenate(pair, axis=1) for pair in zip(columns, more, strict=True))
-        names.append(name)
-    return Cause(
-        kind=kind,
-        position=position,
-        fields=fields,
-        covariates=tuple(followed),
-        terms=tuple(names),
-        columns=Columns(projection, columns),
-    )
 
 
 def choose_law(cause: Cause, runs: Runs, settings: LawSettings = DISCOVERY.law) -> Law | None:
@@ -141,22 +68,14 @@ def choose_law(cause: Cause, runs: Runs, settings: LawSettings = DISCOVERY.law) 
             break
         chosen.append(term)
         gain = most
-        best = law_of(cause, evidence[0], chosen, std, gain)
+        part = evidence[0].part(chosen)
+        coefficients, covariance = part.estimate(std)
+        best = Law(
+            cause=cause,
+            terms=tuple(cause.terms[term] for term in chosen),
+            coefficients=coefficients,
+            covariance=covariance,
+            left_out_gain=gain,
+            explained=part.explained,
+        )
     return best
-
-
-def law_of(
-    cause: Cause, evidence: Evidence, chosen: Sequence[int], std: float, gain: float
-) -> Law:
-    """Return the law of these terms."""
-    part = evidence.part(chosen)
-    coefficients, covariance = part.estimate(std)
-    return Law(
-        cause=cause,
-        terms=tuple(cause.terms[term] for term in chosen),
-        coefficients=coefficients,
-        covariance=covariance,
-        left_out_gain=gain,
-        explained=part.explained,
-        std=std,
-    )

@@ -12,34 +12,17 @@ import re
 import textwrap
 from typing import Any
 
-from pneunet_ros.discovery.covariates import CONSTANT, Covariate, PLAY, PLAYS, RATE, RATE_TIME
+from pneunet_ros.discovery.covariates import CONSTANT, Covariate, MEANS, PLAYS, RATE, RATE_TIME
 from pneunet_ros.discovery.kinds import Kind
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect
 
 MOST = 1e3  # bounds of a parameter: so many times what is usual
 LAW_ERROR = 0.1  # invented: as of most effects; an arm that is new follows no law of few terms
-PREFIX = 'proposed_'
+PREFIX, POSITION = 'proposed_', 'position'
 LINE = 99
 
-# Name of the parameter of a covariate, and the covariate in a file, by where it is known.
-PARAMETERS = {
-    CONSTANT: 'constant',
-    'p': 'per_pressure',
-    'p^2': 'per_squared_pressure',
-    RATE: 'per_pressure_rate',
-    'side of a narrow play': 'per_side_of_narrow_play',
-    PLAY: 'per_side_of_play',
-    'side of a wide play': 'per_side_of_wide_play',
-    'past 3 s': 'per_pressure_of_three_seconds',
-    'past 10 s': 'per_pressure_of_ten_seconds',
-    'past 30 s': 'per_pressure_of_half_a_minute',
-    'F1': 'per_force_x',
-    'F2': 'per_force_y',
-    '|F|': 'per_force',
-    'p F1': 'per_pressure_and_force_x',
-    'p F2': 'per_pressure_and_force_y',
-}
+# A covariate in a file, by where it is known.
 PRESENT = {CONSTANT: '', 'p': 'pressure', 'p^2': 'pressure**2'}
 LOADED = {
     'F1': 'loads.force_x',
@@ -48,7 +31,7 @@ LOADED = {
     'p F1': 'loads.pressure * loads.force_x',
     'p F2': 'loads.pressure * loads.force_y',
 }
-TIMES = {RATE: RATE_TIME, 'past 3 s': 3.0, 'past 10 s': 10.0, 'past 30 s': 30.0}
+TIMES = {RATE: RATE_TIME, **MEANS}
 
 IMPORTS = (
     ('from dataclasses import dataclass', r'@dataclass'),
@@ -171,13 +154,6 @@ class Parameter:
     prior: float
 
 
-def parameters_of(
-    kind: Kind, terms: Sequence[str], covariates: Mapping[str, Covariate]
-) -> tuple[Parameter, ...]:
-    """Return the parameters of the terms of a law, in order."""
-    return tuple(parameter_of(kind, term, covariates) for term in terms)
-
-
 def parameter_of(kind: Kind, term: str, covariates: Mapping[str, Covariate]) -> Parameter:
     """Return the parameter of a term: a covariate, or a quantity of the equilibrium."""
     if term in kind.natives:
@@ -186,7 +162,7 @@ def parameter_of(kind: Kind, term: str, covariates: Mapping[str, Covariate]) -> 
         return Parameter(name=name, term=term, unit=native.unit, prior=native.prior)
     covariate = covariates[term]
     return Parameter(
-        name=PARAMETERS[term],
+        name=covariate.meaning.parameter,
         term=term,
         unit=per_unit(kind.unit, covariate.meaning.unit),
         prior=float(f'{kind.prior / covariate.scale:.3g}'),
@@ -298,7 +274,7 @@ def position_text(kind: Kind) -> str:
         return ''
     low, high = kind.positions
     return FIELD.format(
-        name='position',
+        name=POSITION,
         default=0.5,
         unit='-',
         meaning='middle of the part on which it acts, s / l; any where nothing acts',

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from typing import TypeVar
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.refit import Refit
-from pneunet_ros.discovery.amplitude import FrameColumns, Projection, Runs
-from pneunet_ros.discovery.covariates import Covariate, covariates_of, ELAPSED
+from pneunet_ros.discovery.amplitude import Columns, OwnColumns, Projection, Runs
+from pneunet_ros.discovery.covariates import CONSTANT, covariates_of, ELAPSED
 from pneunet_ros.discovery.kinds import Kind, KINDS
-from pneunet_ros.discovery.law import Cause, cause_of, choose_law, Law
+from pneunet_ros.discovery.law import Cause, choose_law, Law
+from pneunet_ros.discovery.proposed_effect import (
+    effect_class,
+    effect_source,
+    Parameter,
+    parameter_of,
+    POSITION,
+)
 from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings, GRID, REFINEMENTS
 from pneunet_ros.discovery.time_law import (
     Courses,
@@ -21,6 +29,9 @@ from pneunet_ros.discovery.time_law import (
     Swing,
     wandering_courses,
 )
+
+STEP = 1e-3  # of the prior of an amplitude: the size of unit fields
+Found = TypeVar('Found', Law, 'Suspect')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,12 +50,7 @@ class Suspect:
     @property
     def goes_by_itself(self) -> bool:
         """Whether no measured quantity predicts it."""
-        if self.swing is not None:
-            return True
-        return self.law is not None and any(
-            item.name in self.law.terms and item.meaning.group == 'time'
-            for item in self.cause.covariates
-        )
+        return self.law is None or ELAPSED in self.law.terms
 
     @property
     def left_out_gain(self) -> float:
@@ -59,19 +65,20 @@ class Search:
 
     def __init__(self, fit: Refit, settings: DiscoverySettings = DISCOVERY) -> None:
         self.fit, self.settings = fit, settings
+        self.linearization = fit.linearization
         self.projection = Projection(fit.gaussian)
-        self.covariates: tuple[Covariate, ...] = covariates_of(
-            fit.linearization, settings.covariates
-        )
-        low, high = fit.linearization.point.arm.table_range
+        self.covariates = {
+            item.name: item for item in covariates_of(self.linearization, settings.covariates)
+        }
+        low, high = self.linearization.point.arm.table_range
         self.play = settings.covariates.play * (high - low)
         self.causes: dict[tuple[str, float | None], Cause | None] = {}
-        self.frames: dict[tuple[str, float | None], FrameColumns] = {}
+        self.frames: dict[tuple[str, float | None], OwnColumns] = {}
 
     @property
     def runs(self) -> Runs:
         """All runs of the fit."""
-        return tuple(range(len(self.fit.linearization.blocks)))
+        return tuple(range(len(self.linearization.blocks)))
 
     def positions(self, kind: Kind) -> list[float | None]:
         """Return the positions (s / l) of a kind to try first."""
@@ -79,42 +86,100 @@ class Search:
             return [None]
         return list(np.linspace(*kind.positions, GRID).tolist())
 
+    def parameters(self, kind: Kind, terms: Sequence[str]) -> tuple[Parameter, ...]:
+        """Return the parameters of an effect of a kind with these terms."""
+        return tuple(parameter_of(kind, term, self.covariates) for term in terms)
+
+    def source(
+        self, kind: Kind, parameters: Sequence[Parameter], sentence: str = '', name: str = ''
+    ) -> str:
+        """Return the text of the file of an effect of a kind."""
+        length = self.linearization.length
+        return effect_source(kind, parameters, sentence, length=length, play=self.play, name=name)
+
     def cause(self, kind: Kind, position: float | None) -> Cause | None:
-        """Return a kind at a position (cached)."""
+        """Return a kind at a position (cached); None if the arm has no shape with it."""
         key = kind.name, position
         if key not in self.causes:
             self.causes[key] = self.make_cause(kind, position)
         return self.causes[key]
 
     def make_cause(self, kind: Kind, position: float | None) -> Cause | None:
-        """Return a cause of a kind at a place; None if the fit has no solution."""
-        before, projection = self.points, self.projection
-        if before is None:
+        """Return a kind at a position, with the columns of its terms."""
+        fields = self.unit_fields(kind, position, CONSTANT, STEP * kind.prior)
+        groups = {*kind.follows, 'time'}
+        followed = [item for item in self.covariates.values() if item.meaning.group in groups]
+        if fields is None or not followed:  # frames that are steady states have no past
             return None
-        return cause_of(
-            self.fit, before, projection, kind, position, self.covariates, play=self.play
+        factors = [
+            kind.prior * np.column_stack([item.scaled(which) for item in followed])
+            for which in self.runs
+        ]
+        columns, names = [self.white(fields, factors)], [item.name for item in followed]
+        for name, native in kind.natives.items():
+            own = self.unit_fields(kind, position, name, STEP * native.prior)
+            if own is not None:
+                factors = [np.full((len(item), 1), native.prior) for item in own]
+                columns.append(self.white(own, factors))
+                names.append(name)
+        white = tuple(np.concatenate(run, axis=1) for run in zip(*columns, strict=True))
+        return Cause(
+            kind=kind,
+            position=position,
+            fields=fields,
+            covariates=tuple(followed),
+            terms=tuple(names),
+            columns=Columns(self.projection, white),
         )
+
+    def unit_fields(
+        self, kind: Kind, position: float | None, term: str, amount: float
+    ) -> tuple[Array, ...] | None:
+        """Return the derivatives of points (frames, 2 targets) m by a term, per run.
+
+        amount: step of the difference. None if the arm has no shape with this effect.
+        """
+        (parameter,) = parameters = self.parameters(kind, [term])
+        effect = effect_class(self.source(kind, parameters, name=f'unit_{kind.name}'))
+        values = {parameter.name: amount} | ({} if position is None else {POSITION: position})
+        point, before = self.fit.point, self.points
+        arm = replace(point, effects=(*point.effects, effect(**values))).arm
+        after = self.linearization.points(arm, range(len(self.runs)))
+        if before is None or after is None:
+            return None
+        return tuple(
+            np.nan_to_num(with_it - without).reshape(len(without), -1) / amount
+            for with_it, without in zip(after, before, strict=True)
+        )
+
+    def white(self, fields: Sequence[Array], factors: Sequence[Array]) -> list[Array]:
+        """Return fields (frames, 2 targets) m times factors (frames, n) per run, whitened."""
+        return [
+            block.white(field[:, :, None] * factor[:, None, :])
+            for block, field, factor in zip(
+                self.linearization.blocks, fields, factors, strict=True
+            )
+        ]
 
     @cached_property
     def points(self) -> list[Array] | None:
         """Points (frames, 2, targets) m of the fit in all runs; None if there is no solution."""
-        linearization = self.fit.linearization
-        return linearization.points(self.fit.point.arm, range(len(linearization.blocks)))
+        return self.linearization.points(self.fit.point.arm, range(len(self.runs)))
 
-    def frame_columns(self, cause: Cause) -> FrameColumns:
-        """Return the frame columns of a cause (cached)."""
+    def frame_columns(self, cause: Cause) -> OwnColumns:
+        """Return the columns of a cause with an amplitude of its own in every frame (cached)."""
         key = cause.kind.name, cause.position
         if key not in self.frames:
-            self.frames[key] = FrameColumns.of(
-                self.projection, self.fit.linearization, cause.fields
+            self.frames[key] = OwnColumns.of_frames(
+                self.projection, self.linearization, cause.fields
             )
         return self.frames[key]
 
     @cached_property
     def courses(self) -> Courses:
         """Aperiodic courses in time; steady states have none."""
-        seconds = {item.name: item.values for item in self.covariates}.get(ELAPSED)
-        return {} if seconds is None else wandering_courses(seconds, self.settings.law)
+        elapsed = self.covariates.get(ELAPSED)
+        return {} if elapsed is None else wandering_courses(elapsed.values, self.settings.law)
 
     def law(self, kind: Kind, position: float | None, runs: Runs) -> Law | None:
         """Return the law of a kind at a place in some of the runs; None if there is none."""
@@ -122,35 +187,36 @@ class Search:
         return None if cause is None else choose_law(cause, runs, self.settings.law)
 
     def best_law(self, kind: Kind, runs: Runs) -> Law | None:
-        """Return the law of a kind at its best position, after refining the position."""
-        positions = self.positions(kind)
-        laws = [(self.law(kind, position, runs), position) for position in positions]
-        known = [(law, position) for law, position in laws if law is not None]
+        """Return the law of a kind at its best position."""
+        return self.at_best_position(kind, lambda position: self.law(kind, position, runs))
+
+    def at_best_position(
+        self, kind: Kind, found_at: Callable[[float | None], Found | None]
+    ) -> Found | None:
+        """Return what is found at the best position of a kind, after refining the position."""
+        tried = [(found_at(position), position) for position in self.positions(kind)]
+        known = [(item, position) for item, position in tried if item is not None]
         if not known:
             return None
         best, position = max(known, key=lambda pair: pair[0].left_out_gain)
         if position is None or kind.positions is None:
             return best
-        step = (kind.positions[1] - kind.positions[0]) / (len(positions) - 1)
+        low, high = kind.positions
+        step = (high - low) / (GRID - 1)
         for _ in range(REFINEMENTS):
             step *= 0.5
             for other in (position - step, position + step):
-                if not kind.positions[0] <= other <= kind.positions[1]:
-                    continue
-                law = self.law(kind, other, runs)
-                if law is not None and law.left_out_gain > best.left_out_gain:
-                    best, position = law, other
+                found = found_at(other) if low <= other <= high else None
+                if found is not None and found.left_out_gain > best.left_out_gain:
+                    best, position = found, other
         return best
 
-    def swing(self, cause: Cause, runs: Runs) -> Swing | None:
-        """Return the most probable swing of the amplitude of a cause in some of the runs."""
-        frames = self.frame_columns(cause)
-        return find_swing(frames, self.covariates, cause.kind.prior, runs, self.settings.law)
-
-    def wandering(self, cause: Cause, runs: Runs) -> Swing | None:
-        """Return an aperiodic course of a cause in some of the runs."""
-        frames = self.frame_columns(cause)
-        return find_wandering(frames, self.courses, cause.kind.prior, runs, self.settings.law)
+    def swing(self, cause: Cause, runs: Runs, *, periodic: bool) -> Swing | None:
+        """Return the most probable course in time of the amplitude of a cause in some runs."""
+        frames, prior = self.frame_columns(cause), cause.kind.prior
+        if periodic:
+            return find_swing(frames, self.covariates, prior, runs, self.settings.law)
+        return find_wandering(frames, self.courses, prior, runs, self.settings.law)
 
     def wandering_suspects(self) -> list[Suspect]:
         """Return the kinds with an aperiodic course, best first.
@@ -158,45 +224,35 @@ class Search:
         Each is at its best position. A kind with a law in measured quantities is described better
         by that law.
         """
-        found = []
-        for kind in KINDS.values():
-            best = self.wandering_at(kind, self.positions(kind))
-            if best is not None and best.cause.position is not None and kind.positions is not None:
-                step = (kind.positions[1] - kind.positions[0]) / (GRID - 1)
-                for _ in range(REFINEMENTS):
-                    step *= 0.5
-                    here = best.cause.position
-                    near = [place for place in (here - step, here, here + step)
-                            if kind.positions[0] <= place <= kind.positions[1]]  # fmt: skip
-                    best = self.wandering_at(kind, near) or best
-            if best is not None and best.left_out_gain > 0.0:
-                found.append(best)
-        return sorted(found, key=lambda item: -item.left_out_gain)
 
-    def wandering_at(self, kind: Kind, positions: Sequence[float | None]) -> Suspect | None:
-        """Return the best position of a kind with an aperiodic amplitude; None without one."""
-        causes = [self.cause(kind, position) for position in positions]
-        found = [
-            Suspect(cause=cause, law=None, swing=swing)
-            for cause in causes
-            if cause is not None and (swing := self.wandering(cause, self.runs)) is not None
-        ]
-        return max(found, key=lambda item: item.left_out_gain, default=None)
+        def wandering(kind: Kind, position: float | None) -> Suspect | None:
+            cause = self.cause(kind, position)
+            swing = None if cause is None else self.swing(cause, self.runs, periodic=False)
+            if cause is None or swing is None:
+                return None
+            return Suspect(cause=cause, law=None, swing=swing)
 
-    def suspect(self, kind: Kind, runs: Runs) -> Suspect | None:
+        return best_first(
+            self.at_best_position(kind, partial(wandering, kind)) for kind in KINDS.values()
+        )
+
+    def suspects(self) -> list[Suspect]:
+        """Return all kinds with a law or a swing, best first."""
+        return best_first(self.suspect(kind) for kind in KINDS.values())
+
+    def suspect(self, kind: Kind) -> Suspect | None:
         """Return a kind with its best prediction of left-out recordings; None if it has none."""
-        law = self.best_law(kind, runs)
+        law = self.best_law(kind, self.runs)
         cause = self.cause(kind, self.positions(kind)[0]) if law is None else law.cause
         if cause is None:
             return None
-        swing = self.swing(cause, runs)
-        suspect = Suspect(cause=cause, law=law, swing=None)
-        if swing is not None and swing.left_out_gain > suspect.left_out_gain:
-            suspect = replace(suspect, law=None, swing=swing)
-        return suspect if suspect.left_out_gain > 0.0 else None
+        swing = self.swing(cause, self.runs, periodic=True)
+        if swing is not None and swing.left_out_gain > (0.0 if law is None else law.left_out_gain):
+            return Suspect(cause=cause, law=None, swing=swing)
+        return Suspect(cause=cause, law=law, swing=None)
 
-    def suspects(self, kinds: Sequence[Kind] | None = None) -> list[Suspect]:
-        """Return all kinds with a law, best first."""
-        found = [self.suspect(kind, self.runs) for kind in kinds or KINDS.values()]
-        known = [item for item in found if item is not None]
-        return sorted(known, key=lambda item: -item.left_out_gain)
+
+def best_first(suspects: Iterable[Suspect | None]) -> list[Suspect]:
+    """Return the suspects that predict left-out recordings, best first."""
+    known = [item for item in suspects if item is not None and item.left_out_gain > 0.0]
+    return sorted(known, key=lambda item: -item.left_out_gain)

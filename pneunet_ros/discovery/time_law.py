@@ -14,7 +14,7 @@ import itertools
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.discovery.amplitude import Evidence, FrameColumns, log_gains, Runs
+from pneunet_ros.discovery.amplitude import Evidence, log_gains, OwnColumns, Runs
 from pneunet_ros.discovery.covariates import CONSTANT, Covariate, ELAPSED
 from pneunet_ros.discovery.settings import DISCOVERY, LawSettings
 import scipy
@@ -31,7 +31,7 @@ class Swing:
 
     periodic: if False, the period is the time over which it changes. size and size_std: rms
     amplitude over the runs, in units of the kind's prior, at the largest modulation; factors
-    (frames, n): columns of all runs, equally many for each, such as sine and cosine.
+    (frames, n): columns of each run, such as sine and cosine.
     """
 
     period: float
@@ -40,7 +40,7 @@ class Swing:
     size: float
     size_std: float
     left_out_gain: float
-    factors: Array
+    factors: Sequence[Array]
     std: float
     periodic: bool = True
 
@@ -52,15 +52,10 @@ class Swing:
         grows = '' if self.modulation == CONSTANT else ', times the pressure'
         return f'sine with a phase of its own in every recording{grows}'
 
-    def columns_of(self, run: int, runs: int) -> slice:
-        """Return the columns of a run."""
-        each = self.factors.shape[1] // runs
-        return slice(run * each, (run + 1) * each)
-
 
 def find_swing(
-    frames: FrameColumns,
-    covariates: Sequence[Covariate],
+    frames: OwnColumns,
+    covariates: Mapping[str, Covariate],
     prior: float,
     runs: Runs,
     settings: LawSettings = DISCOVERY.law,
@@ -69,41 +64,32 @@ def find_swing(
 
     prior: of the amplitude. A law in time needs several recordings.
     """
-    by_name = {item.name: item for item in covariates}
-    if ELAPSED not in by_name or len(runs) < settings.fewest_runs:
+    if ELAPSED not in covariates or len(runs) < settings.fewest_runs:
         return None
-    seconds = by_name[ELAPSED].values
-    every_run = range(len(frames.frames))
+    seconds = covariates[ELAPSED].values
     everything = frames.evidence(runs)
-    best: tuple[float, float, str, float] | None = None
+    best: tuple[float, float, str, list[Array], float] | None = None
     periods = possible_periods(seconds, settings)
-    for modulation in [name for name in MODULATIONS if name in by_name and periods.size]:
-        sizes = [prior * np.abs(by_name[modulation].scaled(which)) for which in every_run]
+    for modulation in [name for name in MODULATIONS if name in covariates and periods.size]:
+        size_of = covariates[modulation].scaled
+        sizes = [prior * np.abs(size_of(which)) for which in range(len(seconds))]
         swings = swing_evidence(everything, seconds, sizes, periods)
         gains = log_gains(swings.score, swings.information, settings.prior_sizes)
         place, column = np.unravel_index(int(gains.argmax()), gains.shape)
         if best is None or gains.max() > best[0]:
             std = settings.prior_sizes[column]
-            best = float(gains.max()), float(periods[place]), modulation, std
+            best = float(gains.max()), float(periods[place]), modulation, sizes, std
     priors = prior * np.asarray(settings.prior_sizes)
     free = log_gains(everything.score, everything.information, priors).max()
     # What swings is described better by that than by an amplitude of its own in every frame.
     if best is None or best[0] < max(free, 0.0) + settings.period_cost:
         return None
-    _, period, modulation, std = best
-    sizes = [prior * np.abs(by_name[modulation].scaled(which)) for which in every_run]
+    _, period, modulation, sizes, std = best
     period, period_std = refine_period(everything, seconds, sizes, period, std, periods)
-    factors = swing_factors(seconds, sizes, period)
-    part = everything.along(factors)
-    gain = sum(
-        part.log_gain(std)
-        - frames.evidence(tuple(other for other in runs if other != which))
-        .along(factors)
-        .log_gain(std)
-        for which in runs
-    )
-    coefficients, covariance = part.estimate(std)
-    own = np.array([place for which in runs for place in (2 * which, 2 * which + 1)])
+    factors = [wave[:, 0] for wave in waves_of(seconds, sizes, np.array([period]))]
+    along = frames.along(factors)
+    coefficients, covariance = along.evidence(runs).estimate(std)
+    own = np.r_[tuple(along.of_run[which] for which in runs)]
     size = float(np.sqrt(np.sum(coefficients[own] ** 2) / len(runs)))
     slope = coefficients[own] / (len(runs) * size)
     return Swing(
@@ -112,7 +98,7 @@ def find_swing(
         modulation=modulation,
         size=size,
         size_std=float(np.sqrt(slope @ covariance[np.ix_(own, own)] @ slope)),
-        left_out_gain=gain - settings.period_cost,
+        left_out_gain=along.left_out_gain(runs, std) - settings.period_cost,
         factors=factors,
         std=std,
     )
@@ -131,7 +117,7 @@ def wandering_courses(seconds: Sequence[Array], settings: LawSettings = DISCOVER
 
 
 def find_wandering(
-    frames: FrameColumns,
+    frames: OwnColumns,
     courses: Courses,
     prior: float,
     runs: Runs,
@@ -153,25 +139,18 @@ def find_wandering(
     gain, place = float(gains[time].max()), int(gains[time].argmax())
     if gain <= 0.0:
         return None
-    std = settings.prior_sizes[place]
-    left_out = sum(
-        gain
-        - along[time]
-        .evidence(tuple(other for other in runs if other != which))
-        .log_gain(prior * std)
-        for which in runs
-    )
-    root = np.asarray(scipy.linalg.block_diag(*courses[time]))
+    std, roots = settings.prior_sizes[place], courses[time]
     coefficients = evidence[time].estimate(prior * std)[0]
-    course = np.asarray(root @ coefficients)[np.concatenate([frames.of_run(w) for w in runs])]
+    of_run = along[time].of_run
+    course = np.concatenate([roots[which] @ coefficients[of_run[which]] for which in runs])
     return Swing(
         period=time,
         period_std=0.5 * time,
         modulation=CONSTANT,
         size=float(np.sqrt(np.mean(course**2))) / prior,
         size_std=0.0,
-        left_out_gain=left_out - settings.least_gain,
-        factors=prior * root,
+        left_out_gain=along[time].left_out_gain(runs, prior * std) - settings.least_gain,
+        factors=[prior * root for root in roots],
         std=std,
         periodic=False,
     )
@@ -207,29 +186,22 @@ def possible_periods(seconds: Sequence[Array], settings: LawSettings) -> Array:
     return np.asarray(1.0 / frequencies)
 
 
-def swing_factors(seconds: Sequence[Array], sizes: Sequence[Array], period: float) -> Array:
-    """Return sine and cosine of every run times sizes (frames,), (all frames, 2 runs)."""
-    total = sum(item.size for item in seconds)
-    factors, first = np.zeros((total, 2 * len(seconds))), 0
-    for which, (time, size) in enumerate(zip(seconds, sizes, strict=True)):
-        angle = 2.0 * np.pi * time / period
-        own = slice(first, first + time.size)
-        factors[own, 2 * which] = size * np.sin(angle)
-        factors[own, 2 * which + 1] = size * np.cos(angle)
-        first += time.size
-    return factors
+def waves_of(seconds: Sequence[Array], sizes: Sequence[Array], periods: Array) -> list[Array]:
+    """Return sine and cosine times sizes (frames,) per run, (frames, periods, 2)."""
+    waves = []
+    for time, size in zip(seconds, sizes, strict=True):
+        angle = 2.0 * np.pi * time[:, None] / periods
+        waves.append(size[:, None, None] * np.stack([np.sin(angle), np.cos(angle)], axis=2))
+    return waves
 
 
 def swing_evidence(
     everything: Evidence, seconds: Sequence[Array], sizes: Sequence[Array], periods: Array
 ) -> Evidence:
-    """Return the evidence for `swing_factors` at many periods, (periods, 2 runs), etc."""
+    """Return the evidence for waves of every run at many periods, (periods, 2 runs), etc."""
     ends = np.cumsum([0, *(item.size for item in seconds)])
     own = [slice(*pair) for pair in itertools.pairwise(ends.tolist())]
-    waves = []
-    for time, size in zip(seconds, sizes, strict=True):
-        angle = 2.0 * np.pi * time[:, None] / periods
-        waves.append(size[:, None, None] * np.stack([np.sin(angle), np.cos(angle)], axis=2))
+    waves = waves_of(seconds, sizes, periods)
     columns, runs = 2 * len(waves), range(len(waves))
     score = np.empty((periods.size, columns))
     information = np.empty((periods.size, columns, columns))

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.discovery.amplitude import Columns, FrameColumns, left_out_gains, Projection
+from pneunet_ros.discovery.amplitude import Columns, left_out_gains, OwnColumns, Projection
 from pneunet_ros.discovery.covariates import Covariate
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Cause, choose_law
@@ -98,12 +98,12 @@ def test_frames_by_themselves_add_up_to_a_law():
     factors = [np.random.default_rng(which).standard_normal((FRAMES, 2)) for which in EVERY]
     columns = columns_of(gaussian, fields, factors)
     blocks = [SimpleNamespace(white_by_frame=lambda item: block_diag(*item))] * RUNS
-    frames = FrameColumns.of(columns.projection, SimpleNamespace(blocks=blocks), fields)
+    frames = OwnColumns.of_frames(columns.projection, SimpleNamespace(blocks=blocks), fields)
     for runs in (EVERY, (1, 3)):
         kept = np.concatenate([factors[which] * float(which in runs) for which in EVERY])
-        along, directly = frames.evidence(runs).along(kept), columns.evidence(runs)
-        assert along.score == pytest.approx(directly.score)
-        assert along.information == pytest.approx(directly.information)
+        along, directly = frames.evidence(runs), columns.evidence(runs)
+        assert kept.T @ along.score == pytest.approx(directly.score)
+        assert kept.T @ along.information @ kept == pytest.approx(directly.information)
 
 
 # ---- laws --------------------------------------------------------------------------------------
@@ -191,10 +191,10 @@ def searched(seed: int, course, runs: int, find):
         residuals.append((field * amplitude[:, None]).ravel() + noise)
     gaussian = GaussianModel.of(columns, residuals, np.zeros(BASE))
     blocks = [SimpleNamespace(white_by_frame=lambda item: block_diag(*item))] * runs
-    frames = FrameColumns.of(Projection(gaussian), SimpleNamespace(blocks=blocks), fields)
+    frames = OwnColumns.of_frames(Projection(gaussian), SimpleNamespace(blocks=blocks), fields)
     same = {'values': (np.ones(TIMES.size),) * runs, 'scale': 1.0}
     time = Covariate(name='t', values=(TIMES,) * runs, scale=float(TIMES[-1]))
-    known = (Covariate(name='1', **same), time)
+    known = {'1': Covariate(name='1', **same), 't': time}
     if find is find_wandering:
         return find_wandering(frames, wandering_courses(time.values), 1.0, tuple(range(runs)))
     return find(frames, known, 1.0, tuple(range(runs)))
@@ -235,7 +235,7 @@ def test_what_changes_by_itself_without_a_period_is_found(course, size):
     assert not found.periodic
     assert found.left_out_gain > 4.0
     assert 0.5 * size < found.size / np.sqrt(0.45) < 1.6 * size
-    assert found.factors.shape == (RUNS * TIMES.size, RUNS * 24)
+    assert [factor.shape for factor in found.factors] == [(TIMES.size, 24)] * RUNS
     assert searched(6, amplitude, 2, find_wandering) is None
 
 

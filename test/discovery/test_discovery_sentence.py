@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
-import numpy as np
 from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.result import Estimated
 from pneunet_ros.diagnosis.settings import DEFAULTS
@@ -48,7 +47,7 @@ def test_of_what_goes_by_itself_it_is_said_that_nothing_predicts_it():
         size=0.5,
         size_std=0.02,
         left_out_gain=50.0,
-        factors=np.zeros((0, 0)),
+        factors=(),
         std=0.1,
     )
     sentence = swing_sentence(KINDS['chamber_pressure'], None, swing, ())

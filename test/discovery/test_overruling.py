@@ -50,7 +50,9 @@ def test_a_law_that_explains_more_and_is_not_confirmed_is_said(monkeypatch, evid
     object.__setattr__(diagnosis, 'answer', 'named')
     object.__setattr__(diagnosis, 'alternatives', ())
     trial = SimpleNamespace(record=NAME, names=NAME.names, refit=None)
-    investigation = Investigation(diagnosis=diagnosis, base=trial, trial=trial)
+    investigation = Investigation(
+        diagnosis=diagnosis, base=trial, trial=trial, selection=SimpleNamespace()
+    )
     suspect = SimpleNamespace(
         kind=SimpleNamespace(name='end_moment'),
         law=SimpleNamespace(terms=('pressure',)),

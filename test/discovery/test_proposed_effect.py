@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.units import quantities
+from pneunet_ros.diagnosis.generic_field import high_pass
 from pneunet_ros.discovery.covariates import (
-    ahead_of_past,
     CONSTANT,
     Covariate,
     MEANINGS,
@@ -22,8 +22,7 @@ from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.proposed_effect import (
     effect_class,
     effect_source,
-    PARAMETERS,
-    parameters_of,
+    parameter_of,
 )
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect, PressureScale
@@ -50,7 +49,7 @@ COVARIATES = {
 CASES = [
     (kind, term)
     for kind in KINDS.values()
-    for term in (*PARAMETERS, *kind.natives)
+    for term in (*MEANINGS, *kind.natives)
     if term in kind.natives or MEANINGS[term].group in kind.follows or term == CONSTANT
 ]
 every_kind = pytest.mark.parametrize('kind', KINDS.values(), ids=KINDS)
@@ -58,7 +57,7 @@ every_kind = pytest.mark.parametrize('kind', KINDS.values(), ids=KINDS)
 
 def source_of(kind, terms):
     """Return the text of a file with these terms."""
-    parameters = parameters_of(kind, terms, COVARIATES)
+    parameters = [parameter_of(kind, term, COVARIATES) for term in terms]
     return effect_source(kind, parameters, 'It goes.', length=LENGTH, play=PLAY_WIDTH)
 
 
@@ -133,9 +132,9 @@ def chambers(effect: Effect, run: RecordingData) -> np.ndarray:
     [
         (PLAY, lambda run: side_of_play(run, PLAY_WIDTH)),
         ('side of a wide play', lambda run: side_of_play(run, 2.0 * PLAY_WIDTH)),
-        (RATE, lambda run: ahead_of_past(run, RATE_TIME) / RATE_TIME),
-        ('past 3 s', lambda run: ahead_of_past(run, 3.0)),
-        ('past 30 s', lambda run: ahead_of_past(run, 30.0)),
+        (RATE, lambda run: high_pass(run, RATE_TIME) / RATE_TIME),
+        ('past 3 s', lambda run: high_pass(run, 3.0)),
+        ('past 30 s', lambda run: high_pass(run, 30.0)),
     ],
 )
 def test_a_file_follows_the_past_as_the_law_that_it_is_made_of_does(term, covariate):
@@ -151,10 +150,10 @@ def test_covariates_of_the_past_are_those_of_the_effects_of_the_library():
     play = run.pressure - chambers(Hysteresis(width=PLAY_WIDTH), run)
     assert side_of_play(run, PLAY_WIDTH) == pytest.approx(play / (0.5 * PLAY_WIDTH))
     line = run.pressure - chambers(PressureLag(time_constant=3.0), run)
-    assert ahead_of_past(run, 3.0) == pytest.approx(line, abs=1e-6)
+    assert high_pass(run, 3.0) == pytest.approx(line, abs=1e-6)
     # Frames that are steady states have no past.
     assert not side_of_play(replace(run, static=True), PLAY_WIDTH).any()
-    assert not ahead_of_past(replace(run, static=True), 3.0).any()
+    assert not high_pass(replace(run, static=True), 3.0).any()
 
 
 def test_a_file_is_loaded_by_its_path_and_a_model_file_has_it(tmp_path):
