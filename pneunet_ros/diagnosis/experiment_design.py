@@ -116,33 +116,18 @@ def propose_experiment(
     """
     if not wanted:
         return ''
-    design, arm = settings.experiment_design, refit.point.arm
-    force = largest_force(refit)
-    linearization = linearize_experiments(refit, EXPERIMENTS, arm.pressure_range, force, design)
-    if linearization is None:
+    force, pressure_range = largest_force(refit), refit.point.arm.pressure_range
+    items = list({item.name: item for item in (*wanted, *rivals)}.values())
+    tried = informations(refit, EXPERIMENTS, items, pressure_range, force, settings)
+    if tried is None:
         return ''
-    at_fit = linearize_all_runs(linearization, refit, settings.refit)
-    if at_fit is None:
-        return ''
-    residuals, gaussian = at_fit[0].residuals, at_fit[1]
-    directions = {
-        item.name: effect_direction(
-            linearization, refit, residuals, item.hypothesis.effect(item.tried)
-        )
-        for item in (*wanted, *rivals)
-    }
+    names = [item.name for item in items]
+    places = {item.name: names.index(item.name) for item in rivals}
     best, words, name = 0.0, '', ''
-    for place, experiment in enumerate(EXPERIMENTS):
-        kept = [*range(linearization.training), linearization.training + place]
-        part = GaussianModel.of(
-            [gaussian.columns[which] for which in kept],
-            [gaussian.residuals[which] for which in kept],
-            gaussian.position,
-            [gaussian.grams[which] for which in kept],
-        )
+    for experiment, inner in zip(EXPERIMENTS, tried[1], strict=True):
         for item in wanted:
-            others = [directions[rival.name] for rival in rivals if rival.name != item.name]
-            shown = effect_information(part, kept, directions[item.name], others)
+            others = [place for other, place in places.items() if other != item.name]
+            shown = effect_information(inner, names.index(item.name), others)
             shown *= prior_end_factor(item, settings.score_test.prior_range)
             if shown > best:
                 best, words, name = shown, experiment.words, item.name
@@ -152,6 +137,51 @@ def propose_experiment(
         f'Record next: {words}. It would show {name} best: chi squared of {best:.0f} at the end '
         'of its prior range.'
     )
+
+
+def informations(
+    refit: Refit,
+    experiments: Sequence[Experiment],
+    candidates: Sequence[Candidate],
+    pressure_range: tuple[float, float],
+    force: float,
+    settings: DiagnosisSettings = DEFAULTS,
+) -> tuple[Array, list[Array]] | None:
+    """Return the information (n, n) of effects, with all nuisance parameters fitted jointly.
+
+    It is for the training runs alone, and together with each experiment. An effect with which the
+    arm has no shape has none. None if the arm has no shape in one of the experiments.
+    """
+    linearization = linearize_experiments(
+        refit, experiments, pressure_range, force, settings.experiment_design
+    )
+    if linearization is None or not candidates:
+        return None
+    at_fit = linearize_all_runs(linearization, refit, settings.refit)
+    if at_fit is None:
+        return None
+    residuals, gaussian = at_fit[0].residuals, at_fit[1]
+    none = [np.zeros(values.size) for values in residuals]
+    directions = [
+        effect_direction(linearization, refit, residuals, item.hypothesis.effect(item.tried))
+        or none
+        for item in candidates
+    ]
+    columns = [np.column_stack(run) for run in zip(*directions, strict=True)]
+
+    def inner(kept: Sequence[int]) -> Array:
+        part = GaussianModel.of(
+            [gaussian.columns[which] for which in kept],
+            [gaussian.residuals[which] for which in kept],
+            gaussian.position,
+            [gaussian.grams[which] for which in kept],
+        )
+        subset = [columns[which] for which in kept]
+        return part.inner(subset, subset)
+
+    training = list(range(linearization.training))
+    further = range(linearization.training, len(residuals))
+    return inner(training), [inner([*training, which]) for which in further]
 
 
 def linearize_experiments(
@@ -188,24 +218,15 @@ def largest_force(refit: Refit) -> float:
     return force or refit.point.arm.weight
 
 
-def effect_information(
-    gaussian: GaussianModel,
-    runs: Sequence[int],
-    effect: Sequence[Array] | None,
-    rivals: Sequence[Sequence[Array] | None],
-) -> float:
-    """Return chi squared of an effect in these runs, its rivals fitted jointly.
+def effect_information(inner: Array, effect: int, rivals: Sequence[int]) -> float:
+    """Return chi squared of one of the effects, its rivals fitted jointly.
 
-    effect, rivals: their directions in all runs, None if unknown.
+    inner (n, n): as in `informations`.
     """
-    if effect is None:
-        return 0.0
-    known = [effect, *(item for item in rivals if item is not None)]
-    columns = [np.column_stack([item[which] for item in known]) for which in runs]
-    inner = gaussian.inner(columns, columns)
-    information = float(inner[0, 0])
-    if len(known) > 1:
-        information -= float(inner[0, 1:] @ np.linalg.pinv(inner[1:, 1:]) @ inner[1:, 0])
+    information = float(inner[effect, effect])
+    if rivals:
+        cross = inner[effect, rivals]
+        information -= float(cross @ np.linalg.pinv(inner[np.ix_(rivals, rivals)]) @ cross)
     return max(information, 0.0)
 
 

@@ -11,12 +11,8 @@ import itertools
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.experiment_design import Experiment, linearize_experiments
+from pneunet_ros.diagnosis.experiment_design import Experiment, informations
 from pneunet_ros.diagnosis.investigation import Investigation
-from pneunet_ros.diagnosis.linearization import Linearization
-from pneunet_ros.diagnosis.refit import effect_direction, linearize_all_runs, Refit
-from pneunet_ros.diagnosis.score_test import Candidate
-from pneunet_ros.diagnosis.settings import DiagnosisSettings
 from pneunet_ros.exploration.experiments import experiments
 from pneunet_ros.exploration.rivals import (
     NOTHING,
@@ -26,7 +22,6 @@ from pneunet_ros.exploration.rivals import (
 )
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.exploration.settings import EXPLORATION, ExplorationSettings
-from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,14 +79,10 @@ def ranked_choices(
     items = tuple(experiments())
     of_diagnosis = investigation.selection.settings
     design = replace(of_diagnosis.experiment_design, frames=settings.frames)
-    refit = trial.refit
-    linearization = linearize_experiments(refit, items, (safe.low, safe.high), safe.force, design)
+    simulated = replace(of_diagnosis, experiment_design=design)
     candidates = rival_candidates(investigation.selection, trial)
-    tried = (
-        None
-        if linearization is None
-        else informations(linearization, refit, candidates, of_diagnosis)
-    )
+    span = safe.low, safe.high
+    tried = informations(trial.refit, items, candidates, span, safe.force, simulated)
     if tried is None:
         return []
     known, after = tried
@@ -114,46 +105,6 @@ def ranked_choices(
             )
         )
     return sorted(choices, key=lambda item: -item.rate)
-
-
-def informations(
-    linearization: Linearization,
-    refit: Refit,
-    candidates: Sequence[Candidate],
-    settings: DiagnosisSettings,
-) -> tuple[Array, list[Array]] | None:
-    """Return the information (n, n) of the effects, with all nuisance parameters fitted jointly.
-
-    They are for the training runs alone, and together with each experiment. None if the arm has no
-    shape.
-    """
-    at_fit = linearize_all_runs(linearization, refit, settings.refit)
-    if at_fit is None or not candidates:
-        return None
-    residuals, gaussian = at_fit[0].residuals, at_fit[1]
-    directions = [
-        effect_direction(linearization, refit, residuals, item.hypothesis.effect(item.tried))
-        for item in candidates
-    ]
-    none = [np.zeros(values.size) for values in residuals]
-    columns = [
-        np.column_stack([(none if item is None else item)[run] for item in directions])
-        for run in range(len(residuals))
-    ]
-
-    def inner(kept: Sequence[int]) -> Array:
-        part = GaussianModel.of(
-            [gaussian.columns[which] for which in kept],
-            [gaussian.residuals[which] for which in kept],
-            gaussian.position,
-            [gaussian.grams[which] for which in kept],
-        )
-        subset = [columns[which] for which in kept]
-        return part.inner(subset, subset)
-
-    training = list(range(linearization.training))
-    further = range(linearization.training, len(residuals))
-    return inner(training), [inner([*training, which]) for which in further]
 
 
 def separations(inner: Array) -> Array:

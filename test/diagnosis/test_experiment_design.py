@@ -73,21 +73,24 @@ def test_every_experiment_is_tried_as_if_it_came_next():
     assert history(low)[:, 0].max() < 70e3
 
 
-def direction(*values: float) -> tuple[Array, ...]:
-    """Return how one run of rows answers."""
-    return (np.array(values),)
+def inner(gaussian: GaussianModel, *directions: tuple[float, ...]) -> Array:
+    """Return the information of effects in one run, of how its rows answer to each."""
+    columns = [np.column_stack(directions)]
+    return gaussian.inner(columns, columns)
 
 
 def test_what_a_rival_explains_as_well_is_no_information():
     nothing = GaussianModel.of([np.zeros((3, 1))], [np.zeros(3)], np.zeros(1))
-    effect, rival = direction(3.0, 4.0, 0.0), direction(1.0, 0.0, 0.0)
-    assert effect_information(nothing, [0], effect, []) == pytest.approx(25.0)
-    assert effect_information(nothing, [0], effect, [rival, None]) == pytest.approx(16.0)
-    assert effect_information(nothing, [0], effect, [effect]) == pytest.approx(0.0, abs=1e-12)
-    assert effect_information(nothing, [0], None, [rival]) == 0.0
+    effect, rival, none = (3.0, 4.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    found = inner(nothing, effect, rival, none)
+    assert effect_information(found, 0, []) == pytest.approx(25.0)
+    assert effect_information(found, 0, [1, 2]) == pytest.approx(16.0)
+    assert effect_information(found, 2, [1]) == 0.0
+    same = inner(nothing, effect, effect)
+    assert effect_information(same, 0, [1]) == pytest.approx(0.0, abs=1e-12)
     # What the base takes up is none, either.
     base = GaussianModel.of([np.array([[0.0], [1e6], [0.0]])], [np.zeros(3)], np.zeros(1))
-    assert effect_information(base, [0], effect, []) == pytest.approx(9.0)
+    assert effect_information(inner(base, effect), 0, []) == pytest.approx(9.0)
 
 
 def test_chi_squared_grows_with_the_square_of_the_size():
