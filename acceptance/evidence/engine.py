@@ -241,7 +241,7 @@ def investigate(
     training, held_out, notes, _ = at_rest(model, training, held_out, notes)
     base = fit_base(model, training, lambda *_: None, settings.base_fit, settings.calibration)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)
-    asked = hypotheses(tuple(item.name for item in base.frame.effects), settings.hypothesis)
+    asked = hypotheses(tuple(item.name for item in model.effects), settings.hypothesis)
     selection = Selection(
         linearization=linearize(base, *recordings, settings),
         hypotheses=considered_hypotheses(asked, training, settings.hypothesis),
@@ -298,7 +298,7 @@ def decided(engine: Engine, best: Trial, rivals: list[Trial], base: Around, dete
         and not confirmer.refutations(item.record)
     )  # fmt: skip
     verdict = Verdict(answer='inseparable' if alike else 'named', trial=best, alike=alike)
-    objections = confirmer.confirm(best.record, verdict.alternatives).objections
+    objections = confirmer.objections(best.record, verdict.alternatives)
     objections = (*objections, *left_out(engine, best, verdict, base))
     if objections:
         notes = closest_notes(best.record, objections)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 import math
 
@@ -14,10 +14,12 @@ from pneunet_ros.diagnosis.hypothesis import Coordinate
 from pneunet_ros.diagnosis.refit import Refit, split_numbers
 from pneunet_ros.diagnosis.result import Estimated, NamedEffect, Shift
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
+from pneunet_ros.effects.gravity import Gravity
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS
 
 STATIONS = (0.2, 0.5, 0.8)  # s / l, where shifts of kappa_p0 are shown
+SURE = 2.0  # standard errors, by which a direction may be longer than a unit vector
 
 
 def fit_with_effects(refit: Refit, settings: DiagnosisSettings = DEFAULTS) -> Fit:
@@ -136,3 +138,29 @@ def shown_quantities(fit: Fit, names: tuple[str, ...]) -> set[str]:
     last, arclength = fit.parameters.pressure.size - 1, fit.parameters.arclength
     knots = [int(np.argmin(np.abs(arclength - station))) for station in STATIONS]
     return shown | {f'intrinsic_curvature.curvature.{last}.{knot}' for knot in knots}
+
+
+def direction_notes(arm: Arm, effects: Sequence[NamedEffect]) -> tuple[str, ...]:
+    """Describe the direction of gravity that explains the line load equally well; empty: none.
+
+    A line load not larger than the weight of the arm may be that weight, if the model has a wrong
+    direction of gravity. arm: without the effect.
+    """
+    per_length = arm.weight / arm.length
+    for effect in effects:
+        if effect.name != Gravity.name:
+            continue
+        found = [effect.parameters[name] for name in ('weight_x', 'weight_y')]
+        known = arm.gravity.x, arm.gravity.y
+        x, y = (one.value / per_length + there for one, there in zip(found, known, strict=True))
+        std = math.hypot(*(one.std / per_length for one in found))
+        if math.hypot(x, y) > 1.0 + SURE * std:
+            return ()
+        longer = max(math.hypot(x, y), 1.0)
+        x, y = x / longer, y / longer
+        return (
+            f'the line load equals the weight of the arm if gravity points along [{x:.2f}, '
+            f'{y:.2f}] ± {std:.1g} instead of [{known[0]:.2f}, {known[1]:.2f}]: is the base '
+            f'tilted? Try --gravity={x:.3f},{y:.3f}',
+        )
+    return ()

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.calibration.checks.preconditions import check_runs, has_one_pressure
 from pneunet_ros.calibration.checks.resolution import resolve
 from pneunet_ros.calibration.experiments import FitSequence
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
-from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
+from pneunet_ros.calibration.noise_estimate import estimate_noise
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CalibrationSettings
 from pneunet_ros.core.errors import RequestError
@@ -20,23 +20,17 @@ from pneunet_ros.measurement.dataset import RecordingData, thinned
 from pneunet_ros.model.arm import Arm
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BaseFit:
-    """The base model fitted to few frames of all training runs, and the noise of all frames."""
-
-    frame: Arm
-    noise: NoiseEstimate
-    fit: Fit
-
-
 def fit_base(
     frame: Arm,
     training: Sequence[RecordingData],
     on_progress: OnProgress,
     settings: BaseFitSettings = DEFAULTS.base_fit,
     calibration: CalibrationSettings = DEFAULTS.calibration,
-) -> BaseFit:
-    """Fit the base model; RequestError or RecordingError if the recordings are unsuitable."""
+) -> Fit:
+    """Fit the base model to few frames of all training runs, with the noise of all frames.
+
+    RequestError or RecordingError if the recordings are unsuitable.
+    """
     fitted = thinned(training, calibration.experiments.most_frames)
     unloaded = [run for run in fitted if not run.loaded]
     loaded = [run for run in fitted if run.loaded]
@@ -66,15 +60,13 @@ def fit_base(
     )
     kind = frame.moment_law.kind
     if one_pressure and loaded and kind in MOMENT_LAW_PARAMETERS:
-        return BaseFit(
-            frame=frame, noise=noise, fit=fits.at_one_pressure([*unloaded, *loaded], kind)
-        )
+        return fits.at_one_pressure([*unloaded, *loaded], kind)
     fit = fits.first_experiment(unloaded)
     if loaded and kind in MOMENT_LAW_PARAMETERS:
         runs = [*unloaded, *loaded]
         law = fits.law(kind, fits.stiffness(runs, fit))
         fit = fits.joint(runs, fit, law, most)
-    return BaseFit(frame=frame, noise=noise, fit=fit)
+    return fit
 
 
 def has_uniform_curvature(arm: Arm) -> bool:

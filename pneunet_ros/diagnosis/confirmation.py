@@ -25,14 +25,6 @@ from scipy.special import ndtr, stdtrit
 NO_ERROR = 1e-18  # m^2: what no camera sees, so that there is a ratio
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Confirmation:
-    """Objections to a name, and requirements that could not be tested; sentences."""
-
-    objections: tuple[str, ...] = ()
-    untested: tuple[str, ...] = ()
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Confirmer:
     """Checks the requirements for naming an effect.
@@ -61,16 +53,17 @@ class Confirmer:
             steady=not any(carries_time(run, in_time) for run in runs),
         )
 
-    def confirm(self, record: Record, alternatives: Collection[str] = ()) -> Confirmation:
-        """Check a set of effects against the requirements for a name; alternatives: others."""
-        return Confirmation(
-            objections=(
-                *self.refutations(record),
-                *self.other_names(record, alternatives),
-                *self.untried(),
-            ),
-            untested=(*self.held_out_untested(), *self.stability_untested(record)),
+    def objections(self, record: Record, alternatives: Collection[str] = ()) -> tuple[str, ...]:
+        """Return the objections to a name for a set of effects; alternatives: others."""
+        return (
+            *self.refutations(record),
+            *self.other_names(record, alternatives),
+            *self.untried(),
         )
+
+    def untested(self, record: Record) -> tuple[str, ...]:
+        """Return the requirements for a name that could not be tested."""
+        return (*self.held_out_untested(), *self.stability_untested(record))
 
     def refutations(self, record: Record) -> tuple[str, ...]:
         """Return the objections to a set of effects, regardless of other sets.

@@ -12,16 +12,18 @@ import numpy as np
 from pneunet_ros.calibration.calibration import describe_thinning
 from pneunet_ros.calibration.checks.frames_in_motion import FramesInMotion, without_motion
 from pneunet_ros.calibration.elongation import without_fitted
+from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import OnProgress, part_of, say_nothing
 from pneunet_ros.diagnosis.augmented_model import (
     augment_model,
     describe_effects,
+    direction_notes,
     fit_with_effects,
     parameter_shifts,
 )
-from pneunet_ros.diagnosis.base_fit import BaseFit, fit_base
+from pneunet_ros.diagnosis.base_fit import fit_base
 from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
 from pneunet_ros.diagnosis.evaluation import (
     adequacy,
@@ -31,7 +33,6 @@ from pneunet_ros.diagnosis.evaluation import (
     scores,
 )
 from pneunet_ros.diagnosis.experiment_design import propose_experiment
-from pneunet_ros.diagnosis.gravity_direction import direction_notes
 from pneunet_ros.diagnosis.hypothesis import carries_time, hypotheses, Hypothesis
 from pneunet_ros.diagnosis.inertia import with_frames_in_motion
 from pneunet_ros.diagnosis.investigation import Investigation
@@ -187,8 +188,7 @@ def investigate_at_rest(
     training, held_out = few[:count], few[count:]
     notes = (*describe_thinning(few, rested), *notes)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
-    known = tuple(effect.name for effect in base.frame.effects)
-    asked = hypotheses(known, settings.hypothesis)
+    asked = hypotheses(tuple(effect.name for effect in model.effects), settings.hypothesis)
     selection = Selection(
         linearization=linearize(base, *recordings, settings),
         hypotheses=considered_hypotheses(asked, training, settings.hypothesis),
@@ -278,13 +278,12 @@ def considered_hypotheses(
 
 
 def linearize(
-    base: BaseFit,
+    fit: Fit,
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
     settings: DiagnosisSettings,
 ) -> Linearization:
     """Linearize all recordings, thinned, around the base fit."""
-    fit = base.fit
     point = LinearizationPoint(
         parameters=fit.parameters,
         values=fit.values,
@@ -292,7 +291,8 @@ def linearize(
         origin=fit.origin,
     )
     runs = [run.thin(settings.base_fit.frames) for run in (*training, *held_out)]
-    return Linearization(point, runs, len(training), base.noise.noise, settings.linearization)
+    noise = fit.parameters.frame.sensors
+    return Linearization(point, runs, len(training), noise, settings.linearization)
 
 
 def conclude(
@@ -402,16 +402,15 @@ def decide(
         and not set(item.names) <= set(best.names)
     )
     verdict = Verdict(answer='inseparable' if alike else 'named', trial=best, alike=alike)
-    confirmation = confirmer.confirm(best.record, verdict.alternatives)
-    if confirmation.objections:
-        notes = closest_notes(best.record, confirmation.objections)
+    objections = confirmer.objections(best.record, verdict.alternatives)
+    untested = confirmer.untested(best.record)
+    if objections:
+        notes = closest_notes(best.record, objections)
         return Verdict(answer='unknown', trial=first, unconfirmed=best.names, notes=notes)
     return replace(
         verdict,
-        probability=effect_probabilities(
-            [best.record, *rivals], settings, confirmed=not confirmation.untested
-        ),
-        notes=(*confirmation.untested, *notes_on_rest(selection, best)),
+        probability=effect_probabilities([best.record, *rivals], settings, confirmed=not untested),
+        notes=(*untested, *notes_on_rest(selection, best)),
     )
 
 

@@ -8,7 +8,8 @@ deviations of placement and camera that are themselves estimated from few values
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+import math
 import zlib
 
 import numpy as np
@@ -53,6 +54,16 @@ class LackOfFit:
         """Excess of the statistic over its mean without model error."""
         return max(self.statistic - self.mean, 0.0)
 
+    def together(self, other: LackOfFit) -> LackOfFit:
+        """Return the sum of two independent tests."""
+        return replace(
+            self,
+            statistic=self.statistic + other.statistic,
+            dof=self.dof + other.dof,
+            mean=self.mean + other.mean,
+            std=math.hypot(self.std, other.std),
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScoreStatistic:
@@ -70,9 +81,8 @@ class ScoreStatistic:
     settings: LackOfFitSettings = DEFAULTS.lack_of_fit
 
 
-Moments = tuple[float, float]
 MapFunction = Callable[
-    [Callable[[ScoreStatistic], Moments], Sequence[ScoreStatistic]], Iterable[Moments]
+    [Callable[[ScoreStatistic], LackOfFit], Sequence[ScoreStatistic]], Iterable[LackOfFit]
 ]
 
 
@@ -101,17 +111,10 @@ def lack_of_fit_tests(
         )
         for name, runs, fields in tested_fields(linearization)
     ]
-    moments = map_function(clean_moments, statistics)
     tests: dict[str, LackOfFit] = {}
-    for item, (mean, variance) in zip(statistics, moments, strict=True):
-        sum_so_far = tests.get(item.name, LackOfFit(name='', statistic=0, dof=0, mean=0, std=0))
-        tests[item.name] = LackOfFit(
-            name=item.name,
-            statistic=item.statistic + sum_so_far.statistic,
-            dof=item.dof + sum_so_far.dof,
-            mean=mean + sum_so_far.mean,
-            std=float(np.hypot(np.sqrt(variance), sum_so_far.std)),
-        )
+    for item in map_function(compare_with_clean, statistics):
+        known = tests.get(item.name)
+        tests[item.name] = item if known is None else known.together(item)
     return tuple(tests.values())
 
 
@@ -215,10 +218,13 @@ class TestedProblem:
         )
 
 
-def clean_moments(statistic: ScoreStatistic) -> Moments:
-    """Return mean and variance of a statistic over simulated clean data."""
+def compare_with_clean(statistic: ScoreStatistic) -> LackOfFit:
+    """Return the test of a statistic, with its moments in simulated clean data."""
+    test = LackOfFit(
+        name=statistic.name, statistic=statistic.statistic, dof=statistic.dof, mean=0.0, std=0.0
+    )
     if statistic.dof == 0:
-        return 0.0, 0.0
+        return test
     random = np.random.default_rng([statistic.seed, zlib.crc32(statistic.name.encode())])
     count = DRAWS
     draws = random.standard_normal((count, statistic.dof))
@@ -228,4 +234,4 @@ def clean_moments(statistic: ScoreStatistic) -> Moments:
         std = np.sqrt(np.maximum(factor - 1.0, 0.0))
         draws += std * (random.standard_normal((count, response.shape[1])) @ response.T)
     clean = np.sum(draws**2, axis=1)
-    return float(clean.mean()), float(clean.var())
+    return replace(test, mean=float(clean.mean()), std=float(clean.std()))

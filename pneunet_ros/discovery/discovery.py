@@ -16,7 +16,7 @@ from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
 from pneunet_ros.diagnosis.diagnosis import evaluate, take_back
 from pneunet_ros.diagnosis.evaluation import removed_share
 from pneunet_ros.diagnosis.investigation import Investigation
-from pneunet_ros.diagnosis.lack_of_fit import clean_moments, LackOfFit, TestedProblem
+from pneunet_ros.diagnosis.lack_of_fit import compare_with_clean, TestedProblem
 from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.result import Diagnosis, Estimated
 from pneunet_ros.diagnosis.selection import (
@@ -460,15 +460,7 @@ def predicted_p_value(
     )
     problem = TestedProblem.of(OpenLaws(gaussian=alone), blocks, linearization.size)
     statistic = problem.statistic(f'split {suspect.kind.name}', range(len(tested)), white, seed)
-    mean, variance = clean_moments(statistic)
-    test = LackOfFit(
-        name=statistic.name,
-        statistic=statistic.statistic,
-        dof=statistic.dof,
-        mean=mean,
-        std=float(np.sqrt(variance)),
-    )
-    return test.p_value
+    return compare_with_clean(statistic).p_value
 
 
 def own_columns(white: Sequence[Array], runs: Runs) -> list[Array]:

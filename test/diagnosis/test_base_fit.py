@@ -57,11 +57,13 @@ def test_curvature_that_is_the_same_all_along_is_part_of_a_model():
 def test_it_stays_so_and_few_frames_are_enough():
     frame = bent((1.0, 1.0))
     base = fit_base(frame, [recorded()], quiet)
-    assert base.frame.moment_law == frame.moment_law
+    assert base.parameters.frame.moment_law == frame.moment_law
     for name in ('target_std', 'pressure_std'):  # too few frames to tell
-        assert getattr(base.noise.noise, name) == getattr(NOISE, name)
-    assert base.noise.noise.placement_std == pytest.approx(1e-3 * frame.length)  # never nothing
-    table = base.fit.arm.intrinsic_curvature
+        assert getattr(base.parameters.frame.sensors, name) == getattr(NOISE, name)
+    assert base.parameters.frame.sensors.placement_std == pytest.approx(
+        1e-3 * frame.length
+    )  # never nothing
+    table = base.arm.intrinsic_curvature
     assert table.arclength.tolist() == [0.0, 1.0]
     assert table.curvature[:, 0] == pytest.approx(table.curvature[:, 1], abs=0.02)
     assert table.curvature[-1, 0] == pytest.approx(20.0, abs=0.1)
@@ -69,7 +71,7 @@ def test_it_stays_so_and_few_frames_are_enough():
 
 
 def test_two_targets_are_fitted_by_a_constant_curvature_whatever_the_model_has():
-    table = fit_base(bent((1.0, 2.0)), [recorded()], quiet).fit.arm.intrinsic_curvature
+    table = fit_base(bent((1.0, 2.0)), [recorded()], quiet).arm.intrinsic_curvature
     assert table.curvature[:, 0] == pytest.approx(table.curvature[:, 1], abs=0.02)
     assert table.curvature[-1, 0] == pytest.approx(20.0, abs=0.1)
 
@@ -78,8 +80,8 @@ def test_what_the_model_was_known_for_does_not_limit_what_is_fitted():
     """A model that was calibrated up to 20 kPa, and recordings up to 40 kPa."""
     narrow = Domain(pressure=(0.0, 2e4), end_load=[[0.0, 0.0, 0.0, 0.0]])
     base = fit_base(replace(bent((1.0, 1.0)), domain=narrow), [recorded()], quiet)
-    assert base.fit.arm.pressure_range[1] == pytest.approx(4e4, rel=0.01)
-    assert base.fit.arm.intrinsic_curvature.curvature[-1, 0] == pytest.approx(20.0, abs=0.1)
+    assert base.arm.pressure_range[1] == pytest.approx(4e4, rel=0.01)
+    assert base.arm.intrinsic_curvature.curvature[-1, 0] == pytest.approx(20.0, abs=0.1)
 
 
 def test_too_little_is_refused():

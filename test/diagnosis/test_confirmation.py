@@ -53,13 +53,13 @@ def confirmer(*tried: Record, base: Record = BASE) -> Confirmer:
 
 
 def objections(best: Record, *others: Record, alternatives: tuple[str, ...] = ()) -> list[str]:
-    return reasons(confirmer(best, *others).confirm(best, alternatives).objections)
+    return reasons(confirmer(best, *others).objections(best, alternatives))
 
 
 def test_what_all_speaks_for_keeps_its_name():
     best = record('creep')
-    found = confirmer(best).confirm(best)
-    assert (found.objections, found.untested) == ((), ())
+    found = confirmer(best)
+    assert (found.objections(best), found.untested(best)) == ((), ())
 
 
 def test_a_law_may_leave_little_and_no_more():
@@ -80,18 +80,18 @@ def test_no_name_without_a_significant_fall_on_held_out_recordings(fall, predict
         record('creep', predicted=predicted),
         run_chi_squared=(*base.run_chi_squared[:-1], before - fall),
     )
-    found = confirmer(best, base=base).confirm(best)
+    found = confirmer(best, base=base)
     falls = fall >= 2.7 and 2.0 * predicted >= 2.7
-    assert ('no_fall' in reasons(found.objections)) is not falls
-    assert found.untested == ()
+    assert ('no_fall' in reasons(found.objections(best))) is not falls
+    assert found.untested(best) == ()
 
 
 def test_without_a_held_out_recording_nothing_new_tests_a_name():
     runs = {'run_chi_squared': (100.0,) * 3, 'coordinates': (100,) * 3}
     best = replace(record('creep'), **runs)
-    found = confirmer(best, base=replace(BASE, **runs)).confirm(best)
-    assert found.objections == ()
-    assert reasons(found.untested)[0] == 'no_held_out'
+    found = confirmer(best, base=replace(BASE, **runs))
+    assert found.objections(best) == ()
+    assert reasons(found.untested(best))[0] == 'no_held_out'
 
 
 def test_a_name_that_nothing_tests_is_none():
@@ -99,22 +99,22 @@ def test_a_name_that_nothing_tests_is_none():
     runs = {'run_chi_squared': (100.0,), 'coordinates': (100,), 'without': (0.0,)}
     best = replace(record('gravity'), **runs)
     none = replace(alone, base=replace(BASE, **runs))
-    assert reasons(none.confirm(best).objections) == ['untested']
+    assert reasons(none.objections(best)) == ['untested']
     # Of frames that are steady states each is an experiment of its own.
-    assert replace(none, steady=True).confirm(best).objections == ()
+    assert replace(none, steady=True).objections(best) == ()
     # A recording that comes next will test it.
     untested = replace(DEFAULTS, confirmation=replace(DEFAULTS.confirmation, tested=False))
-    assert replace(none, settings=untested).confirm(best).objections == ()
+    assert replace(none, settings=untested).objections(best) == ()
     two = {'run_chi_squared': (100.0, 900.0), 'coordinates': (100, 100), 'without': (0.0,)}
     shown = replace(record('gravity'), **two | {'run_chi_squared': (100.0, 100.0)})
     base = replace(BASE, **two)
-    assert replace(alone, base=base).confirm(shown).objections == ()
+    assert replace(alone, base=base).objections(shown) == ()
 
 
 def test_a_name_that_another_takes_without_a_recording_is_none():
     best = record('creep')
     other = record('hysteresis', log_probability=850.0, without=(500.0, 700.0, 550.0))
-    (note,) = confirmer(best, other).confirm(best).objections
+    (note,) = confirmer(best, other).objections(best)
     named = 'strings.mcap' in note and 'hysteresis' in note
     assert (note.reason, named) == ('other_name', True)
     assert objections(best, other, alternatives=('hysteresis',)) == []
@@ -131,9 +131,9 @@ def test_an_effect_that_one_recording_alone_wants_is_no_second_one():
 
 def test_what_hangs_on_one_recording_is_said():
     best = record('softening', without=(2.0, 600.0, 600.0))
-    found = confirmer(best).confirm(best)
-    assert found.objections == ()
-    (note,) = found.untested
+    found = confirmer(best)
+    assert found.objections(best) == ()
+    (note,) = found.untested(best)
     assert (note.reason, 'ramp.mcap' in note) == ('one_recording', True)
     one = replace(confirmer(best), training=TRAINING[:1])
     assert reasons(one.stability_untested(best)) == ['one_recording']

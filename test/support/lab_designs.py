@@ -73,7 +73,7 @@ def noise() -> SensorNoise:
 @functools.cache
 def base() -> Fit:
     """Return the base model fitted to the recordings without any effect."""
-    return fit_base(frame(), recorded()[: len(TRAINING)], lambda *stage: None).fit
+    return fit_base(frame(), recorded()[: len(TRAINING)], lambda *stage: None)
 
 
 @functools.cache
