@@ -44,7 +44,6 @@ from pneunet_ros.calibration.checks.resolution import Resolution, resolve
 from pneunet_ros.calibration.checks.stiffness_variation import (
     describe_variation,
     guessed_columns,
-    hold_variation,
     stiffness_variation,
     StiffnessVariation,
 )
@@ -55,7 +54,6 @@ from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
 from pneunet_ros.calibration.posterior import posterior_of, PosteriorState
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
-from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import OnProgress, say_nothing
@@ -231,9 +229,9 @@ def calibrate_as_stamped(
     notes = undetermined_quantities(joint, settings.identifiability)
     joint = consider_nonuniformity(joint, settings, shown=resolution.shapes)
     if left_out is not None:
-        joint = with_larger_errors(joint, left_out.excess)
+        joint = joint.widened(left_out.excess)
     if recordings is not None:
-        joint = with_larger_errors(joint, recordings.excess)
+        joint = joint.widened(recordings.excess)
     if loaded:
         on_progress('stiffness along the arm', fits.done, fits.planned)
     variation = stiffness_variation(joint, noise.noise, settings.stiffness_variation)
@@ -241,7 +239,7 @@ def calibrate_as_stamped(
     covariance, explained_variance = low_rank(
         joint, settings=settings.experiments, painted=painted.size, guessed=guessed
     )
-    joint = hold_variation(joint, guessed)
+    joint = joint.widened(guessed)
     outliers = outlier_recordings(joint, settings.consistency)
     return Calibration(
         arm=replace(
@@ -293,14 +291,6 @@ def fits_ahead(resolution: Resolution, loaded: int, compare: bool) -> int:
         return 5
     laws = len(MOMENT_LAW_PARAMETERS) if resolution.law == PiecewiseLinearLaw.kind else 1
     return 5 + loaded * laws
-
-
-def with_larger_errors(fit: Fit, excess: Array) -> Fit:
-    """Return a fit with these columns (parameters, errors) added to its covariance."""
-    more, shared = excess @ excess.T, fit.shared_covariance.copy()
-    size = len(more)
-    shared[:size, :size] += more
-    return replace(fit, covariance=fit.covariance + more, shared_covariance=shared)
 
 
 def describe_thinning(

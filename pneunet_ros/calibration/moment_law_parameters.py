@@ -161,29 +161,47 @@ LEAST_SHARE = 1e-3  # of the stiffness where the search begins: no soft arm has 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LinearParameters(MomentLawParameters):
-    """M = EI (kappa - kappa0): one stiffness."""
+class OneConstantParameters(MomentLawParameters):
+    """A law with one fitted constant, which is positive."""
 
-    kind: ClassVar[str] = LinearLaw.kind
     columns: ClassVar[tuple[tuple[int, int], ...]] = ((0, RIGIDITY),)
+    constant: ClassVar[str]  # as in the model file
 
     def __post_init__(self) -> None:
         """Set up the prior."""
-        object.__setattr__(self, 'mean', frozen_array([self.stiffness]))
-        object.__setattr__(self, 'prior', frozen_array([[self.stiffness**2]]))
+        object.__setattr__(self, 'mean', frozen_array([self.guess]))
+        object.__setattr__(self, 'prior', frozen_array([[self.guess**2]]))
+
+    @property
+    @abc.abstractmethod
+    def guess(self) -> float:
+        """The constant that gives the guessed stiffness at no pressure."""
 
     @property
     def limits(self) -> tuple[Array, Array]:
-        """EI is positive."""
+        """The constant is positive."""
         return LEAST_SHARE * self.mean, np.array([np.inf])
+
+    def quantities(self) -> tuple[tuple[str, ...], Array]:
+        """Return the constant."""
+        return (f'moment_law.{self.constant}',), np.eye(1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LinearParameters(OneConstantParameters):
+    """M = EI (kappa - kappa0): one stiffness."""
+
+    kind: ClassVar[str] = LinearLaw.kind
+    constant: ClassVar[str] = 'bending_stiffness'
+
+    @property
+    def guess(self) -> float:
+        """The guessed stiffness."""
+        return self.stiffness
 
     def law(self, values: Array) -> LinearLaw:
         """Return the law with this stiffness."""
         return LinearLaw(bending_stiffness=float(values[0]))
-
-    def quantities(self) -> tuple[tuple[str, ...], Array]:
-        """Return the stiffness."""
-        return ('moment_law.bending_stiffness',), np.eye(1)
 
 
 # Of an arm whose file has none, m
@@ -191,7 +209,7 @@ PAPER_SECTION = {'width': 0.015, 'thickness': 0.003, 'height': 0.012, 't1': 0.00
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MajidiParameters(MomentLawParameters):
+class MajidiParameters(OneConstantParameters):
     """Eq 11: one elastic modulus; kappa0 is fitted as for other laws.
 
     The cross-section is that of the law of the given arm, if it has one, or that of Figure 1 of
@@ -199,19 +217,13 @@ class MajidiParameters(MomentLawParameters):
     """
 
     kind: ClassVar[str] = MajidiLaw.kind
-    columns: ClassVar[tuple[tuple[int, int], ...]] = ((0, RIGIDITY),)
-
-    def __post_init__(self) -> None:
-        """Set up the prior: the modulus that gives the guessed stiffness at no pressure."""
-        section = self.section
-        modulus = 12.0 * self.stiffness / (section['thickness'] ** 3 * section['width'])
-        object.__setattr__(self, 'mean', frozen_array([modulus]))
-        object.__setattr__(self, 'prior', frozen_array([[modulus**2]]))
+    constant: ClassVar[str] = 'modulus'
 
     @property
-    def limits(self) -> tuple[Array, Array]:
-        """The modulus is positive."""
-        return LEAST_SHARE * self.mean, np.array([np.inf])
+    def guess(self) -> float:
+        """The modulus that gives the guessed stiffness at no pressure."""
+        section = self.section
+        return 12.0 * self.stiffness / (section['thickness'] ** 3 * section['width'])
 
     @property
     def assumed(self) -> bool:
@@ -228,10 +240,6 @@ class MajidiParameters(MomentLawParameters):
     def law(self, values: Array) -> MajidiLaw:
         """Return the law with this modulus."""
         return MajidiLaw(modulus=float(values[0]), **self.section)
-
-    def quantities(self) -> tuple[tuple[str, ...], Array]:
-        """Return the modulus."""
-        return ('moment_law.modulus',), np.eye(1)
 
 
 @functools.lru_cache(maxsize=KEPT)

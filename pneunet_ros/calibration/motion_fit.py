@@ -84,18 +84,22 @@ class SwingingRun:
         """Measured targets relative to equilibrium, (frames, 2, targets) m, NaN where not seen."""
         return self.points - self.still[self.reading]
 
-    def beginning_with(self, frame: int) -> SwingingRun:
-        """Return the recording starting at the reading of a frame."""
-        start = int(self.reading[frame])
+    def part(self, frames: slice, readings: slice) -> SwingingRun:
+        """Return these frames and readings of the recording."""
+        panels, ends, nodes = self.solved
         return replace(
             self,
-            stamp_ns=self.stamp_ns[start:],
-            solved=self.solved_from(slice(start, None)),
-            still=self.still[start:],
-            reading=self.reading[frame:] - start,
-            points=self.points[frame:],
-            bent=self.bent[start:],
+            stamp_ns=self.stamp_ns[readings],
+            solved=(panels[readings], ends[readings], nodes[readings]),
+            still=self.still[readings],
+            reading=self.reading[frames] - (readings.start or 0),
+            points=self.points[frames],
+            bent=self.bent[readings],
         )
+
+    def beginning_with(self, frame: int) -> SwingingRun:
+        """Return the recording starting at the reading of a frame."""
+        return self.part(slice(frame, None), slice(int(self.reading[frame]), None))
 
     def centered(self, values: Array) -> Array:
         """Subtract its mean from each coordinate of (frames, 2, targets, ...); NaN if unseen.
@@ -110,11 +114,6 @@ class SwingingRun:
         times_seen = np.maximum((~left_out).sum(axis=0), 1)
         mean = np.nansum(seen, axis=0).T / times_seen.T
         return np.asarray(seen - mean.T)
-
-    def solved_from(self, readings: slice) -> Solved:
-        """Return the tables of the solved rods for some of the readings."""
-        panels, ends, nodes = self.solved
-        return panels[readings], ends[readings], nodes[readings]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -456,21 +455,10 @@ class MotionProblem:
 
     def shortened(self, most: int) -> MotionProblem:
         """Return the problem with this many readings of each run."""
-        return replace(
-            self,
-            runs=tuple(
-                replace(
-                    run,
-                    stamp_ns=run.stamp_ns[:most],
-                    solved=run.solved_from(slice(most)),
-                    still=run.still[:most],
-                    reading=run.reading[run.reading < most],
-                    points=run.points[run.reading < most],
-                    bent=run.bent[:most],
-                )
-                for run in self.runs
-            ),
+        runs = (
+            run.part(slice(np.count_nonzero(run.reading < most)), slice(most)) for run in self.runs
         )
+        return replace(self, runs=tuple(runs))
 
 
 def fit_motion(

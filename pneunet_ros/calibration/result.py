@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pneunet_ros.calibration.parameters import Parameters
-from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.measurement.linearization import FittedRun
 from pneunet_ros.model.arm import Arm
 
@@ -43,3 +43,14 @@ class Fit:
     def arm(self) -> Arm:
         """The arm with the fitted values."""
         return self.parameters.arm(self.values)
+
+    def widened(self, errors: Array) -> Fit:
+        """Return the fit with errors (parameters, errors) added to its covariance."""
+        further, shared = errors @ errors.T, self.shared_covariance.copy()
+        size = len(further)
+        shared[:size, :size] += further
+        return replace(
+            self,
+            covariance=frozen_array(self.covariance + further),
+            shared_covariance=frozen_array(shared),
+        )

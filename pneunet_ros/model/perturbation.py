@@ -64,21 +64,6 @@ class Perturbation:
             by_load=by_load,
         )
 
-    @classmethod
-    def of_pressure(cls, rods: Rods, distance: float) -> Perturbation:
-        """Return the change between records at two pressures at this distance (Pa)."""
-        knots, places = rods.knots, rods.push_place
-        return cls(
-            length=np.full((2, 1), rods.length),
-            sections=rods.sections[:, None],
-            clamp=rods.clamp[:, None],
-            knots=np.array([[knots], [knots]]),
-            rotation=rods.rotation[:, None],
-            push=rods.push[:, None],
-            push_place=np.array([[places], [places]]),
-            distance=np.array([distance]),
-        )
-
     def followed_by(self, other: Perturbation) -> Perturbation:
         """Return causes with others inserted before those of the loads, which stay last."""
         if self.by_load:
@@ -464,23 +449,11 @@ def with_pressure_change(
     If effects depend on the end load, the resulting changes follow.
     """
     step = pressure_step(arm)
-    rods, change = pressure_change(arm, chamber_pressure, step, history, load)
+    every = near_records(arm, chamber_pressure, step, history, load)
+    change = Perturbation.between(every.record(1), every.record(2), 2.0 * step)
     if arm.by_load:
-        of_loads = load_change(arm, chamber_pressure, history, load)
-        change = change.followed_by(of_loads)
-    return rods, change
-
-
-def pressure_change(
-    arm: Arm,
-    pressure: float,
-    step: float,
-    history: tuple[History, ...] | None,
-    load: Load | None,
-) -> tuple[Rods, Perturbation]:
-    """Return the rod record at a pressure (Pa), and its change per sudden pascal."""
-    every = near_records(arm, pressure, step, history, load)
-    return every.record(0), Perturbation.of_pressure(every.records(slice(1, 3)), 2.0 * step)
+        change = change.followed_by(load_change(arm, chamber_pressure, history, load))
+    return every.record(0), change
 
 
 def near_records(

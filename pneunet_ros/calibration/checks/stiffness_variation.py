@@ -11,7 +11,7 @@ its ellipse may be smaller than the noise of a single target: two percent of chi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -196,20 +196,6 @@ def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
         else:
             high = middle
     return frozen_array(scalings @ per_meter * np.minimum(high, most))
-
-
-def hold_variation(fit: Fit, guessed: Array) -> Fit:
-    """Widen the covariance of a fit by guessed errors (parameters, errors)."""
-    if not guessed.size:
-        return fit
-    further = guessed @ guessed.T
-    shared, size = fit.shared_covariance.copy(), fit.values.size
-    shared[:size, :size] += further
-    return replace(
-        fit,
-        covariance=frozen_array(fit.covariance + further),
-        shared_covariance=frozen_array(shared),
-    )
 
 
 def describe_variation(
