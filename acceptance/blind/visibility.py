@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
-from pneunet_ros.diagnosis.investigation import Investigation
+from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.linearization import LinearizedRun
 from pneunet_ros.diagnosis.refit import effect_direction, Refit, refit
 from pneunet_ros.diagnosis.score_test import Candidate
@@ -20,12 +20,14 @@ from pneunet_ros.lab.timeline import Timeline
 Columns = list[np.ndarray]  # whitened, (rows, n) per training run
 
 
-def shown_beside(found: Investigation, names: Sequence[str]) -> dict[str, float]:
+def shown_beside(
+    found: Investigation | UnsettledInvestigation, names: Sequence[str]
+) -> dict[str, float]:
     """Return by how much each effect lowers chi squared beside the others, fitted jointly.
 
     Empty where nothing settled, or the recordings show one of them not at all.
     """
-    if found.selection is None or found.base is None:
+    if isinstance(found, UnsettledInvestigation):
         return {}
     candidates = {item.name: item for item in found.selection.score_candidates(found.base)}
     if not set(names) <= set(candidates):
@@ -44,7 +46,6 @@ def shown_beside(found: Investigation, names: Sequence[str]) -> dict[str, float]
 
 def fitted(found: Investigation, chosen: Sequence[Candidate]) -> Refit | None:
     """Return the joint fit of candidates, from where their scores begin."""
-    assert found.selection is not None and found.base is not None
     settings = found.selection.settings.refit
     return refit(
         found.base.refit.linearization,
@@ -56,7 +57,9 @@ def fitted(found: Investigation, chosen: Sequence[Candidate]) -> Refit | None:
 
 
 def shown_apart(
-    found: Investigation, recordings: Sequence[LabRecording], name: str
+    found: Investigation | UnsettledInvestigation,
+    recordings: Sequence[LabRecording],
+    name: str,
 ) -> dict[str, float]:
     """Return chi squared of an effect by itself, and of what no other effect explains of it.
 
@@ -66,7 +69,7 @@ def shown_apart(
     it has the covariance of readings and targets, and how points answer to the model and to
     effects; what was found plays no part.
     """
-    if found.selection is None or found.base is None:
+    if isinstance(found, UnsettledInvestigation):
         return {}
     base = found.base.refit
     blocks = base.linearization.blocks[: base.linearization.training]

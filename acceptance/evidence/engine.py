@@ -25,6 +25,7 @@ from pneunet_ros.diagnosis.diagnosis import (
     limits_of,
     linearize,
     unsettled,
+    UnsettledInvestigation,
     Verdict,
     with_tips,
 )
@@ -232,7 +233,7 @@ def investigate(
     *,
     seed: int = 0,
     settings: DiagnosisSettings = DEFAULTS,
-) -> tuple[Investigation, tuple[str, ...]]:
+) -> tuple[Investigation | UnsettledInvestigation, tuple[str, ...]]:
     """Diagnose as `pneunet_ros.diagnosis.diagnosis.investigate` does, by one evidence.
 
     The second value: kinds of discovery of which a law passes the gate, the likeliest first.
@@ -251,7 +252,7 @@ def investigate(
     )
     first = selection.fit_base()
     if not is_settled(first.refit, settings):
-        return Investigation(diagnosis=unsettled(seed, notes, settings)), ()
+        return UnsettledInvestigation(diagnosis=unsettled(seed, notes, settings)), ()
     engine = Engine(selection, first)
     best, rivals, around = engine.search()
     detectable = limits_of(selection, first, asked)
@@ -261,6 +262,7 @@ def investigate(
         diagnosis=diagnosis,
         selection=selection,
         base=first,
+        best=best,
         trial=verdict.trial,
         recordings=recordings,
         notes=notes,

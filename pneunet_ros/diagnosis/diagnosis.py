@@ -35,7 +35,7 @@ from pneunet_ros.diagnosis.evaluation import (
 from pneunet_ros.diagnosis.experiment_design import propose_experiment
 from pneunet_ros.diagnosis.hypothesis import carries_time, hypotheses, Hypothesis
 from pneunet_ros.diagnosis.inertia import with_frames_in_motion
-from pneunet_ros.diagnosis.investigation import Investigation
+from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.lack_of_fit import worst_p_value
 from pneunet_ros.diagnosis.late_arm import with_late_arm
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
@@ -140,7 +140,7 @@ def investigate(
     executor: Executor | None = None,
     on_progress: OnProgress = say_nothing,
     settings: DiagnosisSettings = DEFAULTS,
-) -> Investigation:
+) -> Investigation | UnsettledInvestigation:
     """Diagnose like `diagnose`; return the diagnosis with all its fits."""
     model = without_fitted(model)  # what a calibration found is a hypothesis as others are
     model, training, held_out, notes = with_tips(model, training, held_out)
@@ -156,6 +156,8 @@ def investigate(
         settings=settings,
     )
     found = search(training, held_out)
+    if isinstance(found, UnsettledInvestigation):
+        return found
     if motion is None:
         return with_late_arm(found, search, *every)
     return with_frames_in_motion(found, *every, motion.moving)
@@ -172,7 +174,7 @@ def investigate_at_rest(
     on_progress: OnProgress,
     settings: DiagnosisSettings,
     allowed: float = 0.0,
-) -> Investigation:
+) -> Investigation | UnsettledInvestigation:
     """Diagnose a model with frames of the arm in equilibrium; allowed: as in `Selection`."""
     (training, held_out), unread = without_unread(model, training, held_out)
     notes = (*unread, *notes)
@@ -200,7 +202,7 @@ def investigate_at_rest(
     )
     first = selection.fit_base()
     if not is_settled(first.refit, settings):
-        return Investigation(diagnosis=unsettled(seed, notes, settings))
+        return UnsettledInvestigation(diagnosis=unsettled(seed, notes, settings))
     best = selection.fit_rivals(first, selection.select_forward(first))
     detectable = limits_of(selection, first, asked)
     verdict = decide(selection, first, best, detectable)
@@ -421,10 +423,6 @@ def take_back(investigation: Investigation, objection: str) -> Diagnosis:
     """
     named, selection = investigation.diagnosis, investigation.selection
     first, best = investigation.base, investigation.trial
-    assert isinstance(named, Diagnosis)
-    assert selection is not None
-    assert first is not None
-    assert best is not None
     library = {item.name for item in selection.hypotheses}
     tried = {names: item for names, item in selection.tried.items() if names <= library}
     selection = replace(selection, tried=tried)

@@ -30,7 +30,6 @@ from pneunet_ros.diagnosis.result import (
     Estimated,
     Misfit,
     NamedEffect,
-    UnsettledDiagnosis,
 )
 from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.measurement.dataset import RecordingData
@@ -105,8 +104,6 @@ def with_frames_in_motion(
     moving: Sequence[Flags],
 ) -> Investigation:
     """Return an investigation that also tests for missing inertia (`with_inertia`)."""
-    if found.selection is None or isinstance(found.diagnosis, UnsettledDiagnosis):
-        return found
     noise = found.selection.linearization.noise
     diagnosis = with_inertia(found.diagnosis, training, held_out, moving, noise)
     at_rest = diagnosis.answer == found.diagnosis.answer

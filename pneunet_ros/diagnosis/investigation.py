@@ -9,24 +9,25 @@ from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
 from pneunet_ros.diagnosis.selection import Selection, Trial
 from pneunet_ros.measurement.dataset import RecordingData
 
+Recordings = tuple[Sequence[RecordingData], Sequence[RecordingData]]  # training and held out
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Investigation:
     """A diagnosis with its intermediate results, for further analysis.
 
     selection: everything that was tried; base: the fit of the model without further effects; best:
-    of all sets of effects, named or not; trial: the model of the answer; recordings: training and
-    held out; notes: on the recordings, independent of the answer. None if the base fit did not
-    converge.
+    of all sets of effects, named or not; trial: the model of the answer; notes: on the recordings,
+    independent of the answer.
     """
 
-    diagnosis: Diagnosis | UnsettledDiagnosis
-    selection: Selection | None = None
-    base: Trial | None = None
-    best: Trial | None = None
-    trial: Trial | None = None
-    recordings: tuple[Sequence[RecordingData], Sequence[RecordingData]] = ((), ())
-    notes: tuple[str, ...] = ()
+    diagnosis: Diagnosis
+    selection: Selection
+    base: Trial
+    best: Trial
+    trial: Trial
+    recordings: Recordings
+    notes: tuple[str, ...]
 
     def overruled(self, diagnosis: Diagnosis | None) -> Investigation:
         """Return the investigation with a corrected diagnosis; unchanged if that is None."""
@@ -34,7 +35,14 @@ class Investigation:
             return self
         return replace(self, diagnosis=diagnosis, trial=self.base)
 
-    def noted(self, note: str) -> Investigation:
-        """Return the investigation with an additional note."""
-        diagnosis = replace(self.diagnosis, notes=(*self.diagnosis.notes, note))
-        return replace(self, diagnosis=diagnosis)
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class UnsettledInvestigation:
+    """A diagnosis whose base fit did not converge: there are no fits."""
+
+    diagnosis: UnsettledDiagnosis
+    recordings: Recordings = ((), ())
+
+    def overruled(self, diagnosis: Diagnosis | None) -> UnsettledInvestigation:
+        """Return the same: there is no name to withdraw."""
+        return self

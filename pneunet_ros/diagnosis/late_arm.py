@@ -32,11 +32,11 @@ from pneunet_ros.diagnosis.inertia import (
     not_named,
     unloaded,
 )
-from pneunet_ros.diagnosis.investigation import Investigation
+from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.lack_of_fit import worst_p_value
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import effects_of
-from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Evidence, UnsettledDiagnosis
+from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Evidence
 from pneunet_ros.diagnosis.selection import Record, Trial
 from pneunet_ros.diagnosis.settings import DiagnosisSettings
 from pneunet_ros.effects.camera_delay import CameraDelay
@@ -49,7 +49,9 @@ LATE = CameraDelay.name, PressureLag.name  # what else makes an arm late
 MOST_ROUNDS = 5  # of fits and searches: an effect that is missing biases mass and damping
 TRUSTED = WITHIN_95 * WEIGHT_ERROR  # of a weight in a model file
 
-Search = Callable[..., Investigation]  # of training and held-out recordings
+Search = Callable[
+    ..., Investigation | UnsettledInvestigation
+]  # of training and held-out recordings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,12 +60,11 @@ class Moving:
 
     fit: MotionFit
     found: Investigation
-    best: Trial
 
     @property
     def log_probability(self) -> float:
         """Log probability of the training recordings (`log_densities`)."""
-        return log_densities(self.found, self.best)[0]
+        return log_densities(self.found, self.found.best)[0]
 
 
 def with_late_arm(
@@ -74,7 +75,7 @@ def with_late_arm(
 ) -> Investigation:
     """Return an investigation that also tests inertia as the cause of a delay."""
     at_rest, rival = found.diagnosis, found.best
-    if isinstance(at_rest, UnsettledDiagnosis) or rival is None or is_known(at_rest):
+    if is_known(at_rest):
         return found
     moving = less_motion(found, search, training, held_out) if is_late(at_rest, rival) else None
     shown = math.inf if moving is None else 2.0 * moving.fit.damping_time_std
@@ -82,7 +83,7 @@ def with_late_arm(
     if moving is None:
         return replace(found, diagnosis=at_rest)
     gained = moving.log_probability - log_densities(found, rival)[0]
-    row = evidence_of(moving.best, rival, gained)
+    row = evidence_of(moving.found.best, rival, gained)
     at_rest = replace(at_rest, evidence=(*at_rest.evidence, row))
     found = replace(found, diagnosis=at_rest)
     margin = at_rest.settings.selection.least_evidence
@@ -91,7 +92,8 @@ def with_late_arm(
     diagnosis = judged(found, moving, row, tested=bool(held_out))
     if gained > margin:
         if diagnosis.answer == 'unknown':
-            return found.noted(diagnosis.notes[-1])
+            notes = (*at_rest.notes, diagnosis.notes[-1])
+            return replace(found, diagnosis=replace(at_rest, notes=notes))
         return replace(moving.found, diagnosis=diagnosis)
     if 'unknown' in (at_rest.answer, diagnosis.answer):
         return found
@@ -118,8 +120,6 @@ def less_motion(
     """
     settings = found.diagnosis.settings
     margin = settings.selection.least_evidence
-    assert found.base is not None
-    assert found.best is not None
     allowed = settings.lack_of_fit.law_error * found.base.record.excess
     swinging, moving, near, trial = unloaded(training), None, None, found.best
     try:
@@ -133,9 +133,9 @@ def less_motion(
                 *(less_swing(arm, fit.motion, part) for part in (training, held_out)),
                 allowed=allowed,
             )
-            if result.best is None:
+            if isinstance(result, UnsettledInvestigation):
                 return moving
-            latest = Moving(fit, result, result.best)
+            latest = Moving(fit, result)
             gained = math.inf
             if moving is not None:
                 gained = latest.log_probability - moving.log_probability
@@ -173,7 +173,6 @@ def log_densities(found: Investigation, best: Trial) -> tuple[float, float]:
     It is per coordinate in m, because recordings minus a swing are whitened by less noise than the
     original ones.
     """
-    assert found.selection is not None
     linearization, record = found.selection.linearization, best.record
     count, unit = linearization.training, math.log(linearization.noise.target_std)
     return (
@@ -189,14 +188,11 @@ def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool)
     as the new model; it must make the held-out ones less probable. row: evidence for inertia.
     """
     diagnosis, at_rest = moving.found.diagnosis, found.diagnosis
-    assert isinstance(diagnosis, Diagnosis)
-    assert isinstance(at_rest, Diagnosis)
     if diagnosis.answer == 'unknown':
         return not_named(diagnosis, moving.fit, 'the recordings show more that is not explained')
-    assert found.base is not None
     base = whitened_as(moving.found, found.base, found)
     level, tests = diagnosis.settings.lack_of_fit.level, base.record.tests
-    falls = log_densities(moving.found, moving.best)[1] - log_densities(found, found.base)[1]
+    falls = log_densities(moving.found, moving.found.best)[1] - log_densities(found, found.base)[1]
     if tested and 2.0 * falls < diagnosis.settings.confirmation.fall:
         return not_named(replace(diagnosis, answer='unknown'), moving.fit, NO_FALL)
     whole = replace(
@@ -223,8 +219,6 @@ def whitened_as(other: Investigation, trial: Trial, found: Investigation) -> Tri
 
     A swing that is not subtracted counts as noise, and makes other residuals look small.
     """
-    assert found.selection is not None
-    assert other.selection is not None
     known, noise = found.selection.linearization, other.selection.linearization.noise
     point = trial.refit.point
     quiet = Linearization(point, known.runs, known.training, noise, known.settings)

@@ -15,10 +15,10 @@ from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
 from pneunet_ros.diagnosis.diagnosis import evaluate, take_back
 from pneunet_ros.diagnosis.evaluation import removed_share
-from pneunet_ros.diagnosis.investigation import Investigation
+from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.lack_of_fit import compare_with_clean, TestedProblem
 from pneunet_ros.diagnosis.law_errors import OpenLaws
-from pneunet_ros.diagnosis.result import Diagnosis, Estimated
+from pneunet_ros.diagnosis.result import Estimated
 from pneunet_ros.diagnosis.selection import (
     evidence_margin,
     is_adequate,
@@ -78,7 +78,7 @@ class Finding:
 
 
 def discover(
-    investigation: Investigation,
+    investigation: Investigation | UnsettledInvestigation,
     *,
     on_progress: OnProgress = say_nothing,
     settings: DiscoverySettings = DISCOVERY,
@@ -95,7 +95,7 @@ def discover(
         `unobservable`, or if named effects leave only noise and no law explains the recordings
         better.
     """
-    if investigation.selection is None or investigation.base is None:
+    if isinstance(investigation, UnsettledInvestigation):
         return NOTHING_SEARCHED
     instead = overrule(investigation, on_progress, settings)
     if instead.overruling is not None:
@@ -119,8 +119,6 @@ def joint_fits(
     investigation: Investigation, base: Trial, settings: DiscoverySettings
 ) -> JointFits:
     """Return the joint fits of laws on top of a model, and the search around it."""
-    assert investigation.selection is not None
-    assert investigation.base is not None
     return JointFits(
         selection=investigation.selection,
         first=investigation.base,
@@ -137,7 +135,6 @@ def untestable_law(
     With several recordings, halves show whether the law holds, with or without the name. With few
     recordings they cannot, and the name may only be the nearest approximation to that law.
     """
-    assert investigation.selection is not None
     count = investigation.selection.linearization.training
     if named is investigation.base or best.proposal is None or count >= limits.fewest_runs:
         return ''
@@ -162,10 +159,8 @@ def overrule(
     kept, with a note.
     """
     diagnosis, first, trial = investigation.diagnosis, investigation.base, investigation.trial
-    if not isinstance(diagnosis, Diagnosis) or diagnosis.answer not in ('named', 'inseparable'):
+    if diagnosis.answer not in ('named', 'inseparable'):
         return NOTHING_SEARCHED
-    assert first is not None
-    assert trial is not None
     names = (*trial.names, *diagnosis.alternatives)
     if not {*names} <= {*LIBRARY_WORDS}:
         return NOTHING_SEARCHED  # an effect of a user: whether a law says the same is not known
@@ -217,7 +212,6 @@ def look_for_law(
     There is no law if recordings do not confirm it, and no finding if no kind predicts any.
     """
     selection, search, diagnosis = fits.selection, fits.search, investigation.diagnosis
-    assert isinstance(diagnosis, Diagnosis)
     unconfirmed = Discovery(
         searched=True, causes=cause_map(search, fits.base), settings=search.settings
     )
@@ -275,15 +269,11 @@ def by_itself(fits: JointFits, law: Discovery, best: Finding | None) -> Discover
 
 def starting_point(investigation: Investigation) -> Trial | None:
     """Return the model to which a law is added; None if there is no model error."""
-    selection, base, trial = investigation.selection, investigation.base, investigation.trial
-    assert selection is not None
-    assert base is not None
-    assert trial is not None
     match investigation.diagnosis.answer:
         case 'unknown':
-            return base
+            return investigation.base
         case 'named' | 'inseparable':
-            level = selection.settings.lack_of_fit.level
+            trial, level = investigation.trial, investigation.selection.settings.lack_of_fit.level
             return None if is_adequate(trial.record.tests, level) else trial
     return None
 

@@ -12,7 +12,7 @@ import itertools
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.experiment_design import Experiment, informations
-from pneunet_ros.diagnosis.investigation import Investigation
+from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.exploration.experiments import experiments
 from pneunet_ros.exploration.rivals import (
     NOTHING,
@@ -46,7 +46,7 @@ class Choice:
 
 
 def next_choice(
-    investigation: Investigation,
+    investigation: Investigation | UnsettledInvestigation,
     rivals: Mapping[str, float],
     safe: SafeSet,
     recorded: int,
@@ -67,15 +67,15 @@ def choice_in_order(recorded: int) -> Choice:
 
 
 def ranked_choices(
-    investigation: Investigation,
+    investigation: Investigation | UnsettledInvestigation,
     rivals: Mapping[str, float],
     safe: SafeSet,
     settings: ExplorationSettings = EXPLORATION,
 ) -> list[Choice]:
     """Return all experiments with their values, best first."""
-    trial = trial_in_question(investigation)
-    if investigation.selection is None or trial is None:
+    if isinstance(investigation, UnsettledInvestigation):
         return []
+    trial = trial_in_question(investigation)
     items = tuple(experiments())
     of_diagnosis = investigation.selection.settings
     design = replace(of_diagnosis.experiment_design, frames=settings.frames)

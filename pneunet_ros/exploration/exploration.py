@@ -9,7 +9,7 @@ from pneunet_ros.calibration.checks.held_out import score
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.diagnosis.diagnosis import investigate
 from pneunet_ros.diagnosis.experiment_design import Experiment
-from pneunet_ros.diagnosis.investigation import Investigation
+from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
 from pneunet_ros.exploration.choice import Choice, choice_in_order, next_choice
@@ -34,7 +34,7 @@ class Round:
 
     choice: Choice
     run: RecordingData
-    investigation: Investigation
+    investigation: Investigation | UnsettledInvestigation
     rivals: Mapping[str, float]
     predicted: float | None
 

@@ -9,24 +9,24 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pneunet_ros.diagnosis.investigation import Investigation
-from pneunet_ros.diagnosis.result import Diagnosis
+from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
+from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 from pneunet_ros.diagnosis.score_test import Candidate
 from pneunet_ros.diagnosis.selection import evidence_margin, Selection, Trial
 
 NOTHING = 'nothing'  # the rival that nothing is missing, beside what is named
 
 
-def named_effects(investigation: Investigation) -> frozenset[str]:
+def named_effects(investigation: Investigation | UnsettledInvestigation) -> frozenset[str]:
     """Return the named effects; none if the answer is another one."""
     diagnosis = investigation.diagnosis
-    if not isinstance(diagnosis, Diagnosis) or diagnosis.answer != 'named':
+    if isinstance(diagnosis, UnsettledDiagnosis) or diagnosis.answer != 'named':
         return frozenset()
     return frozenset(item.name for item in diagnosis.effects)
 
 
-def trial_in_question(investigation: Investigation) -> Trial | None:
-    """Return the trial that rivals extend: the named one, or the base; None without a fit.
+def trial_in_question(investigation: Investigation) -> Trial:
+    """Return the trial that rivals extend: the named one, or the base.
 
     Effects that cannot be distinguished are rivals of each other, on top of the base.
     """
@@ -59,16 +59,18 @@ def rival_candidates(selection: Selection, trial: Trial) -> list[Candidate]:
     return [*scored, *unseen]
 
 
-def rival_probabilities(investigation: Investigation) -> dict[str, float]:
+def rival_probabilities(
+    investigation: Investigation | UnsettledInvestigation,
+) -> dict[str, float]:
     """Return the probability of each effect, and of none, to be missing.
 
     Each is on top of the named effects, or alone without any. A fitted effect is weighted by its
     evidence, others by their score, as if points were linear in them. An effect that no recording
     could have shown so far is as probable as none.
     """
-    selection, trial = investigation.selection, trial_in_question(investigation)
-    if selection is None or trial is None:
+    if isinstance(investigation, UnsettledInvestigation):
         return {}
+    selection, trial = investigation.selection, trial_in_question(investigation)
     logs = {NOTHING: 0.0}
     for item in rival_candidates(selection, trial):
         fitted = selection.tried.get(frozenset([*trial.names, item.name]))

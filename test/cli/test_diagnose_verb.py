@@ -13,7 +13,7 @@ from pneunet_ros.cli.main import main
 from pneunet_ros.cli.verbs import diagnose
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis.investigation import Investigation
+from pneunet_ros.diagnosis.investigation import UnsettledInvestigation
 from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate
@@ -72,7 +72,8 @@ def found(monkeypatch):
         )
         answer = replace(answer, before=before, after=after, closed=None)
         answer = replace(answer, answer=handed.get('answer', 'named'), seed=options['seed'])
-        return Investigation(diagnosis=answer, recordings=(known, ()))
+        # without fits there is no search for a law
+        return UnsettledInvestigation(diagnosis=answer, recordings=(known, ()))
 
     monkeypatch.setattr('pneunet_ros.diagnosis.diagnosis.investigate', answered)
     return handed
@@ -196,7 +197,7 @@ def test_help_says_what_the_codes_mean(run):
 def test_a_model_that_cannot_be_fitted_is_said_first_and_has_no_numbers(run, lab, monkeypatch):
     sentence = 'The model could not be fitted: nothing can be said.'
     unsettled = UnsettledDiagnosis(sentence=sentence, notes=('check the units',), seed=0)
-    found = Investigation(diagnosis=unsettled)
+    found = UnsettledInvestigation(diagnosis=unsettled)
     monkeypatch.setattr('pneunet_ros.diagnosis.diagnosis.investigate', lambda *_, **__: found)
     code, out, err = run(*given(lab))
     assert (code, err) == (1, '')

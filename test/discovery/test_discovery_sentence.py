@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
-from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.result import Estimated
 from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.discovery.discovery import discover, starting_point
@@ -58,11 +57,11 @@ def test_of_what_goes_by_itself_it_is_said_that_nothing_predicts_it():
     assert wandering.form != swing.form
 
 
-def found(answer: str, p_value: float) -> Investigation:
+def found(answer: str, p_value: float) -> SimpleNamespace:
     """Return a diagnosis with this answer, and one test of what it leaves."""
     tests = (SimpleNamespace(p_value=p_value, excess=5.0),)
     trial = SimpleNamespace(record=SimpleNamespace(tests=tests))
-    return Investigation(
+    return SimpleNamespace(
         diagnosis=SimpleNamespace(answer=answer),
         selection=SimpleNamespace(settings=DEFAULTS),
         base='base',

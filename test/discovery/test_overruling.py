@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
-from pneunet_ros.diagnosis.investigation import Investigation
-from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.diagnosis.selection import Record
 from pneunet_ros.discovery import discovery as searched
 from pneunet_ros.discovery.discovery import overrule, predicts_better, untestable_law
@@ -46,11 +44,9 @@ def test_beside_a_strong_effect_a_tenth_counts():
 
 @pytest.mark.parametrize(('evidence', 'said'), [(70.0, True), (55.0, False)])
 def test_a_law_that_explains_more_and_is_not_confirmed_is_said(monkeypatch, evidence, said):
-    diagnosis = object.__new__(Diagnosis)
-    object.__setattr__(diagnosis, 'answer', 'named')
-    object.__setattr__(diagnosis, 'alternatives', ())
+    diagnosis = SimpleNamespace(answer='named', alternatives=())
     trial = SimpleNamespace(record=NAME, names=NAME.names, refit=None)
-    investigation = Investigation(
+    investigation = SimpleNamespace(
         diagnosis=diagnosis, base=trial, trial=trial, selection=SimpleNamespace()
     )
     suspect = SimpleNamespace(
@@ -94,10 +90,9 @@ def test_of_few_recordings_a_name_gives_way_to_a_law_beside_it(recordings, evide
 @pytest.mark.parametrize(('answer', 'asked'), [('unknown', True), ('named', False)])
 def test_a_course_of_its_own_is_sought_only_where_nothing_is_named(monkeypatch, answer, asked):
     """Beside a named effect it follows whatever the law of the effect leaves out."""
-    diagnosis = object.__new__(Diagnosis)
-    object.__setattr__(diagnosis, 'answer', answer)
+    diagnosis = SimpleNamespace(answer=answer)
     base, named = (SimpleNamespace(refit=None) for _ in range(2))
-    investigation = Investigation(
+    investigation = SimpleNamespace(
         diagnosis=diagnosis, base=base, trial=named, selection=SimpleNamespace()
     )
     law, course = Discovery(searched=True), Discovery(searched=True, notes=('a course',))
