@@ -315,7 +315,7 @@ def one_trial(system: System, seed: int) -> dict[str, Any]:
     base = fitted(measured, force, system, first_guess(measured, force, system))
     forces, training = forces_of(measured, force, system), tuple(range(TRAINING))
     causes = [cause_of(name, terms, system, base) for name, terms in forces.items()]
-    laws = [choose_law(item, training, DISCOVERY.law) for item in causes]
+    laws = [choose_law(item, training) for item in causes]
     known = sorted((law for law in laws if law is not None), key=lambda law: -law.left_out_gain)
     found = []
     for law in known[: DISCOVERY.confirmation.finalists]:

@@ -15,7 +15,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.diagnosis.generic_field import high_pass
 from pneunet_ros.diagnosis.linearization import Linearization
-from pneunet_ros.discovery.settings import CovariateSettings, DISCOVERY
+from pneunet_ros.discovery.settings import COVARIATES
 from pneunet_ros.measurement.dataset import RecordingData
 
 LEAST_SPREAD = 1e-6  # of the largest value: below it a covariate is constant but for rounding
@@ -95,13 +95,9 @@ class Covariate:
         return self.values[which] / self.scale
 
 
-def covariates_of(
-    linearization: Linearization, settings: CovariateSettings = DISCOVERY.covariates
-) -> tuple[Covariate, ...]:
+def covariates_of(linearization: Linearization) -> tuple[Covariate, ...]:
     """Return all covariates that vary in the runs of a linearization, the constant first."""
-    tables = [
-        covariate_table(linearization, which, settings) for which in range(len(linearization.runs))
-    ]
+    tables = [covariate_table(linearization, which) for which in range(len(linearization.runs))]
     found = []
     for name in MEANINGS:
         values = tuple(table[name] for table in tables)
@@ -112,9 +108,7 @@ def covariates_of(
     return tuple(found)
 
 
-def covariate_table(
-    linearization: Linearization, which: int, settings: CovariateSettings
-) -> dict[str, Array]:
+def covariate_table(linearization: Linearization, which: int) -> dict[str, Array]:
     """Return all covariates of a run, (frames,) in SI, of readings without noise."""
     block = linearization.blocks[which]
     run, inputs = linearization.known_inputs.filtered[which].run, block.inputs
@@ -126,7 +120,7 @@ def covariate_table(
         'p^2': pressure**2,
         RATE: high_pass(run, RATE_TIME) / RATE_TIME,
         **{
-            name: side_of_play(run, factor * settings.play * (high - low))
+            name: side_of_play(run, factor * COVARIATES.play * (high - low))
             for name, factor in PLAYS.items()
         },
         **{name: high_pass(run, time) for name, time in MEANS.items()},

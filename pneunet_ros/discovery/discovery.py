@@ -43,13 +43,7 @@ from pneunet_ros.discovery.result import (
 )
 from pneunet_ros.discovery.search import Search, Suspect
 from pneunet_ros.discovery.sentence import drift_sentence, law_sentence, swing_sentence
-from pneunet_ros.discovery.settings import (
-    DISCOVERY,
-    DiscoverySettings,
-    GRID,
-    LawConfirmationSettings,
-    REFINEMENTS,
-)
+from pneunet_ros.discovery.settings import CONFIRMATION, GRID, LAW, REFINEMENTS
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import scipy
 
@@ -81,14 +75,12 @@ def discover(
     investigation: Investigation | UnsettledInvestigation,
     *,
     on_progress: OnProgress = say_nothing,
-    settings: DiscoverySettings = DISCOVERY,
 ) -> Discovery:
     """Search for a law of the model error that no effect of the library explains.
 
     Args:
         investigation: a diagnosis with its fits.
         on_progress: called with the task, its progress, and its total (0 = unknown).
-        settings: thresholds and priors.
 
     Returns:
         Confirmed laws, at most one with its rivals; none if the answer is `none` or
@@ -97,49 +89,45 @@ def discover(
     """
     if isinstance(investigation, UnsettledInvestigation):
         return NOTHING_SEARCHED
-    instead = overrule(investigation, on_progress, settings)
+    instead = overrule(investigation, on_progress)
     if instead.overruling is not None:
         return instead
     base = starting_point(investigation)
     if base is None:
         return instead
     on_progress('causes outside the library', 0, 0)
-    fits = joint_fits(investigation, base, settings)
+    fits = joint_fits(investigation, base)
     beside, best = look_for_law(investigation, fits, fits.search.suspects(), on_progress)
     if base is investigation.base:  # what the law of a named effect leaves out changes by itself
         beside = by_itself(fits, beside, best)
     if best is not None and not beside.found:
-        objection = untestable_law(investigation, base, best, settings.confirmation)
+        objection = untestable_law(investigation, base, best)
         if objection:
             beside = replace(beside, overruling=take_back(investigation, objection))
     return replace(beside, notes=(*instead.notes, *beside.notes))
 
 
-def joint_fits(
-    investigation: Investigation, base: Trial, settings: DiscoverySettings
-) -> JointFits:
+def joint_fits(investigation: Investigation, base: Trial) -> JointFits:
     """Return the joint fits of laws on top of a model, and the search around it."""
     return JointFits(
         selection=investigation.selection,
         first=investigation.base,
         base=base,
-        search=Search(base.refit, settings),
+        search=Search(base.refit),
     )
 
 
-def untestable_law(
-    investigation: Investigation, named: Trial, best: Finding, limits: LawConfirmationSettings
-) -> str:
+def untestable_law(investigation: Investigation, named: Trial, best: Finding) -> str:
     """Return the objection to a name if a law predicts recordings far better.
 
     With several recordings, halves show whether the law holds, with or without the name. With few
     recordings they cannot, and the name may only be the nearest approximation to that law.
     """
     count = investigation.selection.linearization.training
-    if named is investigation.base or best.proposal is None or count >= limits.fewest_runs:
+    if named is investigation.base or best.proposal is None or count >= CONFIRMATION.fewest_runs:
         return ''
     law = best.proposal.trial.record
-    if not predicts_better(law, named.record, limits):
+    if not predicts_better(law, named.record):
         return ''
     return (
         f'together with {best.suspect.kind.name} it predicts each training recording from the '
@@ -149,9 +137,7 @@ def untestable_law(
     )
 
 
-def overrule(
-    investigation: Investigation, on_progress: OnProgress, settings: DiscoverySettings
-) -> Discovery:
+def overrule(investigation: Investigation, on_progress: OnProgress) -> Discovery:
     """Return a law that predicts recordings better than the named effects.
 
     A name is the effect of the library that explains most. If the missing effect is not in the
@@ -165,10 +151,10 @@ def overrule(
     if not {*names} <= {*LIBRARY_WORDS}:
         return NOTHING_SEARCHED  # an effect of a user: whether a law says the same is not known
     on_progress('causes outside the library, in place of the name', 0, 0)
-    fits, named = joint_fits(investigation, first, settings), trial.record
-    suspects, limits = fits.search.suspects(), settings.confirmation
+    fits, named = joint_fits(investigation, first), trial.record
+    suspects = fits.search.suspects()
     if not any(
-        item.left_out_gain > limits.worth_a_fit * named.evidence
+        item.left_out_gain > CONFIRMATION.worth_a_fit * named.evidence
         and item.law is not None
         and not is_said_by(item.kind.name, item.law.terms, names)
         for item in suspects
@@ -178,7 +164,7 @@ def overrule(
     if best is None or best.proposal is None:
         return NOTHING_SEARCHED
     law, kind = best.proposal, best.suspect.kind.name
-    if is_said_by(kind, law.terms, names) or not predicts_better(law.trial.record, named, limits):
+    if is_said_by(kind, law.terms, names) or not predicts_better(law.trial.record, named):
         return NOTHING_SEARCHED
     if not discovery.found:
         more = f'a law of another kind explains more than {" + ".join(trial.names)}, unconfirmed'
@@ -190,15 +176,17 @@ def overrule(
     return replace(discovery, overruling=take_back(investigation, objection))
 
 
-def predicts_better(law: Record, named: Record, limits: LawConfirmationSettings) -> bool:
+def predicts_better(law: Record, named: Record) -> bool:
     """Whether a law may replace a name: it meets the same requirements by a wide margin.
 
     Held-out recordings must not be predicted worse.
     """
-    least = named.evidence + max(limits.overrules, limits.overrules_share * named.evidence)
+    least = named.evidence + max(
+        CONFIRMATION.overrules, CONFIRMATION.overrules_share * named.evidence
+    )
     if law.outside_prior or law.evidence < least:
         return False
-    return law.predicted >= named.predicted - limits.tied
+    return law.predicted >= named.predicted - CONFIRMATION.tied
 
 
 def look_for_law(
@@ -212,9 +200,7 @@ def look_for_law(
     There is no law if recordings do not confirm it, and no finding if no kind predicts any.
     """
     selection, search, diagnosis = fits.selection, fits.search, investigation.diagnosis
-    unconfirmed = Discovery(
-        searched=True, causes=cause_map(search, fits.base), settings=search.settings
-    )
+    unconfirmed = Discovery(searched=True, causes=cause_map(search, fits.base))
     if not suspects:
         notes = ('no kind of cause that was tried predicts left-out recordings',)
         return replace(unconfirmed, notes=notes), None
@@ -237,7 +223,7 @@ def look_for_law(
         kind = best.suspect.kind.name
         notes = (f'the closest cause is {kind}; no law is given: {"; ".join(objections)}',)
         return replace(unconfirmed, notes=notes), best
-    tied = tied_kinds(best, findings, suspects, search.settings)
+    tied = tied_kinds(best, findings, suspects)
     found = (describe(best, tied, search),)
     return replace(unconfirmed, found=found, evaluation=evaluation, closed=closed), best
 
@@ -257,13 +243,12 @@ def by_itself(fits: JointFits, law: Discovery, best: Finding | None) -> Discover
     findings = [finding_of(item, None, fits) for item in suspects]
     if objections_to(findings[0], fits):
         return law
-    tied = tied_kinds(findings[0], findings, suspects, search.settings)
+    tied = tied_kinds(findings[0], findings, suspects)
     return Discovery(
         searched=True,
         found=(describe(findings[0], tied, search),),
         causes=law.causes,
         amplitudes=amplitude_series(search, findings[0]),
-        settings=search.settings,
     )
 
 
@@ -284,9 +269,9 @@ def judge(fits: JointFits, suspects: Sequence[Suspect], on_progress: OnProgress)
     If all of them leave more than a law may, the calibration has absorbed so much that their order
     means little: then more of them are fitted, also as constants.
     """
-    settings, findings = fits.settings.confirmation, []
-    for place, suspect in enumerate(suspects[: settings.finalists]):
-        on_progress(f'joint fit of {suspect.kind.name}', place, settings.finalists)
+    findings = []
+    for place, suspect in enumerate(suspects[: CONFIRMATION.finalists]):
+        on_progress(f'joint fit of {suspect.kind.name}', place, CONFIRMATION.finalists)
         law = measured_part(suspect)
         proposal = None if law is None else fits.propose(law)
         finding = finding_of(suspect, proposal, fits)
@@ -296,8 +281,8 @@ def judge(fits: JointFits, suspects: Sequence[Suspect], on_progress: OnProgress)
     if findings[0].goes_by_itself or any(item.explains for item in findings):
         return findings
     again = []
-    for place, suspect in enumerate(suspects[: settings.more_finalists]):
-        on_progress(f'joint fit of {suspect.kind.name}', place, settings.more_finalists)
+    for place, suspect in enumerate(suspects[: CONFIRMATION.more_finalists]):
+        on_progress(f'joint fit of {suspect.kind.name}', place, CONFIRMATION.more_finalists)
         known = findings[place] if place < len(findings) else finding_of(suspect, None, fits)
         if known.goes_by_itself:
             again.append(known)
@@ -343,7 +328,7 @@ def shortened(finding: Finding, fits: JointFits) -> Finding:
     shorter = fits.without_idle_terms(finding.proposal)
     if len(shorter.terms) > 1:
         constant = fits.propose_constant(finding.suspect.kind)
-        margin = fits.settings.law.least_gain * (len(shorter.terms) - 1)
+        margin = LAW.least_gain * (len(shorter.terms) - 1)
         if constant is not None and constant.evidence > shorter.evidence - margin:
             shorter = fits.without_idle_terms(constant)
     return finding_of(finding.suspect, shorter, fits)
@@ -384,15 +369,15 @@ def cause_map(search: Search, base: Trial) -> CauseMap:
 
 def objections_to(finding: Finding, fits: JointFits) -> tuple[str, ...]:
     """Return the objections to the law of a finding."""
-    settings, base, found = fits.settings.confirmation, fits.base, []
+    base, found = fits.base, []
     p_value = split_p_value(finding.suspect, fits.search, fits.selection.seed)
-    if p_value > settings.level:
+    if p_value > CONFIRMATION.level:
         found.append(
             f'half of the recordings does not predict it in the other half (p-value {p_value:.2g})'
         )
-    if finding.share < settings.least_share:
+    if finding.share < CONFIRMATION.least_share:
         found.append(f'it explains {max(finding.share, 0.0):.0%} of what is left')
-    if base is not fits.first and finding.gain < settings.beside_named * base.record.evidence:
+    if base is not fits.first and finding.gain < CONFIRMATION.beside_named * base.record.evidence:
         found.append('it may be a part of the named effect that its law misses')
     if finding.proposal is not None:
         if not finding.explains:
@@ -464,10 +449,9 @@ def tied_kinds(
     best: Finding,
     findings: Sequence[Finding],
     suspects: Sequence[Suspect],
-    settings: DiscoverySettings,
 ) -> tuple[str, ...]:
     """Return the other kinds that explain as much, by joint fits or by left-out gain."""
-    margin = max(settings.confirmation.tied, evidence_margin(best.gain))
+    margin = max(CONFIRMATION.tied, evidence_margin(best.gain))
     fitted = {item.suspect.kind.name: item.gain for item in findings}
     linear = best.suspect.left_out_gain
     tied = [

@@ -14,7 +14,7 @@ from pneunet_ros.discovery.kinds import Kind
 from pneunet_ros.discovery.law import Law
 from pneunet_ros.discovery.proposed_effect import effect_class, Parameter, POSITION
 from pneunet_ros.discovery.search import Search
-from pneunet_ros.discovery.settings import DiscoverySettings
+from pneunet_ros.discovery.settings import LAW, PLACE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,11 +66,6 @@ class JointFits:
     base: Trial
     search: Search
 
-    @property
-    def settings(self) -> DiscoverySettings:
-        """Settings of the search."""
-        return self.search.settings
-
     def propose(self, law: Law) -> Proposal | None:
         """Fit a law with a fixed position, and add missing terms.
 
@@ -90,7 +85,7 @@ class JointFits:
         if kind.positions is None:
             return self.lengthened(self.fit(kind, (CONSTANT,), start))
         low, high = kind.positions
-        steps = np.arange(self.settings.place.held) + 0.5
+        steps = np.arange(PLACE.held) + 0.5
         held = [
             self.fit(kind, (CONSTANT,), np.append(start, np.log(position)), held=True)
             for position in (low + steps / steps.size * (high - low)).tolist()
@@ -104,7 +99,7 @@ class JointFits:
 
     def lengthened(self, proposal: Proposal | None) -> Proposal | None:
         """Return a fit extended by missing terms while they gain enough."""
-        for _ in range(self.settings.law.rounds):
+        for _ in range(LAW.rounds):
             if proposal is None:
                 return None
             longer = self.with_missing_terms(proposal)
@@ -121,7 +116,7 @@ class JointFits:
         numbers = np.insert(proposal.numbers, len(proposal.terms), np.zeros(len(more)))
         terms = (*proposal.terms, *more)
         better = self.fit(proposal.kind, terms, numbers, proposal.trial.refit)
-        least = proposal.evidence + self.settings.law.least_gain
+        least = proposal.evidence + LAW.least_gain
         return None if better is None or better.evidence < least else better
 
     def without_idle_terms(self, proposal: Proposal) -> Proposal:
@@ -133,12 +128,12 @@ class JointFits:
             count = len(proposal.terms)
             ratios = np.abs(proposal.numbers[:count]) / proposal.stds[:count]
             weakest = int(np.argmin(ratios))
-            if ratios[weakest] > self.settings.law.idle:
+            if ratios[weakest] > LAW.idle:
                 break
             terms = (*proposal.terms[:weakest], *proposal.terms[weakest + 1 :])
             numbers = np.delete(proposal.numbers, weakest)
             shorter = self.fit(proposal.kind, terms, numbers, proposal.trial.refit)
-            least = proposal.evidence - self.settings.law.least_gain
+            least = proposal.evidence - LAW.least_gain
             if shorter is None or shorter.evidence < least:
                 break
             proposal = shorter
@@ -190,10 +185,10 @@ class JointFits:
 
     def missing_terms(self, proposal: Proposal) -> tuple[str, ...]:
         """Return terms of the kind that the fit with the law still lacks."""
-        room = self.settings.law.most_terms - len(proposal.terms)
+        room = LAW.most_terms - len(proposal.terms)
         if room <= 0:
             return ()
-        search = Search(proposal.trial.refit, self.settings)
+        search = Search(proposal.trial.refit)
         law = search.law(proposal.kind, proposal.position, search.runs)
         if law is None:
             return ()

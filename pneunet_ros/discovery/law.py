@@ -9,7 +9,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.discovery.amplitude import Columns, left_out_gains, Runs
 from pneunet_ros.discovery.covariates import Covariate
 from pneunet_ros.discovery.kinds import Kind
-from pneunet_ros.discovery.settings import DISCOVERY, LawSettings
+from pneunet_ros.discovery.settings import LAW
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,7 +46,7 @@ class Law:
     explained: float
 
 
-def choose_law(cause: Cause, runs: Runs, settings: LawSettings = DISCOVERY.law) -> Law | None:
+def choose_law(cause: Cause, runs: Runs) -> Law | None:
     """Return the terms that best predict each run from the others; None if none does.
 
     Forward selection: the best term, then the best additional one, while the gain is large enough.
@@ -55,16 +55,14 @@ def choose_law(cause: Cause, runs: Runs, settings: LawSettings = DISCOVERY.law) 
     best: Law | None = None
     chosen: list[int] = []
     gain = 0.0
-    while len(chosen) < settings.most_terms:
+    while len(chosen) < LAW.most_terms:
         rivals = [term for term in range(len(cause.terms)) if term not in chosen]
         if not rivals:
             break
-        gains = left_out_gains(
-            evidence, [[*chosen, term] for term in rivals], settings.prior_sizes
-        )
+        gains = left_out_gains(evidence, [[*chosen, term] for term in rivals], LAW.prior_sizes)
         row, column = np.unravel_index(gains.argmax(), gains.shape)
-        most, std, term = float(gains.max()), settings.prior_sizes[column], rivals[row]
-        if most < gain + settings.least_gain:
+        most, std, term = float(gains.max()), LAW.prior_sizes[column], rivals[row]
+        if most < gain + LAW.least_gain:
             break
         chosen.append(term)
         gain = most

@@ -21,7 +21,7 @@ from pneunet_ros.discovery.proposed_effect import (
     parameter_of,
     POSITION,
 )
-from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings, GRID, REFINEMENTS
+from pneunet_ros.discovery.settings import COVARIATES, GRID, REFINEMENTS
 from pneunet_ros.discovery.time_law import (
     Courses,
     find_swing,
@@ -63,15 +63,13 @@ class Suspect:
 class Search:
     """Kinds of cause around a fit to training runs."""
 
-    def __init__(self, fit: Refit, settings: DiscoverySettings = DISCOVERY) -> None:
-        self.fit, self.settings = fit, settings
+    def __init__(self, fit: Refit) -> None:
+        self.fit = fit
         self.linearization = fit.linearization
         self.projection = Projection(fit.gaussian)
-        self.covariates = {
-            item.name: item for item in covariates_of(self.linearization, settings.covariates)
-        }
+        self.covariates = {item.name: item for item in covariates_of(self.linearization)}
         low, high = self.linearization.point.arm.table_range
-        self.play = settings.covariates.play * (high - low)
+        self.play = COVARIATES.play * (high - low)
         self.causes: dict[tuple[str, float | None], Cause | None] = {}
         self.frames: dict[tuple[str, float | None], OwnColumns] = {}
 
@@ -179,12 +177,12 @@ class Search:
     def courses(self) -> Courses:
         """Aperiodic courses in time; steady states have none."""
         elapsed = self.covariates.get(ELAPSED)
-        return {} if elapsed is None else wandering_courses(elapsed.values, self.settings.law)
+        return {} if elapsed is None else wandering_courses(elapsed.values)
 
     def law(self, kind: Kind, position: float | None, runs: Runs) -> Law | None:
         """Return the law of a kind at a place in some of the runs; None if there is none."""
         cause = self.cause(kind, position)
-        return None if cause is None else choose_law(cause, runs, self.settings.law)
+        return None if cause is None else choose_law(cause, runs)
 
     def best_law(self, kind: Kind, runs: Runs) -> Law | None:
         """Return the law of a kind at its best position."""
@@ -215,8 +213,8 @@ class Search:
         """Return the most probable course in time of the amplitude of a cause in some runs."""
         frames, prior = self.frame_columns(cause), cause.kind.prior
         if periodic:
-            return find_swing(frames, self.covariates, prior, runs, self.settings.law)
-        return find_wandering(frames, self.courses, prior, runs, self.settings.law)
+            return find_swing(frames, self.covariates, prior, runs)
+        return find_wandering(frames, self.courses, prior, runs)
 
     def wandering_suspects(self) -> list[Suspect]:
         """Return the kinds with an aperiodic course, best first.

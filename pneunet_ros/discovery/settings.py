@@ -78,14 +78,18 @@ class LawConfirmationSettings:
     )
 
 
+COVARIATES, LAW, PLACE = CovariateSettings(), LawSettings(), PlaceSettings()
+CONFIRMATION = LawConfirmationSettings()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiscoverySettings:
-    """The settings of all algorithms of a discovery."""
+    """The settings of all algorithms of a discovery, as they are recorded with its result."""
 
-    covariates: CovariateSettings = CovariateSettings()
-    law: LawSettings = LawSettings()
-    place: PlaceSettings = PlaceSettings()
-    confirmation: LawConfirmationSettings = LawConfirmationSettings()
+    covariates: CovariateSettings = COVARIATES
+    law: LawSettings = LAW
+    place: PlaceSettings = PLACE
+    confirmation: LawConfirmationSettings = CONFIRMATION
 
 
 DISCOVERY = DiscoverySettings()

@@ -16,7 +16,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.discovery.amplitude import Evidence, log_gains, OwnColumns, Runs
 from pneunet_ros.discovery.covariates import CONSTANT, Covariate, ELAPSED
-from pneunet_ros.discovery.settings import DISCOVERY, LawSettings
+from pneunet_ros.discovery.settings import LAW
 import scipy
 
 CORRELATION_TIMES = 6  # tried, from the shortest period to the longest
@@ -58,31 +58,30 @@ def find_swing(
     covariates: Mapping[str, Covariate],
     prior: float,
     runs: Runs,
-    settings: LawSettings = DISCOVERY.law,
 ) -> Swing | None:
     """Return the most probable swing of an amplitude in some runs; None if there is none.
 
     prior: of the amplitude. A law in time needs several recordings.
     """
-    if ELAPSED not in covariates or len(runs) < settings.fewest_runs:
+    if ELAPSED not in covariates or len(runs) < LAW.fewest_runs:
         return None
     seconds = covariates[ELAPSED].values
     everything = frames.evidence(runs)
     best: tuple[float, float, str, list[Array], float] | None = None
-    periods = possible_periods(seconds, settings)
+    periods = possible_periods(seconds)
     for modulation in [name for name in MODULATIONS if name in covariates and periods.size]:
         size_of = covariates[modulation].scaled
         sizes = [prior * np.abs(size_of(which)) for which in range(len(seconds))]
         swings = swing_evidence(everything, seconds, sizes, periods)
-        gains = log_gains(swings.score, swings.information, settings.prior_sizes)
+        gains = log_gains(swings.score, swings.information, LAW.prior_sizes)
         place, column = np.unravel_index(int(gains.argmax()), gains.shape)
         if best is None or gains.max() > best[0]:
-            std = settings.prior_sizes[column]
+            std = LAW.prior_sizes[column]
             best = float(gains.max()), float(periods[place]), modulation, sizes, std
-    priors = prior * np.asarray(settings.prior_sizes)
+    priors = prior * np.asarray(LAW.prior_sizes)
     free = log_gains(everything.score, everything.information, priors).max()
     # What swings is described better by that than by an amplitude of its own in every frame.
-    if best is None or best[0] < max(free, 0.0) + settings.period_cost:
+    if best is None or best[0] < max(free, 0.0) + LAW.period_cost:
         return None
     _, period, modulation, sizes, std = best
     period, period_std = refine_period(everything, seconds, sizes, period, std, periods)
@@ -98,7 +97,7 @@ def find_swing(
         modulation=modulation,
         size=size,
         size_std=float(np.sqrt(slope @ covariance[np.ix_(own, own)] @ slope)),
-        left_out_gain=along.left_out_gain(runs, std) - settings.period_cost,
+        left_out_gain=along.left_out_gain(runs, std) - LAW.period_cost,
         factors=factors,
         std=std,
     )
@@ -107,9 +106,9 @@ def find_swing(
 Courses = Mapping[float, Sequence[Array]]  # per correlation time (s): a root (frames, n) per run
 
 
-def wandering_courses(seconds: Sequence[Array], settings: LawSettings = DISCOVERY.law) -> Courses:
+def wandering_courses(seconds: Sequence[Array]) -> Courses:
     """Return courses without a period; seconds (frames,) of every run."""
-    periods = possible_periods(seconds, settings)
+    periods = possible_periods(seconds)
     if not periods.size:
         return {}
     times = np.geomspace(float(periods[0]), float(periods[-1]), CORRELATION_TIMES).tolist()
@@ -121,15 +120,14 @@ def find_wandering(
     courses: Courses,
     prior: float,
     runs: Runs,
-    settings: LawSettings = DISCOVERY.law,
 ) -> Swing | None:
     """Return an aperiodic amplitude; None if none is seen.
 
     prior: of the amplitude.
     """
-    if not courses or len(runs) < settings.fewest_runs:
+    if not courses or len(runs) < LAW.fewest_runs:
         return None
-    priors = prior * np.asarray(settings.prior_sizes)
+    priors = prior * np.asarray(LAW.prior_sizes)
     along = {time: frames.along(roots) for time, roots in courses.items()}
     evidence = {time: item.evidence(runs) for time, item in along.items()}
     gains = {
@@ -139,7 +137,7 @@ def find_wandering(
     gain, place = float(gains[time].max()), int(gains[time].argmax())
     if gain <= 0.0:
         return None
-    std, roots = settings.prior_sizes[place], courses[time]
+    std, roots = LAW.prior_sizes[place], courses[time]
     coefficients = evidence[time].estimate(prior * std)[0]
     of_run = along[time].of_run
     course = np.concatenate([roots[which] @ coefficients[of_run[which]] for which in runs])
@@ -149,7 +147,7 @@ def find_wandering(
         modulation=CONSTANT,
         size=float(np.sqrt(np.mean(course**2))) / prior,
         size_std=0.0,
-        left_out_gain=along[time].left_out_gain(runs, prior * std) - settings.least_gain,
+        left_out_gain=along[time].left_out_gain(runs, prior * std) - LAW.least_gain,
         factors=[prior * root for root in roots],
         std=std,
         periodic=False,
@@ -172,7 +170,7 @@ def wandering_roots(seconds: Sequence[Array], time: float) -> list[Array]:
     return roots
 
 
-def possible_periods(seconds: Sequence[Array], settings: LawSettings) -> Array:
+def possible_periods(seconds: Sequence[Array]) -> Array:
     """Return candidate periods (s): above two frames, up to a few per longest recording."""
     steps = np.concatenate([np.diff(item) for item in seconds if item.size > 1])
     steps = steps[steps > 0.0]
@@ -180,9 +178,9 @@ def possible_periods(seconds: Sequence[Array], settings: LawSettings) -> Array:
     if not steps.size or longest <= 0.0:
         return np.zeros(0)
     shortest = 2.2 * float(np.median(steps))
-    if settings.fewest_cycles * shortest >= longest:
+    if LAW.fewest_cycles * shortest >= longest:
         return np.zeros(0)
-    frequencies = np.linspace(settings.fewest_cycles / longest, 1.0 / shortest, PERIODS)
+    frequencies = np.linspace(LAW.fewest_cycles / longest, 1.0 / shortest, PERIODS)
     return np.asarray(1.0 / frequencies)
 
 

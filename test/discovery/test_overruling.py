@@ -9,10 +9,8 @@ from pneunet_ros.diagnosis.selection import Record
 from pneunet_ros.discovery import discovery as searched
 from pneunet_ros.discovery.discovery import overrule, predicts_better, untestable_law
 from pneunet_ros.discovery.result import Discovery
-from pneunet_ros.discovery.settings import DISCOVERY
 import pytest
 
-LIMITS = DISCOVERY.confirmation
 NAME = Record(
     names=('gravity',), dof=2, evidence=50.0, gain=110.0, tests=(), adequate=True,
     plausible=True,
@@ -33,13 +31,13 @@ LAW = replace(NAME, names=('proposed_push',), evidence=70.0, predicted=-2490.0)
     ],
 )
 def test_a_law_meets_what_a_name_has_to_meet_by_far_better(law, better):
-    assert predicts_better(replace(LAW, **law), NAME, LIMITS) is better
+    assert predicts_better(replace(LAW, **law), NAME) is better
 
 
 def test_beside_a_strong_effect_a_tenth_counts():
     strong = replace(NAME, evidence=1000.0)
-    assert not predicts_better(replace(LAW, evidence=1080.0), strong, LIMITS)
-    assert predicts_better(replace(LAW, evidence=1120.0), strong, LIMITS)
+    assert not predicts_better(replace(LAW, evidence=1080.0), strong)
+    assert predicts_better(replace(LAW, evidence=1120.0), strong)
 
 
 @pytest.mark.parametrize(('evidence', 'said'), [(70.0, True), (55.0, False)])
@@ -61,7 +59,7 @@ def test_a_law_that_explains_more_and_is_not_confirmed_is_said(monkeypatch, evid
     unconfirmed = Discovery(searched=True, notes=(why,))
     monkeypatch.setattr(searched, 'look_for_law', lambda *_: (unconfirmed, best))
     monkeypatch.setattr(searched, 'Search', lambda *_: SimpleNamespace(suspects=lambda: [suspect]))
-    found = overrule(investigation, lambda *_: None, DISCOVERY)
+    found = overrule(investigation, lambda *_: None)
     assert found.overruling is None
     note = f'a law of another kind explains more than gravity, unconfirmed: {why}'
     assert found.notes == ((note,) if said else ())
@@ -78,13 +76,11 @@ def test_of_few_recordings_a_name_gives_way_to_a_law_beside_it(recordings, evide
         proposal=SimpleNamespace(trial=SimpleNamespace(record=record)),
     )
     found = SimpleNamespace(selection=selection, base=SimpleNamespace())
-    said = untestable_law(found, named, best, LIMITS)
+    said = untestable_law(found, named, best)
     assert said.startswith('together with push ') is gives_way
     assert bool(said) is gives_way
     # An unknown that has no name: nothing gives way.
-    assert (
-        untestable_law(SimpleNamespace(selection=selection, base=named), named, best, LIMITS) == ''
-    )
+    assert untestable_law(SimpleNamespace(selection=selection, base=named), named, best) == ''
 
 
 @pytest.mark.parametrize(('answer', 'asked'), [('unknown', True), ('named', False)])
