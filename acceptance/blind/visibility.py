@@ -46,13 +46,10 @@ def shown_beside(
 
 def fitted(found: Investigation, chosen: Sequence[Candidate]) -> Refit | None:
     """Return the joint fit of candidates, from where their scores begin."""
-    settings = found.selection.settings.refit
     return refit(
         found.base.refit.linearization,
         [item.hypothesis for item in chosen],
         np.concatenate([item.start for item in chosen]),
-        settings.rounds,
-        settings,
     )
 
 

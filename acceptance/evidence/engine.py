@@ -32,7 +32,7 @@ from pneunet_ros.diagnosis.diagnosis import (
 from pneunet_ros.diagnosis.hypothesis import hypotheses
 from pneunet_ros.diagnosis.refit import refit
 from pneunet_ros.diagnosis.selection import evidence_margin, Selection, Trial
-from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
+from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SCORE_TEST, SELECTION
 from pneunet_ros.discovery.covariates import ELAPSED
 from pneunet_ros.discovery.joint_fit import JointFits
 from pneunet_ros.discovery.law import Law
@@ -113,15 +113,16 @@ class Engine:
 
     def with_effect(self, trial: Trial, place: Around, top: int, size: float) -> Trial | None:
         """Return the joint fit with an effect of the library."""
-        meaning, settings = place.columns.meanings[top], self.selection.settings
+        meaning = place.columns.meanings[top]
         item = meaning.hypothesis
         assert item is not None and meaning.numbers is not None
         start: Array = meaning.numbers.copy()
         value = size * item.std[meaning.which]
         if not item.is_linear:
-            score = settings.score_test
             tried = meaning.numbers[meaning.which]
-            value = tried * np.clip(value / tried, score.smallest_step, score.largest_step)
+            value = tried * np.clip(
+                value / tried, SCORE_TEST.smallest_step, SCORE_TEST.largest_step
+            )
         start[meaning.which] = value
         start = np.clip(start, item.low, item.high)
         known = trial.refit
@@ -129,8 +130,6 @@ class Engine:
             known.linearization,
             (*known.hypotheses, item),
             np.concatenate([known.numbers, start]),
-            settings.refit.rounds,
-            settings.refit,
         )
         return None if fit is None else self.selection.test_trial(fit, self.first, trial)
 
@@ -175,12 +174,11 @@ class Engine:
                 for cause, found in self.strongest(place)
                 if (item := self.extended(place, cause, found)) is not None
             ]
-            least = self.selection.settings.selection
             better = [
                 item
                 for item in fitted
-                if item.record.over(trial.record).evidence > least.least_evidence
-                and item.record.evidence - trial.record.evidence > least.least_evidence
+                if item.record.over(trial.record).evidence > SELECTION.least_evidence
+                and item.record.evidence - trial.record.evidence > SELECTION.least_evidence
             ]
             if not better:
                 break
@@ -188,7 +186,7 @@ class Engine:
             if (
                 trial.names
                 and not better[0].record.adequate
-                and (better[0].record.excess > least.most_left * trial.record.excess)
+                and (better[0].record.excess > SELECTION.most_left * trial.record.excess)
             ):
                 break
             trial, rivals = better[0], better[1:]
@@ -222,7 +220,7 @@ class Engine:
         best = place.best
         if best.strongest is None:
             return False
-        least = self.selection.settings.selection.least_evidence
+        least = SELECTION.least_evidence
         return best.weights[best.strongest] > least
 
 
@@ -240,18 +238,18 @@ def investigate(
     """
     model, training, held_out, notes = with_tips(model, training, held_out)
     training, held_out, notes, _ = at_rest(model, training, held_out, notes)
-    base = fit_base(model, training, lambda *_: None, settings.base_fit, settings.calibration)
+    base = fit_base(model, training, lambda *_: None, settings.calibration)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)
     asked = hypotheses(tuple(item.name for item in model.effects), settings.hypothesis)
     selection = Selection(
         linearization=linearize(base, *recordings, settings),
-        hypotheses=considered_hypotheses(asked, training, settings.hypothesis),
+        hypotheses=considered_hypotheses(asked, training),
         seed=seed,
         on_progress=lambda *_: None,
         settings=settings,
     )
     first = selection.fit_base()
-    if not is_settled(first.refit, settings):
+    if not is_settled(first.refit):
         return UnsettledInvestigation(diagnosis=unsettled(seed, notes, settings)), ()
     engine = Engine(selection, first)
     best, rivals, around = engine.search()
@@ -305,7 +303,7 @@ def decided(engine: Engine, best: Trial, rivals: list[Trial], base: Around, dete
     if objections:
         notes = closest_notes(best.record, objections)
         return Verdict(answer='unknown', trial=first, unconfirmed=best.names, notes=notes)
-    probability = effect_probabilities([best.record], selection.settings)
+    probability = effect_probabilities([best.record])
     return replace(verdict, probability=probability)
 
 

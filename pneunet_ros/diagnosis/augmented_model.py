@@ -10,10 +10,11 @@ import numpy as np
 from pneunet_ros.calibration.low_rank import covariance_root, low_rank, rounded
 from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import MAP_ESTIMATION
 from pneunet_ros.diagnosis.hypothesis import Coordinate
 from pneunet_ros.diagnosis.refit import Refit, split_numbers
 from pneunet_ros.diagnosis.result import Estimated, NamedEffect, Shift
-from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
+from pneunet_ros.diagnosis.settings import AUGMENTED_MODEL
 from pneunet_ros.effects.gravity import Gravity
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS
@@ -22,7 +23,7 @@ STATIONS = (0.2, 0.5, 0.8)  # s / l, where shifts of kappa_p0 are shown
 SURE = 2.0  # standard errors, by which a direction may be longer than a unit vector
 
 
-def fit_with_effects(refit: Refit, settings: DiagnosisSettings = DEFAULTS) -> Fit:
+def fit_with_effects(refit: Refit) -> Fit:
     """Fit the base to the training runs, with the effects fixed at their refitted values."""
     linearization, point = refit.linearization, refit.point
     return fit(
@@ -31,16 +32,14 @@ def fit_with_effects(refit: Refit, settings: DiagnosisSettings = DEFAULTS) -> Fi
         linearization.noise,
         point.arm.target_arclength,
         point.values,
-        settings=replace(
-            settings.calibration.map_estimation, small_step=settings.augmented_model.settled
-        ),
+        settings=replace(MAP_ESTIMATION, small_step=AUGMENTED_MODEL.settled),
     )
 
 
-def augment_model(refit: Refit, base: Fit, settings: DiagnosisSettings = DEFAULTS) -> Arm:
+def augment_model(refit: Refit, base: Fit) -> Arm:
     """Return the arm, with a covariance of base and effects together."""
     arm, count = base.arm, len(refit.numbers)
-    covariance, _ = low_rank(base, MOST_COLUMNS - count, settings.calibration.experiments)
+    covariance, _ = low_rank(base, MOST_COLUMNS - count)
     if not count:
         return replace(arm, covariance=covariance)
     names, change = base.parameters.quantities()

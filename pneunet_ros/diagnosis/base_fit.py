@@ -12,10 +12,10 @@ from pneunet_ros.calibration.experiments import FitSequence
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.noise_estimate import estimate_noise
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import CalibrationSettings
+from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.progress import OnProgress
-from pneunet_ros.diagnosis.settings import BaseFitSettings, DEFAULTS
+from pneunet_ros.diagnosis.settings import BASE_FIT
 from pneunet_ros.measurement.dataset import RecordingData, thinned
 from pneunet_ros.model.arm import Arm
 
@@ -24,8 +24,7 @@ def fit_base(
     frame: Arm,
     training: Sequence[RecordingData],
     on_progress: OnProgress,
-    settings: BaseFitSettings = DEFAULTS.base_fit,
-    calibration: CalibrationSettings = DEFAULTS.calibration,
+    calibration: CalibrationSettings = CALIBRATION,
 ) -> Fit:
     """Fit the base model to few frames of all training runs, with the noise of all frames.
 
@@ -46,7 +45,7 @@ def fit_base(
     assumed = replace(frame.sensors, row_spacing_std=0.0)
     noise = estimate_noise(training, frame.target_arclength, assumed, calibration.noise_estimate)
     frame = replace(frame, sensors=noise.noise, covariance=None, domain=None)
-    most = settings.first_frames
+    most = BASE_FIT.first_frames
     unloaded, loaded = ([run.thin(most) for run in runs] for runs in (unloaded, loaded))
     resolution = resolve(frame, unloaded, loaded, calibration.resolution)
     fits = FitSequence(

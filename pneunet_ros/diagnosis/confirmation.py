@@ -19,7 +19,12 @@ from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.hypothesis import carries_time
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection
-from pneunet_ros.diagnosis.settings import ConfirmationSettings, DiagnosisSettings
+from pneunet_ros.diagnosis.settings import (
+    DEFAULTS,
+    DiagnosisSettings,
+    LACK_OF_FIT,
+    SELECTION,
+)
 from scipy.special import ndtr, stdtrit
 
 NO_ERROR = 1e-18  # m^2: what no camera sees, so that there is a ratio
@@ -44,13 +49,12 @@ class Confirmer:
     def of(cls, selection: Selection, base: Record) -> Confirmer:
         """Return the confirmer for all sets of a selection."""
         runs = selection.linearization.runs[: selection.linearization.training]
-        in_time = selection.settings.hypothesis
         return cls(
             base=base,
             tried=tuple(selection.tried.values()),
             training=tuple(run.name for run in runs),
             settings=selection.settings,
-            steady=not any(carries_time(run, in_time) for run in runs),
+            steady=not any(carries_time(run) for run in runs),
         )
 
     def objections(self, record: Record, alternatives: Collection[str] = ()) -> tuple[str, ...]:
@@ -86,7 +90,7 @@ class Confirmer:
         """Object to a law whose residual exceeds the limit for laws."""
         left, most = self.chi_squared(record), self.settings.confirmation.most_left
         worst = min(record.tests, key=attrgetter('p_value'))
-        if left <= most or worst.p_value > self.settings.lack_of_fit.level / len(record.tests):
+        if left <= most or worst.p_value > LACK_OF_FIT.level / len(record.tests):
             return ()
         return (
             Note(
@@ -160,7 +164,7 @@ class Confirmer:
         """Object if uneven bending between targets explains the data without an effect."""
         if record.nonuniform is None or self.base.nonuniform is None:
             return ()
-        if record.nonuniform - self.base.nonuniform >= self.settings.selection.least_evidence:
+        if record.nonuniform - self.base.nonuniform >= SELECTION.least_evidence:
             return ()
         share = self.settings.calibration.resolution.nonuniform
         return (
@@ -176,7 +180,7 @@ class Confirmer:
 
         It uses the linearized fit of each set to all recordings, with one removed.
         """
-        margin = evidence_margin(record.evidence, self.settings.selection)
+        margin = evidence_margin(record.evidence)
         allowed = {*record.names, *alternatives}
         others = [
             item
@@ -208,7 +212,7 @@ class Confirmer:
                     reason='one_recording',
                 ),
             )
-        least = evidence_margin(record.evidence, self.settings.selection)
+        least = evidence_margin(record.evidence)
         alone = [
             Path(name).name
             for which, name in enumerate(self.training)
@@ -220,16 +224,14 @@ class Confirmer:
         )
 
 
-def error_rises(
-    before: Sequence[Score], after: Sequence[Score], settings: ConfirmationSettings
-) -> str:
+def error_rises(before: Sequence[Score], after: Sequence[Score]) -> str:
     """Return a sentence if the error on held-out recordings rises significantly.
 
     A softer arm lets the noise of readings explain more: chi squared falls although the model is
     useless. Errors of frames near in time are correlated, so the test uses batches of frames, and
     the ratio in each batch because a few frames may be far more sensitive than the others.
     """
-    change: list[float] = []
+    settings, change = DEFAULTS.confirmation, list[float]()
     squares: list[Array] = []
     for without, with_it in zip(before, after, strict=True):
         pair = np.stack([without.error**2, with_it.error**2])

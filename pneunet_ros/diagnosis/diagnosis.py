@@ -13,6 +13,7 @@ from pneunet_ros.calibration.calibration import describe_thinning
 from pneunet_ros.calibration.checks.frames_in_motion import FramesInMotion, without_motion
 from pneunet_ros.calibration.elongation import without_fitted
 from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import MAP_ESTIMATION
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import OnProgress, part_of, say_nothing
@@ -65,10 +66,12 @@ from pneunet_ros.diagnosis.selection import (
     Trial,
 )
 from pneunet_ros.diagnosis.settings import (
+    BASE_FIT,
     DEFAULTS,
     DiagnosisSettings,
-    HypothesisSettings,
-    SelectionSettings,
+    LACK_OF_FIT,
+    SCORE_TEST,
+    SELECTION,
 )
 from pneunet_ros.diagnosis.unread_frames import without_unread
 from pneunet_ros.diagnosis.verdict import (
@@ -182,7 +185,6 @@ def investigate_at_rest(
         model,
         training,
         part_of(on_progress, 1, PARTS),
-        settings.base_fit,
         settings.calibration,
     )
     rested, count = [*training, *held_out], len(training)
@@ -193,7 +195,7 @@ def investigate_at_rest(
     asked = hypotheses(tuple(effect.name for effect in model.effects), settings.hypothesis)
     selection = Selection(
         linearization=linearize(base, *recordings, settings),
-        hypotheses=considered_hypotheses(asked, training, settings.hypothesis),
+        hypotheses=considered_hypotheses(asked, training),
         seed=seed,
         on_progress=part_of(on_progress, 2, PARTS),
         map_function=map if executor is None else executor.map,
@@ -201,7 +203,7 @@ def investigate_at_rest(
         allowed=allowed,
     )
     first = selection.fit_base()
-    if not is_settled(first.refit, settings):
+    if not is_settled(first.refit):
         return UnsettledInvestigation(diagnosis=unsettled(seed, notes, settings))
     best = selection.fit_rivals(first, selection.select_forward(first))
     detectable = limits_of(selection, first, asked)
@@ -231,17 +233,17 @@ def limits_of(
         first.refit.linearization, selection.settings.calibration.resolution
     )
     candidates = beside_nonuniform(selection.score_candidates(first), first.refit.gaussian, uneven)
-    return detection_limits(asked, candidates, selection.settings.score_test)
+    return detection_limits(asked, candidates)
 
 
-def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:
+def is_settled(fit: Refit) -> bool:
     """Whether a further step would gain almost nothing, absolutely or relative to the misfit.
 
     Convergence of the cost is not required: if the model lacks a strong effect, the cost may
     change from one linearization to the next.
     """
-    nearly = 0.5 * settings.calibration.map_estimation.nearly**2
-    return fit.gain < nearly or has_ended(fit, settings.refit)
+    nearly = 0.5 * MAP_ESTIMATION.nearly**2
+    return fit.gain < nearly or has_ended(fit)
 
 
 def unsettled(seed: int, notes: Sequence[str], settings: DiagnosisSettings) -> UnsettledDiagnosis:
@@ -265,13 +267,12 @@ def unsettled(seed: int, notes: Sequence[str], settings: DiagnosisSettings) -> U
 def considered_hypotheses(
     asked: Sequence[Hypothesis],
     training: Sequence[RecordingData],
-    settings: HypothesisSettings = DEFAULTS.hypothesis,
 ) -> tuple[Hypothesis, ...]:
     """Return the effects that may be named, except those equivalent to a pressure scale.
 
     Effects with memory are included only if a recording can show them: enough frames in time.
     """
-    in_time = any(carries_time(run, settings) for run in training)
+    in_time = any(carries_time(run) for run in training)
     return tuple(
         item
         for item in asked
@@ -292,7 +293,7 @@ def linearize(
         placement=fit.placement,
         origin=fit.origin,
     )
-    runs = [run.thin(settings.base_fit.frames) for run in (*training, *held_out)]
+    runs = [run.thin(BASE_FIT.frames) for run in (*training, *held_out)]
     noise = fit.parameters.frame.sensors
     return Linearization(point, runs, len(training), noise, settings.linearization)
 
@@ -309,16 +310,16 @@ def conclude(
 
     A name is withdrawn if its model is surely worse on held-out recordings.
     """
-    settings, added = selection.settings, verdict.trial is not first
+    added = verdict.trial is not first
     runs, noise = selection.linearization.runs, selection.linearization.noise
-    candidates, level = selection.score_candidates(first), settings.lack_of_fit.level
-    before = after = evaluate(first, runs, recordings, settings)
+    candidates, level = selection.score_candidates(first), LACK_OF_FIT.level
+    before = after = evaluate(first, runs, recordings)
     if added:
-        refit = with_reading_noise(verdict.trial.refit, selection.seed, settings.reading_noise)
+        refit = with_reading_noise(verdict.trial.refit, selection.seed)
         verdict = replace(verdict, trial=replace(verdict.trial, refit=refit))
-        after = evaluate(verdict.trial, runs, recordings, settings)
+        after = evaluate(verdict.trial, runs, recordings)
         pair = before.held_out_scores, after.held_out_scores
-        objection = error_rises(*pair, settings.confirmation)
+        objection = error_rises(*pair)
         if objection:
             notes = (*closest_notes(verdict.trial.record, (objection,)), *verdict.notes)
             verdict, after = Verdict(answer='unknown', trial=first, notes=notes), before
@@ -327,7 +328,6 @@ def conclude(
     frames, frames_after = (
         collect_frames(
             trial.refit,
-            settings.localization,
             harmless=trial is verdict.trial
             and verdict.answer != 'unknown'
             and is_adequate(trial.record.tests, level),
@@ -335,7 +335,7 @@ def conclude(
         for trial in (first, verdict.trial)
     )
     left, worst = verdict.trial.record.tests, min(first.record.tests, key=attrgetter('p_value'))
-    cosines = effect_cosines(first.refit.gaussian, candidates, settings.score_test)
+    cosines = effect_cosines(first.refit.gaussian, candidates)
     wanted = wanted_candidates(verdict, candidates, detectable)
     rivals = wanted if verdict.alternatives else ()
     removed = removed_share(before.rms, after.rms, floor)
@@ -365,10 +365,10 @@ def conclude(
         cosines=cosines,
         proposal=''
         if verdict.mimicked  # more targets would tell, and no recording
-        else propose_experiment(first.refit, wanted, rivals, settings),
+        else propose_experiment(first.refit, wanted, rivals),
         notes=(*verdict.notes, *direction_notes(before.arm, effects)),
         seed=selection.seed,
-        settings=settings,
+        settings=selection.settings,
     )
 
 
@@ -396,12 +396,10 @@ def decide(
         and item is not best.record
         and not confirmer.refutations(item)
     ]
-    settings = selection.settings
     alike = tuple(
         item.names
         for item in sorted(rivals, key=lambda item: -item.evidence)
-        if passes_alike(item, best.record, settings.selection)
-        and not set(item.names) <= set(best.names)
+        if passes_alike(item, best.record) and not set(item.names) <= set(best.names)
     )
     verdict = Verdict(answer='inseparable' if alike else 'named', trial=best, alike=alike)
     objections = confirmer.objections(best.record, verdict.alternatives)
@@ -411,7 +409,7 @@ def decide(
         return Verdict(answer='unknown', trial=first, unconfirmed=best.names, notes=notes)
     return replace(
         verdict,
-        probability=effect_probabilities([best.record, *rivals], settings, confirmed=not untested),
+        probability=effect_probabilities([best.record, *rivals], confirmed=not untested),
         notes=(*untested, *notes_on_rest(selection, best)),
     )
 
@@ -442,9 +440,7 @@ def take_back(investigation: Investigation, objection: str) -> Diagnosis:
     return replace(diagnosis, sentence=f'{sentence} See the notes for the numbers.')
 
 
-def passes_alike(
-    rival: Record, best: Record, settings: SelectionSettings = DEFAULTS.selection
-) -> bool:
+def passes_alike(rival: Record, best: Record) -> bool:
     """Whether an adequate rival without more effects explains the recordings as well.
 
     The comparison is by evidence or by chi squared alone; in the latter case only the prior
@@ -453,8 +449,8 @@ def passes_alike(
     if len(rival.names) > len(best.names):
         return False
     most, other = comparable([best, rival])
-    least = most.evidence - evidence_margin(most.evidence, settings)
-    return other.evidence > least or other.gain > most.gain - 2.0 * settings.least_evidence
+    least = most.evidence - evidence_margin(most.evidence)
+    return other.evidence > least or other.gain > most.gain - 2.0 * SELECTION.least_evidence
 
 
 def comparable(records: Sequence[Record]) -> list[Added]:
@@ -465,18 +461,16 @@ def comparable(records: Sequence[Record]) -> list[Added]:
     return [Added(names=(), evidence=item.evidence, gain=item.gain) for item in records]
 
 
-def effect_probabilities(
-    records: Sequence[Record], settings: DiagnosisSettings = DEFAULTS, *, confirmed: bool = True
-) -> dict[str, float]:
+def effect_probabilities(records: Sequence[Record], *, confirmed: bool = True) -> dict[str, float]:
     """Return the probability that each effect is missing, over all candidate sets.
 
     Evidence is weighted by the accuracy of the laws, as for the answer. No probability exceeds the
     success rate of names in blind trials; confirmed: every requirement for the name was tested.
     """
     logs = np.array([item.evidence for item in comparable(records)])
-    margin = evidence_margin(float(logs.max()), settings.selection)
-    weights = np.exp((logs - logs.max()) * settings.selection.least_evidence / margin)
-    known = settings.confirmation
+    margin = evidence_margin(float(logs.max()))
+    weights = np.exp((logs - logs.max()) * SELECTION.least_evidence / margin)
+    known = DEFAULTS.confirmation
     weights *= (1.0 - (known.wrong if confirmed else known.unconfirmed)) / weights.sum()
     names = sorted({name for item in records for name in item.names})
     pairs = list(zip(weights, records, strict=True))
@@ -489,14 +483,13 @@ def evaluate(
     trial: Trial,
     thinned: Sequence[RecordingData],
     recordings: tuple[Sequence[RecordingData], Sequence[RecordingData]],
-    settings: DiagnosisSettings,
 ) -> Evaluation:
     """Evaluate the model of a trial on training and held-out recordings.
 
     thinned: the runs of the trial, with known chi squared.
     """
-    fit = fit_with_effects(trial.refit, settings)
-    arm = augment_model(trial.refit, fit, settings)
+    fit = fit_with_effects(trial.refit)
+    arm = augment_model(trial.refit, fit)
     training, held_out = recordings
     count = len(training)
     every = scores(arm, [*training, *held_out])
@@ -527,7 +520,7 @@ def collect_evidence(
     cosines: Mapping[tuple[str, str], float],
 ) -> tuple[Evidence, ...]:
     """Return all trials, best first; effects that were not refitted are ranked by their score."""
-    least = selection.settings.score_test.same_class
+    least = SCORE_TEST.same_class
     same_class = [pair for pair, cosine in cosines.items() if abs(cosine) > least]
     trials = sorted(selection.tried.values(), key=lambda item: -item.evidence)
     rows = [
@@ -599,7 +592,7 @@ def notes_on_rest(selection: Selection, best: Trial) -> tuple[str, ...]:
 def notes_on_time(selection: Selection, training: Sequence[RecordingData]) -> tuple[str, ...]:
     """List the time-dependent effects that static recordings cannot show."""
     settings = selection.settings.hypothesis
-    if any(carries_time(run, settings) for run in training):
+    if any(carries_time(run) for run in training):
         return ()
     known = {effect.name for effect in selection.linearization.point.arm.effects}
     names = [item.name for item in hypotheses(tuple(known), settings) if item.has_memory]

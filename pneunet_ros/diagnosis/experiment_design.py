@@ -12,7 +12,7 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.diagnosis.linearization import KnownInputs, Linearization
 from pneunet_ros.diagnosis.refit import effect_direction, linearize_all_runs, Refit
 from pneunet_ros.diagnosis.score_test import Candidate
-from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, ExperimentDesignSettings
+from pneunet_ros.diagnosis.settings import EXPERIMENT_DESIGN, SCORE_TEST
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
@@ -40,14 +40,14 @@ class Experiment:
         force: float,
         stamp_ns: int,
         targets: int,
-        settings: ExperimentDesignSettings = DEFAULTS.experiment_design,
+        frames: int = EXPERIMENT_DESIGN.frames,
     ) -> RecordingData:
         """Return the recording from a stamp on, with targets at zero; force (N): the largest."""
         corners = np.array(self.corners, dtype=np.float64)
-        time = np.arange(0.0, corners[-1, 0], 1.0 / settings.rate)
+        time = np.arange(0.0, corners[-1, 0], 1.0 / EXPERIMENT_DESIGN.rate)
         share, f1, f2 = (np.interp(time, corners[:, 0], corners[:, i]) for i in (1, 2, 3))
         low, high = pressure_range
-        reading = np.linspace(0, time.size - 1, settings.frames).astype(np.int64)
+        reading = np.linspace(0, time.size - 1, frames).astype(np.int64)
         loads = np.column_stack([f1, f2])
         stamps = stamp_ns + np.rint(time * NANOSECONDS_PER_SECOND).astype(np.int64)
         return RecordingData(
@@ -58,9 +58,9 @@ class Experiment:
             reading=reading,
             loaded=bool(np.any(loads)),
             force=force * loads[reading],
-            moment=np.zeros(settings.frames),
-            x=np.zeros((settings.frames, targets)),
-            y=np.zeros((settings.frames, targets)),
+            moment=np.zeros(frames),
+            x=np.zeros((frames, targets)),
+            y=np.zeros((frames, targets)),
         )
 
 
@@ -107,7 +107,6 @@ def propose_experiment(
     refit: Refit,
     wanted: Sequence[Candidate],
     rivals: Sequence[Candidate],
-    settings: DiagnosisSettings = DEFAULTS,
 ) -> str:
     """Propose the experiment most informative about a wanted effect, its rivals fitted jointly.
 
@@ -118,7 +117,7 @@ def propose_experiment(
         return ''
     force, pressure_range = largest_force(refit), refit.point.arm.pressure_range
     items = list({item.name: item for item in (*wanted, *rivals)}.values())
-    tried = informations(refit, EXPERIMENTS, items, pressure_range, force, settings)
+    tried = informations(refit, EXPERIMENTS, items, pressure_range, force)
     if tried is None:
         return ''
     names = [item.name for item in items]
@@ -128,7 +127,7 @@ def propose_experiment(
         for item in wanted:
             others = [place for other, place in places.items() if other != item.name]
             shown = effect_information(inner, names.index(item.name), others)
-            shown *= prior_end_factor(item, settings.score_test.prior_range)
+            shown *= prior_end_factor(item)
             if shown > best:
                 best, words, name = shown, experiment.words, item.name
     if not words:
@@ -145,19 +144,17 @@ def informations(
     candidates: Sequence[Candidate],
     pressure_range: tuple[float, float],
     force: float,
-    settings: DiagnosisSettings = DEFAULTS,
+    frames: int = EXPERIMENT_DESIGN.frames,
 ) -> tuple[Array, list[Array]] | None:
     """Return the information (n, n) of effects, with all nuisance parameters fitted jointly.
 
     It is for the training runs alone, and together with each experiment. An effect with which the
     arm has no shape has none. None if the arm has no shape in one of the experiments.
     """
-    linearization = linearize_experiments(
-        refit, experiments, pressure_range, force, settings.experiment_design
-    )
+    linearization = linearize_experiments(refit, experiments, pressure_range, force, frames)
     if linearization is None or not candidates:
         return None
-    at_fit = linearize_all_runs(linearization, refit, settings.refit)
+    at_fit = linearize_all_runs(linearization, refit)
     if at_fit is None:
         return None
     residuals, gaussian = at_fit[0].residuals, at_fit[1]
@@ -189,7 +186,7 @@ def linearize_experiments(
     experiments: Sequence[Experiment],
     pressure_range: tuple[float, float],
     force: float,
-    settings: ExperimentDesignSettings = DEFAULTS.experiment_design,
+    frames: int = EXPERIMENT_DESIGN.frames,
 ) -> Linearization | None:
     """Linearize the training runs and each candidate experiment at a refit.
 
@@ -201,7 +198,7 @@ def linearize_experiments(
     stamp_ns = max(int(run.reading_stamp_ns[-1]) for run in training) + NANOSECONDS_PER_SECOND
     targets = training[0].x.shape[1]
     next_runs = [
-        item.recording(pressure_range, force, stamp_ns, targets, settings) for item in experiments
+        item.recording(pressure_range, force, stamp_ns, targets, frames) for item in experiments
     ]
     runs, noise = (*training, *next_runs), fitted.noise
     known = KnownInputs(runs, noise, fitted.settings, alternatives=len(next_runs))
@@ -230,8 +227,8 @@ def effect_information(inner: Array, effect: int, rivals: Sequence[int]) -> floa
     return max(information, 0.0)
 
 
-def prior_end_factor(candidate: Candidate, prior_range: float) -> float:
+def prior_end_factor(candidate: Candidate) -> float:
     """Return the ratio of chi squared at the end of the prior range to that at the tried value."""
     coordinate = candidate.hypothesis.coordinates[candidate.which]
     tried = max(abs(float(candidate.tried[candidate.which])), 1e-300)
-    return float((prior_range * coordinate.std / tried) ** 2)
+    return float((SCORE_TEST.prior_range * coordinate.std / tried) ** 2)

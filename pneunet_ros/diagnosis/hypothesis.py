@@ -70,7 +70,6 @@ class Hypothesis:
 
     kind: type[Effect]
     coordinates: tuple[Coordinate, ...]
-    settings: HypothesisSettings = DEFAULTS.hypothesis
 
     @property
     def name(self) -> str:
@@ -148,28 +147,26 @@ class Hypothesis:
     def shapes(self) -> list[Array]:
         """Return numbers without any size, over the prior range of the shapes."""
         is_shape = np.array([item.shape for item in self.coordinates])
-        steps = np.linspace(-1.0, 1.0, self.settings.shapes) if is_shape.any() else [0.0]
+        steps = np.linspace(-1.0, 1.0, DEFAULTS.hypothesis.shapes) if is_shape.any() else [0.0]
         return [np.where(is_shape, self.mean + step * self.std, 0.0) for step in steps]
 
 
-def hypothesis(
-    kind: type[Effect], settings: HypothesisSettings = DEFAULTS.hypothesis
-) -> Hypothesis:
+def hypothesis(kind: type[Effect]) -> Hypothesis:
     """Return an effect of the table as a hypothesis."""
-    coordinates = tuple(coordinate_of(item, settings.shape_margin) for item in fields(kind))
-    return Hypothesis(kind=kind, coordinates=coordinates, settings=settings)
+    return Hypothesis(kind=kind, coordinates=tuple(map(coordinate_of, fields(kind))))
 
 
-def coordinate_of(parameter: Any, shape_margin: float) -> Coordinate:
+def coordinate_of(parameter: Any) -> Coordinate:
     """Return the coordinate of a declared parameter."""
     neutral, bounds = float(parameter.default), parameter.metadata['bounds']
     low, high = bounds
     first, last = parameter.metadata['prior']
     reciprocal, shape = math.isinf(neutral), bool(parameter.metadata['shape'])
     mean, logarithmic = 0.0, shape and first > 0.0
+    margin = DEFAULTS.hypothesis.shape_margin
     if logarithmic:
-        low = math.log(max(low, first / shape_margin))
-        high = math.log(min(high, last * shape_margin))
+        low = math.log(max(low, first / margin))
+        high = math.log(min(high, last * margin))
         mean = 0.5 * (math.log(first) + math.log(last))
         std = 0.5 * (math.log(last) - math.log(first))
     elif reciprocal:
@@ -201,12 +198,12 @@ def hypotheses(
     """Return all quasi-static effects as hypotheses, except these and the withheld ones."""
     left_out = {*without, *settings.withheld}
     return tuple(
-        hypothesis(kind, settings)
+        hypothesis(kind)
         for name, kind in EFFECTS.items()
         if name not in left_out and kind.place != 'motion'
     )
 
 
-def carries_time(run: RecordingData, settings: HypothesisSettings) -> bool:
+def carries_time(run: RecordingData) -> bool:
     """Whether the frames of a recording can show an effect that depends on the past."""
-    return not run.static and len(run.stamp_ns) >= settings.fewest_in_time
+    return not run.static and len(run.stamp_ns) >= DEFAULTS.hypothesis.fewest_in_time

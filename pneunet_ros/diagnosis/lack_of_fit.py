@@ -16,7 +16,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizedRun
-from pneunet_ros.diagnosis.settings import DEFAULTS, LackOfFitSettings
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT
 import scipy
 
 DRAWS = 2000  # simulations of clean data
@@ -78,7 +78,6 @@ class ScoreStatistic:
     dof: int
     disturbances: tuple[tuple[int, Array], ...]
     seed: int
-    settings: LackOfFitSettings = DEFAULTS.lack_of_fit
 
 
 MapFunction = Callable[
@@ -91,7 +90,6 @@ def lack_of_fit_tests(
     problem: OpenLaws,
     seed: int,
     map_function: MapFunction = map,
-    settings: LackOfFitSettings = DEFAULTS.lack_of_fit,
 ) -> tuple[LackOfFit, ...]:
     """Return all tests; problem: of all runs of the linearization.
 
@@ -107,7 +105,6 @@ def lack_of_fit_tests(
                 for which, item in zip(runs, fields, strict=True)
             ],
             seed,
-            settings,
         )
         for name, runs, fields in tested_fields(linearization)
     ]
@@ -186,7 +183,6 @@ class TestedProblem:
         runs: Sequence[int],
         white: Sequence[Array],
         seed: int,
-        settings: LackOfFitSettings = DEFAULTS.lack_of_fit,
     ) -> ScoreStatistic:
         """Return the statistic of whitened columns (rows, n) in some of the runs."""
         gaussian = self.problem.gaussian
@@ -199,22 +195,21 @@ class TestedProblem:
         solved = gaussian.solved(cross)
         covariance = sum(item.T @ item for _, item in pairs) - cross.T @ solved
         variances, axes = np.linalg.eigh(covariance)
-        seen = variances > settings.least_seen
+        seen = variances > LACK_OF_FIT.least_seen
         basis = axes[:, seen] / np.sqrt(variances[seen])
         # What more placement and camera would do than is expected: their part of the score.
         placement = sum(item.T @ self.placement[which] for which, item in pairs)
         moved = basis.T @ (placement - solved.T @ self.placement_shared)
-        disturbances = [(settings.placement_dof, moved)]
+        disturbances = [(LACK_OF_FIT.placement_dof, moved)]
         for which, item in pairs:
             camera = item.T @ self.camera[which] - solved.T @ self.camera_shared[which]
-            disturbances.append((settings.camera_dof, basis.T @ camera))
+            disturbances.append((LACK_OF_FIT.camera_dof, basis.T @ camera))
         return ScoreStatistic(
             name=name,
             statistic=float(np.sum((basis.T @ np.asarray(score)) ** 2)),
             dof=int(seen.sum()),
             disturbances=tuple(disturbances),
             seed=seed,
-            settings=settings,
         )
 
 
@@ -228,7 +223,7 @@ def compare_with_clean(statistic: ScoreStatistic) -> LackOfFit:
     random = np.random.default_rng([statistic.seed, zlib.crc32(statistic.name.encode())])
     count = DRAWS
     draws = random.standard_normal((count, statistic.dof))
-    draws *= 1.0 + statistic.settings.white_error * random.standard_normal((count, 1))
+    draws *= 1.0 + LACK_OF_FIT.white_error * random.standard_normal((count, 1))
     for dof, response in statistic.disturbances:
         factor = dof / random.chisquare(dof, (count, 1))
         std = np.sqrt(np.maximum(factor - 1.0, 0.0))

@@ -38,7 +38,7 @@ from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import effects_of
 from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Evidence
 from pneunet_ros.diagnosis.selection import Record, Trial
-from pneunet_ros.diagnosis.settings import DiagnosisSettings
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT, SELECTION
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.measurement.dataset import RecordingData
@@ -86,7 +86,7 @@ def with_late_arm(
     row = evidence_of(moving.found.best, rival, gained)
     at_rest = replace(at_rest, evidence=(*at_rest.evidence, row))
     found = replace(found, diagnosis=at_rest)
-    margin = at_rest.settings.selection.least_evidence
+    margin = SELECTION.least_evidence
     if gained < -margin:
         return found
     diagnosis = judged(found, moving, row, tested=bool(held_out))
@@ -118,13 +118,12 @@ def less_motion(
     that the search finds, as long as the recordings become more probable. Like any effect, inertia
     may leave a share of the misfit that the model without it has.
     """
-    settings = found.diagnosis.settings
-    margin = settings.selection.least_evidence
-    allowed = settings.lack_of_fit.law_error * found.base.record.excess
+    margin = SELECTION.least_evidence
+    allowed = LACK_OF_FIT.law_error * found.base.record.excess
     swinging, moving, near, trial = unloaded(training), None, None, found.best
     try:
         for _ in range(MOST_ROUNDS):
-            arm, nearby = found_arm(trial, settings)
+            arm, nearby = found_arm(trial)
             # On ramps, errors of the static model look like a part of the mass. An arm without
             # mass that is late for another reason would fit best with almost no weight.
             fit = fit_motion(arm, swinging, near=near, nearby=nearby, trusted_error=TRUSTED)
@@ -148,10 +147,10 @@ def less_motion(
     return moving
 
 
-def found_arm(trial: Trial, settings: DiagnosisSettings) -> tuple[Arm, list[Arm]]:
+def found_arm(trial: Trial) -> tuple[Arm, list[Arm]]:
     """Return the arm with the effects of a trial, and arms with each number a little larger."""
     refit = trial.refit
-    arm = augment_model(refit, fit_with_effects(refit, settings), settings)
+    arm = augment_model(refit, fit_with_effects(refit))
     steps = np.eye(refit.numbers.size) * DIFFERENCE
     return arm, [arm_towards(arm, trial, step) for step in steps]
 
@@ -191,7 +190,7 @@ def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool)
     if diagnosis.answer == 'unknown':
         return not_named(diagnosis, moving.fit, 'the recordings show more that is not explained')
     base = whitened_as(moving.found, found.base, found)
-    level, tests = diagnosis.settings.lack_of_fit.level, base.record.tests
+    level, tests = LACK_OF_FIT.level, base.record.tests
     falls = log_densities(moving.found, moving.found.best)[1] - log_densities(found, found.base)[1]
     if tested and 2.0 * falls < diagnosis.settings.confirmation.fall:
         return not_named(replace(diagnosis, answer='unknown'), moving.fit, NO_FALL)

@@ -16,7 +16,7 @@ from numpy.polynomial import legendre
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizedRun
 from pneunet_ros.diagnosis.refit import Refit, split_numbers
-from pneunet_ros.diagnosis.settings import DEFAULTS, LawErrorSettings
+from pneunet_ros.diagnosis.settings import LAW_ERRORS
 from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
@@ -33,18 +33,13 @@ class LawErrors:
     fields: tuple[Array, ...]
 
     @classmethod
-    def of(
-        cls,
-        linearization: Linearization,
-        fit: Refit,
-        settings: LawErrorSettings = DEFAULTS.law_errors,
-    ) -> LawErrors:
+    def of(cls, linearization: Linearization, fit: Refit) -> LawErrors:
         """Return the law errors of all effects of a fit in all runs of a linearization."""
         if not fit.hypotheses:
             return cls(fields=())
         arclength = linearization.point.arm.target_arclength / linearization.length
         shapes = np.asarray(
-            legendre.legvander(2.0 * arclength - 1.0, settings.shapes - 1), np.float64
+            legendre.legvander(2.0 * arclength - 1.0, LAW_ERRORS.shapes - 1), np.float64
         )
         runs = range(len(linearization.blocks))
         before = linearization.points(fit.point.arm, runs)
@@ -56,8 +51,8 @@ class LawErrors:
                 continue
             for part, point, moved in zip(parts, before, after, strict=True):
                 unit = np.nan_to_num(point - moved) / DIFFERENCE
-                errors = settings.size * along_arm(unit, shapes)
-                part.append(errors.reshape(len(unit), -1, settings.shapes))
+                errors = LAW_ERRORS.size * along_arm(unit, shapes)
+                part.append(errors.reshape(len(unit), -1, LAW_ERRORS.shapes))
         fields = tuple(np.concatenate(part, axis=2) for part in parts if part)
         return cls(fields=fields)
 

@@ -11,7 +11,7 @@ from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.units import kilopascals, NANOSECONDS_PER_SECOND
 from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.diagnosis.result import Axis, HeatMap, Share
-from pneunet_ros.diagnosis.settings import DEFAULTS, LocalizationSettings
+from pneunet_ros.diagnosis.settings import LOCALIZATION
 import scipy
 
 # Of each axis, in which shares of the misfit are counted and drawn.
@@ -31,7 +31,6 @@ class Frames:
     squares: Array
     arclength: Array
     axes: dict[Axis, Array]
-    settings: LocalizationSettings = DEFAULTS.localization
 
     def edges(self, axis: Axis) -> Array:
         """Return the borders of the bins of an axis, (bins + 1,) SI."""
@@ -51,7 +50,6 @@ class Frames:
 
 def collect_frames(
     refit: Refit,
-    settings: LocalizationSettings = DEFAULTS.localization,
     *,
     harmless: bool = False,
 ) -> Frames:
@@ -78,7 +76,7 @@ def collect_frames(
             time = (run.stamp_ns - run.stamp_ns[0]) / NANOSECONDS_PER_SECOND
         if not run.static and len(time) > 1:
             speed = np.gradient(inputs.pressure, time) / span
-            direction = np.where(np.abs(speed) > settings.moving, np.sign(speed), np.nan)
+            direction = np.where(np.abs(speed) > LOCALIZATION.moving, np.sign(speed), np.nan)
         axes.append((inputs.pressure, np.hypot(*inputs.loads[:, :2].T), time, direction))
     names: tuple[Axis, ...] = ('pressure', 'force', 'time', 'direction')
     by_axis = [np.concatenate(item) for item in zip(*axes, strict=True)]
@@ -90,7 +88,6 @@ def collect_frames(
             for name, value in zip(names, by_axis, strict=True)
             if np.unique(value[np.isfinite(value)]).size > 1
         },
-        settings=settings,
     )
 
 
@@ -105,17 +102,15 @@ def misfit_shares(frames: Frames) -> tuple[Share, ...]:
     edges = frames.edges('arclength')
     bins = bin_indices(frames.arclength, edges)
     columns = [frames.squares[:, bins == which] for which in range(edges.size - 1)]
-    shares = axis_shares('arclength', edges, columns, frames.settings.significant)
+    shares = axis_shares('arclength', edges, columns)
     for axis in frames.axes:
         edges, bins = frames.edges(axis), frames.bin_indices(axis)
         rows = [frames.squares[bins == which] for which in range(edges.size - 1)]
-        shares += axis_shares(axis, edges, rows, frames.settings.significant)
+        shares += axis_shares(axis, edges, rows)
     return tuple(shares)
 
 
-def axis_shares(
-    axis: Axis, edges: Array, squares: Sequence[Array], significant: float
-) -> list[Share]:
+def axis_shares(axis: Axis, edges: Array, squares: Sequence[Array]) -> list[Share]:
     """Return the share of each bin with its significance; squares: of each bin.
 
     Bins with more observations have more misfit, so the share of observations is returned too.
@@ -131,7 +126,7 @@ def axis_shares(
         p_value = float(scipy.stats.chi2.sf(values.sum(), 2 * values.size)) if values.size else 1.0
         frames = values.size / seen
         statement = f'{part / total:.0%} of the misfit but {frames:.0%} of the observations lie'
-        if p_value > significant:
+        if p_value > LOCALIZATION.significant:
             statement = 'the residuals are consistent with noise'
         shares.append(
             Share(
@@ -160,9 +155,8 @@ def describe_interval(axis: Axis, start: float, stop: float) -> str:
 
 def describe_misfit(frames: Frames) -> str:
     """Describe in one sentence how the misfit depends on operating conditions and position."""
-    settings = frames.settings
     known = frames.squares[np.isfinite(frames.squares)]
-    if scipy.stats.chi2.sf(known.sum(), 2 * known.size) > settings.significant:
+    if scipy.stats.chi2.sf(known.sum(), 2 * known.size) > LOCALIZATION.significant:
         return 'no part of the recordings exceeds the noise'
     words = []
     names: dict[Axis, str] = {'force': 'the force', 'pressure': 'the pressure', 'time': 'time'}
@@ -171,16 +165,16 @@ def describe_misfit(frames: Frames) -> str:
             continue
         ratio = end_ratio(frames, axis)
         verb = 'hardly depends on'
-        if ratio > settings.trend:
+        if ratio > LOCALIZATION.trend:
             verb = 'grows with'
-        elif ratio < 1.0 / settings.trend:
+        elif ratio < 1.0 / LOCALIZATION.trend:
             verb = 'falls with'
         words.append(f'{verb} {name}')
     top = float(frames.arclength[int(np.nanargmax(target_means(frames.squares)))])
     words.append(f'is largest at {top:.2f} of the length')
     if {FALLING, RISING} <= set(frames.axes.get('direction', np.zeros(0)).tolist()):
         ratio = rising_to_falling_ratio(frames)
-        differs = ratio > settings.trend or ratio < 1.0 / settings.trend
+        differs = ratio > LOCALIZATION.trend or ratio < 1.0 / LOCALIZATION.trend
         words.append(
             ('differs' if differs else 'is the same')
             + ', frame by frame, for rising and falling pressure'
@@ -195,7 +189,7 @@ def end_ratio(frames: Frames, axis: Axis) -> float:
     used = np.unique(bins[bins >= 0])
     low, high = (np.nanmean(frames.squares[bins == which]) - 2.0 for which in used[[0, -1]])
     mean = float(np.nanmean(frames.squares)) - 2.0
-    return floored_ratio(high, low, mean, frames.settings.floor)
+    return floored_ratio(high, low, mean, LOCALIZATION.floor)
 
 
 def rising_to_falling_ratio(frames: Frames) -> float:
@@ -219,7 +213,7 @@ def rising_to_falling_ratio(frames: Frames) -> float:
         weight = min(item.size for item in both)
         if weight:
             sums += [weight * max(float(item.mean()), 0.0) for item in both]
-    return floored_ratio(sums[0], sums[1], float(sums.max()), frames.settings.floor)
+    return floored_ratio(sums[0], sums[1], float(sums.max()), LOCALIZATION.floor)
 
 
 def floored_ratio(upper: float, lower: float, mean: float, floor: float) -> float:

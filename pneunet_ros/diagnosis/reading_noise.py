@@ -14,20 +14,18 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.linearization import KnownInputs, Linearization
 from pneunet_ros.diagnosis.refit import Refit
-from pneunet_ros.diagnosis.settings import DEFAULTS, ReadingNoiseSettings
+from pneunet_ros.diagnosis.settings import READING_NOISE
 
 
-def with_reading_noise(
-    refit: Refit, seed: int, settings: ReadingNoiseSettings = DEFAULTS.reading_noise
-) -> Refit:
+def with_reading_noise(refit: Refit, seed: int) -> Refit:
     """Return a fit whose covariance includes the reading noise in the memory of its effects."""
     if not any(item.has_memory for item in refit.hypotheses):
         return refit
     linearization = refit.linearization
     residuals = residuals_of(refit, linearization)
-    random = np.random.default_rng([seed, settings.draws])
+    random = np.random.default_rng([seed, READING_NOISE.draws])
     covariance = np.zeros_like(refit.covariance)
-    for _ in range(settings.draws):
+    for _ in range(READING_NOISE.draws):
         moved = residuals_of(refit, with_more_noise(linearization, random))
         if residuals is None or moved is None:
             return refit
@@ -36,7 +34,7 @@ def with_reading_noise(
         vector = sum(item.T @ (after - before) for item, before, after in pairs)
         scaled = refit.gaussian.solved(np.asarray(vector))[-refit.numbers.size :]
         change = scaled * np.concatenate([item.std for item in refit.hypotheses])
-        covariance += np.outer(change, change) / settings.draws
+        covariance += np.outer(change, change) / READING_NOISE.draws
     return replace(refit, covariance=refit.covariance + covariance)
 
 

@@ -14,7 +14,7 @@ from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
-from pneunet_ros.diagnosis.settings import DEFAULTS, RefitSettings
+from pneunet_ros.diagnosis.settings import REFIT
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 from pneunet_ros.measurement.gauss_newton import Bounds, gauss_newton
@@ -112,12 +112,10 @@ class JointFit:
         self,
         linearization: Linearization,
         hypotheses: Sequence[Hypothesis],
-        settings: RefitSettings = DEFAULTS.refit,
         *,
         all_runs: bool = False,
     ) -> None:
         self.linearization, self.hypotheses = linearization, tuple(hypotheses)
-        self.settings = settings
         self.runs = range(len(linearization.blocks) if all_runs else linearization.training)
         self.fixed = linearization.fixed[: self.runs.stop]
         self.grams = linearization.grams[: self.runs.stop]
@@ -205,7 +203,7 @@ class JointFit:
             self.newton_step,
             self.lower,
             self.relinearize,
-            small=self.settings.least_gain,
+            small=REFIT.least_gain,
             most_steps=MOST_STEPS,
             most_halvings=MOST_HALVINGS,
         )
@@ -270,15 +268,14 @@ def refit(
     linearization: Linearization,
     hypotheses: Sequence[Hypothesis],
     numbers: Array,
-    rounds: int,
-    settings: RefitSettings = DEFAULTS.refit,
+    rounds: int = REFIT.rounds,
 ) -> Refit | None:
     """Fit jointly with a limited number of relinearizations; None if there is no solution."""
-    first = JointFit(linearization, hypotheses, settings).fit(numbers)
-    return None if first is None else settle(first, rounds, settings)
+    first = JointFit(linearization, hypotheses).fit(numbers)
+    return None if first is None else settle(first, rounds)
 
 
-def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) -> Refit:
+def settle(fit: Refit, rounds: int = REFIT.rounds) -> Refit:
     """Relinearize and fit until nothing changes, a limited number of times.
 
     The effect of reading errors is that of the linearized model, so a search may alternate between
@@ -295,19 +292,19 @@ def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) ->
             linearization = fit.linearization.at(around.point)
         except ModelError:  # a rigidity through zero, between two signs
             break
-        again = JointFit(linearization, fit.hypotheses, settings).fit(around.numbers, around.base)
+        again = JointFit(linearization, fit.hypotheses).fit(around.numbers, around.base)
         if again is None:
             break
         around = again if again.cost < fit.cost else halfway(around, again)
-        fit = replace(again, settled=abs(fit.cost - again.cost) < settings.settled)
+        fit = replace(again, settled=abs(fit.cost - again.cost) < REFIT.settled)
         pair = (fit,) if best is None else (fit, best)
-        best = min(pair, key=lambda item: (not has_ended(item, settings), item.cost))
+        best = min(pair, key=lambda item: (not has_ended(item), item.cost))
     return fit if fit.settled else best or fit
 
 
-def has_ended(fit: Refit, settings: RefitSettings = DEFAULTS.refit) -> bool:
+def has_ended(fit: Refit) -> bool:
     """Whether the search of a fit has converged, relative to its misfit."""
-    return fit.gain < max(settings.least_gain, settings.unsettled * fit.misfit)
+    return fit.gain < max(REFIT.least_gain, REFIT.unsettled * fit.misfit)
 
 
 def halfway(one: Refit, other: Refit) -> Refit:
@@ -318,14 +315,14 @@ def halfway(one: Refit, other: Refit) -> Refit:
 
 
 def linearize_all_runs(
-    linearization: Linearization, fit: Refit, settings: RefitSettings = DEFAULTS.refit
+    linearization: Linearization, fit: Refit
 ) -> tuple[Iterate, GaussianModel] | None:
     """Linearize all runs at a fit to some of them; None if one has no solution.
 
     Scores of fields in held-out recordings are then conditional on the training ones: V^-1 of all
     runs, with the fields of a part, is that of the part given the others.
     """
-    search = JointFit(linearization, fit.hypotheses, settings, all_runs=True)
+    search = JointFit(linearization, fit.hypotheses, all_runs=True)
     at = search.iterate(fit.base, fit.numbers)
     gaussian = None if at is None else search.linearize(at)
     return None if at is None or gaussian is None else (at, gaussian)

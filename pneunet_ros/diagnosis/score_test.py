@@ -16,7 +16,7 @@ from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.refit import effect_direction, Refit
 from pneunet_ros.diagnosis.result import Detectable
-from pneunet_ros.diagnosis.settings import DEFAULTS, ScoreTestSettings
+from pneunet_ros.diagnosis.settings import SCORE_TEST
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 DRAWS = 5000  # simulations of the largest score of clean data
@@ -49,7 +49,6 @@ class Candidate:
 def score_effects(
     refit: Refit,
     hypotheses: Sequence[Hypothesis],
-    settings: ScoreTestSettings = DEFAULTS.score_test,
     problem: OpenLaws | None = None,
 ) -> list[Candidate]:
     """Score every hypothesis that is not in a refit, most promising first.
@@ -63,7 +62,7 @@ def score_effects(
     if residuals is None:
         return []
     scored = [
-        score_effect(refit, problem, item, residuals, settings)
+        score_effect(refit, problem, item, residuals)
         for item in hypotheses
         if item.name not in refit.names
     ]
@@ -75,7 +74,6 @@ def score_effect(
     problem: OpenLaws,
     hypothesis: Hypothesis,
     residuals: list[Array],
-    settings: ScoreTestSettings,
 ) -> Candidate | None:
     """Return the best start of an effect; None if the arm has no shape with it.
 
@@ -101,7 +99,7 @@ def score_effect(
             continue
         start = numbers.copy()
         if not hypothesis.is_linear:
-            share = float(np.clip(share, settings.smallest_step, settings.largest_step))
+            share = float(np.clip(share, SCORE_TEST.smallest_step, SCORE_TEST.largest_step))
         start[which] *= share
         best = Candidate(
             hypothesis=hypothesis,
@@ -147,7 +145,6 @@ def largest_clean_score(
 def detection_limits(
     hypotheses: Sequence[Hypothesis],
     candidates: Sequence[Candidate],
-    settings: ScoreTestSettings = DEFAULTS.score_test,
 ) -> Mapping[str, Detectable]:
     """Return, for every effect, the size that is visible after refitting the base model.
 
@@ -162,10 +159,10 @@ def detection_limits(
         size = math.inf
         if candidate is not None and not item.confounded_with_pressure_scale:
             tried = abs(float(candidate.tried[which]))
-            size = tried * math.sqrt(settings.visible / candidate.information)
+            size = tried * math.sqrt(SCORE_TEST.visible / candidate.information)
         limits[item.name] = Detectable(
             parameter=coordinate.parameter,
-            observable=size <= settings.prior_range * coordinate.std,
+            observable=size <= SCORE_TEST.prior_range * coordinate.std,
             smallest=1.0 / size if coordinate.reciprocal else size,
             unit=coordinate.unit,
         )
@@ -175,7 +172,6 @@ def detection_limits(
 def effect_cosines(
     gaussian: GaussianModel,
     candidates: Sequence[Candidate],
-    settings: ScoreTestSettings = DEFAULTS.score_test,
 ) -> Mapping[tuple[str, str], float]:
     """Return the reported cosines between the directions of two effects, -1 to 1."""
     if not candidates:
@@ -184,5 +180,5 @@ def effect_cosines(
     return {
         (candidates[i].name, candidates[j].name): float(cosines[i, j])
         for i, j in itertools.combinations(range(len(candidates)), 2)
-        if abs(cosines[i, j]) > settings.least_cosine
+        if abs(cosines[i, j]) > SCORE_TEST.least_cosine
     }

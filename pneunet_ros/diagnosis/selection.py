@@ -18,7 +18,15 @@ from pneunet_ros.diagnosis.nonuniform_arm import (
 )
 from pneunet_ros.diagnosis.refit import linearize_all_runs, Refit, refit, settle, split_numbers
 from pneunet_ros.diagnosis.score_test import Candidate, largest_clean_score, score_effects
-from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SelectionSettings
+from pneunet_ros.diagnosis.settings import (
+    DEFAULTS,
+    DiagnosisSettings,
+    LACK_OF_FIT,
+    LAW_ERRORS,
+    REFIT,
+    SCORE_TEST,
+    SELECTION,
+)
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import scipy
 
@@ -115,9 +123,8 @@ class Selection:
     def fit_base(self) -> Trial:
         """Fit the model without any further effect."""
         self.on_progress('the base model', 0, 0)
-        settings = self.settings.refit
         training = self.linearization.of_training()
-        base = refit(training, (), np.zeros(0), settings.base_rounds, settings)
+        base = refit(training, (), np.zeros(0), REFIT.base_rounds)
         if base is None:
             raise ModelError(
                 'the model has no equilibrium in most of the training recordings',
@@ -140,7 +147,7 @@ class Selection:
         key = frozenset(trial.names)
         if self.opened is None or self.opened[0] != key:
             fit = trial.refit
-            errors = LawErrors.of(fit.linearization, fit, self.settings.law_errors)
+            errors = LawErrors.of(fit.linearization, fit)
             problem = OpenLaws.of(fit.gaussian, fit.linearization.blocks, errors)
             self.opened = key, errors, problem
         return self.opened[1:]
@@ -154,13 +161,13 @@ class Selection:
         recording with that effect.
         """
         all_runs = self.linearization.at(trial.point)
-        at_fit = linearize_all_runs(all_runs, trial, self.settings.refit)
+        at_fit = linearize_all_runs(all_runs, trial)
         if at_fit is None:
             return None
         nonuniform = nonuniform_columns(trial.linearization, self.settings.calibration.resolution)
-        lack_of_fit, gaussian = self.settings.lack_of_fit, at_fit[1]
+        gaussian = at_fit[1]
         exact = OpenLaws(gaussian=gaussian)
-        tests = lack_of_fit_tests(all_runs, exact, self.seed, self.map_function, lack_of_fit)
+        tests = lack_of_fit_tests(all_runs, exact, self.seed, self.map_function)
         reference = trial if base is None else base.refit
         record = Record(
             names=trial.names,
@@ -168,12 +175,12 @@ class Selection:
             evidence=trial.gaussian.evidence() - reference.gaussian.evidence(),
             gain=2.0 * (reference.cost - trial.cost),
             tests=tests,
-            adequate=is_adequate(tests, lack_of_fit.level, self.allowed)
+            adequate=is_adequate(tests, LACK_OF_FIT.level, self.allowed)
             or (base is not None and self.laws_may_miss(trial, base, all_runs, gaussian, tests)),
-            plausible=is_plausible(trial, self.settings.selection.plausible),
+            plausible=is_plausible(trial, SELECTION.plausible),
             run_chi_squared=gaussian.squares,
             coordinates=tuple(2 * int(run.seen.sum()) for run in all_runs.runs),
-            outside_prior=parameters_outside_prior(trial, self.settings.score_test.prior_range),
+            outside_prior=parameters_outside_prior(trial, SCORE_TEST.prior_range),
             log_probability=trial.gaussian.log_probability(),
             without=tuple(
                 trial.gaussian.log_probability(which) for which in range(all_runs.training)
@@ -209,28 +216,26 @@ class Selection:
 
         That is a small part of the misfit without them, or more if law errors explain it.
         """
-        settings, most = self.settings, base.record.excess
-        lack_of_fit = settings.lack_of_fit
-        if is_adequate(tests, lack_of_fit.level, lack_of_fit.law_error * most):
+        most = base.record.excess
+        if is_adequate(tests, LACK_OF_FIT.level, LACK_OF_FIT.law_error * most):
             return True
-        if max(item.excess for item in tests) > settings.law_errors.most_left * most:
+        if max(item.excess for item in tests) > LAW_ERRORS.most_left * most:
             return False
-        errors = LawErrors.of(all_runs, trial, settings.law_errors)
+        errors = LawErrors.of(all_runs, trial)
         problem = OpenLaws.of(gaussian, all_runs.blocks, errors)
-        tests = lack_of_fit_tests(all_runs, problem, self.seed, self.map_function, lack_of_fit)
-        return is_adequate(tests, lack_of_fit.level, settings.law_errors.left_open * most)
+        tests = lack_of_fit_tests(all_runs, problem, self.seed, self.map_function)
+        return is_adequate(tests, LACK_OF_FIT.level, LAW_ERRORS.left_open * most)
 
     def select_forward(self, base: Trial) -> Trial:
         """Add effects one by one while that helps; return the best set."""
-        settings = self.settings.selection
         best = base
-        for count in range(settings.most_effects):
+        for count in range(SELECTION.most_effects):
             if best.record.adequate and self.significant_candidate(best) is None:
                 return best
-            if count > 1 and best.record.excess > settings.hopeless * base.record.excess:
+            if count > 1 and best.record.excess > SELECTION.hopeless * base.record.excess:
                 return best  # two effects that leave so much: a third would only hide it
             better = self.add_effect(base, best, thorough=count == 0)
-            if better is None or (count and not is_worth_adding(best, better, settings)):
+            if better is None or (count and not is_worth_adding(best, better)):
                 return best
             best = self.eliminate_backward(base, better)
             if not best.names:
@@ -248,7 +253,7 @@ class Selection:
         candidates = self.score_candidates(base)
         scores = dict.fromkeys(best.names, 0.0) | {item.name: item.gain for item in candidates}
         strongest = max(best.names, key=scores.__getitem__)
-        least = scores[strongest] - 2.0 * self.settings.selection.least_evidence
+        least = scores[strongest] - 2.0 * SELECTION.least_evidence
         pairs = zip(best.refit.hypotheses, best.refit.effects, strict=True)
         rest = [(item, effect) for item, effect in pairs if item.name != strongest]
         numbers = [item.numbers(effect) for item, effect in rest]
@@ -262,13 +267,11 @@ class Selection:
                 base.refit.linearization,
                 hypotheses,
                 np.concatenate([item.start, *numbers]),
-                self.settings.refit.rounds,
-                self.settings.refit,
             )
             rival = None if fit is None else self.test_trial(fit, base)
             if rival is not None:
                 sets.append(rival)
-        return choose_best(base, sets, self.settings.selection) or best
+        return choose_best(base, sets) or best
 
     def score_candidates(self, trial: Trial) -> list[Candidate]:
         """Return the effects that may be added to a trial, scored once."""
@@ -276,9 +279,8 @@ class Selection:
         if key not in self.candidates:
             names = ' + '.join(trial.names) or 'the base model'
             self.on_progress(f'score tests on top of {names}', 0, 0)
-            settings = self.settings.score_test
             problem = self.open_laws(trial)[1]
-            self.candidates[key] = score_effects(trial.refit, self.hypotheses, settings, problem)
+            self.candidates[key] = score_effects(trial.refit, self.hypotheses, problem)
         return self.candidates[key]
 
     def significant_candidate(self, trial: Trial) -> Candidate | None:
@@ -286,16 +288,16 @@ class Selection:
 
         None if noise, or the law errors of these, would explain the score.
         """
-        candidates, settings = self.score_candidates(trial), self.settings
+        candidates = self.score_candidates(trial)
         if not candidates:
             return None
         noise = largest_clean_score(
             self.open_laws(trial)[1].gaussian,
             candidates,
-            settings.lack_of_fit.level,
+            LACK_OF_FIT.level,
             self.seed,
         )
-        needed = max(settings.selection.least_gain, noise)
+        needed = max(SELECTION.least_gain, noise)
         return candidates[0] if candidates[0].gain > needed else None
 
     def add_effect(self, base: Trial, trial: Trial, *, thorough: bool) -> Trial | None:
@@ -303,16 +305,16 @@ class Selection:
 
         thorough: if no set is adequate, fit all likely effects, because small steps may mislead.
         """
-        settings, candidates = self.settings.selection, self.score_candidates(trial)
+        candidates = self.score_candidates(trial)
         largest = candidates[0].gain if candidates else 0.0
-        clear = sum(item.gain >= settings.near * largest for item in candidates)
-        likely = sum(item.gain > settings.worth_a_fit for item in candidates)
-        stops = [clear, max(clear, settings.shortlist), *([likely] if thorough else [])]
+        clear = sum(item.gain >= SELECTION.near * largest for item in candidates)
+        likely = sum(item.gain > SELECTION.worth_a_fit for item in candidates)
+        stops = [clear, max(clear, SELECTION.shortlist), *([likely] if thorough else [])]
         best: Trial | None = None
         done = 0
         for stop in stops:
             finalists = self.fit_finalists(base, trial, candidates[done:stop])
-            best = choose_best(trial, [*([] if best is None else [best]), *finalists], settings)
+            best = choose_best(trial, [*([] if best is None else [best]), *finalists])
             done = stop
             if best is not None and best.record.adequate:
                 break
@@ -325,28 +327,28 @@ class Selection:
 
         A strong effect may not have converged after one refit; its score estimates the gain.
         """
-        settings, known = self.settings.selection, trial.refit
-        first, gains = [], []
+        known, first, gains = trial.refit, [], []
         for place, item in enumerate(candidates):
             hypotheses = (*known.hypotheses, item.hypothesis)
             self.on_progress(
                 ' + '.join(effect.name for effect in hypotheses), place, len(candidates)
             )
             numbers = np.concatenate([known.numbers, item.start])
-            fit = refit(known.linearization, hypotheses, numbers, 1, self.settings.refit)
+            fit = refit(known.linearization, hypotheses, numbers, 1)
             if fit is not None:
                 first.append(fit)
                 gains.append(max(known.cost - fit.cost, 0.5 * item.gain))
         needed = max(
-            settings.near * max(gains, default=0.0), settings.finalist_gain * settings.least_gain
+            SELECTION.near * max(gains, default=0.0),
+            SELECTION.finalist_gain * SELECTION.least_gain,
         )
-        order = np.argsort([-gain for gain in gains])[: settings.finalists].tolist()
+        order = np.argsort([-gain for gain in gains])[: SELECTION.finalists].tolist()
         chosen = [first[place] for place in order if gains[place] >= needed]
         del first  # linearizations are large
         finalists = []
         for place, fit in enumerate(chosen):
             self.on_progress('until settled: ' + ' + '.join(fit.names), place, len(chosen))
-            settled = settle(fit, self.settings.refit.rounds, self.settings.refit)
+            settled = settle(fit)
             finalist = self.test_trial(settled, base, known=trial)
             if finalist is not None:
                 finalists.append(finalist)
@@ -357,9 +359,9 @@ class Selection:
 
         The last one is also removed if its size does not differ significantly from zero.
         """
-        absent = self.settings.selection.absent
+        absent = SELECTION.absent
         while len(trial.names) > 1:
-            least = trial.record.evidence - self.settings.selection.least_evidence
+            least = trial.record.evidence - SELECTION.least_evidence
             without = [self.leave_out(base, trial, name, least) for name in trial.names]
             kept = [item for item in without if item is not None]
             if not kept:
@@ -372,22 +374,19 @@ class Selection:
         pairs = zip(trial.refit.hypotheses, trial.refit.effects, strict=True)
         rest = [(item, effect) for item, effect in pairs if item.name != name]
         known = self.tried.get(frozenset(item.name for item, _ in rest))
-        absent = is_absent(trial.refit, name, self.settings.selection.absent)
+        absent = is_absent(trial.refit, name, SELECTION.absent)
         if known is not None and known.evidence < least and not absent:
             return None
         hypotheses = tuple(item for item, _ in rest)
         numbers = np.concatenate([item.numbers(effect) for item, effect in rest])
-        settings = self.settings.refit
-        fit = refit(trial.refit.linearization, hypotheses, numbers, settings.rounds, settings)
+        fit = refit(trial.refit.linearization, hypotheses, numbers)
         if fit is None:
             return None
         smaller = self.test_trial(fit, base)
         return smaller if smaller is not None and smaller.record.evidence >= least else None
 
 
-def choose_best(
-    trial: Trial, extended: Sequence[Trial], settings: SelectionSettings = DEFAULTS.selection
-) -> Trial | None:
+def choose_best(trial: Trial, extended: Sequence[Trial]) -> Trial | None:
     """Return the most probable set that is better than the set it extends.
 
     Adequate and plausible sets come first, unless a more probable one fits far better and could
@@ -398,19 +397,19 @@ def choose_best(
     better = [
         item
         for item, added in over.items()
-        if added.evidence > settings.least_evidence and added.gain > settings.least_gain
+        if added.evidence > SELECTION.least_evidence and added.gain > SELECTION.least_gain
     ]
     plausible = [item for item in better if item.record.plausible]
     if plausible:
         top = max(plausible, key=lambda item: over[item].evidence)
-        least = settings.partial * over[top].gain
+        least = SELECTION.partial * over[top].gain
         better = [item for item in better if over[item].gain >= least]
     plausible = [item for item in better if item.record.plausible]
     adequate = [item for item in better if item.record.adequate]
     both = [item for item in plausible if item.record.adequate]
     chosen = both or adequate or plausible or better
     most = max((over[item].evidence for item in chosen), default=0.0)
-    least = most - evidence_margin(most, settings)
+    least = most - evidence_margin(most)
     alike = [item for item in chosen if over[item].evidence >= least]
 
     def rank(item: Trial) -> tuple[bool, int, float]:
@@ -419,12 +418,10 @@ def choose_best(
     return min(alike, key=rank, default=None)
 
 
-def is_worth_adding(
-    trial: Trial, better: Trial, settings: SelectionSettings = DEFAULTS.selection
-) -> bool:
+def is_worth_adding(trial: Trial, better: Trial) -> bool:
     """Whether one more effect explains everything, or most of the remaining misfit."""
     record = better.record
-    return record.adequate or record.excess < settings.most_left * trial.record.excess
+    return record.adequate or record.excess < SELECTION.most_left * trial.record.excess
 
 
 def is_absent(fit: Refit, name: str, most: float) -> bool:
@@ -487,9 +484,9 @@ def predicted_probability(gaussian: GaussianModel, training: int) -> float:
     return gaussian.log_probability() - known.log_probability()
 
 
-def evidence_margin(evidence: float, settings: SelectionSettings = DEFAULTS.selection) -> float:
+def evidence_margin(evidence: float) -> float:
     """Return the significant difference of evidence, given that no law is exact."""
-    return max(settings.least_evidence, settings.law_evidence * evidence)
+    return max(SELECTION.least_evidence, SELECTION.law_evidence * evidence)
 
 
 def is_adequate(tests: Sequence[LackOfFit], level: float, allowed: float = 0.0) -> bool:

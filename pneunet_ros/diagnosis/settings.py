@@ -186,24 +186,38 @@ class AugmentedModelSettings:
     settled: float = tuning(0.3, 'step at which the fit has converged', unit='std of all')
 
 
+BASE_FIT, SCORE_TEST = BaseFitSettings(), ScoreTestSettings()
+LAW_ERRORS, LACK_OF_FIT = LawErrorSettings(), LackOfFitSettings()
+REFIT, SELECTION = RefitSettings(), SelectionSettings()
+READING_NOISE, LOCALIZATION = ReadingNoiseSettings(), LocalizationSettings()
+EXPERIMENT_DESIGN, AUGMENTED_MODEL = ExperimentDesignSettings(), AugmentedModelSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixedSettings:
+    """Settings that are the same in every diagnosis, as they are recorded with its result."""
+
+    base_fit: BaseFitSettings = BASE_FIT
+    score_test: ScoreTestSettings = SCORE_TEST
+    law_errors: LawErrorSettings = LAW_ERRORS
+    lack_of_fit: LackOfFitSettings = LACK_OF_FIT
+    refit: RefitSettings = REFIT
+    reading_noise: ReadingNoiseSettings = READING_NOISE
+    selection: SelectionSettings = SELECTION
+    localization: LocalizationSettings = LOCALIZATION
+    experiment_design: ExperimentDesignSettings = EXPERIMENT_DESIGN
+    augmented_model: AugmentedModelSettings = AUGMENTED_MODEL
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiagnosisSettings:
-    """The settings of all algorithms of a diagnosis."""
+    """The settings of a diagnosis."""
 
     calibration: CalibrationSettings = CALIBRATION
-    base_fit: BaseFitSettings = BaseFitSettings()
     linearization: LinearizationSettings = LinearizationSettings()
     hypothesis: HypothesisSettings = HypothesisSettings()
-    score_test: ScoreTestSettings = ScoreTestSettings()
-    law_errors: LawErrorSettings = LawErrorSettings()
-    lack_of_fit: LackOfFitSettings = LackOfFitSettings()
-    refit: RefitSettings = RefitSettings()
-    reading_noise: ReadingNoiseSettings = ReadingNoiseSettings()
-    selection: SelectionSettings = SelectionSettings()
     confirmation: ConfirmationSettings = ConfirmationSettings()
-    localization: LocalizationSettings = LocalizationSettings()
-    experiment_design: ExperimentDesignSettings = ExperimentDesignSettings()
-    augmented_model: AugmentedModelSettings = AugmentedModelSettings()
+    fixed: FixedSettings = FixedSettings()
 
 
 DEFAULTS = DiagnosisSettings()

@@ -25,6 +25,7 @@ from pneunet_ros.diagnosis.selection import (
     Record,
     Trial,
 )
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT
 from pneunet_ros.discovery.amplitude import Runs
 from pneunet_ros.discovery.covariates import ELAPSED
 from pneunet_ros.discovery.joint_fit import JointFits, Proposal
@@ -212,12 +213,10 @@ def look_for_law(
     if best.proposal is not None and not objections:
         on_progress('evaluation of the discovered law', 0, 0)
         runs = selection.linearization.runs
-        evaluation = evaluate(
-            best.proposal.trial, runs, investigation.recordings, selection.settings
-        )
+        evaluation = evaluate(best.proposal.trial, runs, investigation.recordings)
         closed = removed_share(diagnosis.before.rms, evaluation.rms, diagnosis.noise_floor)
         pair = diagnosis.before.held_out_scores, evaluation.held_out_scores
-        rises = error_rises(*pair, selection.settings.confirmation)
+        rises = error_rises(*pair)
         objections = (rises,) if rises else ()
     if objections:
         kind = best.suspect.kind.name
@@ -258,7 +257,7 @@ def starting_point(investigation: Investigation) -> Trial | None:
         case 'unknown':
             return investigation.base
         case 'named' | 'inseparable':
-            trial, level = investigation.trial, investigation.selection.settings.lack_of_fit.level
+            trial, level = investigation.trial, LACK_OF_FIT.level
             return None if is_adequate(trial.record.tests, level) else trial
     return None
 

@@ -170,13 +170,11 @@ class JointFits:
         own = hypothesis(effect_class(self.search.source(kind, parameters)))
         if held:
             own = with_held_position(own, float(numbers[-1]))
-        known, settings = self.base.refit, self.selection.settings.refit
+        known = self.base.refit
         found = refit(
             known.linearization if around is None else around.linearization,
             (*known.hypotheses, own),
             np.concatenate([known.numbers, numbers]),
-            settings.rounds,
-            settings,
         )
         trial = None if found is None else self.selection.test_trial(found, self.first)
         if trial is None:

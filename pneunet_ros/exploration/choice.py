@@ -6,7 +6,7 @@ Method: Box and Hill (1967), with the covariance of all recordings so far.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import itertools
 
 import numpy as np
@@ -77,12 +77,9 @@ def ranked_choices(
         return []
     trial = trial_in_question(investigation)
     items = tuple(experiments())
-    of_diagnosis = investigation.selection.settings
-    design = replace(of_diagnosis.experiment_design, frames=settings.frames)
-    simulated = replace(of_diagnosis, experiment_design=design)
     candidates = rival_candidates(investigation.selection, trial)
     span = safe.low, safe.high
-    tried = informations(trial.refit, items, candidates, span, safe.force, simulated)
+    tried = informations(trial.refit, items, candidates, span, safe.force, settings.frames)
     if tried is None:
         return []
     known, after = tried

@@ -13,6 +13,7 @@ from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestig
 from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 from pneunet_ros.diagnosis.score_test import Candidate
 from pneunet_ros.diagnosis.selection import evidence_margin, Selection, Trial
+from pneunet_ros.diagnosis.settings import SELECTION
 
 NOTHING = 'nothing'  # the rival that nothing is missing, beside what is named
 
@@ -78,8 +79,7 @@ def rival_probabilities(
             linear_evidence(item) if fitted is None else fitted.over(trial.record).evidence
         )
     values = np.array(list(logs.values()))
-    settings = selection.settings.selection
-    sharpness = settings.least_evidence / evidence_margin(float(values.max()), settings)
+    sharpness = SELECTION.least_evidence / evidence_margin(float(values.max()))
     weights = np.exp(sharpness * (values - values.max()))
     return dict(zip(logs, (weights / weights.sum()).tolist(), strict=True))
 

@@ -164,17 +164,17 @@ def scored(error: np.ndarray) -> list[Score]:
 
 
 def test_a_model_that_is_surely_worse_on_held_out_recordings_has_no_name():
-    random, settings = np.random.default_rng(3), DEFAULTS.confirmation
+    random = np.random.default_rng(3)
     noise = random.normal(0.0, 2e-4, (80, 2, 12))
     noise[3, :, 4] = np.nan
     misfit = 4e-4 * np.sin(np.arange(80) / 5.0)[:, None, None] * np.linspace(0.0, 1.0, 12)
     good, bad = scored(noise), scored(noise + misfit)
-    assert error_rises(bad, good, settings) == ''
-    assert error_rises(good, good, settings) == ''
-    risen = error_rises(good, bad, settings)
+    assert error_rises(bad, good) == ''
+    assert error_rises(good, good) == ''
+    risen = error_rises(good, bad)
     assert ('0.198 ' in risen, '0.256 ' in risen) == (True, True)
     once = noise.copy()
     once[70] *= 12.0  # one frame says nothing of the others
-    assert error_rises(good, scored(once), settings) == ''
+    assert error_rises(good, scored(once)) == ''
     few = [scored(item[:3]) for item in (noise, noise + 1e-2)]
-    assert error_rises(*few, settings) == ''
+    assert error_rises(*few) == ''

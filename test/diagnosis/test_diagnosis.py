@@ -361,7 +361,7 @@ def test_a_fit_that_stopped_before_its_end_has_not_settled(monkeypatch):
     assert is_settled(fitted())
     # No step lowers the cost, from round to round it stays what it is, and yet much is to gain.
     monkeypatch.setattr('pneunet_ros.diagnosis.refit.MOST_HALVINGS', 0)
-    stuck = refit(design('load_offset'), (), np.zeros(0), 2, DEFAULTS.refit)
+    stuck = refit(design('load_offset'), (), np.zeros(0), 2)
     assert stuck is not None
     assert stuck.settled
     assert not is_settled(stuck)

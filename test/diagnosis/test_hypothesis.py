@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 from pneunet_ros.diagnosis.hypothesis import hypotheses, Hypothesis, hypothesis
-from pneunet_ros.diagnosis.settings import HypothesisSettings
+from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Load, NO_TERMS, PressureScale, Terms
 import pytest
@@ -123,7 +123,7 @@ def test_the_time_of_creep_is_a_shape_and_its_amplitude_a_size():
     assert time.mean == pytest.approx(math.log(math.sqrt(2.0 * 300.0)))
     assert time.value(time.mean + time.std) == pytest.approx(300.0)
     times = {round(float(numbers[1]), 9) for _, numbers in asked('creep').starts()}
-    assert len(times) == HypothesisSettings().shapes
+    assert len(times) == DEFAULTS.hypothesis.shapes
 
 
 def test_a_stiffness_that_may_be_infinite_is_its_compliance():

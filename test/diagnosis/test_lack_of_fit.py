@@ -18,13 +18,12 @@ from pneunet_ros.diagnosis.lack_of_fit import (
 from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import linearize_all_runs
-from pneunet_ros.diagnosis.settings import LackOfFitSettings
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from scipy.stats import chi2
 from support.lab_designs import design, fitted, TRAINING
 
-SETTINGS = LackOfFitSettings()
 LEVEL = 1e-4  # at which a test of these is taken for failed
 
 
@@ -72,13 +71,13 @@ def moments(statistic: ScoreStatistic) -> tuple[float, float]:
 def test_clean_data_without_disturbance_are_chi_squared():
     mean, variance = moments(asked(40))
     # The standard deviation of noise is not known exactly: a little wider.
-    wider = (4.0 * (40 * SETTINGS.white_error) ** 2) / 80.0
+    wider = (4.0 * (40 * LACK_OF_FIT.white_error) ** 2) / 80.0
     assert mean == pytest.approx(40.0, rel=0.02)
     assert variance == pytest.approx(80.0 * (1.0 + wider), rel=0.12)
     assert moments(asked(0)) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize('dof', [SETTINGS.camera_dof, SETTINGS.placement_dof])
+@pytest.mark.parametrize('dof', [LACK_OF_FIT.camera_dof, LACK_OF_FIT.placement_dof])
 def test_disturbances_of_uncertain_size_make_clean_data_wilder(dof):
     answer = np.zeros((40, 3))
     answer[[0, 1, 2], [0, 1, 2]] = 10.0

@@ -9,7 +9,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.diagnosis import refit as refit_module
 from pneunet_ros.diagnosis.refit import effects_of, JointFit, refit, settle, split_numbers
-from pneunet_ros.diagnosis.settings import DEFAULTS
+from pneunet_ros.diagnosis.settings import REFIT
 import pytest
 from support.lab_designs import asked, design, fitted, HIDDEN
 
@@ -19,7 +19,7 @@ HYPOTHESES = ['load_offset', 'extensibility']
 @pytest.mark.parametrize('name', HYPOTHESES)
 def test_what_is_hidden_is_found(name):
     found, without = fitted(name, name), fitted(hidden=name)
-    assert found.gain < DEFAULTS.refit.least_gain
+    assert found.gain < REFIT.least_gain
     ((parameter, true),) = HIDDEN[name].items()
     item = asked(name)
     wanted = item.coordinates[0].of(true)
@@ -34,7 +34,7 @@ def test_what_is_hidden_is_found(name):
 @pytest.mark.parametrize('name', [*HYPOTHESES, 'clamp_compliance', 'camera_rotation'])
 def test_what_is_not_there_is_about_zero(name):
     found, without = fitted(name), fitted()
-    assert found.gain < DEFAULTS.refit.least_gain
+    assert found.gain < REFIT.least_gain
     assert abs(found.numbers[0]) < 3.5 * np.sqrt(found.covariance[0, 0])
     assert 0.0 < 2.0 * (without.cost - found.cost) < 12.0
 

@@ -14,13 +14,12 @@ from pneunet_ros.diagnosis.score_test import (
     largest_clean_score,
     score_effects,
 )
-from pneunet_ros.diagnosis.settings import ScoreTestSettings
+from pneunet_ros.diagnosis.settings import SCORE_TEST
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from scipy.stats import chi2
 from support.lab_designs import asked, fitted
 
-SETTINGS = ScoreTestSettings()
 NAMES = ('load_offset', 'extensibility', 'gravity', 'clamp_compliance', 'camera_rotation')
 
 
@@ -122,8 +121,8 @@ def test_what_is_visible_is_what_a_joint_fit_would_be_sure_of(name):
     shown = detection_limits([asked(name)], tried())[name]
     number = asked(name).coordinates[0].of(shown.smallest)
     std = math.sqrt(fitted(name).covariance[0, 0])
-    assert number == pytest.approx(math.sqrt(SETTINGS.visible) * std, rel=0.1)
-    assert shown.observable == (number <= SETTINGS.prior_range * asked(name).std[0])
+    assert number == pytest.approx(math.sqrt(SCORE_TEST.visible) * std, rel=0.1)
+    assert shown.observable == (number <= SCORE_TEST.prior_range * asked(name).std[0])
 
 
 def test_all_effects_have_a_word_on_what_could_be_seen():
@@ -136,7 +135,7 @@ def test_cosines_of_the_lab():
     found = effect_cosines(fitted().gaussian, tried())
     assert found
     for pair, alike in found.items():
-        assert SETTINGS.least_cosine < abs(alike) < 1.0
+        assert SCORE_TEST.least_cosine < abs(alike) < 1.0
         assert set(pair) <= set(NAMES)
 
 

@@ -21,12 +21,12 @@ from pneunet_ros.diagnosis.selection import (
     Selection,
     Trial,
 )
-from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SelectionSettings
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT, SELECTION
 from pneunet_ros.effects.pressure_lag import PressureLag
 import pytest
 from support.lab_designs import asked
 
-LEVEL = DEFAULTS.lack_of_fit.level
+LEVEL = LACK_OF_FIT.level
 BASE = 1000.0  # excess that the base model leaves
 
 
@@ -56,11 +56,9 @@ def trial(
 class Scripted(Selection):
     """The search where the fit of every set is known; candidates score what their fit gains."""
 
-    def __init__(self, *trials: Trial, settings: DiagnosisSettings = DEFAULTS) -> None:
+    def __init__(self, *trials: Trial) -> None:
         nothing: Any = None
-        super().__init__(
-            linearization=nothing, hypotheses=(), seed=0, on_progress=nothing, settings=settings
-        )
+        super().__init__(linearization=nothing, hypotheses=(), seed=0, on_progress=nothing)
         self.sets = {frozenset(item.names): item for item in trials}
         self.fitted: list[str] = []
 
@@ -118,7 +116,7 @@ def test_where_no_effect_explains_much_the_best_is_still_returned_for_the_notes(
     assert Scripted(trial('', 0.0, BASE), trial('creep', 2.0, 700.0)).chosen() == ()
 
 
-def test_two_effects_are_added_one_by_one():
+def test_two_effects_are_added_one_by_one(monkeypatch):
     search = Scripted(
         trial('', 0.0, BASE),
         trial('gravity', 300.0, 400.0),
@@ -126,8 +124,8 @@ def test_two_effects_are_added_one_by_one():
         trial('gravity creep', 480.0),
     )
     assert search.chosen() == ('gravity', 'creep')
-    only_one = DiagnosisSettings(selection=SelectionSettings(most_effects=1))
-    assert Scripted(*search.sets.values(), settings=only_one).chosen() == ('gravity',)
+    monkeypatch.setattr(selection, 'SELECTION', replace(SELECTION, most_effects=1))
+    assert Scripted(*search.sets.values()).chosen() == ('gravity',)
 
 
 def test_the_first_effect_is_left_out_where_the_second_makes_it_needless():
@@ -159,7 +157,7 @@ def test_a_second_effect_that_only_mends_the_law_of_the_first_is_not_added():
     assert Scripted(trial('', 0.0, BASE), first, second).chosen() == ('gravity',)
 
 
-def test_two_effects_that_leave_much_are_not_hidden_by_a_third():
+def test_two_effects_that_leave_much_are_not_hidden_by_a_third(monkeypatch):
     sets = (
         trial('', 0.0, BASE),
         trial('gravity', 100.0, 800.0),
@@ -167,8 +165,8 @@ def test_two_effects_that_leave_much_are_not_hidden_by_a_third():
         trial('gravity creep hysteresis', 480.0),
     )
     assert Scripted(*sets).chosen() == ('gravity', 'creep')
-    brave = DiagnosisSettings(selection=SelectionSettings(hopeless=0.5))
-    assert Scripted(*sets, settings=brave).chosen() == ('gravity', 'creep', 'hysteresis')
+    monkeypatch.setattr(selection, 'SELECTION', replace(SELECTION, hopeless=0.5))
+    assert Scripted(*sets).chosen() == ('gravity', 'creep', 'hysteresis')
 
 
 def test_adequate_and_plausible_sets_come_first_and_small_ones_of_like_evidence():

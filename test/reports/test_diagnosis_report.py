@@ -10,7 +10,7 @@ import re
 import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.diagnosis.result import Estimated
-from pneunet_ros.diagnosis.settings import SelectionSettings
+from pneunet_ros.diagnosis.settings import FixedSettings, LACK_OF_FIT, SelectionSettings
 from pneunet_ros.discovery.result import NOTHING_SEARCHED
 from pneunet_ros.reports import figure as report_figure
 from pneunet_ros.reports.diagnosis.error_figures import (
@@ -131,7 +131,7 @@ def test_causes_with_evidence_are_bars_and_laws_are_among_them():
 def test_a_table_and_its_note_never_contradict_each_other():
     """What a law may miss is more than noise: no `yes` stands beside a p-value of zero."""
     found, *_ = diagnosis()
-    level = found.settings.lack_of_fit.level
+    level = LACK_OF_FIT.level
     for p_value in (0.0, 0.5 * level, 2.0 * level, 0.6):
         passes = p_value > level
         first = replace(found.evidence[0], adequate=True, p_value=p_value)
@@ -247,7 +247,8 @@ def test_a_discovered_law_stands_in_all_files(written, page):
 
 def test_settings_that_are_not_the_default_are_said():
     found, *_ = diagnosis()
-    changed = replace(found.settings, selection=SelectionSettings(most_effects=1))
+    fixed = FixedSettings(selection=SelectionSettings(most_effects=1))
+    changed = replace(found.settings, fixed=fixed)
     content = diagnosis_content(replace(found, settings=changed), PROVENANCE)
     assert content['settings']['not_default'] == {'SelectionSettings.most_effects': 1}
 

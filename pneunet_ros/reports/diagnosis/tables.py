@@ -8,6 +8,7 @@ import math
 
 from pneunet_ros.core.units import millimeters, quantities
 from pneunet_ros.diagnosis.result import Adequacy, Diagnosis, Estimated, Evidence, Shift
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT
 from pneunet_ros.discovery.result import Discovery, NOTHING_SEARCHED
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.inertia import Inertia
@@ -131,7 +132,7 @@ def passes_text(item: Evidence, diagnosis: Diagnosis) -> str:
     p_value = '' if math.isnan(item.p_value) else f' (p {p_value_text(item.p_value)})'
     if not item.adequate:
         return f'no{p_value}'
-    noise = not item.p_value <= diagnosis.settings.lack_of_fit.level
+    noise = not item.p_value <= LACK_OF_FIT.level
     return f'{"yes" if noise else WITHIN_LAW}{p_value}'
 
 
