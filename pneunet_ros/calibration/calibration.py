@@ -191,7 +191,7 @@ def calibrate_as_stamped(
     runs = thinned([*unloaded, *loaded], settings.experiments.most_frames)
     unloaded, loaded = [run.without_load() for run in runs[:count]], runs[count:]
     runs = [*unloaded, *loaded]
-    noise = estimate_noise(every, frame.target_arclength, frame.sensors, settings.noise_estimate)
+    noise = estimate_noise(every, frame.target_arclength, frame.sensors)
     earlier_domain = frame.domain if earlier is not None else None
     frame = replace(frame, sensors=noise.noise, covariance=None, domain=None)
     resolution = resolve(frame, unloaded, loaded, settings.resolution)
@@ -221,26 +221,24 @@ def calibrate_as_stamped(
             without = next(item.fits for item in laws if item.kind == law.kind)
         elif compare and len(loaded) > 1:
             without = fits.without_each(unloaded, loaded, free, law)
-    recordings = leave_recordings_out(joint, without, settings.experiments) if without else None
+    recordings = leave_recordings_out(joint, without) if without else None
     left_out = None
     if resolution.free_shapes is not None and not loaded and earlier is None:
         left_out = leave_levels_out(unloaded, free, fits.first_experiment)
     posterior = posterior_of(joint, *fits.span(earlier))
-    notes = undetermined_quantities(joint, settings.identifiability)
-    joint = consider_nonuniformity(joint, settings, shown=resolution.shapes)
+    notes = undetermined_quantities(joint)
+    joint = consider_nonuniformity(joint, settings.resolution, shown=resolution.shapes)
     if left_out is not None:
         joint = joint.widened(left_out.excess)
     if recordings is not None:
         joint = joint.widened(recordings.excess)
     if loaded:
         on_progress('stiffness along the arm', fits.done, fits.planned)
-    variation = stiffness_variation(joint, noise.noise, settings.stiffness_variation)
+    variation = stiffness_variation(joint, noise.noise)
     guessed = guessed_columns(joint, variation)
-    covariance, explained_variance = low_rank(
-        joint, settings=settings.experiments, painted=painted.size, guessed=guessed
-    )
+    covariance, explained_variance = low_rank(joint, painted=painted.size, guessed=guessed)
     joint = joint.widened(guessed)
-    outliers = outlier_recordings(joint, settings.consistency)
+    outliers = outlier_recordings(joint)
     return Calibration(
         arm=replace(
             joint.arm,
@@ -264,12 +262,10 @@ def calibrate_as_stamped(
             *(() if left_out is None else (left_out.sentence,)),
             *(() if recordings is None else recordings.sentences),
             *(resolution.law_notes if kind is None else ()),
-            *describe_nonuniformity(joint, settings),
+            *describe_nonuniformity(joint, settings.resolution),
             *notes,
-            *describe_misfit(joint, settings.consistency),
-            *describe_pressure_noise(
-                noise.noise.pressure_std, fits.high - fits.low, settings.consistency
-            ),
+            *describe_misfit(joint),
+            *describe_pressure_noise(noise.noise.pressure_std, fits.high - fits.low),
             *describe_variation(joint, variation, law_given=kind is not None),
             *outliers,
         ),

@@ -20,7 +20,7 @@ from pneunet_ros.calibration.noise_estimate import NoiseEstimate
 from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
 from pneunet_ros.calibration.posterior import PosteriorState
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
+from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings, HYPERPARAMETERS
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.progress import OnProgress
@@ -155,7 +155,6 @@ class FitSequence:
             length=self.frame.length,
             weight=self.frame.weight,
             given=self.frame.moment_law,
-            settings=self.settings.moment_law,
         )
 
     def fit(
@@ -188,7 +187,6 @@ class FitSequence:
             on_progress=lambda step, cost: self.on_progress(
                 f'{stage}, step {step}', self.done, self.planned and max(self.planned, self.done)
             ),
-            settings=self.settings.map_estimation,
         )
         self.done += 1
         return found
@@ -199,17 +197,15 @@ class FitSequence:
         The first fit also chooses the number of values along the arm, and whether the arm
         lengthens.
         """
-        settings, frames = self.settings, self.settings.experiments.first_frames
-        if self.uniform:
-            smooth = replace(settings.hyperparameters, length_scales=(self.wide.length_scale,))
-            settings = replace(settings, hyperparameters=smooth)
+        resolution, frames = self.settings.resolution, self.settings.experiments.first_frames
+        scales = (self.wide.length_scale,) if self.uniform else HYPERPARAMETERS.length_scales
         rows = first_curvature(unloaded, self.frame, self.rows)
         start = np.repeat(rows, self.knots.size)
         if self.elongates is not None:
             start = np.append(start, np.zeros(elongation.SIZE))
         first = self.fit('kappa_p0, search', unloaded, self.wide, start=start, most=frames)
         tried = [first.parameters] if self.chosen else structures(first.parameters)
-        best = most_likely_parameters(first, tried, settings)
+        best = most_likely_parameters(first, tried, resolution, scales)
         self.shapes, self.elongates, self.chosen = best.shapes, best.elongates, True
         start = best.nearest(first.values)
         return self.fit('kappa_p0', unloaded, best.hyperparameters, start=start)

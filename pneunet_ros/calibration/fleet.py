@@ -95,13 +95,12 @@ class Fleet:
     scatter: Array
     p_values: Array
     log_chance: Array
-    settings: FleetSettings = FLEET
 
     @property
     def odd(self) -> tuple[int, ...]:
         """Indices of the outliers, the largest first."""
         order = np.argsort(self.log_chance, kind='stable').tolist()
-        return tuple(place for place in order if self.p_values[place] <= self.settings.level)
+        return tuple(place for place in order if self.p_values[place] <= FLEET.level)
 
     @property
     def deviations(self) -> Array:
@@ -114,7 +113,7 @@ class Fleet:
         compared = int(np.count_nonzero(np.isfinite(self.p_values)))
         if not compared:
             return (
-                f'No arm can be called odd: at least {self.settings.fewest} arms with a number '
+                f'No arm can be called odd: at least {FLEET.fewest} arms with a number '
                 'in common are needed.'
             )
         if not self.odd:
@@ -137,34 +136,31 @@ class Fleet:
             f'{self.stds[arm, which]:.2g}{unit}, the others have {self.center[which]:.4g} ± '
             f'{self.scatter[which]:.2g}{unit}'
         )
-        if abs(self.deviations[arm, which]) < scipy.stats.norm.isf(0.5 * self.settings.level):
+        if abs(self.deviations[arm, which]) < scipy.stats.norm.isf(0.5 * FLEET.level):
             sentence += ' (no single number is unusual, but all of them together are)'
         return sentence
 
 
-def compared_pressure(arms: Sequence[Arm], settings: FleetSettings = FLEET) -> float:
+def compared_pressure(arms: Sequence[Arm]) -> float:
     """Return the highest pressure (Pa) that most arms reach, at which they are compared."""
     tops = sorted((arm.pressure_range[1] for arm in arms), reverse=True)
-    return tops[max(int(np.ceil(settings.reached * len(tops))) - 1, 0)]
+    return tops[max(int(np.ceil(FLEET.reached * len(tops))) - 1, 0)]
 
 
-def arm_numbers(
-    arm: Arm, pressure: float, *, loaded: bool, settings: FleetSettings = FLEET
-) -> ArmNumbers:
+def arm_numbers(arm: Arm, pressure: float, *, loaded: bool) -> ArmNumbers:
     """Return the compared quantities of a calibrated arm, with the covariance of its model file.
 
     Args:
         arm: the arm, with the covariance of its model.
         pressure: gauge, Pa; quantities at pressures above the calibrated range are omitted.
         loaded: whether the arm was calibrated under loads, so that its stiffness was measured.
-        settings: thresholds for comparing fleets.
 
     Returns:
         Turning angle of the unloaded arm at zero, half and full pressure, that of its outer half
         if the curvature may vary along the arm, the bending stiffness of the whole arm at half
         pressure, and the parameters of its effects.
     """
-    values = evaluate(arm, pressure, loaded, settings)
+    values = evaluate(arm, pressure, loaded)
     columns = [] if arm.covariance is None else arm.covariance.columns()
     moves = np.zeros((len(values), len(columns)))
     for place, column in enumerate(columns):
@@ -173,7 +169,6 @@ def arm_numbers(
                 arm.with_changes({name: side * size for name, size in column.items()}),
                 pressure,
                 loaded,
-                settings,
             )
             for side in (-0.5, 0.5)
         ]
@@ -181,9 +176,7 @@ def arm_numbers(
     return ArmNumbers(values=values, covariance=moves @ moves.T)
 
 
-def evaluate(
-    arm: Arm, pressure: float, loaded: bool, settings: FleetSettings
-) -> dict[ArmNumber, float]:
+def evaluate(arm: Arm, pressure: float, loaded: bool) -> dict[ArmNumber, float]:
     """Return the numbers of an arm by name."""
     low, high = arm.pressure_range
     curvature = arm.intrinsic_curvature
@@ -207,7 +200,7 @@ def evaluate(
     if pressure <= high:
         add('turning', f'turning angle {at}', 'rad', turning(pressure, share))
         table = curvature.curvature
-        if np.ptp(table, axis=1).max() > settings.even * np.abs(table).max():
+        if np.ptp(table, axis=1).max() > FLEET.even * np.abs(table).max():
             meaning = f'turning angle of the outer half {at}'
             add('turning_of_outer_half', meaning, 'rad', turning(pressure, outer))
     if loaded and low <= 0.5 * pressure <= high:
@@ -229,27 +222,20 @@ def mean_stiffness(arm: Arm, pressure: float) -> float:
     return float(arm.length / np.sum(lengths / sections[:, 1]))
 
 
-def compare_arms(
-    arms: Mapping[str, ArmNumbers],
-    pressure: float,
-    *,
-    seed: int = 0,
-    settings: FleetSettings = FLEET,
-) -> Fleet:
+def compare_arms(arms: Mapping[str, ArmNumbers], pressure: float, *, seed: int = 0) -> Fleet:
     """Estimate center and scatter of a fleet, and its outliers.
 
     Args:
         arms: the numbers of each arm, by name.
         pressure: of the numbers, Pa.
         seed: of the simulated fleets.
-        settings: thresholds for the decision.
 
     Returns:
         The compared arms. A number is compared if enough arms have it; center and scatter of the
         others are medians.
     """
     counts = Counter(number for item in arms.values() for number in item.values)
-    numbers = tuple(number for number, count in counts.items() if count >= settings.shown)
+    numbers = tuple(number for number, count in counts.items() if count >= FLEET.shown)
     values, covariance = table(list(arms.values()), numbers)
     stds = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     stds = np.where(np.isfinite(values), stds, np.nan)
@@ -257,11 +243,11 @@ def compare_arms(
     p_values, chance = np.full((2, len(arms)), np.nan)
     if numbers:
         ((center,), (scatter,)) = center_and_scatter(values[None], stds**2)
-    compared = [which for which, item in enumerate(numbers) if counts[item] >= settings.fewest]
+    compared = [which for which, item in enumerate(numbers) if counts[item] >= FLEET.fewest]
     if compared:
         some, errors = values[:, compared], covariance[:, compared][:, :, compared]
-        ((middle,), (whole,), (chance,)) = distances(some[None], errors, settings)
-        furthest = np.sort(simulate_furthest(some, errors, middle, whole, seed, settings))
+        ((middle,), (whole,), (chance,)) = distances(some[None], errors)
+        furthest = np.sort(simulate_furthest(some, errors, middle, whole, seed))
         below = np.searchsorted(furthest, chance, side='right')
         p_values = np.where(np.isnan(chance), np.nan, (1.0 + below) / (1.0 + furthest.size))
         center[compared], scatter[compared] = middle, np.sqrt(np.diagonal(whole))
@@ -275,7 +261,6 @@ def compare_arms(
         scatter=scatter,
         p_values=p_values,
         log_chance=chance,
-        settings=settings,
     )
 
 
@@ -294,9 +279,7 @@ def table(arms: Sequence[ArmNumbers], numbers: Sequence[ArmNumber]) -> tuple[Arr
     return values, covariance + np.diag(floor)
 
 
-def distances(
-    values: Array, covariance: Array, settings: FleetSettings = FLEET
-) -> tuple[Array, Array, Array]:
+def distances(values: Array, covariance: Array) -> tuple[Array, Array, Array]:
     """Return center, scatter and the probability of each arm's distance, for many fleets at once.
 
     A robust start selects the arms to use; center and scatter are the most probable ones for
@@ -305,16 +288,15 @@ def distances(
     Args:
         values: (fleets, arms, n), NaN if unknown for an arm.
         covariance: of the error bars (arms, n, n), the same in every fleet.
-        settings: thresholds for comparing fleets.
 
     Returns:
         center (fleets, n); scatter (fleets, n, n), the covariance of alike arms beyond their error
         bars; log probability (fleets, arms) that an arm is as far off, NaN if it has no numbers.
     """
-    center, scatter = robust_start(values, covariance, settings)
+    center, scatter = robust_start(values, covariance)
     chance = log_chance(values, covariance, center, scatter)
     half = np.nanmedian(chance, axis=1, keepdims=True)
-    counted = chance >= np.minimum(np.log(settings.counted), half)  # NaN is not
+    counted = chance >= np.minimum(np.log(FLEET.counted), half)  # NaN is not
     for _ in range(ROUNDS):
         center, scatter = next_estimate(values, covariance, center, scatter, counted)
     return center, scatter, log_chance(values, covariance, center, scatter)
@@ -372,9 +354,7 @@ def next_estimate(
     return center, 0.5 * (scatter + scatter.swapaxes(1, 2))
 
 
-def robust_start(
-    values: Array, covariance: Array, settings: FleetSettings = FLEET
-) -> tuple[Array, Array]:
+def robust_start(values: Array, covariance: Array) -> tuple[Array, Array]:
     """Return center (fleets, n) and scatter (fleets, n, n) by medians.
 
     Correlations are those of Gnanadesikan and Kettenring (1972).
@@ -383,10 +363,10 @@ def robust_start(
     center, width = center_and_scatter(values, variances)
     deviation = values - center[:, None]
     correlation = robust_correlation(deviation / np.sqrt(width[:, None] ** 2 + variances))
-    correlation = (1.0 - settings.shrunk) * correlation
-    correlation = correlation + settings.shrunk * np.eye(values.shape[2])
+    correlation = (1.0 - FLEET.shrunk) * correlation
+    correlation = correlation + FLEET.shrunk * np.eye(values.shape[2])
     # A scatter of zero would stay zero: medians of few arms are not that sure of it.
-    width = np.sqrt(width**2 + settings.least**2 * np.nanmedian(variances, axis=0))
+    width = np.sqrt(width**2 + FLEET.least**2 * np.nanmedian(variances, axis=0))
     return center, width[:, :, None] * correlation * width[:, None, :]
 
 
@@ -446,12 +426,7 @@ def robust_correlation(standardized: Array) -> Array:
 
 
 def simulate_furthest(
-    values: Array,
-    covariance: Array,
-    center: Array,
-    scatter: Array,
-    seed: int,
-    settings: FleetSettings = FLEET,
+    values: Array, covariance: Array, center: Array, scatter: Array, seed: int
 ) -> Array:
     """Return the smallest log probability in each of many simulated fleets of equal arms.
 
@@ -461,10 +436,10 @@ def simulate_furthest(
     """
     random = np.random.default_rng([seed, values.shape[0]])
     roots = [np.linalg.cholesky(rescued(one + scatter)) for one in covariance]
-    normal = random.standard_normal((settings.draws, *values.shape))
+    normal = random.standard_normal((FLEET.draws, *values.shape))
     drawn = center + np.einsum('aij,daj->dai', np.array(roots), normal)
     drawn = np.where(np.isfinite(values), drawn, np.nan)
-    return np.asarray(np.nanmin(distances(drawn, covariance, settings)[2], axis=1))
+    return np.asarray(np.nanmin(distances(drawn, covariance)[2], axis=1))
 
 
 def rescued(covariance: Array) -> Array:

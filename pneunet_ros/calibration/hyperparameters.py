@@ -5,7 +5,7 @@ All are chosen by the evidence of a first, linearized fit with all terms.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 import itertools
 
@@ -13,24 +13,21 @@ import numpy as np
 from pneunet_ros.calibration.checks.nonuniformity import departure_prior
 from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import (
-    CALIBRATION,
-    CalibrationSettings,
-    HyperparameterSettings,
-)
+from pneunet_ros.calibration.settings import HYPERPARAMETERS, RESOLUTION, ResolutionSettings
 from pneunet_ros.core.arrays import Array
 
 
 def most_likely_parameters(
     first: Fit,
     tried: Iterable[Parameters],
-    settings: CalibrationSettings = CALIBRATION,
+    settings: ResolutionSettings = RESOLUTION,
+    length_scales: Sequence[float] = HYPERPARAMETERS.length_scales,
 ) -> Parameters:
     """Return the parameters with the largest evidence among those tried.
 
     The data enter through the information of the fit and its vector, so nothing is solved again.
     With few targets, an unevenly bending arm looks similar to an elongation, so it competes
-    (`nonuniformity`).
+    (`nonuniformity`). length_scales: smoothness along the arm to choose from, of its length.
     """
     parameters = first.parameters
     known, cells = parameters.before_law, parameters.cells
@@ -39,23 +36,21 @@ def most_likely_parameters(
     def evidence(trial: Parameters, further: Array | float = 0.0) -> float:
         return log_evidence(trial.prior[:known, :known] + further, information, vector)
 
-    smooth = [
-        max(smoothnesses(first, one, settings.hyperparameters), key=evidence) for one in tried
-    ]
+    smooth = [max(smoothnesses(first, one, length_scales), key=evidence) for one in tried]
     if len(smooth) == 1:
         return smooth[0]
     uneven = np.zeros((known, known))
-    uneven[:cells, :cells] = departure_prior(parameters, first.values, settings.resolution)
+    uneven[:cells, :cells] = departure_prior(parameters, first.values, settings)
     return max(smooth, key=lambda trial: evidence(trial, uneven))
 
 
 def smoothnesses(
-    first: Fit, parameters: Parameters, choices: HyperparameterSettings
+    first: Fit, parameters: Parameters, length_scales: Sequence[float]
 ) -> Iterator[Parameters]:
     """Yield parameters for every smoothness; the amplitude of kappa_p0 comes from a fit."""
     largest = float(np.max(np.abs(first.values[: parameters.cells])))
     for length_scale, std, size in itertools.product(
-        choices.length_scales, choices.stds, choices.amplitudes
+        length_scales, HYPERPARAMETERS.stds, HYPERPARAMETERS.amplitudes
     ):
         amplitude = size * largest
         yield replace(

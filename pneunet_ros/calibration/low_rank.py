@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import EXPERIMENTS, ExperimentSettings
+from pneunet_ros.calibration.settings import EXPERIMENTS
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
@@ -18,7 +18,6 @@ ROUNDING = 1e-12  # of a correlation
 def low_rank(
     fit: Fit,
     most: int = MOST_COLUMNS,
-    settings: ExperimentSettings = EXPERIMENTS,
     painted: int | None = None,
     guessed: Array | None = None,
 ) -> tuple[ModelCovariance, float]:
@@ -36,7 +35,7 @@ def low_rank(
         guessed = np.zeros((fit.values.size, 0))
     most -= guessed.shape[1]
     factor = covariance_root(fit.covariance)
-    count = settings.covariance_frames
+    count = EXPERIMENTS.covariance_frames
     moved = shape_jacobian(fit, count) @ factor
     _, sizes, turned = np.linalg.svd(moved, full_matrices=False)
     share = float(np.sum(sizes[:most] ** 2) / np.sum(sizes**2))

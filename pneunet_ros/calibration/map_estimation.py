@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pneunet_ros.calibration.parameters import Parameters
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import MAP_ESTIMATION, MapEstimationSettings
+from pneunet_ros.calibration.settings import MAP_ESTIMATION
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.measurement.dataset import RecordingData
@@ -178,7 +178,7 @@ def fit(
     targets: Array,
     start: Array | None = None,
     on_progress: Callable[[int, float], None] = lambda step, cost: None,
-    settings: MapEstimationSettings = MAP_ESTIMATION,
+    small_step: float = MAP_ESTIMATION.small_step,
 ) -> Fit:
     """Find the maximum a posteriori parameters of a model, given recordings.
 
@@ -189,7 +189,7 @@ def fit(
         targets: (targets,) m, arclength of the targets.
         start: (n,) initial values; None: the mean of the prior.
         on_progress: called with the number of each step and the cost.
-        settings: stopping criteria.
+        small_step: size of a step (sigma) at which the fit has converged.
 
     Returns:
         The fit with covariance; `converged` and `status` say how the search ended.
@@ -215,7 +215,7 @@ def fit(
         LinearizedPosterior.newton_step,
         lower,
         posterior.linearize,
-        small=settings.small_step,
+        small=small_step,
         most_steps=MOST_STEPS,
         most_halvings=MOST_HALVINGS,
         on_step=lambda step, last: on_progress(step, last.cost),
@@ -228,7 +228,7 @@ def fit(
         ),
         End.UNFINISHED: 'no convergence within the allowed steps',
     }[search.end]
-    nearly = search.end is End.STUCK and search.gain < settings.nearly
+    nearly = search.end is End.STUCK and search.gain < MAP_ESTIMATION.nearly
     converged = search.end is End.CONVERGED or nearly
     return finalize(posterior, search.last, search.steps, converged, status)
 

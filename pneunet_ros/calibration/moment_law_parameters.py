@@ -8,7 +8,7 @@ import functools
 from typing import ClassVar
 
 import numpy as np
-from pneunet_ros.calibration.settings import MOMENT_LAW, MomentLawSettings
+from pneunet_ros.calibration.settings import MOMENT_LAW
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw, MomentLaw, PiecewiseLinearLaw
 from pneunet_ros.solver.columns import RIGIDITY, START
@@ -35,7 +35,7 @@ class MomentLawParameters(abc.ABC):
     length: float
     weight: float
     given: MomentLaw | None = None
-    settings: MomentLawSettings = MOMENT_LAW
+
     mean: Array = field(init=False)
     prior: Array = field(init=False)
 
@@ -90,22 +90,22 @@ class PiecewiseParameters(MomentLawParameters):
 
     def __post_init__(self) -> None:
         """Set up rows and prior."""
-        settings, rows = self.settings, np.linspace(self.low, self.high, SPLIT_ROWS)
+        rows = np.linspace(self.low, self.high, SPLIT_ROWS)
         alpha = self.stiffness / (self.weight * self.length**2)
         trend = (rows - rows.mean()) / (self.high - self.low)
-        wave = np.exp(-np.abs(np.subtract.outer(trend, trend)) / settings.split_scale)
+        wave = np.exp(-np.abs(np.subtract.outer(trend, trend)) / MOMENT_LAW.split_scale)
         split = (
-            settings.split_std**2
-            + settings.split_trend_std**2 * np.outer(trend, trend)
-            + settings.split_wave_std**2 * wave
+            MOMENT_LAW.split_std**2
+            + MOMENT_LAW.split_trend_std**2 * np.outer(trend, trend)
+            + MOMENT_LAW.split_wave_std**2 * wave
         )
         prior = np.zeros((ALPHAS + SPLIT_ROWS,) * 2)
         # alpha at either end: one of unknown size, and a change over the range
         ends = 1.0 + 0.25 * np.array([[1, -1], [-1, 1]])
-        section = alpha**2 * scipy.linalg.block_diag(ends, settings.bow_std**2)
+        section = alpha**2 * scipy.linalg.block_diag(ends, MOMENT_LAW.bow_std**2)
         prior[:ALPHAS, :ALPHAS] = np.kron(np.eye(2), section)
         prior[ALPHAS:, ALPHAS:] = split
-        mean = np.array([alpha, alpha, 0.0] * 2 + [settings.split] * SPLIT_ROWS)
+        mean = np.array([alpha, alpha, 0.0] * 2 + [MOMENT_LAW.split] * SPLIT_ROWS)
         object.__setattr__(self, 'rows', frozen_array(rows))
         object.__setattr__(self, 'mean', frozen_array(mean))
         object.__setattr__(self, 'prior', frozen_array(prior))
@@ -133,15 +133,14 @@ class PiecewiseParameters(MomentLawParameters):
     def limits(self) -> tuple[Array, Array]:
         """The split has bounds."""
         low, high = np.full(self.mean.size, -np.inf), np.full(self.mean.size, np.inf)
-        low[ALPHAS:], high[ALPHAS:] = self.settings.split_least, self.settings.split_most
+        low[ALPHAS:], high[ALPHAS:] = MOMENT_LAW.split_least, MOMENT_LAW.split_most
         return low, high
 
     def law(self, values: Array) -> PiecewiseLinearLaw:
         """Eq 10 with these constants."""
-        settings = self.settings
         return PiecewiseLinearLaw(
             pressure=self.rows,
-            split=np.clip(values[ALPHAS:], settings.split_least, settings.split_most),
+            split=np.clip(values[ALPHAS:], MOMENT_LAW.split_least, MOMENT_LAW.split_most),
             rigidity=self.weights @ values[:ALPHAS].reshape(2, 3).T,
             moment_offset=np.zeros((SPLIT_ROWS, 2)),
         )

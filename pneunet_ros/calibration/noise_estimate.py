@@ -14,7 +14,7 @@ import math
 from statistics import NormalDist
 
 import numpy as np
-from pneunet_ros.calibration.settings import NOISE_ESTIMATE, NoiseEstimateSettings
+from pneunet_ros.calibration.settings import NOISE_ESTIMATE
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.stamps import match_stamps
@@ -52,10 +52,7 @@ class NoiseEstimate:
 
 
 def estimate_noise(
-    runs: Sequence[RecordingData],
-    arclength: Array,
-    assumed: SensorNoise,
-    settings: NoiseEstimateSettings = NOISE_ESTIMATE,
+    runs: Sequence[RecordingData], arclength: Array, assumed: SensorNoise
 ) -> NoiseEstimate:
     """Estimate all standard deviations; undetermined ones stay `assumed`.
 
@@ -63,23 +60,23 @@ def estimate_noise(
     a motion; nor are static ones, which have no order in time. A load of exactly zero is not a
     reading. Target and camera positions are never taken as exact, even if `assumed` says so.
     """
-    assumed = with_places_uncertain(assumed, arclength, settings)
+    assumed = with_places_uncertain(assumed, arclength)
     headings = [run.heading for run in runs if run.heading is not None]
     if headings and assumed.heading_std == 0.0:
-        assumed = replace(assumed, heading_std=settings.heading)
-    runs = in_time(runs, settings)
+        assumed = replace(assumed, heading_std=NOISE_ESTIMATE.heading)
+    runs = in_time(runs)
     readings = readings_of(runs)
     found: dict[str, tuple[float | None, str]] = {
         f'{name}_std': (
-            second_differences(quiet_series(series, settings), settings),
+            second_differences(quiet_series(series)),
             f'second differences of {name} readings in time',
         )
         for name, series in readings.items()
     }
-    white = white_of_targets(runs, settings)
+    white = white_of_targets(runs)
     found['target_std'] = white, 'second differences of target positions in time'
     length = float(arclength[-1]) if arclength.size else 0.0
-    least_target = settings.least_target
+    least_target = NOISE_ESTIMATE.least_target
     for key, least, words in (
         ('target_std', least_target * length, f'{least_target:g} of the length'),
         ('heading_std', least_target, f'{least_target:g} rad, as of targets a length apart'),
@@ -95,13 +92,13 @@ def estimate_noise(
     white = white if white is not None else assumed.target_std
     # Differences of a fast pressure show its motion, not noise: it never rests.
     pressure_std = min(found['pressure_std'][0] or np.inf, assumed.pressure_std)
-    alike, neighbors = likeness(runs, pressure_std, settings)
+    alike, neighbors = likeness(runs, pressure_std)
     notes = []
     # Both components of a force are read by one sensor.
     forces = [load[:, :END_LOAD_MOMENT].T.ravel() for load in loads_of(runs)]
     stepped = readings | {'force': forces}
     for name, unit in STEPPED:
-        step, key = resolution_of(stepped[name], settings), f'{name}_std'
+        step, key = resolution_of(stepped[name]), f'{name}_std'
         coarse, sentence = with_step(found[key][0], getattr(assumed, key), step, unit)
         if not sentence:
             continue
@@ -130,10 +127,10 @@ def estimate_noise(
             )
         )
     found['placement_std'] = (
-        placement(runs, arclength, white, assumed.placement_std, settings),
+        placement(runs, arclength, white, assumed.placement_std),
         'distance of targets from a smooth curve while the arm is straightest',
     )
-    place, drift = camera(runs, arclength, white, settings)
+    place, drift = camera(runs, arclength, white)
     found['registration_std'] = place, 'motion of the target at the clamp, between recordings'
     found['drift_std'] = drift, 'motion of the target at the clamp, within recordings'
     noise, sources = assumed, {}
@@ -145,15 +142,13 @@ def estimate_noise(
             continue
         sources[name] = sentence
         noise = replace(noise, **{name: float(f'{max(std, SMALLEST):.3g}')})
-    notes += differing_noise(noise, assumed, sources, settings)
+    notes += differing_noise(noise, assumed, sources)
     return NoiseEstimate(noise=noise, sources=sources, notes=tuple(notes))
 
 
-def in_time(
-    runs: Sequence[RecordingData], settings: NoiseEstimateSettings = NOISE_ESTIMATE
-) -> list[RecordingData]:
+def in_time(runs: Sequence[RecordingData]) -> list[RecordingData]:
     """Return the recordings whose order in time shows noise."""
-    return [run for run in runs if len(run.stamp_ns) >= settings.fewest and not run.static]
+    return [run for run in runs if len(run.stamp_ns) >= NOISE_ESTIMATE.fewest and not run.static]
 
 
 def readings_of(runs: Sequence[RecordingData]) -> dict[str, list[Array]]:
@@ -172,24 +167,18 @@ def readings_of(runs: Sequence[RecordingData]) -> dict[str, list[Array]]:
     }
 
 
-def with_noise_of_readings(
-    stated: SensorNoise,
-    runs: Sequence[RecordingData],
-    settings: NoiseEstimateSettings = NOISE_ESTIMATE,
-) -> SensorNoise:
+def with_noise_of_readings(stated: SensorNoise, runs: Sequence[RecordingData]) -> SensorNoise:
     """Return the noise with pressure and load increased to the scatter of the readings."""
     larger = {}
-    for name, series in readings_of(in_time(runs, settings)).items():
+    for name, series in readings_of(in_time(runs)).items():
         key = f'{name}_std'
-        found = second_differences(quiet_series(series, settings), settings)
+        found = second_differences(quiet_series(series))
         if name != 'heading' and found is not None and found > getattr(stated, key):
             larger[key] = found
     return replace(stated, **larger)
 
 
-def with_places_uncertain(
-    assumed: SensorNoise, arclength: Array, settings: NoiseEstimateSettings
-) -> SensorNoise:
+def with_places_uncertain(assumed: SensorNoise, arclength: Array) -> SensorNoise:
     """Return the noise with uncertain positions of targets and camera.
 
     Many arm files say 0; if this were used, a stiffness would be wrong by many of its errors.
@@ -197,17 +186,14 @@ def with_places_uncertain(
     way = float(arclength[-1]) if arclength.size else 0.0
     return replace(
         assumed,
-        placement_std=assumed.placement_std or settings.placement * way,
-        registration_std=assumed.registration_std or settings.registration * way,
-        drift_std=assumed.drift_std or settings.drift * way,
+        placement_std=assumed.placement_std or NOISE_ESTIMATE.placement * way,
+        registration_std=assumed.registration_std or NOISE_ESTIMATE.registration * way,
+        drift_std=assumed.drift_std or NOISE_ESTIMATE.drift * way,
     )
 
 
 def differing_noise(
-    noise: SensorNoise,
-    assumed: SensorNoise,
-    sources: Mapping[str, str],
-    settings: NoiseEstimateSettings,
+    noise: SensorNoise, assumed: SensorNoise, sources: Mapping[str, str]
 ) -> list[Note]:
     """Report estimated noise that differs from the assumed noise, and which one is used."""
     said = []
@@ -215,7 +201,7 @@ def differing_noise(
         found, stated = getattr(noise, name), getattr(assumed, name)
         if sources.get(name, ASSUMED) == ASSUMED or stated <= 0.0:
             continue
-        if not 1.0 / settings.differs < found / stated < settings.differs:
+        if not 1.0 / NOISE_ESTIMATE.differs < found / stated < NOISE_ESTIMATE.differs:
             said.append(f'{name} {found:.3g} {unit} instead of {stated:.3g} {unit}')
     if not said:
         return []
@@ -228,28 +214,26 @@ def differing_noise(
     ]
 
 
-def resolution_of(
-    series: Sequence[Array], settings: NoiseEstimateSettings = NOISE_ESTIMATE
-) -> float:
+def resolution_of(series: Sequence[Array]) -> float:
     """Return the resolution of a sensor from its readings (values,); 0 if they are not on a grid.
 
     Readings of a sensor coarser than its noise repeat, and differ by whole steps.
     """
-    steps = [step for values in series if (step := grid_step(values, settings)) > 0.0]
+    steps = [step for values in series if (step := grid_step(values)) > 0.0]
     return float(np.median(steps)) if 2 * len(steps) > len(series) else 0.0
 
 
-def grid_step(values: Array, settings: NoiseEstimateSettings) -> float:
+def grid_step(values: Array) -> float:
     """Return the grid spacing of values (values,); 0 if there is none."""
     levels = np.unique(values)
-    if levels.size < settings.fewest_levels or not np.any(values[1:] == values[:-1]):
+    if levels.size < NOISE_ESTIMATE.fewest_levels or not np.any(values[1:] == values[:-1]):
         return 0.0
-    if float(np.mean(values[1:] == values[:-1])) < settings.repeats:
+    if float(np.mean(values[1:] == values[:-1])) < NOISE_ESTIMATE.repeats:
         return 0.0
     apart = np.diff(levels)
     step = float(np.median(apart[apart < 1.5 * apart.min()]))
-    whole = np.abs(apart / step - np.round(apart / step)) < settings.off_grid
-    return step if np.mean(whole) >= settings.on_grid else 0.0
+    whole = np.abs(apart / step - np.round(apart / step)) < NOISE_ESTIMATE.off_grid
+    return step if np.mean(whole) >= NOISE_ESTIMATE.on_grid else 0.0
 
 
 def with_step(
@@ -286,22 +270,18 @@ def load_readings(run: RecordingData) -> Array:
     return load[np.any(load != 0.0, axis=1)]
 
 
-def quiet_series(
-    series: Sequence[Array], settings: NoiseEstimateSettings = NOISE_ESTIMATE
-) -> list[Array]:
+def quiet_series(series: Sequence[Array]) -> list[Array]:
     """Return the series that show noise: in slow ones, changes between readings are motion."""
-    stds = [second_differences([values], settings) or 0.0 for values in series]
+    stds = [second_differences([values]) or 0.0 for values in series]
     least = min((std for std in stds if std > 0.0), default=0.0)
     return [
         values
         for values, std in zip(series, stds, strict=True)
-        if std <= settings.restless * least
+        if std <= NOISE_ESTIMATE.restless * least
     ]
 
 
-def second_differences(
-    series: Sequence[Array], settings: NoiseEstimateSettings = NOISE_ESTIMATE
-) -> float | None:
+def second_differences(series: Sequence[Array]) -> float | None:
     """Return the standard deviation of white noise on smooth series, each (values,) in time.
 
     None for too few values, or if most lie on straight lines to the last digit: a set point, or a
@@ -309,7 +289,7 @@ def second_differences(
     """
     differences = np.concatenate([np.zeros(0), *(np.diff(values, 2) for values in series)])
     differences = differences[np.isfinite(differences)]
-    if differences.size < settings.fewest:
+    if differences.size < NOISE_ESTIMATE.fewest:
         return None
     return clipped_std(differences) / math.sqrt(6.0) or None
 
@@ -332,16 +312,14 @@ def clipped_std(values: Array) -> float:
     return std
 
 
-def white_of_targets(
-    runs: Sequence[RecordingData], settings: NoiseEstimateSettings
-) -> float | None:
+def white_of_targets(runs: Sequence[RecordingData]) -> float | None:
     """Return the standard deviation of white noise of targets while the arm moves evenly.
 
     White noise averages out over the targets of a frame, but a change of motion does not. Frames
     are compared with their mean removed, so that choosing among them does not reduce the noise.
     """
     series = [values for run in runs for values in (run.x, run.y)]
-    first = second_differences([column for values in series for column in values.T], settings)
+    first = second_differences([column for values in series for column in values.T])
     if first is None:
         return None
     even = []
@@ -349,18 +327,18 @@ def white_of_targets(
         differences = np.diff(values, 2, axis=0)
         count = np.maximum(np.isfinite(differences).sum(axis=1), 1)
         common = np.nansum(differences, axis=1) / count
-        steady = (np.abs(common) < settings.even * first * np.sqrt(6.0 / count)) & (count > 1)
+        steady = (np.abs(common) < NOISE_ESTIMATE.even * first * np.sqrt(6.0 / count)) & (
+            count > 1
+        )
         enlarged = np.sqrt(count / np.maximum(count - 1, 1))
         even.append(((differences - common[:, None]) * enlarged[:, None])[steady])
     residuals = np.concatenate([values[np.isfinite(values)] for values in even])
-    if residuals.size < settings.fewest:
+    if residuals.size < NOISE_ESTIMATE.fewest:
         return first
     return clipped_std(residuals) / math.sqrt(6.0)
 
 
-def likeness(
-    runs: Sequence[RecordingData], pressure_std: float, settings: NoiseEstimateSettings
-) -> tuple[float, float]:
+def likeness(runs: Sequence[RecordingData], pressure_std: float) -> tuple[float, float]:
     """Return the number of targets with a common error at rest, and the correlation of neighbors.
 
     The number is 1 if the errors are independent, or if too few frames rest (motion is correlated
@@ -368,8 +346,8 @@ def likeness(
     common motion of all targets is attributed to the camera and subtracted.
     """
     rest = [resting_differences(run, pressure_std) for run in runs if not run.loaded]
-    rest = [values for values in rest if values.shape[-1] >= settings.many_targets]
-    if not rest or sum(len(values) for values in rest) < settings.fewest:
+    rest = [values for values in rest if values.shape[-1] >= NOISE_ESTIMATE.many_targets]
+    if not rest or sum(len(values) for values in rest) < NOISE_ESTIMATE.fewest:
         return 1.0, 0.0
     errors = np.concatenate(rest)
     errors = errors - errors.mean(axis=1, keepdims=True)
@@ -379,7 +357,7 @@ def likeness(
         return 1.0, 0.0
     apart = range(1, errors.shape[1] // 2)
     correlation = [float(np.mean(errors[:, k:] * errors[:, :-k])) for k in apart]
-    if correlation[0] < settings.alike:
+    if correlation[0] < NOISE_ESTIMATE.alike:
         return 1.0, correlation[0]
     near = itertools.takewhile(lambda value: value > 0.0, correlation)
     return 1.0 + 2.0 * sum(near), correlation[0]
@@ -397,11 +375,7 @@ def resting_differences(run: RecordingData, pressure_std: float) -> Array:
 
 
 def placement(
-    runs: Sequence[RecordingData],
-    arclength: Array,
-    white: float,
-    assumed: float,
-    settings: NoiseEstimateSettings,
+    runs: Sequence[RecordingData], arclength: Array, white: float, assumed: float
 ) -> float | None:
     """Return the standard deviation of the painted positions, per coordinate (m).
 
@@ -412,44 +386,44 @@ def placement(
     if not free:
         return None
     frames = np.concatenate(free)
-    often = np.isfinite(frames[:, 0]).mean(axis=0) > settings.often
+    often = np.isfinite(frames[:, 0]).mean(axis=0) > NOISE_ESTIMATE.often
     arclength, frames = arclength[often], frames[:, :, often]
     complete = frames[np.all(np.isfinite(frames), axis=(1, 2))]
-    if arclength.size < settings.fewest_targets or len(complete) < settings.fewest:
+    if arclength.size < NOISE_ESTIMATE.fewest_targets or len(complete) < NOISE_ESTIMATE.fewest:
         return None
     chord = np.hypot(*(complete[:, :, -1] - complete[:, :, 0]).T)
-    count = max(settings.fewest, round(settings.straightest * len(complete)))
+    count = max(NOISE_ESTIMATE.fewest, round(NOISE_ESTIMATE.straightest * len(complete)))
     mean = complete[np.argsort(-chord)[:count]].mean(axis=0)
-    degree = min(settings.smooth_degree, arclength.size - settings.freedom - 1)
+    degree = min(NOISE_ESTIMATE.smooth_degree, arclength.size - NOISE_ESTIMATE.freedom - 1)
     smooth = np.polynomial.chebyshev.chebvander(2.0 * arclength / arclength[-1] - 1.0, degree)
     coefficients, *_ = np.linalg.lstsq(smooth, mean.T, rcond=None)
     residual = mean.T - smooth @ coefficients
     variance = np.sum(residual**2) / (2 * (arclength.size - degree - 1))
     found = float(np.sqrt(max(variance - white**2 / count, 0.0)))
-    return found if arclength.size >= settings.many_targets else max(found, assumed)
+    return found if arclength.size >= NOISE_ESTIMATE.many_targets else max(found, assumed)
 
 
 def camera(
-    runs: Sequence[RecordingData], arclength: Array, white: float, settings: NoiseEstimateSettings
+    runs: Sequence[RecordingData], arclength: Array, white: float
 ) -> tuple[float | None, float | None]:
     """Return the scatter of the camera position between runs and its drift within a run (m).
 
     Both are estimated from few values, and their variance beyond the white noise may be zero by
     chance: it is at least its own standard error.
     """
-    if arclength.size == 0 or arclength[0] > settings.at_clamp * arclength[-1]:
+    if arclength.size == 0 or arclength[0] > NOISE_ESTIMATE.at_clamp * arclength[-1]:
         return None, None
     places, walked, own = [], [], []
     for run in runs:
         here = np.column_stack([run.x[:, 0], run.y[:, 0]])
         here = here[np.isfinite(here[:, 0])]
-        if len(here) < settings.fewest:
+        if len(here) < NOISE_ESTIMATE.fewest:
             continue
         places.append(here.mean(axis=0))
-        blocks = np.array_split(here, settings.blocks)
+        blocks = np.array_split(here, NOISE_ESTIMATE.blocks)
         means = np.array([block.mean(axis=0) for block in blocks])
         walked.append(np.diff(means, axis=0) ** 2)
-        own.append(2.0 * white**2 * settings.blocks / len(here))
+        own.append(2.0 * white**2 * NOISE_ESTIMATE.blocks / len(here))
     if not walked:
         return None, None
     # Means of neighboring blocks of a random walk differ by 2/3 of its variance over a block.
@@ -457,7 +431,7 @@ def camera(
     steps = np.concatenate([item.sum(axis=1) for item in walked])
     square = 0.5 * float(np.median(steps)) / MEDIAN_OF_TWO
     error = square / (MEDIAN_OF_TWO * math.sqrt(steps.size))
-    drift = math.sqrt(max(square - float(np.mean(own)), error) * 1.5 * settings.blocks)
+    drift = math.sqrt(max(square - float(np.mean(own)), error) * 1.5 * NOISE_ESTIMATE.blocks)
     if len(places) < 3:
         return None, drift
     # The mean over a run of a walk that starts at zero has a third of the variance of its end.

@@ -301,19 +301,26 @@ STEADY_STATES, TIP_FORCE = SteadyStateSettings(), TipForceSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CalibrationSettings:
-    """All tuning constants of `calibrate`."""
+class FixedSettings:
+    """Settings that are the same in every calibration, as they are recorded with its result."""
 
-    preconditions: PreconditionSettings = PRECONDITIONS
     consistency: SameArmSettings = CONSISTENCY
     noise_estimate: NoiseEstimateSettings = NOISE_ESTIMATE
-    resolution: ResolutionSettings = RESOLUTION
-    experiments: ExperimentSettings = EXPERIMENTS
     hyperparameters: HyperparameterSettings = HYPERPARAMETERS
     moment_law: MomentLawSettings = MOMENT_LAW
     map_estimation: MapEstimationSettings = MAP_ESTIMATION
     identifiability: IdentifiabilitySettings = IDENTIFIABILITY
     stiffness_variation: StiffnessVariationSettings = STIFFNESS_VARIATION
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationSettings:
+    """All tuning constants of `calibrate`."""
+
+    preconditions: PreconditionSettings = PRECONDITIONS
+    resolution: ResolutionSettings = RESOLUTION
+    experiments: ExperimentSettings = EXPERIMENTS
+    fixed: FixedSettings = FixedSettings()
 
 
 CALIBRATION = CalibrationSettings()

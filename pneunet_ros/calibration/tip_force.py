@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from pneunet_ros.calibration.settings import TIP_FORCE, TipForceSettings
+from pneunet_ros.calibration.settings import TIP_FORCE
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.errors.covariance import Whitening
@@ -40,13 +40,7 @@ class EndForces:
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
 
-def end_forces(
-    arm: Arm,
-    run: RecordingData,
-    *,
-    tip_only: bool = False,
-    settings: TipForceSettings = TIP_FORCE,
-) -> EndForces:
+def end_forces(arm: Arm, run: RecordingData, *, tip_only: bool = False) -> EndForces:
     """Estimate the end force of every frame of a recording, ignoring its force readings.
 
     The errors include those of targets, their placement, camera position, pressure, and the
@@ -56,7 +50,6 @@ def end_forces(
         arm: the model, with its sensors' noise and its covariance.
         run: the recording; targets (frames, targets) m in the base frame.
         tip_only: use only the last target.
-        settings: stopping criteria, and thresholds for a determined force.
 
     Returns:
         Force (frames, 2) N in the base frame and its covariance, NaN where there is none.
@@ -74,7 +67,7 @@ def end_forces(
     active = np.flatnonzero(np.count_nonzero(seen, axis=1) >= 2)
     errors = np.zeros((0, seen.shape[1], 0))
     taken, before = np.ones(frames), np.zeros((frames, 2))
-    largest_sigma = settings.largest_sigma * arm.weight
+    largest_sigma = TIP_FORCE.largest_sigma * arm.weight
     for count in range(MOST_STEPS):
         if active.size == 0:
             break
@@ -98,7 +91,7 @@ def end_forces(
         largest = np.maximum(np.abs(step).max(axis=1), 1e-12 * arm.weight)
         share = np.minimum(
             relaxation(step, before[active], taken[active]),
-            settings.largest_step * arm.weight / largest,
+            TIP_FORCE.largest_step * arm.weight / largest,
         )
         loads[active, :2] += share[:, None] * step
         taken[active], before[active] = share, step

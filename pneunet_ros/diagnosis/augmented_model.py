@@ -10,7 +10,6 @@ import numpy as np
 from pneunet_ros.calibration.low_rank import covariance_root, low_rank, rounded
 from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import MAP_ESTIMATION
 from pneunet_ros.diagnosis.hypothesis import Coordinate
 from pneunet_ros.diagnosis.refit import Refit, split_numbers
 from pneunet_ros.diagnosis.result import Estimated, NamedEffect, Shift
@@ -32,7 +31,7 @@ def fit_with_effects(refit: Refit) -> Fit:
         linearization.noise,
         point.arm.target_arclength,
         point.values,
-        settings=replace(MAP_ESTIMATION, small_step=AUGMENTED_MODEL.settled),
+        small_step=AUGMENTED_MODEL.settled,
     )
 
 

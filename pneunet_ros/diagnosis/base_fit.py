@@ -43,7 +43,7 @@ def fit_base(
     check_runs(unloaded, loaded, frame, settings=calibration)
     # A camera of another scale looks like a row of another spacing: that of the arm file is used.
     assumed = replace(frame.sensors, row_spacing_std=0.0)
-    noise = estimate_noise(training, frame.target_arclength, assumed, calibration.noise_estimate)
+    noise = estimate_noise(training, frame.target_arclength, assumed)
     frame = replace(frame, sensors=noise.noise, covariance=None, domain=None)
     most = BASE_FIT.first_frames
     unloaded, loaded = ([run.thin(most) for run in runs] for runs in (unloaded, loaded))

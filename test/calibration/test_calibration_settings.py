@@ -13,7 +13,7 @@ def test_what_is_not_the_default_is_said():
     changed = replace(
         CALIBRATION,
         experiments=replace(EXPERIMENTS, rows=7),
-        map_estimation=replace(MAP_ESTIMATION, small_step=0.1),
+        fixed=replace(CALIBRATION.fixed, map_estimation=replace(MAP_ESTIMATION, small_step=0.1)),
     )
     assert settings_changed(changed) == {
         'ExperimentSettings.rows': 7,

@@ -11,8 +11,8 @@ from pneunet_ros.calibration.fleet import (
     ArmNumbers,
     compare_arms,
     compared_pressure,
+    FLEET,
     Fleet,
-    FleetSettings,
     mean_stiffness,
 )
 from pneunet_ros.effects.extensibility import Extensibility
@@ -20,9 +20,14 @@ from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
 from support.example_arms import paper_arm
 
-FAST = FleetSettings(draws=150)
 NUMBERS = tuple(ArmNumber(name=name, meaning=name, unit='-') for name in 'abc')
 CORRELATED = np.linalg.cholesky(0.9 + 0.1 * np.eye(3))
+
+
+@pytest.fixture(autouse=True)
+def fast(monkeypatch):
+    """Simulate fewer fleets."""
+    monkeypatch.setattr('pneunet_ros.calibration.fleet.FLEET', replace(FLEET, draws=150))
 
 
 def fleet(
@@ -38,7 +43,7 @@ def fleet(
         known[f'arm{which}'] = ArmNumbers(
             values=dict(zip(NUMBERS, values.tolist(), strict=True)), covariance=np.diag(std**2)
         )
-    return compare_arms(known, 4e4, settings=FAST)
+    return compare_arms(known, 4e4)
 
 
 def test_alike_arms_are_hardly_ever_called_odd():
@@ -67,9 +72,9 @@ def test_a_large_error_bar_makes_no_odd_arm():
         f'arm{k}': ArmNumbers(values={number: values[k]}, covariance=[[stds[k] ** 2]])
         for k in range(20)
     }
-    assert compare_arms(arms, 1.0, settings=FAST).odd == ()
+    assert compare_arms(arms, 1.0).odd == ()
     sure = arms | {'arm5': ArmNumbers(values={number: 8.0}, covariance=[[0.01]])}
-    found = compare_arms(sure, 1.0, settings=FAST)
+    found = compare_arms(sure, 1.0)
     assert [found.names[place] for place in found.odd] == ['arm5']
 
 
@@ -83,7 +88,7 @@ def test_an_arm_that_lacks_a_number_is_compared_by_the_others():
             values=dict(zip(known, values.tolist(), strict=True)),
             covariance=0.01 * np.eye(len(known)),
         )
-    found = compare_arms(arms, 1.0, settings=FAST)
+    found = compare_arms(arms, 1.0)
     assert [found.names[place] for place in found.odd] == ['arm7']
     assert np.isnan(found.values[7, 2])
 

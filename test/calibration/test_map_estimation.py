@@ -8,6 +8,7 @@ import numpy as np
 from pneunet_ros.calibration.map_estimation import fit, Posterior
 from pneunet_ros.calibration.moment_law_parameters import ALPHAS, MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
+from pneunet_ros.calibration.settings import MOMENT_LAW
 from pneunet_ros.measurement.inputs import inputs_of
 import pytest
 from support.example_arms import paper_arm
@@ -69,12 +70,12 @@ def test_the_truth_of_exact_runs_is_found():
     assert max(np.abs(run.residual).max() for run in found.runs) < 2e-6
 
 
-def test_a_split_that_must_not_be_as_small_as_it_is_stands_at_its_bound():
+def test_a_split_that_must_not_be_as_small_as_it_is_stands_at_its_bound(monkeypatch):
     _, arm = representable()
     least = float(arm.moment_law.split.max()) + 0.02
+    bounds = replace(MOMENT_LAW, split_least=least)
+    monkeypatch.setattr('pneunet_ros.calibration.moment_law_parameters.MOMENT_LAW', bounds)
     some = parameters()
-    law = replace(some.law, settings=replace(some.law.settings, split_least=least))
-    some = replace(some, law=law)
     runs = [run for group in experiments(arm, frames=16) for run in group]
     found = fit(some, runs, HARDLY_ANY, arm.target_arclength)
     assert found.status == 'converged'

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from pneunet_ros.calibration.checks import consistency
 from pneunet_ros.calibration.checks.consistency import (
     check_same_arm,
     describe_misfit,
@@ -156,7 +157,7 @@ def test_the_past_of_an_arm_is_no_other_arm():
     check_same_arm([loop, made(arm, up, noise=USUAL, name='up', start=400), down], arm.length)
 
 
-def test_a_line_that_fills_slowly_is_no_other_arm():
+def test_a_line_that_fills_slowly_is_no_other_arm(monkeypatch):
     arm = paper_arm((PressureLag(time_constant=0.4),))
     levels = np.array([0.0, 5e4, 1e4, 6e4, 2e4, 3e4])
     one, other = (
@@ -164,15 +165,17 @@ def test_a_line_that_fills_slowly_is_no_other_arm():
         for order, name, start in ((levels, 'one', 0), (levels[::-1], 'other', 900))
     )
     top = float(levels.max())
-    moving = tip_distance(one, other, top, replace(CONSISTENCY, rest=0.0))
-    rested = tip_distance(one, other, top, CONSISTENCY)
+    rested = tip_distance(one, other, top)
+    with monkeypatch.context() as anywhere:
+        anywhere.setattr(consistency, 'CONSISTENCY', replace(CONSISTENCY, rest=0.0))
+        moving = tip_distance(one, other, top)
     assert moving is not None
     assert rested is not None
     assert rested < 0.03 * arm.length < moving
     check_same_arm([one, other], arm.length)
 
 
-def test_a_film_whose_stamps_are_early_shows_no_other_arm():
+def test_a_film_whose_stamps_are_early_shows_no_other_arm(monkeypatch):
     levels = np.array([0.0, 5e4, 1e4, 6e4, 2e4, 3e4])
     made_runs = [
         made(PAPER, np.repeat(order, 15), noise=USUAL, name=name)
@@ -181,7 +184,9 @@ def test_a_film_whose_stamps_are_early_shows_no_other_arm():
     # Each frame shows what comes a frame later: the last one of each level the next level.
     early = [replace(run, x=np.roll(run.x, -1, 0), y=np.roll(run.y, -1, 0)) for run in made_runs]
     top = float(levels.max())
-    without = tip_distance(*early, top, replace(CONSISTENCY, clocks=0.0))
+    with monkeypatch.context() as at_once:
+        at_once.setattr(consistency, 'CONSISTENCY', replace(CONSISTENCY, clocks=0.0))
+        without = tip_distance(*early, top)
     assert without is not None
     assert without > 0.06 * PAPER.length
     check_same_arm(early, PAPER.length)

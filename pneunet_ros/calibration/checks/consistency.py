@@ -8,7 +8,7 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import CONSISTENCY, SameArmSettings
+from pneunet_ros.calibration.settings import CONSISTENCY
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.notes import Note
@@ -17,11 +17,7 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.linearization import FittedRun
 
 
-def check_same_arm(
-    unloaded: Sequence[RecordingData],
-    length: float,
-    settings: SameArmSettings = CONSISTENCY,
-) -> None:
+def check_same_arm(unloaded: Sequence[RecordingData], length: float) -> None:
     """Raise RecordingError, with both names, if unloaded recordings show different arms.
 
     length (m) of the arm. Hysteresis and creep also make an arm differ from itself: their size is
@@ -29,13 +25,13 @@ def check_same_arm(
     sensor, so frames after a rest are compared if there are enough.
     """
     top = max((float(np.max(np.abs(run.frame_pressure))) for run in unloaded), default=0.0)
-    past = [tip_distance(run, run, top, settings) for run in unloaded]
+    past = [tip_distance(run, run, top) for run in unloaded]
     seen = [item for item in past if item is not None]
-    limit = settings.two_arms_unknown * length
+    limit = CONSISTENCY.two_arms_unknown * length
     if seen:
-        limit = max(settings.two_arms * length, settings.times_past * max(seen))
+        limit = max(CONSISTENCY.two_arms * length, CONSISTENCY.times_past * max(seen))
     for one, other in itertools.combinations(unloaded, 2):
-        distance = tip_distance(one, other, top, settings)
+        distance = tip_distance(one, other, top)
         if distance is not None and distance > limit:
             raise RecordingError(
                 f'{one.name} and {other.name} contradict each other: at the same pressure and '
@@ -45,9 +41,7 @@ def check_same_arm(
             )
 
 
-def tip_distance(
-    one: RecordingData, other: RecordingData, top: float, settings: SameArmSettings
-) -> float | None:
+def tip_distance(one: RecordingData, other: RecordingData, top: float) -> float | None:
     """Return the distance (m) of the last target at equal pressures; None: no equal ones.
 
     It is relative to the first target, so that the position of the camera does not matter. If a
@@ -55,23 +49,25 @@ def tip_distance(
     (Pa).
     """
     first, second = chord(one), chord(other)
-    rested = [has_rested(run, top, settings) for run in (one, other)]
+    rested = [has_rested(run, top) for run in (one, other)]
     found, resting = list[Array](), list[npt.NDArray[np.bool_]]()
     for frame in range(len(one.stamp_ns)):  # all pairs at once do not fit into the memory
         same = np.abs(other.frame_pressure - one.frame_pressure[frame])
-        pairs = same < settings.same_pressure * top
+        pairs = same < CONSISTENCY.same_pressure * top
         if one is other:
-            pairs &= np.abs(one.progress - one.progress[frame]) > settings.another_time
+            pairs &= np.abs(one.progress - one.progress[frame]) > CONSISTENCY.another_time
         distance = np.hypot(*(first[:, frame, None] - second))
         pairs &= np.isfinite(distance)
         found.append(distance[pairs])
         resting.append(rested[0][frame] & rested[1][pairs])
     distance, still = np.concatenate(found), np.concatenate(resting)
-    distance = distance[still] if still.sum() >= settings.fewest_pairs else distance
-    return float(np.percentile(distance, 90.0)) if distance.size >= settings.fewest_pairs else None
+    distance = distance[still] if still.sum() >= CONSISTENCY.fewest_pairs else distance
+    return (
+        float(np.percentile(distance, 90.0)) if distance.size >= CONSISTENCY.fewest_pairs else None
+    )
 
 
-def has_rested(run: RecordingData, top: float, settings: SameArmSettings) -> npt.NDArray[np.bool_]:
+def has_rested(run: RecordingData, top: float) -> npt.NDArray[np.bool_]:
     """Return the frames (frames,) that follow a long enough rest of the pressure.
 
     The pressure must also rest for a while after them, because film stamps may be early, so that
@@ -81,7 +77,8 @@ def has_rested(run: RecordingData, top: float, settings: SameArmSettings) -> npt
         return np.ones(len(run.stamp_ns), np.bool_)
     stamps = run.reading_stamp_ns
     before, after = (
-        round(seconds * NANOSECONDS_PER_SECOND) for seconds in (settings.rest, settings.clocks)
+        round(seconds * NANOSECONDS_PER_SECOND)
+        for seconds in (CONSISTENCY.rest, CONSISTENCY.clocks)
     )
     began, ended = (
         np.searchsorted(stamps, stamps - before),
@@ -90,7 +87,9 @@ def has_rested(run: RecordingData, top: float, settings: SameArmSettings) -> npt
     swing = [np.ptp(run.pressure[began[at] : max(ended[at], at + 1)]) for at in run.reading]
     shown = stamps[run.reading]
     known = (shown - stamps[0] >= before) & (stamps[-1] - shown >= after)
-    rested: npt.NDArray[np.bool_] = known & (np.array(swing) < 2.0 * settings.same_pressure * top)
+    rested: npt.NDArray[np.bool_] = known & (
+        np.array(swing) < 2.0 * CONSISTENCY.same_pressure * top
+    )
     return rested
 
 
@@ -101,12 +100,12 @@ def chord(run: RecordingData) -> Array:
     return np.stack([run.x[:, last] - run.x[:, first], run.y[:, last] - run.y[:, first]])
 
 
-def describe_misfit(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[Note]:
+def describe_misfit(fit: Fit) -> list[Note]:
     """Return a sentence if the model misses the targets by much more than noise can explain."""
     chi_squared = fit.chi_squared / max(fit.dof, 1)
-    if chi_squared < settings.misfit:
+    if chi_squared < CONSISTENCY.misfit:
         return []
-    few = None if outlier_recordings(fit, settings) else misfit_of_few(fit, settings)
+    few = None if outlier_recordings(fit) else misfit_of_few(fit)
     if few is not None:
         return [few]
     residual = np.concatenate([run.residual[run.solved].ravel() for run in fit.runs])
@@ -125,17 +124,17 @@ def describe_misfit(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[N
     ]
 
 
-def misfit_of_few(fit: Fit, settings: SameArmSettings) -> Note | None:
+def misfit_of_few(fit: Fit) -> Note | None:
     """Return a note if only a few frames misfit; None if more do, or none."""
     counts = [run.dof > 0 for run in fit.runs]
     whitened, dof = (
         np.concatenate([values[here] for values, here in zip(parts, counts, strict=True)])
         for parts in ([run.whitened for run in fit.runs], [run.dof for run in fit.runs])
     )
-    worst = np.argsort(-whitened / dof)[: round(settings.few_frames * dof.size)]
-    missed = worst[whitened[worst] > settings.misfit * dof[worst]]
+    worst = np.argsort(-whitened / dof)[: round(CONSISTENCY.few_frames * dof.size)]
+    missed = worst[whitened[worst] > CONSISTENCY.misfit * dof[worst]]
     others = np.delete(np.arange(dof.size), worst)
-    if not missed.size or whitened[others].sum() > settings.others_fit * dof[others].sum():
+    if not missed.size or whitened[others].sum() > CONSISTENCY.others_fit * dof[others].sum():
         return None
     run_of = np.repeat(np.arange(len(fit.runs)), [int(here.sum()) for here in counts])
     where = ', '.join(
@@ -155,15 +154,13 @@ def misfit_of_few(fit: Fit, settings: SameArmSettings) -> Note | None:
     )
 
 
-def describe_pressure_noise(
-    pressure_std: float, span: float, settings: SameArmSettings = CONSISTENCY
-) -> list[Note]:
+def describe_pressure_noise(pressure_std: float, span: float) -> list[Note]:
     """Return a sentence if the noise of the pressure (Pa) is so large that it biases the errors.
 
     span (Pa): of the pressures. Quantities proportional to pressure are underestimated on average:
     errors in variables.
     """
-    if not pressure_std > settings.noisy_pressure * span > 0.0:
+    if not pressure_std > CONSISTENCY.noisy_pressure * span > 0.0:
         return []
     return [
         Note(
@@ -175,17 +172,17 @@ def describe_pressure_noise(
     ]
 
 
-def outlier_recordings(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[Note]:
+def outlier_recordings(fit: Fit) -> list[Note]:
     """Return a note on each recording with a much larger misfit than the others.
 
     A few frames of each recording, those with the worst fit, do not count.
     """
-    chi = np.array([typical_chi_squared(item, settings) for item in fit.runs])
+    chi = np.array([typical_chi_squared(item) for item in fit.runs])
     notes = []
     for which, item in enumerate(fit.runs):
         others = np.delete(chi, which)
         if others.size and chi[which] > max(
-            settings.outlier, settings.times_others * float(np.median(others))
+            CONSISTENCY.outlier, CONSISTENCY.times_others * float(np.median(others))
         ):
             notes.append(
                 Note(
@@ -198,8 +195,8 @@ def outlier_recordings(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> lis
     return notes
 
 
-def typical_chi_squared(run: FittedRun, settings: SameArmSettings) -> float:
+def typical_chi_squared(run: FittedRun) -> float:
     """Return the chi squared per coordinate of a run, without its few worst frames."""
     order = np.argsort(run.whitened / np.maximum(run.dof, 1))
-    kept = order[: order.size - round(settings.few_frames * order.size)]
+    kept = order[: order.size - round(CONSISTENCY.few_frames * order.size)]
     return float(run.whitened[kept].sum()) / max(int(run.dof[kept].sum()), 1)

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.calibration.checks.preconditions import check_runs
 from pneunet_ros.calibration.noise_estimate import RESTS, white_of_targets
-from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings, NOISE_ESTIMATE
+from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings, EXPERIMENTS
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.notes import Note
@@ -163,7 +163,7 @@ def frames_in_motion(runs: Sequence[RecordingData], arm: Arm) -> FramesInMotion 
     common = vibration_of([course for course in courses if course is not None], slowest)
     if common is None:
         return None
-    noise = white_of_targets([run for run in runs if not run.static], NOISE_ESTIMATE) or 0.0
+    noise = white_of_targets([run for run in runs if not run.static]) or 0.0
     moving = [np.zeros(len(run.stamp_ns), np.bool_) for run in runs]
     for flags, course in zip(moving, courses, strict=True):
         if course is not None:  # a load changes how it swings
@@ -260,7 +260,7 @@ def over_noise(values: Array) -> Array:
 
 def slowest_period(length: float) -> float:
     """Return the longest plausible swing period (s) of an arm of this length (m)."""
-    alpha = SOFTEST * CALIBRATION.experiments.first_stiffness
+    alpha = SOFTEST * EXPERIMENTS.first_stiffness
     return 2.0 * math.pi / (CANTILEVER * math.sqrt(alpha * STANDARD_GRAVITY / length))
 
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import IDENTIFIABILITY, IdentifiabilitySettings
+from pneunet_ros.calibration.settings import IDENTIFIABILITY
 from pneunet_ros.core.notes import Note
 
 
-def undetermined_quantities(
-    fit: Fit, settings: IdentifiabilitySettings = IDENTIFIABILITY
-) -> list[Note]:
+def undetermined_quantities(fit: Fit) -> list[Note]:
     """Describe quantities that stayed at their prior and pairs that are correlated."""
     notes = []
     names, change = fit.parameters.quantities()
@@ -20,7 +18,7 @@ def undetermined_quantities(
     kept = [
         name
         for name, now, then in zip(names, std, np.sqrt(np.diag(before)), strict=True)
-        if now > settings.well_known * then
+        if now > IDENTIFIABILITY.well_known * then
     ]
     if kept:
         notes.append(
@@ -37,7 +35,7 @@ def undetermined_quantities(
         for i in laws
         for j in laws
         if i < j
-        and abs(correlation[i, j]) > settings.confounded
+        and abs(correlation[i, j]) > IDENTIFIABILITY.confounded
         and not same_quantity(names[i], names[j])
     ]
     if pairs:

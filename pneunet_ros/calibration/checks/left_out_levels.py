@@ -112,27 +112,24 @@ class LeftOutLevels:
 
 
 def leave_levels_out(
-    runs: Sequence[RecordingData],
-    full: Fit,
-    refit: Refit,
-    settings: LeftOutSettings = LEFT_OUT,
+    runs: Sequence[RecordingData], full: Fit, refit: Refit
 ) -> LeftOutLevels | None:
     """Refit without each inner part of the pressures, and predict that part.
 
     runs: unloaded; full: the fit to all of them; refit: fits other runs. None if there are too few
     pressures, or if the tip is not seen.
     """
-    share = max(settings.frames // len(runs), 1)
+    share = max(LEFT_OUT.frames // len(runs), 1)
     runs = [run.thin(share) for run in runs]
     pressure = np.concatenate([run.frame_pressure for run in runs])
-    part = parts_of(pressure, settings.levels)
+    part = parts_of(pressure, LEFT_OUT.levels)
     arm, count = full.parameters.frame, int(part.max()) + 1
     tip = np.concatenate([run.x[:, -1] + 1j * run.y[:, -1] for run in runs])
     turn, with_turn = tip_turns(runs, arm)
     is_angle = not np.isfinite(tip).any()
     known = with_turn if is_angle else np.isfinite(tip)
     inner = [index for index in range(1, count - 1) if known[part == index].any()]
-    if len(inner) < settings.fewest - 2:
+    if len(inner) < LEFT_OUT.fewest - 2:
         return None
     bend = turn / arm.reach
     if not is_angle:

@@ -16,7 +16,7 @@ import math
 import numpy as np
 from pneunet_ros.calibration.low_rank import jacobian_at, run_inputs
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import EXPERIMENTS, ExperimentSettings
+from pneunet_ros.calibration.settings import EXPERIMENTS
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.measurement.forward_model import ForwardModel
@@ -50,14 +50,12 @@ class LeftOutRecordings:
         ]
 
 
-def leave_recordings_out(
-    full: Fit, without: Sequence[Fit], settings: ExperimentSettings = EXPERIMENTS
-) -> LeftOutRecordings | None:
+def leave_recordings_out(full: Fit, without: Sequence[Fit]) -> LeftOutRecordings | None:
     """Compare a fit with fits that leave out one recording each; None if impossible."""
     moved, expected, changes = 0.0, 0.0, list[Array]()
     tip = np.array([0.0, full.arm.reach])
     for left_out, fitted in zip(full.runs[-len(without) :], without, strict=True):
-        inputs = run_inputs(left_out, settings.covariance_frames)
+        inputs = run_inputs(left_out, EXPERIMENTS.covariance_frames)
         points, both = [], np.ones(len(inputs.pressure), dtype=np.bool_)
         for fit in (full, fitted):
             model = ForwardModel(tip)

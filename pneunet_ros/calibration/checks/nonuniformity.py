@@ -20,10 +20,9 @@ from pneunet_ros.calibration.parameters import correlation, Parameters
 from pneunet_ros.calibration.posterior import all_information
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import (
-    CALIBRATION,
-    CalibrationSettings,
+    CONSISTENCY,
     EXPERIMENTS,
-    ExperimentSettings,
+    RESOLUTION,
     ResolutionSettings,
 )
 from pneunet_ros.core.arrays import Array, frozen_array
@@ -35,7 +34,7 @@ STATIONS, MODES = 41, 4  # along the arm, for the part of a smooth departure tha
 
 
 def consider_nonuniformity(
-    fit: Fit, settings: CalibrationSettings = CALIBRATION, *, shown: int = 0
+    fit: Fit, settings: ResolutionSettings = RESOLUTION, *, shown: int = 0
 ) -> Fit:
     """Return the fit with the covariance of nonuniform curvature between targets.
 
@@ -48,7 +47,7 @@ def consider_nonuniformity(
     if parameters.shapes is None:
         return fit
     information = all_information(fit)
-    prior = departure_prior(parameters, fit.values, settings.resolution)
+    prior = departure_prior(parameters, fit.values, settings)
     if parameters.shapes < shown:
         left = fit.information_vector - fit.information @ (fit.values - parameters.mean)
         prior = known_departure(prior, information, fit.covariance, left)
@@ -58,7 +57,7 @@ def consider_nonuniformity(
     taken_with = np.linalg.solve(fit.covariance, fit.shared_covariance[:size, size:]).T
     errors = np.concatenate([errors, taken_with @ errors])
     missed = fit.chi_squared / max(fit.dof, 1)
-    scale = missed if missed > settings.consistency.misfit else 1.0
+    scale = missed if missed > CONSISTENCY.misfit else 1.0
     shared = scale * fit.shared_covariance + errors @ prior @ errors.T
     return replace(
         fit,
@@ -83,26 +82,26 @@ def known_departure(prior: Array, information: Array, covariance: Array, missed:
     return np.asarray(known + np.outer(shown, shown))
 
 
-def shape_std(fit: Fit, settings: ExperimentSettings = EXPERIMENTS) -> tuple[float, float]:
+def shape_std(fit: Fit) -> tuple[float, float]:
     """Return the largest standard error (m) of the position of the centerline, and its s / l."""
     places = fit.arm.length * fit.parameters.arclength
-    moved = shape_jacobian(fit, settings.covariance_frames, places)
+    moved = shape_jacobian(fit, EXPERIMENTS.covariance_frames, places)
     variance = np.einsum('ij,jk,ik->i', moved, fit.covariance, moved)
     total = variance.reshape(-1, 2, places.size).sum(axis=1)
     worst = int(np.argmax(total.max(axis=0)))
     return float(np.sqrt(total.max())), float(fit.parameters.arclength[worst])
 
 
-def describe_nonuniformity(fit: Fit, settings: CalibrationSettings) -> list[Note]:
+def describe_nonuniformity(fit: Fit, settings: ResolutionSettings) -> list[Note]:
     """Return a note on the accuracy of the shape where few targets show it."""
     if fit.parameters.shapes is None:
         return []
-    std, share = shape_std(fit, settings.experiments)
+    std, share = shape_std(fit)
     return [
         Note(
             f'between targets the shape is uncertain by up to {millimeters(std):.2g} mm (one '
             f'sigma, at s / l = {share:.2g}), because an arm may bend unevenly by '
-            f'{settings.resolution.nonuniform:g} of its curvature; the covariance includes this',
+            f'{settings.nonuniform:g} of its curvature; the covariance includes this',
             reason='uncertain_between',
         )
     ]

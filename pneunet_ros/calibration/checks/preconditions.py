@@ -84,7 +84,7 @@ def check_runs(
         check_unloaded(run, arm, limits)
     for run in loaded:
         check_loads(run, arm, limits)
-    check_same_arm([run for run in unloaded if run.seen.any()], arm.length, settings.consistency)
+    check_same_arm([run for run in unloaded if run.seen.any()], arm.length)
     if first and constant and not unloaded:
         check_different_loads(loaded, arm, settings.resolution)
     if loaded:

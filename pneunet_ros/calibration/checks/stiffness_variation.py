@@ -17,7 +17,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from pneunet_ros.calibration.map_estimation import posterior_at
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import STIFFNESS_VARIATION, StiffnessVariationSettings
+from pneunet_ros.calibration.settings import STIFFNESS_VARIATION
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
@@ -66,14 +66,13 @@ class StiffnessVariation:
     dof: int
     coefficients: Array
     tips: TipErrors
-    settings: StiffnessVariationSettings
 
     @property
     def matters(self) -> bool:
         """Whether the variation is significant and moves tips out of their confidence ellipses."""
         return (
-            self.statistic > self.settings.significant
-            and self.tips.nees() > self.settings.most_nees
+            self.statistic > STIFFNESS_VARIATION.significant
+            and self.tips.nees() > STIFFNESS_VARIATION.most_nees
         )
 
     @property
@@ -83,17 +82,13 @@ class StiffnessVariation:
         return np.exp(legendre.legvander(along, self.dof)[:, 1:] @ self.coefficients)
 
 
-def stiffness_variation(
-    fit: Fit,
-    noise: SensorNoise,
-    settings: StiffnessVariationSettings = STIFFNESS_VARIATION,
-) -> StiffnessVariation | None:
+def stiffness_variation(fit: Fit, noise: SensorNoise) -> StiffnessVariation | None:
     """Test whether EI varies along the arm of a fit; None if the recordings cannot show it."""
     law, loaded = fit.parameters.law, [item.run.loaded for item in fit.runs]
     if law is None or not any(loaded) or not fit.converged or fit.parameters.shapes is not None:
         return None
     posterior, linear = posterior_at(fit, noise)
-    prior, modes = posterior.prior, settings.modes
+    prior, modes = posterior.prior, STIFFNESS_VARIATION.modes
     places = np.concatenate([np.arange(prior.size), prior.size + np.arange(fit.disturbance.size)])
     inner, cross = np.zeros((modes, modes)), np.zeros((places.size, modes))
     score = np.zeros(modes)
@@ -111,7 +106,7 @@ def stiffness_variation(
     solved = np.linalg.solve(hessian, np.column_stack([cross, linear.gradient - linear.scaled]))
     score -= cross.T @ solved[:, -1]
     information = inner - cross.T @ solved[:, :-1]
-    known = information + np.eye(modes) / settings.expected**2
+    known = information + np.eye(modes) / STIFFNESS_VARIATION.expected**2
     coefficients = frozen_array(np.linalg.solve(known, score))
     refitted = np.asarray(-prior.scale @ (solved[:, :-1] @ coefficients), np.float64)
     return StiffnessVariation(
@@ -125,7 +120,6 @@ def stiffness_variation(
             coefficients,
             refitted[: prior.size],
         ),
-        settings=settings,
     )
 
 
@@ -176,7 +170,7 @@ def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
     """
     if variation is None or not variation.matters:
         return np.zeros((fit.values.size, 0))
-    settings, tips, law = variation.settings, variation.tips, fit.parameters.law
+    tips, law = variation.tips, fit.parameters.law
     assert law is not None
     scalings = np.zeros((fit.values.size, law.sections))
     own = slice(fit.parameters.before_law, None)
@@ -185,13 +179,13 @@ def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
     moved = np.mean(by_section.transpose(0, 2, 1) @ by_section, axis=0)
     sizes, axes = np.linalg.eigh(moved)
     per_meter = axes / np.sqrt(np.maximum(sizes, 1e-12 * sizes.max()))
-    most = settings.most_error / np.abs(per_meter).max(axis=0)
+    most = STIFFNESS_VARIATION.most_error / np.abs(per_meter).max(axis=0)
     by_meter = by_section @ per_meter
     low, high = 0.0, float(most.max())
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         moved_by = by_meter * np.minimum(middle, most)
-        if tips.nees(moved_by @ moved_by.transpose(0, 2, 1)) > settings.most_nees:
+        if tips.nees(moved_by @ moved_by.transpose(0, 2, 1)) > STIFFNESS_VARIATION.most_nees:
             low = middle
         else:
             high = middle
@@ -220,7 +214,7 @@ def describe_variation(
             f'the stiffness seems to vary along the arm in a way that the law {law.kind} does '
             f'not allow: as if EI were {here} and {there}. This would lower chi squared by '
             f'{variation.statistic:.0f} (noise alone: by less than '
-            f'{variation.settings.significant:.0f}) and move the tip of loaded frames by '
+            f'{STIFFNESS_VARIATION.significant:.0f}) and move the tip of loaded frames by '
             f'{millimeters(variation.tips.rms):.2g} mm rms. A missing effect may look the same: '
             f'see `pneunet diagnose`.{other} The standard errors of the stiffness were widened '
             'to cover the tips under these loads; for other loads this is a guess',

@@ -34,7 +34,6 @@ class Row:
     std: float
     prior_std: float
     unit_stiffness: float = 0.0
-    well_known: float = IDENTIFIABILITY.well_known
 
     @property
     def bending_stiffness(self) -> str:
@@ -45,7 +44,7 @@ class Row:
     @property
     def determined(self) -> bool:
         """Whether the recordings reduced the prior uncertainty substantially."""
-        return self.std <= self.well_known * self.prior_std
+        return self.std <= IDENTIFIABILITY.well_known * self.prior_std
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +73,6 @@ def number_rows(calibration: Calibration) -> tuple[Row, ...]:
             std=std,
             prior_std=prior,
             unit_stiffness=scale if name.startswith(RIGIDITY) else 0.0,
-            well_known=calibration.settings.identifiability.well_known,
         )
         for name, value, std, prior in zip(
             names, values.tolist(), stds.tolist(), priors.tolist(), strict=True

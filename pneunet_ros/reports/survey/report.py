@@ -7,6 +7,7 @@ import shlex
 from typing import Any
 
 import numpy as np
+from pneunet_ros.calibration.fleet import FLEET
 from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.json_text import plain
@@ -83,11 +84,11 @@ def certainty(data: SurveyData) -> str:
     """Describe the basis of the comparison and of the model errors."""
     fleet, done = data.fleet, len(data.done)
     compared = int(np.count_nonzero(np.isfinite(fleet.p_values)))
-    said = f'Too few arms to find odd ones: at least {fleet.settings.fewest} are needed.'
+    said = f'Too few arms to find odd ones: at least {FLEET.fewest} are needed.'
     if compared:
         said = (
             f'{compared} of {done} arms are compared, with their error bars; in '
-            f'{100.0 * fleet.settings.level:g} % of fleets of alike arms, one is called odd by '
+            f'{100.0 * FLEET.level:g} % of fleets of alike arms, one is called odd by '
             'chance.'
         )
     held_out = sum(item.held_out for item in data.done)
@@ -182,7 +183,7 @@ def survey_content(data: SurveyData, provenance: Mapping[str, Any]) -> dict[str,
                 for which, number in enumerate(fleet.numbers)
             ],
             'arms': arms,
-            'settings': settings_used(fleet.settings),
+            'settings': settings_used(FLEET),
             **provenance,
         }
     )
