@@ -41,7 +41,6 @@ from pneunet_ros.solver.settings import (
     BATCH_ITERATIONS,
     BATCH_TOLERANCE,
     SOLVER,
-    SolverSettings,
 )
 
 
@@ -73,7 +72,6 @@ def solve_many(
     start: Shape,
     stations: int = DEFAULT_STATIONS,
     history: tuple[History, ...] | tuple[Array, ...] | None = None,
-    settings: SolverSettings = SOLVER,
 ) -> Shapes:
     """Predict the shapes of one arm at many pressures and end loads, near a known shape.
 
@@ -86,7 +84,6 @@ def solve_many(
         start: a converged shape near all of them.
         stations: number of equally spaced points along the arm.
         history: as in `Arm.rods`; None: a settled arm.
-        settings: of the solver.
 
     Returns:
         The shapes of n rods by Eq 4, as in `solve`; NaN if there is none.
@@ -124,8 +121,8 @@ def solve_many(
     newton_batch(*batch, guesses, *limits, nodes, residual)
     evaluate_batch(*batch, nodes, arclength, fields, detail, missed)
     inside = np.array([arm.beyond_range(value) <= EXTRAPOLATION for value in pressure])
-    fine = detail <= settings.finest_detail * arm.length
-    converged = inside & (residual <= ACCEPTED) & fine & (missed <= settings.turn_per_panel)
+    fine = detail <= SOLVER.finest_detail * arm.length
+    converged = inside & (residual <= ACCEPTED) & fine & (missed <= SOLVER.turn_per_panel)
     converged &= np.isfinite(fields[THETA]).all(axis=1)
     converged &= ~np.any(rods.sections[:, :, CUBIC] != 0.0, axis=1)
     converged &= ~rods.push.any(axis=(1, 2))  # pushes that turn with the arm are solved for alone

@@ -12,7 +12,7 @@ import math
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.domain import DOMAIN, DomainSettings, MOMENT, PRESSURE
+from pneunet_ros.model.domain import DOMAIN, MOMENT, PRESSURE
 
 OUT_OF_RANGE, LOAD_OUT_OF_DOMAIN = 'out_of_range', 'load_out_of_domain'
 PRESSURE_BEYOND = 'pressure beyond the calibrated range: extrapolated'
@@ -62,7 +62,6 @@ def locate_load(
     load: Load,
     chamber: float,
     std: tuple[float, float, float, float] | None = None,
-    settings: DomainSettings = DOMAIN,
 ) -> DomainPosition:
     """Return the position of a true load at a chamber pressure (Pa) relative to the domain.
 
@@ -70,25 +69,25 @@ def locate_load(
     """
     sensors = arm.sensors
     std = std or (sensors.force_std, sensors.force_std, sensors.moment_std, sensors.pressure_std)
-    noise = [settings.load_noise * sigma for sigma in std]
+    noise = [DOMAIN.load_noise * sigma for sigma in std]
     low, high = arm.pressure_range
     inside = min(max(chamber, low), high)
     at = (load.force_x, load.force_y, load.moment, inside)
     pressure_beyond = arm.beyond_range(chamber)
     load_beyond, distance = beyond_loads(arm, at, noise)
     reason, sentence = '', ''
-    if pressure_beyond > settings.pressure_margin:
+    if pressure_beyond > DOMAIN.pressure_margin:
         reason, sentence = OUT_OF_RANGE, out_of_range(arm, chamber)
-    elif load_beyond > settings.load_margin:
-        reason, sentence = LOAD_OUT_OF_DOMAIN, out_of_domain(arm, at, load_beyond, settings)
+    elif load_beyond > DOMAIN.load_margin:
+        reason, sentence = LOAD_OUT_OF_DOMAIN, out_of_domain(arm, at, load_beyond)
     notes = (
         (pressure_beyond > 0.0, PRESSURE_BEYOND),
         (load_beyond > 0.0, LOAD_BEYOND),
         (math.isnan(load_beyond), LOADS_UNKNOWN),
     )
-    force = settings.load_error * distance
+    force = DOMAIN.load_error * distance
     excess = chamber - inside if pressure_beyond > 0.0 else 0.0
-    error = (force, force, 0.0, settings.pressure_error * excess)
+    error = (force, force, 0.0, DOMAIN.pressure_error * excess)
     return DomainPosition(
         pressure_beyond=pressure_beyond,
         load_beyond=load_beyond,
@@ -123,7 +122,7 @@ def out_of_range(arm: Arm, pressure: float) -> str:
     )
 
 
-def out_of_domain(arm: Arm, at: Sequence[float], beyond: float, settings: DomainSettings) -> str:
+def out_of_domain(arm: Arm, at: Sequence[float], beyond: float) -> str:
     """Return the message for a load (4,) SI outside the model."""
     load = (
         f'the end load {at[0]:.4g} N, {at[1]:.4g} N, {at[MOMENT]:.3g} N m at '
@@ -134,6 +133,6 @@ def out_of_domain(arm: Arm, at: Sequence[float], beyond: float, settings: Domain
         return f'{load} is outside the calibration, which had no loads'
     return (
         f'{load} is outside the calibrated loads (forces up to {arm.domain.largest_force:.3g} N) '
-        f'by {beyond:.2g} times their size; only up to {settings.load_margin:g} times is '
+        f'by {beyond:.2g} times their size; only up to {DOMAIN.load_margin:g} times is '
         'extrapolated'
     )

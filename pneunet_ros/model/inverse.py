@@ -60,7 +60,6 @@ def solve_tip(
     moment: float = 0.0,
     start: Shape | None = None,
     stations: int = DEFAULT_STATIONS,
-    settings: TipSearchSettings = SEARCH,
 ) -> Shape:
     """Find the end force and the shape from pressure and the position of the tip (Figure 9 (b)).
 
@@ -71,7 +70,6 @@ def solve_tip(
         moment: on the free end, which must be known; N m.
         start: a neighboring shape whose branch is followed.
         stations: number of equally spaced points along the arm.
-        settings: of the search.
 
     Returns:
         The shape; its `force` is that of the surroundings on the arm. If the tip does not
@@ -84,9 +82,7 @@ def solve_tip(
     load = arm.sense(Load(pressure=pressure, moment=moment))
     chamber = steady_pressure(arm, load.pressure)
     arclength = station_arclength(arm.reach, stations)
-    search = TipSearch(
-        arm=arm, chamber=chamber, load=load, tip=np.array(tip, dtype=np.float64), settings=settings
-    )
+    search = TipSearch(arm=arm, chamber=chamber, load=load, tip=np.array(tip, dtype=np.float64))
     unloaded = search.at((0.0, 0.0), None, arclength)
     guesses = search.initial_guesses(unloaded) if unloaded.converged else []
     if start is not None and start.solution is not None:
@@ -113,7 +109,6 @@ class TipSearch:
     chamber: float
     load: Load
     tip: Array
-    settings: TipSearchSettings
 
     def at(
         self,
@@ -181,18 +176,18 @@ class TipSearch:
         """Return the shape, or a failed one if the goal is missed or the force undetermined."""
         weakest = float(np.linalg.svd(self.force_jacobian(shape), compute_uv=False)[-1])
         distance = self.tip_error(shape)
-        if weakest < self.settings.determined and distance < self.settings.near * self.arm.length:
+        if weakest < SEARCH.determined and distance < SEARCH.near * self.arm.length:
             sentence = (
                 'this tip position does not determine the end force: in one direction, 1 N moves '
                 f'the tip by only {1000.0 * weakest:.2g} mm (at least '
-                f'{1000.0 * self.settings.determined:.2g} mm is needed)'
+                f'{1000.0 * SEARCH.determined:.2g} mm is needed)'
             )
         elif distance > ARRIVED * self.arm.length:
             sentence = (
                 f'no end force brings the tip to ({self.tip[0]:.6g}, {self.tip[1]:.6g}) m; '
                 f'the nearest equilibrium found is {1000.0 * distance:.3g} mm away'
             )
-            if float(np.hypot(*self.tip)) > self.settings.far * self.arm.length:
+            if float(np.hypot(*self.tip)) > SEARCH.far * self.arm.length:
                 sentence += f': the arm is {self.arm.length:g} m long, so are these millimeters?'
         else:
             load = replace(self.load, force_x=shape.force[0], force_y=shape.force[1])

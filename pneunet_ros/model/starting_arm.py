@@ -27,13 +27,15 @@ class StartingArmSettings:
     )
 
 
+STARTING_ARM = StartingArmSettings()
+
+
 def starting_arm(
     name: str,
     length: float,
     weight: float,
     places: Array,
     largest_pressure: float,
-    settings: StartingArmSettings | None = None,
 ) -> Arm:
     """Return an evenly bending arm of this size, with invented numbers marked as such.
 
@@ -43,7 +45,6 @@ def starting_arm(
         weight: of the arm, N.
         places: of its targets along it, (targets,) m.
         largest_pressure: in use, Pa.
-        settings: placeholder values.
 
     Returns:
         The arm, for `calibrate --arm` and for tracking.
@@ -51,9 +52,8 @@ def starting_arm(
     Raises:
         ModelError: the numbers are not those of a valid arm.
     """
-    settings = settings or StartingArmSettings()
     pressure = np.array([0.0, largest_pressure])
-    curvature = np.outer([0.0, settings.turn / length], np.ones(3))
+    curvature = np.outer([0.0, STARTING_ARM.turn / length], np.ones(3))
     return Arm(
         name=name,
         length=length,
@@ -64,8 +64,8 @@ def starting_arm(
         ),
         moment_law=PiecewiseLinearLaw(
             pressure=pressure,
-            split=np.full(2, settings.split),
-            rigidity=np.tile(settings.rigidity, (2, 1)),
+            split=np.full(2, STARTING_ARM.split),
+            rigidity=np.tile(STARTING_ARM.rigidity, (2, 1)),
             moment_offset=np.zeros((2, 2)),
         ),
         sensors=SensorNoise(pressure_std=60.0, force_std=1e-3, moment_std=1e-5, target_std=1.2e-4),

@@ -10,7 +10,6 @@ from pneunet_ros.calibration.settings import (
     CALIBRATION,
     CalibrationSettings,
     PRECONDITIONS,
-    PreconditionSettings,
     ResolutionSettings,
 )
 from pneunet_ros.core.arrays import Array
@@ -30,7 +29,6 @@ from pneunet_ros.measurement.row_order import (
     end_turns,
     numbered_from_tip,
     ROW_ORDER,
-    RowOrderSettings,
 )
 from pneunet_ros.model.arm import Arm
 
@@ -47,7 +45,6 @@ def check_runs(
 
     first: nothing is known about the arm yet.
     """
-    limits = settings.preconditions
     runs = [*unloaded, *loaded]
     constant = bool(loaded) and has_one_pressure(runs, arm, settings.resolution)
     if not unloaded and ((first and not constant) or not loaded):
@@ -70,25 +67,25 @@ def check_runs(
             reason='no_pressure',
         )
     frames = sum(len(run.stamp_ns) for run in runs)
-    if first and frames < limits.fewest_frames:
+    if first and frames < PRECONDITIONS.fewest_frames:
         raise RecordingError(
             f'{names_of(runs)}: {frames} frames with targets and a pressure; all recordings '
-            f'together need at least {limits.fewest_frames}',
+            f'together need at least {PRECONDITIONS.fewest_frames}',
             reason='too_few_frames',
         )
     for run in runs:
-        check_targets(run, arm, limits)
-        check_units(run, arm, limits)
+        check_targets(run, arm)
+        check_units(run, arm)
         check_clamp(run, arm)
     for run in unloaded:
-        check_unloaded(run, arm, limits)
+        check_unloaded(run, arm)
     for run in loaded:
-        check_loads(run, arm, limits)
+        check_loads(run, arm)
     check_same_arm([run for run in unloaded if run.seen.any()], arm.length)
     if first and constant and not unloaded:
         check_different_loads(loaded, arm, settings.resolution)
     if loaded:
-        check_bending(runs if constant else loaded, arm, limits)
+        check_bending(runs if constant else loaded, arm)
     if first and unloaded:
         check_pressures(unloaded, arm, settings, constant=constant)
 
@@ -106,9 +103,7 @@ def same_pressure(arm: Arm, settings: ResolutionSettings) -> float:
     return settings.noise_span * arm.sensors.pressure_std
 
 
-def check_loads(
-    run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
-) -> None:
+def check_loads(run: RecordingData, arm: Arm) -> None:
     """Raise RecordingError if a loaded recording has no load, or an implausible one."""
     if not (run.loaded and run.load.any()) or run.is_idle(arm.sensors):
         raise RecordingError(
@@ -117,7 +112,7 @@ def check_loads(
             'after --unloaded',
             reason='not_loaded',
         )
-    if float(np.max(np.abs(run.force))) > settings.largest_force * arm.weight:
+    if float(np.max(np.abs(run.force))) > PRECONDITIONS.largest_force * arm.weight:
         raise RecordingError(
             f'{run.name}: an end force of {np.max(np.abs(run.force)):.3g} N on an arm that '
             f'weighs {arm.weight:.3g} N; forces must be in N (see --arm)',
@@ -125,9 +120,9 @@ def check_loads(
         )
 
 
-def check_bending(runs: Sequence[RecordingData], arm: Arm, settings: PreconditionSettings) -> None:
+def check_bending(runs: Sequence[RecordingData], arm: Arm) -> None:
     """Raise RecordingError if the targets stay in one place under all loads."""
-    if motion(runs, arm.reach) < settings.smallest_motion * arm.length:
+    if motion(runs, arm.reach) < PRECONDITIONS.smallest_motion * arm.length:
         raise RecordingError(
             f'{names_of(runs)}: the targets hardly move, so they cannot determine the moment '
             'law; change the pressure or the load, within a recording or from one to the next',
@@ -156,17 +151,17 @@ def check_pressures(
 
     constant: it never changes, also under load.
     """
-    limits, same = settings.preconditions, same_pressure(arm, settings.resolution)
+    declared, same = settings.preconditions.declared, same_pressure(arm, settings.resolution)
     pressures = np.concatenate([run.frame_pressure for run in unloaded])
     names = names_of(unloaded)
     moved = max(motion([run], arm.reach) for run in unloaded)
-    if limits.declared is not None:
-        bends = moved > limits.bending_motion * arm.length
-        check_meaning(pressures, limits.declared, names, arm, moves=bends)
+    if declared is not None:
+        bends = moved > PRECONDITIONS.bending_motion * arm.length
+        check_meaning(pressures, declared, names, arm, moves=bends)
     for run in unloaded:
         moves = motion([run], arm.reach)
         still = np.ptp(run.frame_pressure) < same
-        if still and moves > limits.hanging_motion * arm.length:
+        if still and moves > PRECONDITIONS.hanging_motion * arm.length:
             raise RecordingError(
                 f'{run.name}: the pressure stays at {kilopascals(run.frame_pressure[0]):.3g} '
                 f'kPa, but the unloaded arm moves by {millimeters(moves):.3g} mm. Is it the '
@@ -181,7 +176,7 @@ def check_pressures(
             'needs at least two pressures; record a ramp or a staircase',
             reason='one_pressure',
         )
-    least = limits.smallest_motion * arm.length
+    least = PRECONDITIONS.smallest_motion * arm.length
     if moved < least and motion(unloaded, arm.reach) < least:
         raise RecordingError(
             f'{names}: the targets hardly move although the pressure changes; do the target '
@@ -213,11 +208,9 @@ def largest_force(run: RecordingData) -> float:
     return float(np.max(np.hypot(*run.force.T)))
 
 
-def check_unloaded(
-    run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
-) -> None:
+def check_unloaded(run: RecordingData, arm: Arm) -> None:
     """Raise RecordingError if a recording given as unloaded has an end force."""
-    if run.loaded and largest_force(run) > settings.unloaded_force * arm.weight:
+    if run.loaded and largest_force(run) > PRECONDITIONS.unloaded_force * arm.weight:
         raise RecordingError(
             f'{run.name} was given as unloaded, but its end force reaches '
             f'{largest_force(run):.3g} N; remove it from --unloaded (calibrate: list it after '
@@ -226,9 +219,7 @@ def check_unloaded(
         )
 
 
-def check_targets(
-    run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
-) -> None:
+def check_targets(run: RecordingData, arm: Arm) -> None:
     """Raise RecordingError if a recording has too few or unexpected targets."""
     if run.x.shape[1] != arm.target_arclength.size:
         raise RecordingError(
@@ -240,20 +231,18 @@ def check_targets(
     seen = np.count_nonzero(run.seen, axis=0) > 0
     if run.heading is not None:
         return  # that of the tip shows how far the arm bends
-    if np.count_nonzero(seen) < settings.fewest_targets and not seen[-1]:
+    if np.count_nonzero(seen) < PRECONDITIONS.fewest_targets and not seen[-1]:
         raise RecordingError(
-            f'{run.name} shows fewer than {settings.fewest_targets} targets, and never the last '
-            'one',
+            f'{run.name} shows fewer than {PRECONDITIONS.fewest_targets} targets, and never the '
+            'last one',
             reason='too_few_targets',
         )
 
 
-def check_units(
-    run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
-) -> None:
+def check_units(run: RecordingData, arm: Arm) -> None:
     """Raise RecordingError if lengths or forces are implausible for any arm: a wrong unit."""
     highest = float(np.max(np.abs(run.frame_pressure)))
-    if highest > settings.largest_pressure:
+    if highest > PRECONDITIONS.largest_pressure:
         raise RecordingError(
             f'{run.name}: a pressure of {highest:.3g} Pa; pressure must be gauge, in Pa',
             reason='out_of_range',
@@ -261,7 +250,7 @@ def check_units(
     if not run.seen.any():
         return  # an angle has one unit and no place
     reach = float(np.nanmax(np.hypot(run.x, run.y)))
-    if reach > settings.longest * arm.reach:
+    if reach > PRECONDITIONS.longest * arm.reach:
         raise RecordingError(
             f'{run.name}: a target {reach:.3g} m from the clamp, but the arm is {arm.reach:.3g} '
             'm long; targets must be in m, in the base frame at the clamp, and belong to this '
@@ -269,15 +258,15 @@ def check_units(
             reason='other_length',
         )
     middle = np.nanmedian(np.hypot(run.x[:, -1], run.y[:, -1])) if run.seen[:, -1].any() else reach
-    if middle < settings.nearest * arm.length:
+    if middle < PRECONDITIONS.nearest * arm.length:
         raise RecordingError(
             f'{run.name}: the last target lies {middle:.3g} m from the clamp, but the arm is '
             f'{arm.length:.3g} m long. Is the unit right, and is the first target the one at the '
             'clamp?',
             reason='other_length',
         )
-    share = row_share(run, arm, settings)
-    if share < settings.shortest_row:
+    share = row_share(run, arm)
+    if share < PRECONDITIONS.shortest_row:
         raise RecordingError(
             f'{run.name}: the row of targets is never longer than {share:.2g} times the row in '
             'the arm file. Is the unit of the targets right, and do they belong to this arm (see '
@@ -286,22 +275,22 @@ def check_units(
         )
 
 
-def row_share(run: RecordingData, arm: Arm, settings: PreconditionSettings) -> float:
+def row_share(run: RecordingData, arm: Arm) -> float:
     """Return the longest row of targets relative to its arclength; 1 if few are seen."""
     chords = np.hypot(np.diff(run.x, axis=1), np.diff(run.y, axis=1))
     both = np.isfinite(chords)
     arcs = np.sum(both * np.diff(arm.target_arclength), axis=1)
-    enough = np.count_nonzero(both, axis=1) + 1 >= settings.fewest_targets
+    enough = np.count_nonzero(both, axis=1) + 1 >= PRECONDITIONS.fewest_targets
     if not enough.any():
         return 1.0
     return float(np.max(np.nansum(chords, axis=1)[enough] / arcs[enough]))
 
 
-def check_clamp(run: RecordingData, arm: Arm, settings: RowOrderSettings = ROW_ORDER) -> None:
+def check_clamp(run: RecordingData, arm: Arm) -> None:
     """Raise RecordingError if the first target is at the free end, or if the clamp moves."""
     places = arm.target_arclength
-    if numbered_from_tip(run.points, places, settings):
-        first, last = np.degrees(end_turns(run.points, places, settings) or (0.0, 0.0))
+    if numbered_from_tip(run.points, places):
+        first, last = np.degrees(end_turns(run.points, places) or (0.0, 0.0))
         raise RecordingError(
             f'{run.name}: the targets are numbered from the free end, because the arm turns by '
             f'{first:.3g} degrees at target 0 and by {last:.3g} at target {places.size - 1}, but '
@@ -309,8 +298,8 @@ def check_clamp(run: RecordingData, arm: Arm, settings: RowOrderSettings = ROW_O
             'the camera file), or reverse the ids',
             reason='wrong_end',
         )
-    moved = clamp_motion(run.points, run.frame_pressure, places, arm.length, settings)
-    if moved > settings.clamp_loose * arm.length:
+    moved = clamp_motion(run.points, run.frame_pressure, places, arm.length)
+    if moved > ROW_ORDER.clamp_loose * arm.length:
         raise RecordingError(
             f'{run.name}: the first target moves by {millimeters(moved):.3g} mm as the pressure '
             'changes, but a target at the clamp cannot move. Fix the clamp, or give the arclength '
@@ -319,15 +308,12 @@ def check_clamp(run: RecordingData, arm: Arm, settings: RowOrderSettings = ROW_O
         )
 
 
-def describe_clamp(
-    runs: Sequence[RecordingData], arm: Arm, settings: RowOrderSettings = ROW_ORDER
-) -> tuple[Note, ...]:
+def describe_clamp(runs: Sequence[RecordingData], arm: Arm) -> tuple[Note, ...]:
     """Report recordings in which the clamp moves slightly with the pressure."""
     places = arm.target_arclength
-    least = max(settings.clamp_moves * arm.length, settings.clamp_noise * arm.sensors.target_std)
+    least = max(ROW_ORDER.clamp_moves * arm.length, ROW_ORDER.clamp_noise * arm.sensors.target_std)
     moved = {
-        run.name: clamp_motion(run.points, run.frame_pressure, places, arm.length, settings)
-        for run in runs
+        run.name: clamp_motion(run.points, run.frame_pressure, places, arm.length) for run in runs
     }
     loose = [
         f'{name} ({millimeters(size):.2g} mm)' for name, size in moved.items() if size > least
