@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.hypothesis import carries_time
+from pneunet_ros.diagnosis.lack_of_fit import worst_test
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection
 from pneunet_ros.diagnosis.settings import (
     DEFAULTS,
@@ -89,7 +89,7 @@ class Confirmer:
     def what_is_left(self, record: Record) -> tuple[Note, ...]:
         """Object to a law whose residual exceeds the limit for laws."""
         left, most = self.chi_squared(record), self.settings.confirmation.most_left
-        worst = min(record.tests, key=attrgetter('p_value'))
+        worst = worst_test(record.tests)
         if left <= most or worst.p_value > LACK_OF_FIT.level / len(record.tests):
             return ()
         return (

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
-from operator import attrgetter
 
 import numpy as np
 from pneunet_ros.calibration.calibration import describe_thinning
@@ -37,7 +36,7 @@ from pneunet_ros.diagnosis.experiment_design import propose_experiment
 from pneunet_ros.diagnosis.hypothesis import carries_time, hypotheses, Hypothesis
 from pneunet_ros.diagnosis.inertia import with_frames_in_motion
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
-from pneunet_ros.diagnosis.lack_of_fit import worst_p_value
+from pneunet_ros.diagnosis.lack_of_fit import is_adequate, worst_p_value, worst_test
 from pneunet_ros.diagnosis.late_arm import with_late_arm
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.localization import (
@@ -60,7 +59,6 @@ from pneunet_ros.diagnosis.score_test import Candidate, detection_limits, effect
 from pneunet_ros.diagnosis.selection import (
     Added,
     evidence_margin,
-    is_adequate,
     Record,
     Selection,
     Trial,
@@ -69,7 +67,6 @@ from pneunet_ros.diagnosis.settings import (
     BASE_FIT,
     DEFAULTS,
     DiagnosisSettings,
-    LACK_OF_FIT,
     SCORE_TEST,
     SELECTION,
 )
@@ -312,7 +309,7 @@ def conclude(
     """
     added = verdict.trial is not first
     runs, noise = selection.linearization.runs, selection.linearization.noise
-    candidates, level = selection.score_candidates(first), LACK_OF_FIT.level
+    candidates = selection.score_candidates(first)
     before = after = evaluate(first, runs, recordings)
     if added:
         refit = with_reading_noise(verdict.trial.refit, selection.seed)
@@ -330,11 +327,12 @@ def conclude(
             trial.refit,
             harmless=trial is verdict.trial
             and verdict.answer != 'unknown'
-            and is_adequate(trial.record.tests, level),
+            and is_adequate(trial.record.tests),
         )
         for trial in (first, verdict.trial)
     )
-    left, worst = verdict.trial.record.tests, min(first.record.tests, key=attrgetter('p_value'))
+    left, worst = verdict.trial.record.tests, worst_test(first.record.tests)
+    same = next((item for item in left if item.name == worst.name), worst)
     cosines = effect_cosines(first.refit.gaussian, candidates)
     wanted = wanted_candidates(verdict, candidates, detectable)
     rivals = wanted if verdict.alternatives else ()
@@ -354,11 +352,9 @@ def conclude(
         noise_floor=floor,
         noise_floor_std=floor_std,
         closed=None if first.record.adequate else removed,
-        adequacy_before=adequacy(first.record.tests, worst, level),
-        adequacy_after=adequacy(left, min(left, key=attrgetter('p_value')), level),
-        adequacy_same=adequacy(
-            left, next((item for item in left if item.name == worst.name), worst), level
-        ),
+        adequacy_before=adequacy(first.record.tests),
+        adequacy_after=adequacy(left),
+        adequacy_same=adequacy(left, same),
         detectable=detectable,
         shift=parameter_shifts(before.fit, after.fit) if added else {},
         evidence=collect_evidence(selection, candidates, cosines),
@@ -560,8 +556,7 @@ def closest_notes(best: Record, objections: Sequence[str] = ()) -> tuple[str, ..
     if not best.names:
         return ()
     if not objections:
-        worst = min(best.tests, key=lambda item: item.p_value)
-        objections = (f'it fails the lack-of-fit test of {worst.name}',)
+        objections = (f'it fails the lack-of-fit test of {worst_test(best.tests).name}',)
     names = ' + '.join(best.names)
     said = f'reduces chi squared by {best.gain:.0f}' if best.gain > 0.0 else 'explains nothing'
     return (

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.calibration.checks.held_out import Score, score
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.lack_of_fit import LackOfFit
+from pneunet_ros.diagnosis.lack_of_fit import LackOfFit, worst_test
 from pneunet_ros.diagnosis.result import Adequacy, Misfit
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.errors.noise_model import coordinate_stds, target_std, target_stds
 from pneunet_ros.measurement.inputs import inputs_of
@@ -83,11 +84,12 @@ def removed_share(before: float, after: float, floor: float) -> float | None:
     return 1.0 - (after**2 - floor**2) / reducible
 
 
-def adequacy(tests: Sequence[LackOfFit], test: LackOfFit, level: float) -> Adequacy:
-    """Return a test with its p-value adjusted for the number of tests."""
+def adequacy(tests: Sequence[LackOfFit], test: LackOfFit | None = None) -> Adequacy:
+    """Return one of the tests, or the worst, with its p-value adjusted for their number."""
+    test = test or worst_test(tests)
     return Adequacy(
         test=test.name,
         statistic=test.statistic,
-        threshold=test.threshold(level / len(tests)),
+        threshold=test.threshold(LACK_OF_FIT.level / len(tests)),
         p_value=min(1.0, test.p_value * len(tests)),
     )

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 import math
+from operator import attrgetter
 import zlib
 
 import numpy as np
@@ -115,9 +116,20 @@ def lack_of_fit_tests(
     return tuple(tests.values())
 
 
+def worst_test(tests: Sequence[LackOfFit]) -> LackOfFit:
+    """Return the test with the smallest p-value."""
+    return min(tests, key=attrgetter('p_value'))
+
+
 def worst_p_value(tests: Sequence[LackOfFit]) -> float:
     """Return the smallest p-value of tests, corrected for their number."""
-    return min(1.0, min(item.p_value for item in tests) * len(tests))
+    return min(1.0, worst_test(tests).p_value * len(tests))
+
+
+def is_adequate(tests: Sequence[LackOfFit], allowed: float = 0.0) -> bool:
+    """Whether the residuals look like clean data, or have an excess acceptable for a law."""
+    level = LACK_OF_FIT.level / max(len(tests), 1)
+    return bool(tests) and all(item.p_value > level or item.excess < allowed for item in tests)
 
 
 def tested_fields(

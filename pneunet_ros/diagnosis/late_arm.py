@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 import math
-from operator import attrgetter
 
 import numpy as np
 from pneunet_ros.calibration.motion_fit import (
@@ -190,7 +189,6 @@ def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool)
     if diagnosis.answer == 'unknown':
         return not_named(diagnosis, moving.fit, 'the recordings show more that is not explained')
     base = whitened_as(moving.found, found.base, found)
-    level, tests = LACK_OF_FIT.level, base.record.tests
     falls = log_densities(moving.found, moving.found.best)[1] - log_densities(found, found.base)[1]
     if tested and 2.0 * falls < diagnosis.settings.confirmation.fall:
         return not_named(replace(diagnosis, answer='unknown'), moving.fit, NO_FALL)
@@ -206,7 +204,7 @@ def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool)
             for first, last in zip(at_rest.heat_maps, diagnosis.heat_maps, strict=True)
         ),
         before=with_chi_squared(at_rest.before, base.record),
-        adequacy_before=adequacy(tests, min(tests, key=attrgetter('p_value')), level),
+        adequacy_before=adequacy(base.record.tests),
         evidence=at_rest.evidence,
         cosines=at_rest.cosines,
     )

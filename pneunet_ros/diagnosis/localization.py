@@ -189,7 +189,7 @@ def end_ratio(frames: Frames, axis: Axis) -> float:
     used = np.unique(bins[bins >= 0])
     low, high = (np.nanmean(frames.squares[bins == which]) - 2.0 for which in used[[0, -1]])
     mean = float(np.nanmean(frames.squares)) - 2.0
-    return floored_ratio(high, low, mean, LOCALIZATION.floor)
+    return floored_ratio(high, low, mean)
 
 
 def rising_to_falling_ratio(frames: Frames) -> float:
@@ -213,12 +213,12 @@ def rising_to_falling_ratio(frames: Frames) -> float:
         weight = min(item.size for item in both)
         if weight:
             sums += [weight * max(float(item.mean()), 0.0) for item in both]
-    return floored_ratio(sums[0], sums[1], float(sums.max()), LOCALIZATION.floor)
+    return floored_ratio(sums[0], sums[1], float(sums.max()))
 
 
-def floored_ratio(upper: float, lower: float, mean: float, floor: float) -> float:
+def floored_ratio(upper: float, lower: float, mean: float) -> float:
     """Return a ratio with both sides bounded below by a share of the mean."""
-    least = floor * max(mean, floor)
+    least = LOCALIZATION.floor * max(mean, LOCALIZATION.floor)
     return float(max(upper, least) / max(lower, least))
 
 

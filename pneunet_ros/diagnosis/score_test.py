@@ -16,7 +16,7 @@ from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.refit import effect_direction, Refit
 from pneunet_ros.diagnosis.result import Detectable
-from pneunet_ros.diagnosis.settings import SCORE_TEST
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT, SCORE_TEST
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 DRAWS = 5000  # simulations of the largest score of clean data
@@ -126,8 +126,8 @@ def cosine_matrix(gaussian: GaussianModel, candidates: Sequence[Candidate]) -> A
 def largest_clean_score(
     gaussian: GaussianModel,
     candidates: Sequence[Candidate],
-    level: float,
     seed: int,
+    level: float = LACK_OF_FIT.level,
 ) -> float:
     """Return the value exceeded by the largest score in clean data with probability `level`.
 

@@ -9,7 +9,12 @@ import numpy as np
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
-from pneunet_ros.diagnosis.lack_of_fit import lack_of_fit_tests, LackOfFit, MapFunction
+from pneunet_ros.diagnosis.lack_of_fit import (
+    is_adequate,
+    lack_of_fit_tests,
+    LackOfFit,
+    MapFunction,
+)
 from pneunet_ros.diagnosis.law_errors import LawErrors, OpenLaws
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.nonuniform_arm import (
@@ -175,7 +180,7 @@ class Selection:
             evidence=trial.gaussian.evidence() - reference.gaussian.evidence(),
             gain=2.0 * (reference.cost - trial.cost),
             tests=tests,
-            adequate=is_adequate(tests, LACK_OF_FIT.level, self.allowed)
+            adequate=is_adequate(tests, self.allowed)
             or (base is not None and self.laws_may_miss(trial, base, all_runs, gaussian, tests)),
             plausible=is_plausible(trial, SELECTION.plausible),
             run_chi_squared=gaussian.squares,
@@ -217,14 +222,14 @@ class Selection:
         That is a small part of the misfit without them, or more if law errors explain it.
         """
         most = base.record.excess
-        if is_adequate(tests, LACK_OF_FIT.level, LACK_OF_FIT.law_error * most):
+        if is_adequate(tests, LACK_OF_FIT.law_error * most):
             return True
         if max(item.excess for item in tests) > LAW_ERRORS.most_left * most:
             return False
         errors = LawErrors.of(all_runs, trial)
         problem = OpenLaws.of(gaussian, all_runs.blocks, errors)
         tests = lack_of_fit_tests(all_runs, problem, self.seed, self.map_function)
-        return is_adequate(tests, LACK_OF_FIT.level, LAW_ERRORS.left_open * most)
+        return is_adequate(tests, LAW_ERRORS.left_open * most)
 
     def select_forward(self, base: Trial) -> Trial:
         """Add effects one by one while that helps; return the best set."""
@@ -294,7 +299,6 @@ class Selection:
         noise = largest_clean_score(
             self.open_laws(trial)[1].gaussian,
             candidates,
-            LACK_OF_FIT.level,
             self.seed,
         )
         needed = max(SELECTION.least_gain, noise)
@@ -487,9 +491,3 @@ def predicted_probability(gaussian: GaussianModel, training: int) -> float:
 def evidence_margin(evidence: float) -> float:
     """Return the significant difference of evidence, given that no law is exact."""
     return max(SELECTION.least_evidence, SELECTION.law_evidence * evidence)
-
-
-def is_adequate(tests: Sequence[LackOfFit], level: float, allowed: float = 0.0) -> bool:
-    """Whether the residuals look like clean data, or have an excess acceptable for a law."""
-    level /= max(len(tests), 1)
-    return bool(tests) and all(item.p_value > level or item.excess < allowed for item in tests)

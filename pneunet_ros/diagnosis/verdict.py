@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.confirmation import Confirmer
-from pneunet_ros.diagnosis.lack_of_fit import worst_p_value
+from pneunet_ros.diagnosis.lack_of_fit import worst_p_value, worst_test
 from pneunet_ros.diagnosis.result import Answer, Evaluation
 from pneunet_ros.diagnosis.selection import Record, Selection, Trial
 
@@ -92,10 +92,9 @@ def describe_gain(record: Record, before: float, after: float, noise: tuple[floa
 def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
     """Describe the comparison that led to the answer, and the size of the difference."""
     confirmer, base, record = Confirmer.of(selection, first.record), first.record, best.record
-    worst = min(base.tests, key=lambda item: item.p_value)
     tested = (
         f'the residuals of the base model have p-value {worst_p_value(base.tests):.2g} at worst, '
-        f'in {worst.name}'
+        f'in {worst_test(base.tests).name}'
     )
     if not best.names:
         strongest = selection.score_candidates(first)[:1]

@@ -16,16 +16,19 @@ from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
 from pneunet_ros.diagnosis.diagnosis import evaluate, take_back
 from pneunet_ros.diagnosis.evaluation import removed_share
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
-from pneunet_ros.diagnosis.lack_of_fit import compare_with_clean, TestedProblem
+from pneunet_ros.diagnosis.lack_of_fit import (
+    compare_with_clean,
+    is_adequate,
+    TestedProblem,
+    worst_test,
+)
 from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.result import Estimated
 from pneunet_ros.diagnosis.selection import (
     evidence_margin,
-    is_adequate,
     Record,
     Trial,
 )
-from pneunet_ros.diagnosis.settings import LACK_OF_FIT
 from pneunet_ros.discovery.amplitude import Runs
 from pneunet_ros.discovery.covariates import ELAPSED
 from pneunet_ros.discovery.joint_fit import JointFits, Proposal
@@ -257,8 +260,8 @@ def starting_point(investigation: Investigation) -> Trial | None:
         case 'unknown':
             return investigation.base
         case 'named' | 'inseparable':
-            trial, level = investigation.trial, LACK_OF_FIT.level
-            return None if is_adequate(trial.record.tests, level) else trial
+            trial = investigation.trial
+            return None if is_adequate(trial.record.tests) else trial
     return None
 
 
@@ -380,7 +383,7 @@ def objections_to(finding: Finding, fits: JointFits) -> tuple[str, ...]:
         found.append('it may be a part of the named effect that its law misses')
     if finding.proposal is not None:
         if not finding.explains:
-            worst = min(finding.proposal.trial.record.tests, key=lambda item: item.p_value)
+            worst = worst_test(finding.proposal.trial.record.tests)
             found.append(
                 f'it leaves more than a law may (p-value {worst.p_value:.1g} of {worst.name})'
             )

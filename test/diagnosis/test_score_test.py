@@ -145,10 +145,10 @@ def test_the_largest_score_of_clean_data_by_chance():
     apart = [invented(name, row) for name, row in zip(NAMES, rows, strict=False)]
     alike = [invented(name, rows[0]) for name in NAMES]
     # Three independent squares of normal numbers, or one: quantiles of chi squared.
-    assert largest_clean_score(problem, apart, 0.05, 0) == pytest.approx(
+    assert largest_clean_score(problem, apart, 0, 0.05) == pytest.approx(
         chi2.isf(1 - 0.95 ** (1 / 3), 1), rel=0.1
     )
-    assert largest_clean_score(problem, alike, 0.05, 0) == pytest.approx(
+    assert largest_clean_score(problem, alike, 0, 0.05) == pytest.approx(
         chi2.isf(0.05, 1), rel=0.1
     )
-    assert largest_clean_score(problem, [], 0.05, 0) == 0.0
+    assert largest_clean_score(problem, [], 0, 0.05) == 0.0

@@ -9,24 +9,22 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.diagnosis import selection
-from pneunet_ros.diagnosis.lack_of_fit import LackOfFit
+from pneunet_ros.diagnosis.lack_of_fit import is_adequate, LackOfFit
 from pneunet_ros.diagnosis.score_test import Candidate
 from pneunet_ros.diagnosis.selection import (
     choose_best,
     evidence_margin,
     is_absent,
-    is_adequate,
     is_worth_adding,
     Record,
     Selection,
     Trial,
 )
-from pneunet_ros.diagnosis.settings import LACK_OF_FIT, SELECTION
+from pneunet_ros.diagnosis.settings import SELECTION
 from pneunet_ros.effects.pressure_lag import PressureLag
 import pytest
 from support.lab_designs import asked
 
-LEVEL = LACK_OF_FIT.level
 BASE = 1000.0  # excess that the base model leaves
 
 
@@ -46,7 +44,7 @@ def trial(
         evidence=evidence,
         gain=BASE - excess,
         tests=tests,
-        adequate=is_adequate(tests, LEVEL),
+        adequate=is_adequate(tests),
         plausible=plausible,
     )
     nothing: Any = fit_of()
@@ -194,10 +192,10 @@ def test_what_evidence_counts():
 
 
 def test_adequate_is_every_test_at_a_share_of_the_level_or_within_what_a_law_may_miss():
-    assert not is_adequate((), LEVEL)
-    assert is_adequate((lack(0.0), lack(5.0)), LEVEL)
-    assert not is_adequate((lack(0.0), lack(100.0)), LEVEL)
-    assert is_adequate((lack(0.0), lack(100.0)), LEVEL, allowed=101.0)
+    assert not is_adequate(())
+    assert is_adequate((lack(0.0), lack(5.0)))
+    assert not is_adequate((lack(0.0), lack(100.0)))
+    assert is_adequate((lack(0.0), lack(100.0)), allowed=101.0)
 
 
 def fit_of(**numbers: list[float]) -> Any:
